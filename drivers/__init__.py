@@ -1,0 +1,33 @@
+"""Drivers: one interface, one file a driver, found through entry points (group ``hapticd.drivers``)."""
+
+from drivers.interface import (
+    DEVICE_FAULT,
+    ERROR,
+    LOST,
+    MISSED,
+    OK,
+    STATUS_ENABLED,
+    Driver,
+    DriverError,
+    driver_options,
+    new_exchange,
+)
+from drivers.python_driver import PythonDriver
+from drivers.registry import DriverInfo, create, discover
+
+__all__ = [
+    "DEVICE_FAULT",
+    "ERROR",
+    "LOST",
+    "MISSED",
+    "OK",
+    "STATUS_ENABLED",
+    "Driver",
+    "DriverError",
+    "DriverInfo",
+    "PythonDriver",
+    "create",
+    "discover",
+    "driver_options",
+    "new_exchange",
+]

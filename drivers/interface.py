@@ -1,0 +1,116 @@
+"""What a driver is: two C functions, one state pointer and a declared latency.
+
+The servo loop is compiled and never touches Python. It reaches hardware through two function pointers::
+
+    int32_t read (void *state, hapticd_exchange *x);   /* sample: counts, measured current, status bits */
+    int32_t write(void *state, hapticd_exchange *x);   /* command: current, DAC code, enable            */
+
+called in this order within one tick, so that no hidden period of delay arises. ``hapticd_exchange`` is 16 words of eight
+bytes (``docs/reference/driver-interface.md`` has the C declaration); the ``X_*`` constants below are its word numbers.
+"""
+
+from __future__ import annotations
+
+import abc
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.config import Config
+
+EXCHANGE_WORDS = 16
+
+X_TICK = 0
+"""i64, in: number of the tick on the servo's time grid."""
+X_TIME_NS = 1
+"""i64, in: time of this call, ns of CLOCK_MONOTONIC (real time) or of virtual time."""
+X_TIME_FRAC = 2
+"""f64, in: fraction of a nanosecond to add to X_TIME_NS, in [0, 1); zero in real time."""
+X_PERIOD_NS = 3
+"""f64, in: servo period in ns."""
+X_COUNTS = 4
+"""i64, out of read: encoder counts, wrap already removed."""
+X_CURRENT_MEASURED = 5
+"""f64, out of read: measured current in A, NaN where the device has none."""
+X_STATUS = 6
+"""i64, out of read: STATUS_* bits."""
+X_DEVICE_CODE = 7
+"""i64, out of read or write: the device's own error code, shown in the fault's cause."""
+X_CURRENT = 8
+"""f64, in to write: commanded current in A, already clamped and on the DAC's grid."""
+X_CODE = 9
+"""i64, in to write: the same as a signed DAC code (0 where no DAC is configured)."""
+X_ENABLE = 10
+"""i64, in to write: 1 amplifier on, 0 amplifier off."""
+X_TRUE_POSITION = 11
+"""f64, out of read, simulated devices only: true position in rad or m (for ``simulate``; never shown to the renderer)."""
+X_TRUE_VELOCITY = 12
+"""f64, out of read, simulated devices only: true velocity in rad/s or m/s."""
+
+STATUS_ENABLED = 1
+"""The amplifier reports that it is on and follows the command."""
+
+OK = 0
+MISSED = 1
+"""No fresh sample, or no proof that the command arrived; counted, and a fault after ``safety.missed_exchanges`` in a row."""
+DEVICE_FAULT = 2
+"""The device answers and reports a fault of its own (X_DEVICE_CODE)."""
+ERROR = -1
+"""The driver failed inside itself (an exception); its text is in :attr:`Driver.error`."""
+LOST = -2
+"""The device is gone (unplugged, port closed)."""
+
+
+class DriverError(Exception):
+    """A driver cannot be opened or used; the text says which device, what was found and how to repair it."""
+
+
+class Driver(abc.ABC):
+    """Base of every driver. The servo loop keeps the object alive for as long as it uses its pointers.
+
+    Subclasses set the three addresses in :meth:`open`. The constructor receives the whole config; a driver's own options
+    stand beside ``driver.name`` and are checked by the driver, which raises :class:`DriverError`.
+    """
+
+    summary: ClassVar[str] = ""
+    latency_s: float = 0.0
+    """Declared sample-to-current latency in s, added to T_D by ``check`` and ``simulate``."""
+    calls_python: bool = False
+    """True when the pointers lead back into Python: good for bring-up, late whenever the GIL is busy."""
+    error: str | None = None
+    """Text of the last exception inside the driver, quoted in the fault's cause."""
+
+    def __init__(self, config: Config) -> None:
+        self.config = config
+        self.read_address = 0
+        self.write_address = 0
+        self.state_address = 0
+
+    @abc.abstractmethod
+    def open(self) -> None:
+        """Connect, check, and set the addresses. The device must be at zero current and disabled afterwards.
+
+        Raises:
+            DriverError: the device is absent, refuses, or does not fit the config.
+        """
+
+    @abc.abstractmethod
+    def close(self) -> None:
+        """Release the device, leaving it at zero current and disabled. Safe to call twice and after a failed open."""
+
+    def describe(self) -> str:
+        """One line for the banner of ``hapticd run``."""
+        return self.summary
+
+
+def new_exchange() -> NDArray[np.int64]:
+    """A zeroed exchange block; ``block.view(float64)`` is its floating-point side. Shape (16,), int64."""
+    return np.zeros(EXCHANGE_WORDS, dtype=np.int64)
+
+
+def driver_options(config: Config) -> dict[str, Any]:
+    """The driver's own options: everything beside ``driver.name``."""
+    return {key: value for key, value in config.driver.model_dump().items() if key != "name"}

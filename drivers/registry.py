@@ -1,0 +1,75 @@
+"""Finding drivers: entry points of the group ``hapticd.drivers``, ours and anybody's."""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint, entry_points
+from typing import TYPE_CHECKING
+
+from drivers.interface import Driver, DriverError
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+
+GROUP = "hapticd.drivers"
+
+
+@dataclass(frozen=True)
+class DriverInfo:
+    """One installed driver, as ``hapticd drivers`` lists it."""
+
+    name: str
+    origin: str
+    """The entry point's target, ``module:class``, and the package that ships it."""
+    summary: str
+    latency_s: float
+    """Declared sample-to-current latency, s (a driver may refine it once it is open)."""
+    error: str | None = None
+    """Why it cannot be loaded, when it cannot."""
+
+
+def _entry_points() -> dict[str, EntryPoint]:
+    return {entry.name: entry for entry in entry_points(group=GROUP)}
+
+
+def _load(entry: EntryPoint) -> type[Driver]:
+    loaded = entry.load()
+    if not (isinstance(loaded, type) and issubclass(loaded, Driver)):
+        raise DriverError(f"driver {entry.name!r}: {entry.value} is not a subclass of drivers.Driver")
+    return loaded
+
+
+def discover() -> list[DriverInfo]:
+    """Every installed driver, sorted by name; one that fails to load is listed with its error."""
+    found = []
+    for name, entry in sorted(_entry_points().items()):
+        origin = f"{entry.value} ({entry.dist.name if entry.dist else 'unknown package'})"
+        try:
+            driver = _load(entry)
+        except Exception as exception:
+            found.append(DriverInfo(name, origin, "", 0.0, f"{type(exception).__name__}: {exception}"))
+        else:
+            found.append(DriverInfo(name, origin, driver.summary, driver.latency_s))
+    return found
+
+
+def create(config: Config) -> Driver:
+    """The driver that the config names, not yet open.
+
+    Raises:
+        DriverError: no such driver (with the nearest name), it fails to load, or it refuses its options.
+    """
+    name = config.driver.name
+    entries = _entry_points()
+    if name not in entries:
+        nearest = difflib.get_close_matches(name, entries, n=1)
+        hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
+        raise DriverError(f"driver.name = {name!r}: no such driver{hint} (installed: {', '.join(sorted(entries))})")
+    try:
+        driver = _load(entries[name])
+    except DriverError:
+        raise
+    except Exception as exception:
+        raise DriverError(f"driver {name!r} cannot be loaded: {type(exception).__name__}: {exception}") from exception
+    return driver(config)

@@ -1,0 +1,33 @@
+"""``hapticd drivers``: what is installed."""
+
+from __future__ import annotations
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.options import JsonOption, register
+
+
+def drivers(as_json: JsonOption = False) -> int:
+    """List the installed drivers, with their declared sample-to-current latency.
+
+    Drivers are entry points of the group hapticd.drivers; one that cannot be loaded is listed with the reason.
+    """
+    from drivers import discover
+
+    found = discover()
+    lines = []
+    for driver in found:
+        lines.append(f"{driver.name:12} {driver.summary or '-'}")
+        lines.append(f"{'':12} {driver.origin}, latency {1e6 * driver.latency_s:g} us")
+        if driver.error:
+            lines.append(f"{'':12} cannot be loaded: {driver.error}")
+    output.emit(
+        {"drivers": [vars(driver) for driver in found]}, as_json, "\n".join(lines) or "no drivers are installed"
+    )
+    return exits.DONE
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    register(app, drivers, "hapticd drivers", "hapticd drivers --json", codes=(exits.DONE, exits.USAGE))

@@ -1,0 +1,95 @@
+"""Exit codes, and which error ends in which: the one place where an exception becomes words and a number.
+
+An exception can only arrive here when the module that defines it has been imported, so nothing is imported to tell.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from typing import Any, Final
+
+DONE: Final = 0
+NO: Final = 1
+USAGE: Final = 2
+UNREACHABLE: Final = 3
+DEVICE: Final = 4
+FAULT: Final = 5
+INTERRUPTED: Final = 130
+BROKEN_PIPE: Final = 141
+"""128 + SIGPIPE, what a shell reports for any program whose reader went away."""
+
+MEANING: Final[dict[int, str]] = {
+    DONE: "done",
+    NO: "done, and the answer is no",
+    USAGE: "usage or config error",
+    UNREACHABLE: "daemon not reachable",
+    DEVICE: "device or driver failure",
+    FAULT: "the daemon stopped on a fault",
+    INTERRUPTED: "interrupted",
+}
+
+
+@dataclass(frozen=True)
+class Failure:
+    """An error as the user meets it."""
+
+    exit_code: int
+    code: str
+    message: str
+    more: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The JSON form, the same as the control API's."""
+        return {"error": {"code": self.code, "message": self.message, **self.more}}
+
+
+class UsageError(Exception):
+    """The command line asks for something that cannot be meant; the text says what would be right."""
+
+
+def explain(error: Exception) -> Failure | None:
+    """What to tell the user about an error, or None for one that nobody foresaw."""
+    if isinstance(error, UsageError):
+        return Failure(USAGE, "usage", str(error))
+    for module, name, make in _KNOWN:
+        kind = getattr(sys.modules.get(module), name, None)
+        if kind is not None and isinstance(error, kind):
+            return make(error)
+    if isinstance(error, OSError):
+        where = f"{error.filename}: " if error.filename else ""
+        return Failure(USAGE, "file", f"{where}{error.strerror or error}")
+    return None
+
+
+def _refused(error: Any) -> Failure:
+    if error.status == 502:
+        exit_code = DEVICE
+    elif error.status in (400, 404, 405, 413, 422):
+        exit_code = USAGE
+    else:
+        exit_code = NO
+    return Failure(exit_code, error.code, error.message, {"problems": error.problems} if error.problems else {})
+
+
+def _config(error: Any) -> Failure:
+    return Failure(USAGE, "config", str(error), {"problems": [asdict(problem) for problem in error.problems]})
+
+
+def _plain(exit_code: int, code: str) -> Callable[[Any], Failure]:
+    return lambda error: Failure(exit_code, code, str(error))
+
+
+_KNOWN: Final[tuple[tuple[str, str, Callable[[Any], Failure]], ...]] = (
+    ("hapticd.client", "RequestRefused", _refused),
+    ("hapticd.client", "DaemonUnreachable", _plain(UNREACHABLE, "unreachable")),
+    ("hapticd.config", "ConfigError", _config),
+    ("hapticd.service.socket", "SocketError", _plain(USAGE, "socket")),
+    ("hapticd.service.control", "DriverFailure", _plain(DEVICE, "driver")),
+    ("hapticd.service.control", "Refused", lambda error: Failure(NO, error.code, error.message)),
+    ("drivers", "DriverError", _plain(DEVICE, "driver")),
+    ("hapticd.record.errors", "RecordingError", _plain(USAGE, "file")),
+    ("hapticd.record.errors", "RunFileError", _plain(USAGE, "file")),
+)

@@ -1,0 +1,132 @@
+"""``release`` and ``excite``: experiments that the daemon runs while we wait and show how far it is."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.options import JsonOption, SocketOption, connect, finite, positive, register
+
+if TYPE_CHECKING:
+    from hapticd.client import Client
+
+DeflectionOption = Annotated[
+    float,
+    typer.Option(
+        "--deflection", parser=finite, metavar="TICKS", show_default=False, help="Deflection at rest, in coarse ticks."
+    ),
+]
+DurationOption = Annotated[
+    float | None,
+    typer.Option(
+        "--duration", parser=positive, metavar="S", show_default=False, help="Recorded time in s. Default: enough."
+    ),
+]
+AmplitudeOption = Annotated[
+    float | None,
+    typer.Option(
+        "--amplitude",
+        parser=positive,
+        metavar="A|RAD|M",
+        show_default=False,
+        help="Peak: A for current shapes, rad or m for those that move the spring's origin. Default: a safe one.",
+    ),
+]
+NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="Which experiment; --list names them.")]
+ListOption = Annotated[bool, typer.Option("--list", help="List the experiments and exit; needs no daemon.")]
+NoWaitOption = Annotated[bool, typer.Option("--no-wait", help="Return as soon as the experiment has begun.")]
+
+
+def release(
+    deflection: DeflectionOption,
+    duration: DurationOption = None,
+    no_wait: NoWaitOption = False,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Release the shaft from rest at a deflection, and record what follows (the paper's Fig. 8).
+
+    The spring's origin is moved so that the shaft, where it stands, is at that deflection; the result reports the
+    deflection really achieved, exact to one raw encoder count. Ctrl-C stops the daemon's rendering.
+    """
+    client = connect(socket)
+    return _follow(client, "release", client.release(deflection, duration), no_wait, as_json)
+
+
+def excite(
+    name: NameArgument = "all",
+    amplitude: AmplitudeOption = None,
+    duration: DurationOption = None,
+    show_list: ListOption = False,
+    no_wait: NoWaitOption = False,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Run an identification experiment within the safety limits, and record it.
+
+    The recording is what 'hapticd gap' compares with the simulation. Ctrl-C stops the experiment and the rendering.
+    """
+    if show_list:
+        _list(as_json)
+        return exits.DONE
+    client = connect(socket)
+    return _follow(client, name, client.excite(name, amplitude, duration), no_wait, as_json)
+
+
+def _list(as_json: bool) -> None:
+    from hapticd.servo.excitation import ALL, SHAPES
+
+    shapes = [
+        {
+            "name": shape.name,
+            "summary": shape.summary,
+            "duration_s": shape.duration_s,
+            "amplitude_unit": "rad or m" if shape.moves_origin else "A",
+        }
+        for shape in SHAPES.values()
+    ]
+    lines = [
+        f"{s['name']:8} {s['summary']} ({s['duration_s']:g} s, amplitude in {s['amplitude_unit']})" for s in shapes
+    ]
+    lines.append(f"{ALL:8} all of them, one after the other, in one recording (the default)")
+    output.emit({"experiments": shapes, "default": ALL}, as_json, "\n".join(lines))
+
+
+def _follow(client: Client, name: str, job: dict[str, Any], no_wait: bool, as_json: bool) -> int:
+    """Wait for the end of a job that has begun, and report it."""
+    if no_wait:
+        output.emit(job, as_json, _text(job))
+        return exits.DONE
+    try:
+        with output.progress_bar(name) as progress:
+            report = client.wait(job["experiment"], progress)
+    except KeyboardInterrupt:
+        # Whoever presses Ctrl-C at a moving shaft wants it to stand still.
+        client.stop()
+        output.note("the daemon was told to stop")
+        raise
+    answer = {**job, "state": report["state"], "result": report["result"]}
+    output.emit(answer, as_json, _text(answer))
+    if (report["result"] or {}).get("fault"):
+        return exits.FAULT
+    return exits.DONE if report["state"] == "done" else exits.NO
+
+
+def _text(answer: dict[str, Any]) -> str:
+    flat = {**answer, **(answer.get("result") or {})}
+    shown = {key: value for key, value in flat.items() if key != "result" and value is not None}
+    width = max(len(key) for key in shown)
+    return "\n".join(
+        f"{key:{width}}  {value if isinstance(value, str) else output.to_json(value)}" for key, value in shown.items()
+    )
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the commands."""
+    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED)
+    releases = ("hapticd release --deflection 20.3", "hapticd release --deflection -3 --duration 2 --json")
+    register(app, release, *releases, codes=codes)
+    excitations = ("hapticd excite --list", "hapticd excite", "hapticd excite chirp --amplitude 0.2 --duration 10")
+    register(app, excite, *excitations, codes=codes)

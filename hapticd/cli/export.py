@@ -1,0 +1,64 @@
+"""``hapticd export``: run files for other programs."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import JsonOption, register
+
+
+class Format(StrEnum):
+    """File formats to export to."""
+
+    CSV = "csv"
+    PARQUET = "parquet"
+    MAT = "mat"
+
+
+RunArgument = Annotated[Path, typer.Argument(metavar="RUN", show_default=False, help="Run file to export.")]
+FormatOption = Annotated[
+    Format, typer.Option("--to", show_default=False, help="Format: csv, parquet or mat (MATLAB 5).")
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o", "--output", metavar="FILE", show_default=False, help="File to write. Default: RUN with the new suffix."
+    ),
+]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace FILE if it exists.")]
+
+
+def export(
+    run: RunArgument, to: FormatOption, out: OutOption = None, force: ForceOption = False, as_json: JsonOption = False
+) -> int:
+    """Write a recording as csv, parquet or mat, with the columns and units of the run file.
+
+    A run file that was cut short (power, SIGKILL) is exported up to its last whole batch, with a warning.
+    """
+    out = out or run.with_suffix(f".{to.value}")
+    if out.exists() and (not force or out.samefile(run)):
+        raise UsageError(
+            f"{out} exists: choose another name with -o" + ("" if force else ", or replace it with --force")
+        )
+    from hapticd import record
+
+    data = record.read_run(run)
+    written = record.export(data, to.value, out)
+    rows = len(next(iter(data.columns.values()), ()))
+    if data.truncated:
+        output.note(f"{run} was cut short; exported up to its last whole batch")
+    document = {"run": run, "output": written, "format": to.value, "rows": rows, "truncated": data.truncated}
+    output.emit(document, as_json, f"{written}: {rows} rows")
+    return exits.DONE
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = ("hapticd export run.arrow --to csv", "hapticd export run.arrow --to mat -o wall.mat --force")
+    register(app, export, *examples, codes=(exits.DONE, exits.USAGE))

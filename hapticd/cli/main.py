@@ -1,0 +1,135 @@
+"""Entry point: puts the commands together, and ends every one of them with the right exit code and no traceback."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Sequence
+from typing import Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from hapticd.cli import (
+    config,
+    drivers,
+    exits,
+    experiments,
+    export,
+    output,
+    record,
+    run,
+    settings,
+    simulate,
+    state,
+    status,
+)
+from hapticd.cli.options import epilog
+
+HELP = """Stable haptic rendering on one degree of freedom, in real time.
+
+'hapticd run' is the daemon: it reads the encoder, renders a virtual spring and
+drives the amplifier at a fixed rate. The other commands talk to it over its
+Unix socket, or work without it. Each has its own --help with units, examples
+and exit codes.
+"""
+
+EPILOG = epilog(
+    "hapticd run                         the simulated testbed, in real time",
+    "hapticd status --watch              what it does, from another terminal",
+    "hapticd release --deflection 20.3   the paper's release experiment",
+    "hapticd set spring.stiffness=0.02   change the spring under the hand",
+    codes=tuple(exits.MEANING),
+)
+
+GROUPS = (run, status, state, settings, experiments, record, export, simulate, config, drivers)
+
+
+class PipeGroup(TyperGroup):
+    """A group whose commands end quietly when the reader of their output has gone, as ``head`` does."""
+
+    def invoke(self, ctx: Any) -> int:
+        """Run the command and return its exit code."""
+        try:
+            code = super().invoke(ctx)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            # What is still buffered has nowhere to go; without this the interpreter would complain about it at exit.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return exits.BROKEN_PIPE
+        return code if isinstance(code, int) else exits.DONE
+
+
+def build_app() -> typer.Typer:
+    """The whole command line."""
+    app = typer.Typer(
+        name="hapticd",
+        cls=PipeGroup,
+        help=HELP,
+        epilog=EPILOG,
+        no_args_is_help=True,
+        rich_markup_mode="rich",
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
+    )
+    app.callback()(_options)
+    for group in GROUPS:
+        group.add_to(app)
+    return app
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        from importlib.metadata import version
+
+        print(f"hapticd {version('hapticd')}")
+        raise typer.Exit
+
+
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Options that stand before the command."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command.
+
+    Args:
+        arguments: words of the command line, without the program's name; None takes them from the process.
+
+    Returns:
+        The exit code.
+    """
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    command = typer.main.get_command(build_app())
+    try:
+        code = command.main(words, prog_name="hapticd", standalone_mode=False)
+    except typer.TyperException as error:
+        if not error.message:  # the help page was asked for by giving no words at all, and is printed
+            return exits.USAGE
+        context = getattr(error, "ctx", None)
+        path = context.command_path if context is not None else "hapticd"
+        failure = exits.Failure(exits.USAGE, "usage", f"{error.format_message()} (see '{path} --help')")
+    except Exception as error:
+        known = exits.explain(error)
+        if known is None:
+            traceback.print_exc()
+        failure = known or exits.Failure(
+            exits.NO, "internal", f"this is a bug in hapticd: {type(error).__name__}: {error}"
+        )
+    else:
+        if code == exits.INTERRUPTED:
+            output.note("interrupted")
+        return code if isinstance(code, int) else exits.DONE
+    if "--json" in words:
+        print(output.to_json(failure.document), flush=True)
+    output.note(failure.message)
+    return failure.exit_code
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,144 @@
+"""Arguments and options that several commands share, and the text under every help page."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapticd.cli.exits import MEANING, UsageError
+
+if TYPE_CHECKING:
+    from hapticd.client import Client
+    from hapticd.config import Config
+
+SocketOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--socket",
+        envvar="HAPTICD_SOCKET",
+        metavar="PATH",
+        show_default=False,
+        help="The daemon's Unix socket. Default: api.socket of the config (of the built-in one, to find a daemon).",
+    ),
+]
+
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print exactly one JSON document on stdout; everything else goes to stderr.")
+]
+
+SettingsOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        show_default=False,
+        help="Override one setting of the config, e.g. servo.rate_hz=500. Repeatable.",
+    ),
+]
+
+ConfigArgument = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="CONFIG",
+        show_default=False,
+        help="A YAML file, or a preset by name: re35, delta, omega, freedom6, impulse_engine, mit_toolhandle, phantom. "
+        "Default: re35, simulated.",
+    ),
+]
+
+
+def register(
+    app: typer.Typer, function: Callable[..., int], *examples: str, codes: tuple[int, ...], name: str | None = None
+) -> None:
+    """Add a command whose help is the function's docstring, flowed to the terminal's width, with :func:`epilog` below.
+
+    Args:
+        app: where to add it.
+        function: the command; returns its exit code.
+        examples: command lines.
+        codes: the exit codes it can end with.
+        name: its name, if not the function's.
+    """
+    paragraphs = inspect.cleandoc(function.__doc__ or "").split("\n\n")
+    text = "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs).replace("[", "\\[")
+    app.command(name, help=text, epilog=epilog(*examples, codes=codes))(function)
+
+
+def epilog(*examples: str, codes: tuple[int, ...]) -> str:
+    """The text under a help page: examples, then what each exit code of this command means."""
+    shown = "\n".join(f"  {example}" for example in examples).replace("[", "\\[")
+    return f"Examples:\n{shown}\n\nExit codes:\n" + "\n".join(f"  {code}  {MEANING[code]}" for code in codes)
+
+
+def finite(text: str) -> float:
+    """A finite number.
+
+    Raises:
+        typer.BadParameter: it is none.
+    """
+    try:
+        value = float(text)
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a number") from None
+    if not math.isfinite(value):
+        raise typer.BadParameter(f"{text!r} is not a finite number")
+    return value
+
+
+def positive(text: str) -> float:
+    """A finite number above zero.
+
+    Raises:
+        typer.BadParameter: it is none.
+    """
+    value = finite(text)
+    if value <= 0:
+        raise typer.BadParameter(f"{text!r} is not above zero")
+    return value
+
+
+def parse_settings(assignments: list[str] | None) -> dict[str, str]:
+    """``KEY=VALUE`` words as a dict; the values stay text, read as YAML scalars by whoever knows the keys.
+
+    Raises:
+        UsageError: a word without ``=`` or without a key, or a key given twice.
+    """
+    settings: dict[str, str] = {}
+    for assignment in assignments or []:
+        key, equals, value = assignment.partition("=")
+        if not equals or not key.strip():
+            raise UsageError(f"{assignment!r} is not KEY=VALUE (example: servo.rate_hz=500)")
+        if key.strip() in settings:
+            raise UsageError(f"{key.strip()} is given twice")
+        settings[key.strip()] = value.strip()
+    return settings
+
+
+def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
+    """The config of a command line: a file, a preset or the default, with ``--set`` applied.
+
+    Raises:
+        ConfigError: anything wrong in it.
+        UsageError: a setting that is not KEY=VALUE.
+    """
+    settings = parse_settings(assignments)
+    from hapticd.config import apply_settings, load_config
+
+    config = load_config(source)
+    return apply_settings(config, settings, source="command line") if settings else config
+
+
+def connect(socket: Path | None) -> Client:
+    """A client of the daemon that ``--socket``, ``HAPTICD_SOCKET`` or the default config names."""
+    from hapticd.client import Client
+
+    if socket is None:
+        from hapticd.config import load_config
+
+        socket = Path(load_config(None).api.socket)
+    return Client(socket)

@@ -1,0 +1,64 @@
+"""Where output goes: the answer to stdout, as text or as one JSON document; all else to stderr."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import math
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+
+def to_json(document: Any) -> str:
+    """JSON text; non-finite numbers become ``null``, numpy scalars numbers, paths text."""
+    return json.dumps(_plain(document), indent=2, ensure_ascii=False, allow_nan=False)
+
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def emit(document: Mapping[str, Any], as_json: bool, text: str) -> None:
+    """Print the answer of a command.
+
+    Args:
+        document: the answer as data.
+        as_json: print ``document``.
+        text: what to print otherwise.
+    """
+    print(to_json(document) if as_json else text)
+
+
+def note(message: str) -> None:
+    """Say something beside the answer."""
+    print(f"hapticd: {message}", file=sys.stderr)
+
+
+def number(value: Any, digits: int = 4) -> str:
+    """A number to ``digits`` significant digits, without a fraction that says nothing; ``-`` for one not known."""
+    if not isinstance(value, int | float) or not math.isfinite(value):
+        return "-"
+    return f"{value:.{digits}g}" if abs(value) < 10**digits else f"{value:.0f}"
+
+
+@contextlib.contextmanager
+def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
+    """A bar on a terminal (stderr), nothing in a pipe; yields a function that takes the fraction done, 0 to 1."""
+    if not sys.stderr.isatty():
+        yield lambda fraction: None
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), transient=True) as progress:
+        task = progress.add_task(label, total=1.0)
+        yield lambda fraction: progress.update(task, completed=fraction)

@@ -1,0 +1,44 @@
+"""``hapticd run``: the daemon in the foreground."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from hapticd.cli import exits
+from hapticd.cli.options import ConfigArgument, SettingsOption, SocketOption, register, resolve_config
+
+StartOption = Annotated[
+    bool, typer.Option("--start", help="Begin to render at once, without waiting for 'hapticd start'.")
+]
+
+
+def run(
+    config: ConfigArgument = None,
+    socket: SocketOption = None,
+    start: StartOption = False,
+    assignments: SettingsOption = None,
+) -> int:
+    """Run the daemon in the foreground until Ctrl-C.
+
+    Says which device, rate and resolution it uses, what the theory says of the operating point, what real-time rights
+    the machine granted, and where its socket and recordings are. Ctrl-C and SIGTERM end with zero current, then disable
+    the amplifier, then print a summary.
+    """
+    resolved = resolve_config(config, assignments)
+    from rich.console import Console
+
+    from hapticd.service.daemon import run_foreground
+
+    return run_foreground(resolved, socket=socket, autostart=start, console=Console())
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd run",
+        "hapticd run rig.yaml --start",
+        "hapticd run --set servo.rate_hz=500 --socket /tmp/h.sock",
+    )
+    register(app, run, *examples, codes=(exits.DONE, exits.USAGE, exits.DEVICE, exits.FAULT))

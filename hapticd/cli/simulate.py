@@ -1,0 +1,147 @@
+"""``hapticd simulate``: the servo loop and the plant in virtual time."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, finite, positive, register, resolve_config
+from hapticd.cli.output import number
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from hapticd.record.schema import Rows
+
+DurationOption = Annotated[
+    float, typer.Option("--duration", parser=positive, metavar="S", show_default=False, help="Simulated time in s.")
+]
+DeflectionOption = Annotated[
+    float | None,
+    typer.Option(
+        "--deflection",
+        parser=finite,
+        metavar="TICKS",
+        show_default=False,
+        help="Begin at rest at this deflection from the spring's origin, in coarse ticks, exactly.",
+    ),
+]
+VelocityOption = Annotated[
+    float | None,
+    typer.Option(
+        "--velocity",
+        parser=finite,
+        metavar="TICKS_PER_PERIOD",
+        show_default=False,
+        help="Begin at the origin with this velocity, in coarse ticks per servo period.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="RUN",
+        show_default=False,
+        help="Write every tick to this run file, replacing it if it exists.",
+    ),
+]
+SafetyOption = Annotated[
+    bool, typer.Option("--safety", help="Apply the safety trips of the config, as the daemon does.")
+]
+SeedOption = Annotated[
+    int | None, typer.Option("--seed", show_default=False, help="Seed of everything random. Default: dither.seed.")
+]
+
+
+def simulate(
+    duration: DurationOption,
+    config: ConfigArgument = None,
+    deflection: DeflectionOption = None,
+    velocity: VelocityOption = None,
+    out: OutOption = None,
+    safety: SafetyOption = False,
+    seed: SeedOption = None,
+    assignments: SettingsOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Run the same servo code and plant in virtual time, as fast as the machine allows.
+
+    Says how it ended: monotone (energy falls at every sample), decaying, persistent or growing; and the plant's true
+    state at the end, in coarse ticks from the spring's origin. A run that grows past 1e9 ticks ends there. The same
+    config and seed give the same rows, bit for bit.
+    """
+    if deflection is not None and velocity is not None:
+        raise UsageError("--deflection and --velocity exclude each other: a run begins at rest or at the origin")
+    resolved = resolve_config(config, assignments)
+    from hapticd.servo.simulate import simulate as run
+
+    with _rows_to(out, resolved, seed) as on_rows, output.progress_bar("simulating") as progress:
+        result = run(
+            resolved,
+            duration,
+            deflection=deflection,
+            velocity=velocity,
+            safety=safety,
+            seed=seed,
+            on_rows=on_rows,
+            progress=progress,
+        )
+    report = {**result.report, **({"run": out} if out else {})}
+    output.emit(report, as_json, describe(report))
+    return exits.DONE
+
+
+@contextlib.contextmanager
+def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Callable[[Rows], None] | None]:
+    """A consumer of rows that ends in a whole file under its final name, or in none."""
+    if out is None:
+        yield None
+        return
+    from hapticd.config import config_digest
+    from hapticd.record import RunWriter
+
+    metadata = {"config": config.model_dump(mode="json"), "config_digest": config_digest(config), "source": "simulate"}
+    if seed is not None:
+        metadata["seed"] = seed
+    partial = out.with_name(f".{out.name}.{os.getpid()}")
+    writer = RunWriter(partial, metadata)
+    try:
+        yield writer.write
+        writer.close()
+        partial.replace(out)
+    except BaseException:
+        with contextlib.suppress(Exception):
+            writer.close()
+        partial.unlink(missing_ok=True)
+        raise
+
+
+def describe(report: dict[str, Any]) -> str:
+    """A few lines of text about one simulation."""
+    position, velocity = report["final"]["position_ticks"], report["final"]["velocity_ticks_per_period"]
+    lines = [
+        f"outcome   {report['outcome']}",
+        f"final     {number(position, 6)} ticks, {number(velocity, 6)} ticks/period",
+        f"ticks     {report['ticks']} in {number(report['wall_s'], 3)} s, {number(report['ticks_per_s'], 3)} ticks/s",
+    ]
+    if fault := report.get("fault"):
+        lines.insert(1, f"fault     {fault['code']}: {fault['cause']}")
+    if run := report.get("run"):
+        lines.append(f"run       {run}")
+    return "\n".join(lines)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd simulate --duration 1 --deflection 20.3 --set encoder.decimation=217",
+        "hapticd simulate rig.yaml --duration 10 --velocity 5 -o run.arrow --json",
+    )
+    register(app, simulate, *examples, codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED))

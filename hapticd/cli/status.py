@@ -1,0 +1,117 @@
+"""``hapticd status``: what the daemon is doing, once or again and again."""
+
+from __future__ import annotations
+
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import JsonOption, SocketOption, connect, positive, register
+from hapticd.cli.output import number
+
+if TYPE_CHECKING:
+    from hapticd.client import Client
+
+WatchOption = Annotated[bool, typer.Option("--watch", help="Show it again and again until Ctrl-C.")]
+IntervalOption = Annotated[
+    float, typer.Option("--interval", parser=positive, metavar="S", help="Time between two looks with --watch, s.")
+]
+
+
+def status(
+    watch: WatchOption = False, interval: IntervalOption = 0.5, socket: SocketOption = None, as_json: JsonOption = False
+) -> int:
+    """Show what the daemon is doing: state, fault, timing, operating point, position, recording, experiment.
+
+    Position is counted from the spring's origin, in rad or m and in coarse ticks; velocity (an estimate) is in rad/s or
+    m/s, current in A. The exit code is 1 while a fault is latched.
+    """
+    if watch and as_json:
+        raise UsageError("--watch is for people; for a program, call 'hapticd status --json' again and again")
+    client = connect(socket)
+    if watch:
+        _watch(client, interval)
+    report = client.status()
+    output.emit(report, as_json, describe(report, client.socket_path))
+    return exits.NO if report["state"] == "fault" else exits.DONE
+
+
+def describe(report: dict[str, Any], socket: Path) -> str:
+    """One screen of text about one status.
+
+    Args:
+        report: the daemon's status.
+        socket: where it was asked.
+    """
+    timing, point, units = report["timing"], report["operating_point"], report["units"]
+    rows = [("state", f"{report['state']}    config {report['config_digest']}    {socket}")]
+    if fault := report.get("fault"):
+        rows += [("fault", f"{fault['code']}: {fault['cause']}"), ("", f"see {fault['help']}, then 'hapticd clear'")]
+    rows += [
+        ("loop", f"{number(timing['rate_hz'])} Hz, {timing['ticks']} ticks, {timing['missed']} periods missed"),
+        ("woke late", _percentiles(timing["wake_us"])),
+        ("ran for", _percentiles(timing["exec_us"])),
+        (
+            "operating at",
+            f"mu {number(point['mu'])}   beta {number(point['beta'])}   sigma {number(point['sigma'])}   "
+            f"tau_D {number(point['tau_d'])}   region {point['region'] or '-'}",
+        ),
+        (
+            "shaft",
+            f"{number(report['position'])} {units['position']} = {number(report['position_ticks'])} ticks   "
+            f"{number(report['velocity'])} {units['velocity']}   {number(report['current'])} {units['current']}",
+        ),
+        ("recording", _recorder(report["recorder"])),
+    ]
+    experiment = report.get("experiment") or {"state": "idle"}
+    if experiment["state"] != "idle":
+        rows.append(
+            ("experiment", f"{experiment['kind']}: {experiment['state']}, {100 * experiment['progress']:.0f} %")
+        )
+    return "\n".join(f"{name:14}{value}" for name, value in rows)
+
+
+def _percentiles(found: dict[str, Any]) -> str:
+    return "   ".join(
+        f"{label} {number(found[key])} us"
+        for label, key in (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("max", "max"))
+    )
+
+
+def _recorder(recorder: dict[str, Any]) -> str:
+    if error := recorder.get("error"):
+        return f"stopped: {error}"
+    if not recorder["path"]:
+        return "off"
+    return f"{recorder['path']}, {recorder['rows']} rows, {recorder['dropped']} dropped"
+
+
+def _watch(client: Client, interval: float) -> None:
+    """Redraw until Ctrl-C; in a pipe, one block a look."""
+    if not sys.stdout.isatty():
+        while True:
+            print(describe(client.status(), client.socket_path), end="\n\n", flush=True)
+            time.sleep(interval)
+    from rich.live import Live
+    from rich.text import Text
+
+    with Live(auto_refresh=False) as live:
+        while True:
+            live.update(Text(describe(client.status(), client.socket_path)), refresh=True)
+            time.sleep(interval)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd status",
+        "hapticd status --watch --interval 1",
+        "hapticd status --json | jq .timing.wake_us",
+    )
+    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.INTERRUPTED)
+    register(app, status, *examples, codes=codes)

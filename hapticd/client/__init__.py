@@ -1,0 +1,12 @@
+"""Thin client of the control API over its Unix socket: what the command line and other programs talk to a daemon with.
+
+>>> from hapticd.client import Client
+>>> client = Client("/run/hapticd/hapticd.sock")
+>>> client.set({"spring.stiffness": 0.012})  # doctest: +SKIP
+>>> client.start()  # doctest: +SKIP
+"""
+
+from hapticd.client.client import Client
+from hapticd.client.errors import DaemonUnreachable, RequestRefused
+
+__all__ = ["Client", "DaemonUnreachable", "RequestRefused"]

@@ -1,0 +1,121 @@
+"""Building blocks of the schema: strict numbers, limits, and fields that carry their unit.
+
+Numbers are numbers: true, "5" and nan are refused. A *limit* takes 0 or null for "no limit" and holds None then; an
+*ideal* quantity (bandwidth, DAC bits) takes 0 or null for "ideal" and holds 0 then.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from numbers import Real
+from typing import Annotated, Any
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, StrictBool, StrictStr, model_validator
+from pydantic_core import PydanticCustomError
+
+from hapticd.config.problems import Finding
+
+
+def findings_error(findings: Iterable[Finding]) -> PydanticCustomError:
+    """What a validator raises to report findings of its own."""
+    return PydanticCustomError("findings", "wrong configuration", {"findings": list(findings)})
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, Real):
+        raise PydanticCustomError("not_a_number", "must be a number")
+    try:
+        number = float(value)
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise PydanticCustomError("not_finite", "must be finite")
+    return number + 0.0  # -0.0 becomes 0.0: equal configurations are written alike
+
+
+def _whole(value: Any) -> int:
+    number = _number(value)
+    if not number.is_integer():
+        raise PydanticCustomError("not_whole", "must be a whole number")
+    return int(value)
+
+
+def _limit(value: Any) -> float | None:
+    return None if value is None else _number(value) or None
+
+
+def _whole_limit(value: Any) -> int | None:
+    return None if value is None else _whole(value) or None
+
+
+def _ideal(value: Any) -> float:
+    return 0.0 if value is None else _number(value)
+
+
+def _whole_ideal(value: Any) -> int:
+    return 0 if value is None else _whole(value)
+
+
+Number = Annotated[float, BeforeValidator(_number)]
+Whole = Annotated[int, BeforeValidator(_whole)]
+Limit = Annotated[float | None, BeforeValidator(_limit)]
+WholeLimit = Annotated[int | None, BeforeValidator(_whole_limit)]
+Ideal = Annotated[float, BeforeValidator(_ideal)]
+WholeIdeal = Annotated[int, BeforeValidator(_whole_ideal)]
+Flag = StrictBool
+Text = StrictStr
+
+
+def quantity(
+    default: Any,
+    meaning: str,
+    unit: str = "",
+    *,
+    linear: str | None = None,
+    zero: str = "",
+    linear_default: float | None = None,
+    **constraints: float,
+) -> Any:
+    """A documented field.
+
+    Args:
+        default: default value; a callable is evaluated each time.
+        meaning: one sentence for the reference, the JSON Schema and the help texts.
+        unit: unit for a rotary device; empty for none.
+        linear: unit for a linear device where it differs.
+        zero: what 0 or null stands for ("no limit", "no lag"), for fields that take it.
+        linear_default: default for a linear device where it differs.
+        constraints: ``ge``, ``gt``, ``le``, ``lt``.
+    """
+    extra: dict[str, Any] = {}
+    if unit:
+        extra["unit"] = unit
+    if linear is not None:
+        extra["unit_linear"] = linear
+    if zero:
+        extra["zero_or_null"] = zero
+    if linear_default is not None:
+        extra["default_linear"] = linear_default
+    arguments: dict[str, Any] = {"description": meaning, "json_schema_extra": extra, **constraints}
+    return Field(default_factory=default, **arguments) if callable(default) else Field(default, **arguments)
+
+
+class Section(BaseModel):
+    """One section of the configuration: frozen, and without room for unknown keys."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _empty_sections(cls, data: Any) -> Any:
+        """A section whose keys are all commented out reads as null: it means the defaults."""
+        if not isinstance(data, Mapping):
+            return data
+        return {key: {} if value is None and key in cls.subsections() else value for key, value in data.items()}
+
+    @classmethod
+    def subsections(cls) -> dict[str, type[Section]]:
+        """Name and model of each section directly inside this one."""
+        kinds = {name: field.annotation for name, field in cls.model_fields.items()}
+        return {name: kind for name, kind in kinds.items() if isinstance(kind, type) and issubclass(kind, Section)}

@@ -1,0 +1,122 @@
+"""The sections of a configuration that describe this host: driver, recorder and control API."""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, model_validator
+from pydantic_core import PydanticCustomError
+
+from hapticd.config.fields import Flag, Section, Text, findings_error, quantity
+from hapticd.config.nearest import nearest_name
+from hapticd.config.places import default_directory, default_socket
+from hapticd.config.problems import NO_VALUE, Finding
+
+_SOCKET_BYTES = 107  # sun_path of Linux is 108 bytes with its terminating zero
+
+
+class Driver(Section):
+    """The driver of the encoder and the amplifier; a driver's own options stand beside its name."""
+
+    model_config = ConfigDict(extra="allow")
+
+    name: Text = quantity("loopback", "Driver: loopback or one listed by `hapticd drivers`")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _options_belong_to_a_name(cls, data: Any) -> Any:
+        if isinstance(data, Mapping):
+            findings = list(_driver_findings(data))
+            if findings:
+                raise findings_error(findings)
+        return data
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The driver's own options, as plain data that the caller may change."""
+        return copy.deepcopy(self.__pydantic_extra__ or {})
+
+
+def _driver_findings(data: Mapping[Any, Any]) -> Iterator[Finding]:
+    if data and "name" not in data:
+        for key in data:
+            if nearest_name(str(key), ["name"]):
+                yield Finding(str(key), NO_VALUE, "unknown key; did you mean driver.name?", nearest="driver.name")
+                return
+        yield Finding("name", NO_VALUE, "is missing: name the driver that these options are for")
+    if data.get("name") == "":
+        yield Finding("name", "", "must name a driver, such as loopback")
+    for key, value in data.items():
+        yield from _option_findings(str(key), value)
+
+
+def _option_findings(key: str, value: Any) -> Iterator[Finding]:
+    """Options are plain data, so that every configuration can be written, sent and digested."""
+    if isinstance(value, Mapping):
+        for name, item in value.items():
+            yield from _option_findings(f"{key}.{name}", item)
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from _option_findings(f"{key}[{index}]", item)
+    elif isinstance(value, float) and not math.isfinite(value):
+        yield Finding(key, value, "must be finite")
+    elif not isinstance(value, str | int | float | None):
+        yield Finding(key, value, "must be plain data: text, numbers, true or false, lists and mappings")
+
+
+def _default_if_null(default: Callable[[], str]) -> BeforeValidator:
+    return BeforeValidator(lambda value: default() if value is None else value)
+
+
+def _path(value: str) -> str:
+    if not value or "\0" in value:
+        raise PydanticCustomError("message", "must be a path")
+    try:
+        return str(Path(value).expanduser())
+    except RuntimeError:
+        raise PydanticCustomError("message", "no such user's home directory") from None
+
+
+def _socket_path(value: str) -> str:
+    path = _path(value)
+    size = len(path.encode(errors="surrogateescape"))
+    if size > _SOCKET_BYTES:
+        raise PydanticCustomError(
+            "message",
+            "is {size} bytes long; a socket's path has at most {limit}",
+            {"size": size, "limit": _SOCKET_BYTES},
+        )
+    return path
+
+
+def _mode(value: Any) -> str:
+    digits = value.removeprefix("0") if isinstance(value, str) else ""
+    if len(digits) != 3 or not set(digits) <= set("01234567"):
+        raise PydanticCustomError("message", 'must be octal permissions in quotes, such as "0660"')
+    return f"0{digits}"
+
+
+class Record(Section):
+    """Recording of runs."""
+
+    directory: Annotated[Text, _default_if_null(default_directory), AfterValidator(_path)] = quantity(
+        default_directory,
+        "Where run files go; null: $STATE_DIRECTORY/runs in a service, else $XDG_STATE_HOME/hapticd/runs",
+    )
+    enabled: Flag = quantity(True, "False switches recording off altogether: no run files, no history of a fault")
+
+
+class Api(Section):
+    """The control API on a Unix socket."""
+
+    socket: Annotated[Text, _default_if_null(default_socket), AfterValidator(_socket_path)] = quantity(
+        default_socket,
+        "Path of the socket; null: $XDG_RUNTIME_DIR/hapticd.sock, else /run/hapticd/hapticd.sock where that can be "
+        "written, else /tmp/hapticd-$UID/hapticd.sock",
+    )
+    mode: Annotated[str, BeforeValidator(_mode)] = quantity("0660", "Permissions of the socket, octal, in quotes")
+    group: Text | None = quantity(None, "Group that owns the socket; null: the daemon's own")

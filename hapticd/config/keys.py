@@ -1,0 +1,65 @@
+"""The dotted keys of a configuration: which there are, their units, and which may change while the loop runs."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import cache
+
+from pydantic.fields import FieldInfo
+
+from hapticd.config.fields import Section
+from hapticd.config.model import Config
+
+_LIVE = ("servo.rate_hz", "servo.overrun", "spring", "encoder.decimation", "dither", "delay", "safety")
+
+
+@cache
+def leaf_fields() -> dict[str, FieldInfo]:
+    """Every dotted key that holds a value, in the order of the schema."""
+    return dict(_walk(Config, ""))
+
+
+@cache
+def section_models() -> dict[str, type[Section]]:
+    """Every dotted key that holds a section."""
+    return dict(_sections(Config, ""))
+
+
+def _walk(model: type[Section], prefix: str) -> Iterator[tuple[str, FieldInfo]]:
+    sections = model.subsections()
+    for name, field in model.model_fields.items():
+        if name in sections:
+            yield from _walk(sections[name], f"{prefix}{name}.")
+        else:
+            yield prefix + name, field
+
+
+def _sections(model: type[Section], prefix: str) -> Iterator[tuple[str, type[Section]]]:
+    for name, section in model.subsections().items():
+        yield prefix + name, section
+        yield from _sections(section, f"{prefix}{name}.")
+
+
+def valid_keys() -> list[str]:
+    """Every dotted key, sections included."""
+    return [*section_models(), *leaf_fields()]
+
+
+def extra_text(field: FieldInfo, name: str) -> str:
+    """A documentation entry of a field (``unit``, ``unit_linear``, ``zero_or_null``), or empty text."""
+    extra = field.json_schema_extra
+    return str(extra.get(name, "")) if isinstance(extra, dict) else ""
+
+
+def unit_of(key: str, linear: bool = False) -> str:
+    """Unit of a dotted key, for a rotary or a linear device; empty for a number without one and for other values."""
+    field = leaf_fields().get(key)
+    if field is None:
+        return ""
+    return (extra_text(field, "unit_linear") if linear else "") or extra_text(field, "unit")
+
+
+LIVE_KEYS: frozenset[str] = frozenset(
+    key for key in leaf_fields() if any(key == live or key.startswith(f"{live}.") for live in _LIVE)
+)
+"""Dotted keys that may change while the loop runs; everything else needs a restart."""

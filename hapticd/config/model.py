@@ -1,0 +1,90 @@
+"""The whole configuration, with the numbers that follow from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import model_validator
+
+from hapticd.config.checks import cross_findings
+from hapticd.config.fields import Section, findings_error, quantity
+from hapticd.config.host import Api, Driver, Record
+from hapticd.config.sections import Amplifier, Delay, Dither, Encoder, Hand, Plant, Safety, Servo, Spring
+
+
+class Config(Section):
+    """A validated hapticd configuration; every key has a default, which is the simulated RE35 testbed."""
+
+    servo: Servo = quantity(Servo, "Servo thread")
+    spring: Spring = quantity(Spring, "Virtual spring")
+    encoder: Encoder = quantity(Encoder, "Encoder")
+    dither: Dither = quantity(Dither, "Dither")
+    delay: Delay = quantity(Delay, "Computation delay")
+    amplifier: Amplifier = quantity(Amplifier, "Amplifier")
+    plant: Plant = quantity(Plant, "Device")
+    hand: Hand = quantity(Hand, "Operator's grip")
+    driver: Driver = quantity(Driver, "Driver")
+    safety: Safety = quantity(Safety, "Safety limits")
+    record: Record = quantity(Record, "Recording")
+    api: Api = quantity(Api, "Control API")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _linear_defaults(cls, data: Any) -> Any:
+        """400 rad/s and 10 rad would be no limits at all in m/s and m: a linear device has defaults of its own."""
+        if not isinstance(data, Mapping):
+            return data
+        safety = data.get("safety") or {}
+        if not (gives_linear_encoder(data) and isinstance(safety, Mapping)):
+            return data
+        return {**data, "safety": {**_linear_safety(), **safety}}
+
+    @model_validator(mode="after")
+    def _cross_checks(self) -> Config:
+        findings = list(cross_findings(self.servo, self.spring, self.encoder, self.dither, self.amplifier))
+        if findings:
+            raise findings_error(findings)
+        return self
+
+    @property
+    def period(self) -> float:
+        """Servo period T = 1/rate, in s."""
+        return 1.0 / self.servo.rate_hz
+
+    @property
+    def raw_resolution(self) -> float:
+        """One raw encoder count, in rad or m."""
+        return self.encoder.raw_resolution
+
+    @property
+    def resolution(self) -> float:
+        """One coarse tick Δ = decimation · raw resolution, in rad or m."""
+        return self.encoder.decimation * self.encoder.raw_resolution
+
+    @property
+    def is_linear(self) -> bool:
+        """True for a linear device (m, N), False for a rotary one (rad, N m)."""
+        return self.encoder.counts_per_metre is not None
+
+    @property
+    def origin_counts(self) -> int:
+        """The spring's origin in raw encoder counts."""
+        return round(self.spring.origin / self.encoder.raw_resolution)
+
+
+def gives_linear_encoder(data: Mapping[Any, Any]) -> bool:
+    """Whether unvalidated configuration data describes a linear device."""
+    encoder = data.get("encoder")
+    if isinstance(encoder, Mapping):
+        return encoder.get("counts_per_metre") is not None
+    return isinstance(encoder, Encoder) and encoder.counts_per_metre is not None
+
+
+def _linear_safety() -> dict[str, Any]:
+    extras = {name: field.json_schema_extra for name, field in Safety.model_fields.items()}
+    return {
+        name: extra["default_linear"]
+        for name, extra in extras.items()
+        if isinstance(extra, dict) and "default_linear" in extra
+    }

@@ -1,0 +1,13 @@
+"""Configurations that ship with hapticd: the RE35 testbed and the devices of the paper's Table II."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+PRESETS = Path(__file__).parent
+
+
+def preset_names() -> tuple[str, ...]:
+    """Names that ``load_config`` and the commands take in place of a file; the default comes first."""
+    names = (path.stem for path in PRESETS.glob("*.yaml"))
+    return tuple(sorted(names, key=lambda name: (name != "re35", name)))

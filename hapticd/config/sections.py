@@ -1,0 +1,210 @@
+"""The sections of a configuration that describe the loop and the device, with units, defaults and limits.
+
+Units are SI: rad, N m for a rotary device, m, N for a linear one. The defaults are the paper's RE35/Copley testbed
+(Sec. V).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, model_validator
+
+from hapticd.config.effects import Effect, effect_findings
+from hapticd.config.fields import (
+    Flag,
+    Ideal,
+    Limit,
+    Number,
+    Section,
+    Whole,
+    WholeIdeal,
+    WholeLimit,
+    findings_error,
+    quantity,
+)
+from hapticd.config.problems import NO_VALUE, Finding
+
+INT64_MAX = 2**63 - 1
+
+
+class Overrun(Section):
+    """What happens when a tick is not finished before the next one is due."""
+
+    policy: Literal["skip", "hold", "fault"] = quantity(
+        "skip",
+        "skip: missed periods are skipped on the time grid; hold: the last force is kept through the next tick; "
+        "fault: the first missed period is a fault",
+    )
+    fault_after: WholeLimit = quantity(
+        10, "Consecutive overruns that are a fault", "ticks", zero="never", ge=0, le=1_000_000
+    )
+
+
+class Servo(Section):
+    """The servo thread: its rate and its place on the machine."""
+
+    rate_hz: Number = quantity(1000.0, "Servo rate 1/T", "Hz", ge=1, le=20_000)
+    priority: Whole = quantity(80, "SCHED_FIFO priority of the servo thread", ge=1, le=99)
+    cpu: Whole | None = quantity(None, "Processor the servo thread is bound to; null: any", ge=0, le=4095)
+    require_realtime: Flag = quantity(False, "Refuse to start where the machine does not grant real-time scheduling")
+    overrun: Overrun = quantity(Overrun, "Overruns")
+
+
+class Spring(Section):
+    """The rendered virtual spring (eq. 2)."""
+
+    stiffness: Number = quantity(0.012, "Stiffness K", "N m/rad", linear="N/m", ge=0)
+    origin: Number = quantity(
+        0.0, "Position of the spring's origin, snapped to a raw encoder count", "rad", linear="m", ge=-1e6, le=1e6
+    )
+    half_tick_bias: Flag = quantity(
+        True, "Add half a coarse tick to the quantised position, which centres the staircase"
+    )
+    side: Literal["both", "positive", "negative"] = quantity(
+        "both", "both: a bidirectional spring; positive or negative: a wall that pushes only on that side of the origin"
+    )
+
+
+class Encoder(Section):
+    """The encoder; counts_per_metre in place of counts_per_rev makes the device a linear one."""
+
+    counts_per_rev: Number | None = quantity(
+        8192.0, "Counts per revolution of a rotary device", "counts/rev", ge=1, le=1e9
+    )
+    counts_per_metre: Number | None = quantity(None, "Counts per metre of a linear device", "counts/m", ge=1, le=1e12)
+    decimation: Whole = quantity(
+        1, "Raw counts per coarse tick, N: the loop sees floor(raw / N)", "counts", ge=1, le=2**31 - 1
+    )
+    invert: Flag = quantity(False, "Count in the opposite direction")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _linear_has_no_revolutions(cls, data: Any) -> Any:
+        if isinstance(data, Mapping) and data.get("counts_per_metre") is not None:
+            return {"counts_per_rev": None, **data}
+        return data
+
+    @model_validator(mode="after")
+    def _rotary_or_linear(self) -> Encoder:
+        if self.counts_per_rev is not None and self.counts_per_metre is not None:
+            message = "counts_per_rev and counts_per_metre are both given; give one, or set the other to null"
+            raise findings_error([Finding("", NO_VALUE, message)])
+        if self.counts_per_rev is None and self.counts_per_metre is None:
+            message = "needs counts_per_rev (rotary device) or counts_per_metre (linear device)"
+            raise findings_error([Finding("", NO_VALUE, message)])
+        return self
+
+    @property
+    def raw_resolution(self) -> float:
+        """One raw count, in rad (2π/counts_per_rev) or m (1/counts_per_metre)."""
+        if self.counts_per_metre is not None:
+            return 1.0 / self.counts_per_metre
+        return 2.0 * pi / (self.counts_per_rev or 1.0)
+
+
+class Dither(Section):
+    """A small periodic or random signal added to the measured position or to the current."""
+
+    target: Literal["none", "position", "current"] = quantity(
+        "none", "none: off; position: added before quantisation, in coarse ticks; current: added to the command, in A"
+    )
+    waveform: Literal["sine", "triangle", "square", "uniform"] = quantity(
+        "sine", "Waveform; uniform is white noise between ± amplitude"
+    )
+    amplitude: Number = quantity(0.0, "Peak amplitude", "ticks or A", ge=0)
+    frequency_hz: Number = quantity(
+        0.0, "Frequency of a sine, triangle or square; below half the servo rate", "Hz", ge=0
+    )
+    seed: Whole = quantity(0, "Seed of the uniform waveform", ge=0, le=INT64_MAX)
+
+
+class Delay(Section):
+    """Delay added to the loop on purpose."""
+
+    computation_s: Number = quantity(
+        0.0, "Computation delay T_V from sample to command: any fraction or multiple of a period", "s", ge=0, le=1
+    )
+
+
+class Amplifier(Section):
+    """The current amplifier and the motor winding; the torque constant and the limits are on the motor's data sheet."""
+
+    torque_constant: Number = quantity(0.0292, "Torque (force) per current", "N m/A", linear="N/A", gt=0)
+    continuous_current: Limit = quantity(2.0, "Current that may flow for ever (I²t)", "A", zero="no limit", ge=0)
+    peak_current: Limit = quantity(6.0, "Largest current; requests beyond it are clamped", "A", zero="no limit", ge=0)
+    peak_time_s: Number = quantity(1.0, "Time for which the peak current may flow (I²t)", "s", gt=0, le=3600)
+    bandwidth_hz: Ideal = quantity(
+        3000.0,
+        "Bandwidth ω_A/2π of the current loop, seen as the delay T_A = 2 δ_A/ω_A (eq. 5)",
+        "Hz",
+        zero="no lag",
+        ge=0,
+        le=1e9,
+    )
+    damping_ratio: Number = quantity(0.7, "Damping ratio δ_A of the current loop", gt=0, le=10)
+    dac_bits: WholeIdeal = quantity(
+        14, "Resolution of the command over ± full scale", "bits", zero="no quantisation", ge=0, le=24
+    )
+    dac_full_scale: Ideal = quantity(6.0, "Current at full scale of the command", "A", zero="no saturation", ge=0)
+
+    @property
+    def delay(self) -> float:
+        """The amplifier's lag as a delay T_A = 2 δ_A / ω_A, in s (eq. 5); 0 for an ideal amplifier."""
+        return self.damping_ratio / (pi * self.bandwidth_hz) if self.bandwidth_hz else 0.0
+
+
+def _checked_effects(value: Any) -> Any:
+    findings = list(effect_findings(value))
+    if findings:
+        raise findings_error(findings)
+    return tuple(value)
+
+
+class Plant(Section):
+    """The device: m ẍ + b ẋ + c sgn(ẋ) = force (eq. 1), with stiction, and the effects added to it."""
+
+    inertia: Number = quantity(6.28e-6, "Inertia m", "kg m²", linear="kg", gt=0)
+    viscous: Number = quantity(9.0e-6, "Viscous friction b", "N m s/rad", linear="N s/m", ge=0)
+    coulomb: Number = quantity(2.0e-3, "Coulomb friction c, also the largest stiction", "N m", linear="N", ge=0)
+    effects: Annotated[tuple[Effect, ...], BeforeValidator(_checked_effects)] = quantity(
+        (), "Effects beyond the base model: a list of {name: slug, parameters}"
+    )
+
+
+class Hand(Section):
+    """An operator's grip in parallel with the device (Sec. III-B), for check and simulate."""
+
+    inertia: Number = quantity(0.0, "Inertia of the hand", "kg m²", linear="kg", ge=0)
+    damping: Number = quantity(0.0, "Damping of the hand", "N m s/rad", linear="N s/m", ge=0)
+    stiffness: Number = quantity(0.0, "Stiffness of the hand", "N m/rad", linear="N/m", ge=0)
+
+
+class Safety(Section):
+    """What trips the loop into a latched fault with zero current."""
+
+    max_velocity: Limit = quantity(
+        400.0, "Largest speed", "rad/s", linear="m/s", linear_default=2.0, zero="no limit", ge=0
+    )
+    max_excursion: Limit = quantity(
+        10.0, "Largest distance from the zero position", "rad", linear="m", linear_default=0.2, zero="no limit", ge=0
+    )
+    encoder_jump: WholeLimit = quantity(
+        8192, "Largest change of the raw encoder between two ticks", "counts", zero="no limit", ge=0, le=2**31 - 1
+    )
+    missed_exchanges: WholeLimit = quantity(
+        3,
+        "Consecutive failed exchanges with the driver that are a fault",
+        "exchanges",
+        zero="never",
+        ge=0,
+        le=1_000_000,
+    )
+    enable_timeout_s: Number = quantity(
+        2.0, "Time the amplifier may take to report that it is enabled", "s", gt=0, le=60
+    )
+    heartbeat_timeout_s: Number = quantity(
+        0.5, "Silence of the supervisor after which the loop faults", "s", ge=0.05, le=10
+    )

@@ -1,0 +1,64 @@
+"""YAML text of single values, for messages and for written configurations.
+
+Written so that YAML 1.1 and 1.2 readers agree: no bare ``1e-3`` (text in 1.1), no bare ``0660`` (octal in 1.1).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+import yaml
+
+_PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_./-]*")
+_RESERVED = frozenset({"true", "false", "yes", "no", "on", "off", "y", "n", "null"})
+
+
+def plain_number(value: float) -> int | float:
+    """An integral float as an int, so that 1000.0 and 1000 are written, compared and digested alike."""
+    return int(value) if value.is_integer() and abs(value) < 1e15 else value
+
+
+def bound_text(bound: float) -> str:
+    """A bound as a person writes it: 20000, 0.05."""
+    return str(bound) if isinstance(bound, int) else f"{bound:.15g}"
+
+
+def yaml_value(value: object) -> str:
+    """One line of YAML for a value made of None, bool, int, float, str, lists and mappings; others by ``repr``."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, float):
+        return _float(value)
+    if isinstance(value, str):
+        return _string(value)
+    if isinstance(value, Mapping):
+        return "{" + ", ".join(f"{yaml_value(key)}: {yaml_value(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(yaml_value(item) for item in value) + "]"
+    return repr(value)
+
+
+def shown(value: object, width: int = 60) -> str:
+    """A value as it is quoted in a message: YAML text, cut to ``width`` characters."""
+    text = yaml_value(value)
+    return text if len(text) <= width else text[: width - 1] + "…"
+
+
+def _float(value: float) -> str:
+    if value != value:
+        return ".nan"
+    if value in (float("inf"), float("-inf")):
+        return ".inf" if value > 0 else "-.inf"
+    number = plain_number(value)
+    text = repr(number)
+    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+
+
+def _string(value: str) -> str:
+    if _PLAIN.fullmatch(value) and value.lower() not in _RESERVED:
+        return value
+    quoted: str = yaml.safe_dump(value, default_style='"', width=float("inf"), allow_unicode=True)
+    return quoted.rstrip("\n")

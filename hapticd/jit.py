@@ -1,0 +1,160 @@
+"""The one door to Numba: typed decorators, memory fences, libc calls and C function pointers.
+
+Everything compiled in hapticd goes through here, for three reasons:
+
+* strict type checking: Numba ships no type stubs, so the decorators are wrapped once;
+* caching: Numba's own on-disk cache does not notice that a *called* function in another file has changed, so the cache
+  folder is keyed by a digest of every compiled source file;
+* the servo thread's contract (no Python, no exceptions, ``error_model='numpy'``, GIL released) is stated in one place.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from llvmlite import ir
+from numba import types
+from numba.core import cgutils
+from numba.extending import intrinsic
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+_COMPILED_FOLDERS = ("hapticd/plant", "hapticd/servo", "hapticd/stability", "drivers")
+
+
+def _source_digest() -> str:
+    root = Path(__file__).parent.parent
+    digest = hashlib.sha256(f"{numba.__version__}".encode())
+    digest.update(Path(__file__).read_bytes())
+    for folder in _COMPILED_FOLDERS:
+        for path in sorted((root / folder).rglob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    """Folder of compiled code: ``$NUMBA_CACHE_DIR``, systemd's ``$CACHE_DIRECTORY``, or the user's cache."""
+    for variable in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
+        if value := os.environ.get(variable):
+            return Path(value) / f"hapticd-{_source_digest()}"
+    base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
+    return Path(base) / "hapticd" / _source_digest()
+
+
+numba.config.CACHE_DIR = str(_cache_folder())
+
+
+def njit(*signature: Any, inline: bool = False, counted: bool = True, parallel: bool = False) -> Callable[[F], F]:
+    """Compile a function without the GIL, cached on disk, with IEEE division semantics (no ZeroDivisionError).
+
+    Args:
+        signature: optional eager Numba signature(s); with one, the function is compiled (or loaded) at import.
+        inline: make LLVM inline the function; an array argument costs seven words a call otherwise.
+        counted: keep reference counts of arrays. A function that makes no array can do without: each array argument
+            otherwise costs two atomic operations a call, several times the work of a servo tick in all.
+        parallel: enable ``prange``.
+    """
+    options: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy", "boundscheck": False}
+    if inline:
+        options["forceinline"] = True
+    if not counted:
+        options["_nrt"] = False
+    if parallel:
+        options["parallel"] = True
+
+    def decorate(function: F) -> F:
+        return cast(F, numba.njit(*signature, **options)(function))
+
+    return decorate
+
+
+def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
+    """Compile a function to a C callback; ``.address`` is what a driver hands to the servo loop."""
+
+    def decorate(function: Callable[..., Any]) -> Any:
+        return numba.cfunc(signature, nopython=True, cache=True, error_model="numpy")(function)
+
+    return decorate
+
+
+def _typed_intrinsic(function: Callable[..., Any]) -> Callable[..., Any]:
+    """An intrinsic is called without its typing context, so its own annotation would mislead a type checker."""
+    return cast(Callable[..., Any], intrinsic(function))
+
+
+carray: Callable[..., Any] = numba.carray
+"""An array over memory that a C pointer names, inside compiled code."""
+
+
+@_typed_intrinsic
+def fence_acquire(typingctx: Any) -> Any:
+    """Acquire fence: loads after it see what a releasing writer stored before its fence."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.fence("acquire")
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+@_typed_intrinsic
+def fence_release(typingctx: Any) -> Any:
+    """Release fence: stores before it are visible to a reader that acquires after seeing a later store."""
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        builder.fence("release")
+        return context.get_dummy_value()
+
+    return types.void(), codegen
+
+
+@_typed_intrinsic
+def atomic_load(typingctx: Any, array: Any, index: Any) -> Any:
+    """``array[index]`` of a 1-D int64 array as an atomic acquire load (never cached in a register, never torn)."""
+    if not (isinstance(array, types.Array) and array.ndim == 1 and array.dtype == types.int64):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        array_type, index_type = signature.args
+        view = context.make_array(array_type)(context, builder, args[0])
+        position = context.cast(builder, args[1], index_type, types.intp)
+        pointer = cgutils.get_item_pointer(context, builder, array_type, view, [position], wraparound=False)
+        return builder.load_atomic(pointer, "acquire", 8, typ=ir.IntType(64))
+
+    return types.int64(array, types.intp), codegen
+
+
+@_typed_intrinsic
+def atomic_store(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
+    """``array[index] = value`` of a 1-D int64 array as an atomic release store."""
+    if not (isinstance(array, types.Array) and array.ndim == 1 and array.dtype == types.int64):
+        return None
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        array_type, index_type, value_type = signature.args
+        view = context.make_array(array_type)(context, builder, args[0])
+        position = context.cast(builder, args[1], index_type, types.intp)
+        pointer = cgutils.get_item_pointer(context, builder, array_type, view, [position], wraparound=False)
+        builder.store_atomic(context.cast(builder, args[2], value_type, types.int64), pointer, "release", 8)
+        return context.get_dummy_value()
+
+    return types.void(array, types.intp, types.int64), codegen
+
+
+@_typed_intrinsic
+def call_driver(typingctx: Any, function: Any, state: Any, exchange: Any) -> Any:
+    """Call ``int32 function(void *state, hapticd_exchange *exchange)`` through integer addresses (about 3 ns)."""
+    signature = types.int32(types.int64, types.int64, types.int64)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        pointer = ir.IntType(8).as_pointer()
+        prototype = ir.FunctionType(ir.IntType(32), [pointer, pointer])
+        callee = builder.inttoptr(args[0], prototype.as_pointer())
+        return builder.call(callee, [builder.inttoptr(args[1], pointer), builder.inttoptr(args[2], pointer)])
+
+    return signature, codegen

@@ -1,0 +1,1 @@
+"""The device: exact propagation, friction, amplifier, encoder."""

@@ -1,0 +1,64 @@
+"""The amplifier's input: what current a digital-to-analogue converter really delivers for a commanded one.
+
+A converter of `bits` bits over ±full scale has the step q = 2·FS/2^bits; its code is rint(i/q), from −2^(bits−1) to
+2^(bits−1) − 1 (two's complement, so that code 0 is zero current and the positive end is one step short of full scale).
+Applying it to its own output changes nothing, so the servo loop and the plant may both quantise.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import types
+
+from hapticd.jit import njit
+
+_f8 = types.float64
+_i8 = types.int64
+
+
+@njit(types.Tuple((_f8, _i8))(_f8, _f8, _i8))
+def quantise_current(current: float, step: float, max_code: int) -> tuple[float, int]:
+    """Quantise a current to the converter's grid.
+
+    Args:
+        current: commanded current [A]; not-a-number gives code 0.
+        step: the converter's step q [A], > 0; 0 leaves the current as it is (ideal converter).
+        max_code: largest positive code, 2^(bits−1) − 1; the most negative code is −max_code − 1.
+
+    Returns:
+        The delivered current [A] and its code.
+    """
+    if step == 0.0:
+        return current, 0
+    level = np.rint(current / step)
+    if level > max_code:
+        code = max_code
+    elif level < -max_code - 1:
+        code = -max_code - 1
+    elif math.isnan(level):
+        code = 0
+    else:
+        code = int(level)
+    return code * step, code
+
+
+@njit(types.Tuple((_f8, _i8))(_f8, _i8, _f8))
+def dac_quantise(current: float, bits: int, full_scale: float) -> tuple[float, int]:
+    """Quantise and clip a current as a converter of `bits` bits over ±`full_scale` does.
+
+    Args:
+        current: commanded current [A].
+        bits: the converter's resolution; 0 is an ideal one, which only clips.
+        full_scale: full scale [A]; with bits = 0, a full scale of 0 does not clip either.
+
+    Returns:
+        The delivered current [A] and the two's-complement code (0 with bits = 0).
+    """
+    if bits > 0:
+        step = math.ldexp(full_scale, 1 - bits)
+        return quantise_current(current, step, (1 << (bits - 1)) - 1)
+    if full_scale > 0.0:
+        return min(max(current, -full_scale), full_scale), 0
+    return current, 0

@@ -1,0 +1,112 @@
+"""Exact motion of a mass with viscous and Coulomb friction under a constant force.
+
+Solves m·dv/dt + b·v + c·sgn(v) = F, dx/dt = v (eq. 1 of the paper; eq. 6 in its dimensionless form) over a time dt in
+which F does not change, in closed form. While the velocity keeps its sign, with z = −b·dt/m and g = (F − c·sgn v)/m,
+
+    v(dt) = v·eᶻ + g·dt·φ₁(z),      x(dt) = x + v·dt·φ₁(z) + g·dt²·φ₂(z),
+
+    φ₁(z) = (eᶻ − 1)/z,             φ₂(z) = (eᶻ − 1 − z)/z².
+
+Friction brings a decelerating mass to rest after m/b·log(1 + w), w = b·|v|/(c − F·sgn v); it then sticks (|F| ≤ c) or
+reverses. Nothing is stepped and nothing has a tolerance. All functions work in any consistent system of units: SI, or
+the paper's ticks and periods with (inertia, viscous, coulomb) = (μ, β, σ).
+
+The same motion with a linear spring added is in `hapticd.plant.spring`; see docs/explanation/exact-plant.md.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import types
+
+from hapticd.jit import njit
+
+_f8 = types.float64
+
+# Below this |z| (or w) the closed forms subtract nearly equal numbers and a short series is both exact and faster.
+_SERIES_BELOW = 0.0625
+_LOG_SERIES_BELOW = 0.125
+
+
+@njit(types.UniTuple(_f8, 3)(_f8))
+def phi_functions(z: float) -> tuple[float, float, float]:
+    """Return (eᶻ, φ₁(z), φ₂(z)) for z ≤ 0, each to a few units in the last place, z → 0 and z → −∞ included."""
+    if z > -_SERIES_BELOW:
+        # Σ zᵏ/(k+2)!, k = 0…8, summed in pairs: the latency of plain Horner would dominate a sampling period.
+        z2 = z * z
+        z4 = z2 * z2
+        low = (1.0 / 2.0 + z * (1.0 / 6.0)) + z2 * (1.0 / 24.0 + z * (1.0 / 120.0))
+        high = (1.0 / 720.0 + z * (1.0 / 5040.0)) + z2 * (1.0 / 40320.0 + z * (1.0 / 362880.0) + z2 * (1.0 / 3628800.0))
+        phi2 = low + z4 * high
+        phi1 = 1.0 + z * phi2
+        return 1.0 + z * phi1, phi1, phi2
+    if z > -1.0:
+        grown = math.expm1(z)
+        exponential = 1.0 + grown
+    else:
+        exponential = math.exp(z)
+        grown = exponential - 1.0
+    phi1 = grown / z
+    return exponential, phi1, (phi1 - 1.0) / z
+
+
+@njit(types.UniTuple(_f8, 2)(_f8))
+def log_functions(w: float) -> tuple[float, float]:
+    """Return (log(1+w)/w, (w − log(1+w))/w²) for w ≥ 0: the time and the way until friction stops a mass."""
+    if w < _LOG_SERIES_BELOW:
+        # log(1+w) = 2·artanh(s), s = w/(2+w); the first term of w − log(1+w) is then exact and no digits cancel.
+        r = 1.0 / (2.0 + w)
+        s = w * r
+        q = s * s
+        tail = 1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0 + q * (1.0 / 11.0 + q * (1.0 / 13.0)))))
+        return 2.0 * r * (1.0 + q * tail), r - 2.0 * r * r * s * tail
+    ratio = math.log1p(w) / w
+    return ratio, (1.0 - ratio) / w
+
+
+@njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8, _f8, _f8))
+def propagate(
+    x: float, v: float, dt: float, force: float, inertia: float, viscous: float, coulomb: float
+) -> tuple[float, float]:
+    """Move the mass exactly through a time `dt` of constant force (eq. 1, with stiction at v = 0).
+
+    Args:
+        x: position [rad or m].
+        v: velocity [rad/s or m/s].
+        dt: duration [s], ≥ 0.
+        force: constant applied torque or force [N m or N], friction not included.
+        inertia: inertia or mass [kg m² or kg], > 0.
+        viscous: viscous friction [N m s/rad or N s/m], ≥ 0.
+        coulomb: Coulomb friction [N m or N], ≥ 0; a mass at rest stays there while |force| ≤ coulomb.
+
+    Returns:
+        Position and velocity after `dt`, accurate to 1e-12 relative to max(|x|, |v|·dt). Not-a-number comes through.
+    """
+    if v == 0.0:
+        if abs(force) <= coulomb:
+            return x, 0.0
+        sign = math.copysign(1.0, force)
+        g = (abs(force) - coulomb) / inertia
+        _, phi1, phi2 = phi_functions(-viscous * dt / inertia)
+        return x + sign * (g * dt * dt * phi2), sign * (g * dt * phi1)
+
+    # Mirrored so that the mass moves towards positive x: one case instead of two.
+    sign = math.copysign(1.0, v)
+    speed = abs(v)
+    net = sign * force - coulomb
+    g = net / inertia
+    exponential, phi1, phi2 = phi_functions(-viscous * dt / inertia)
+    end_speed = speed * exponential + g * dt * phi1
+    # Speed is monotone in time here, so a positive end means no stop on the way. Written to let NaN pass.
+    if net >= 0.0 or not end_speed <= 0.0:
+        return x + sign * dt * (speed * phi1 + g * dt * phi2), sign * end_speed
+
+    time_ratio, way_ratio = log_functions(-viscous * speed / net)
+    stop = x + sign * (speed * (speed / -g) * way_ratio)
+    if abs(force) <= coulomb:
+        return stop, 0.0
+    remaining = max(dt - speed / -g * time_ratio, 0.0)
+    g = (abs(force) - coulomb) / inertia
+    _, phi1, phi2 = phi_functions(-viscous * remaining / inertia)
+    return stop - sign * (g * remaining * remaining * phi2), -sign * (g * remaining * phi1)

@@ -1,0 +1,123 @@
+"""Exact motion of a mass with friction, a constant force and a linear spring: an operator's grip (Sec. III-B).
+
+Solves m·dv/dt + b·v + k·x + c·sgn(v) = F, dx/dt = v. While the velocity keeps its sign the displacement d from the
+start obeys d″ + 2α·d′ + ω²·d = a, a = (F − c·sgn v − k·x)/m, 2α = b/m, ω² = k/m, so that
+
+    d = v·S + a·P,      d′ = v·S′ + a·S,      S″ + 2α·S′ + ω²·S = 0, S(0) = 0, S′(0) = 1,      P = ∫ S.
+
+S and P are written so that no digits cancel in any damping case, nor for b → 0, k → 0 and at critical damping. The
+velocity's next zero is an arctangent or a logarithm; there the mass sticks (|F − k·x| ≤ c) or reverses.
+"""
+
+from __future__ import annotations
+
+import math
+
+from numba import types
+
+from hapticd.jit import njit
+from hapticd.plant.exact import log_functions, phi_functions, propagate
+
+_f8 = types.float64
+_SERIES_TERMS = 18
+
+
+@njit(types.UniTuple(_f8, 3)(_f8, _f8, _f8))
+def spring_functions(t: float, alpha: float, omega2: float) -> tuple[float, float, float]:
+    """Return (S′, S, P) at time `t` for decay rate `alpha` ≥ 0 [1/s] and squared natural frequency `omega2` > 0."""
+    a = alpha * t
+    w2 = omega2 * t * t
+    if a < 0.5 and w2 < 0.15:
+        # Taylor series in t: here 1 − S′ − 2α·S, which P needs below, would cancel.
+        before, term = 0.0, 1.0
+        factorial = 1.0
+        rate = s = p = 0.0
+        for n in range(1, _SERIES_TERMS):
+            rate += term / factorial
+            factorial *= n
+            s += term / factorial
+            p += term / (factorial * (n + 1))
+            before, term = term, -2.0 * a * term - w2 * before
+        return rate, s * t, p * t * t
+    kappa2 = (alpha - math.sqrt(omega2)) * (alpha + math.sqrt(omega2))
+    if kappa2 < 0.0:
+        omega_d = math.sqrt(-kappa2)
+        decay = math.exp(-a)
+        s = decay * math.sin(omega_d * t) / omega_d
+        rate = decay * math.cos(omega_d * t) - alpha * s
+        return rate, s, (1.0 - rate - 2.0 * alpha * s) / omega2
+    kappa = math.sqrt(kappa2)
+    fast = alpha + kappa
+    slow = omega2 / fast
+    _, difference, _ = phi_functions(-2.0 * kappa * t)
+    s = math.exp(-slow * t) * t * difference
+    rate = math.exp(-fast * t) - slow * s
+    if 2.0 * kappa * t <= 0.5:
+        return rate, s, (1.0 - rate - 2.0 * alpha * s) / omega2
+    # Far from critical damping ω·t may be tiny: then the difference of two φ₁ keeps its digits, the form above does not.
+    _, phi_slow, _ = phi_functions(-slow * t)
+    _, phi_fast, _ = phi_functions(-fast * t)
+    return rate, s, t * (phi_slow - phi_fast) / (2.0 * kappa)
+
+
+@njit(_f8(_f8, _f8, _f8, _f8))
+def _time_to_rest(speed: float, a: float, alpha: float, omega2: float) -> float:
+    """Time until speed·S′ + a·S, positive just after the start, is zero again; infinite if it never is."""
+    kappa2 = (alpha - math.sqrt(omega2)) * (alpha + math.sqrt(omega2))
+    if kappa2 < 0.0:
+        omega_d = math.sqrt(-kappa2)
+        return math.atan2(speed * omega_d, alpha * speed - a) / omega_d
+    kappa = math.sqrt(kappa2)
+    braking = omega2 / (alpha + kappa) * speed - a
+    if speed == 0.0 or braking <= 0.0:
+        return math.inf
+    time_ratio, _ = log_functions(2.0 * kappa * speed / braking)
+    return speed / braking * time_ratio
+
+
+@njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8))
+def propagate_with_stiffness(
+    x: float, v: float, dt: float, force: float, inertia: float, viscous: float, coulomb: float, stiffness: float
+) -> tuple[float, float]:
+    """Move the mass exactly through a time `dt` of constant force and a spring −stiffness·x, all stops included.
+
+    Args:
+        x: position from the spring's rest position [rad or m].
+        v: velocity [rad/s or m/s].
+        dt: duration [s], ≥ 0.
+        force: constant applied torque or force [N m or N].
+        inertia: inertia or mass [kg m² or kg], > 0.
+        viscous: viscous friction [N m s/rad or N s/m], ≥ 0.
+        coulomb: Coulomb friction [N m or N], ≥ 0; a mass at rest stays while |force − stiffness·x| ≤ coulomb.
+        stiffness: spring stiffness [N m/rad or N/m], ≥ 0; at 0 this is `propagate`.
+
+    Returns:
+        Position and velocity after `dt`.
+    """
+    if stiffness == 0.0:
+        return propagate(x, v, dt, force, inertia, viscous, coulomb)
+    alpha = 0.5 * viscous / inertia
+    omega2 = stiffness / inertia
+    remaining = dt
+    while True:
+        pull = force - stiffness * x
+        if v != 0.0:
+            sign = math.copysign(1.0, v)
+        elif abs(pull) <= coulomb:
+            return x, 0.0
+        else:
+            sign = math.copysign(1.0, pull)
+        speed = abs(v)
+        a = (sign * pull - coulomb) / inertia
+        # Without Coulomb friction a reversal changes nothing in the equation of motion: no need to stop at it.
+        rest = _time_to_rest(speed, a, alpha, omega2) if coulomb > 0.0 else math.inf
+        if not rest < remaining:
+            rate, s, p = spring_functions(remaining, alpha, omega2)
+            return x + sign * (speed * s + a * p), sign * (speed * rate + a * s)
+        _, s, p = spring_functions(rest, alpha, omega2)
+        x += sign * (speed * s + a * p)
+        v = 0.0
+        if remaining - rest == remaining and speed == 0.0:
+            # A half period too short to move the clock (dt·ω ≥ 10¹⁶): no double can place the mass any better.
+            return x, 0.0
+        remaining -= rest

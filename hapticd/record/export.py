@@ -1,0 +1,134 @@
+"""Export a run to CSV, Parquet or MATLAB, metadata included.
+
+Each format keeps the run in one file that describes itself: CSV has the metadata in leading ``#`` lines, Parquet in its
+schema, MAT in a struct ``hapticd``. The file appears whole under its name or not at all.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from hapticd.record.errors import RunFileError
+from hapticd.record.metadata import encode_metadata
+from hapticd.record.reader import CSV_METADATA_LINE, Run
+
+_MATLAB_NAME_LENGTH = 63
+
+
+def export(run: Run, to: str, out: str | Path | None = None, *, force: bool = False) -> Path:
+    """Write the run in another format, through a temporary file beside ``out`` that is renamed when whole.
+
+    Args:
+        run: what `reader.read_run` gave.
+        to: ``csv``, ``parquet`` or ``mat``.
+        out: the file; None: the run's own name with the format's suffix.
+        force: replace a file that exists.
+
+    Returns:
+        The file written.
+
+    Raises:
+        RunFileError: unknown format; ``out`` exists; it cannot be written (nothing is left behind).
+    """
+    if to not in _WRITERS:
+        raise RunFileError(f"cannot export to {to!r}: the formats are {', '.join(_WRITERS)}")
+    target = Path(out) if out is not None else run.path.with_suffix(f".{to}")
+    if target.is_dir():
+        raise RunFileError(f"{target} is a folder; give a file name")
+    if target.exists() and not force:
+        raise RunFileError(f"{target} exists; give another name, or --force to replace it")
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        with part.open("wb") as file:
+            _WRITERS[to](run, file)
+            file.flush()
+            os.fsync(file.fileno())
+        part.replace(target)
+    except OSError as error:
+        raise RunFileError(f"cannot write {target}: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+    return target
+
+
+def _metadata(run: Run) -> dict[str, Any]:
+    return {**run.metadata, "units": run.units, "events": run.events, "truncated": run.truncated}
+
+
+def _table(run: Run) -> Any:
+    import pyarrow as pa
+
+    fields, arrays = [], []
+    for name, values in run.columns.items():
+        array = pa.array(values)
+        arrays.append(array)
+        unit = {"unit": run.units[name]} if name in run.units else None
+        fields.append(pa.field(name, array.type, metadata=unit))
+    return pa.Table.from_arrays(arrays, schema=pa.schema(fields, metadata=encode_metadata(_metadata(run))))
+
+
+def _write_csv(run: Run, file: BinaryIO) -> None:
+    import pyarrow.csv as pacsv
+
+    table = _table(run)
+    for key, value in encode_metadata(_metadata(run)).items():
+        file.write(f"{CSV_METADATA_LINE}{key.decode().partition('.')[2]}: {value.decode()}\n".encode())
+    pacsv.write_csv(table, file, pacsv.WriteOptions(quoting_style="needed"))
+
+
+def _write_parquet(run: Run, file: BinaryIO) -> None:
+    import pyarrow.parquet as pq
+
+    pq.write_table(_table(run), file)
+
+
+def _write_mat(run: Run, file: BinaryIO) -> None:
+    from scipy.io import savemat
+
+    stream: Any = file
+    metadata = _metadata(run)
+    names = _legal_names([*run.columns, "hapticd"])
+    contents: dict[str, Any] = {names[name]: values for name, values in run.columns.items()}
+    contents["hapticd"] = {**_matlab(metadata), "json": json.dumps(metadata, ensure_ascii=True)}
+    savemat(stream, contents, long_field_names=True, oned_as="column", do_compression=True)
+
+
+def _legal_names(names: list[str]) -> dict[str, str]:
+    """MATLAB names (a letter, then letters, digits, ``_``; at most 63) for the given ones, all different."""
+    legal: dict[str, str] = {}
+    for name in sorted(names, key=lambda name: name != "hapticd"):
+        base = re.sub(r"\W", "_", name, flags=re.ASCII)
+        base = (base if re.match(r"[A-Za-z]", base) else f"x{base}")[:_MATLAB_NAME_LENGTH]
+        choice, number = base, 2
+        while choice in legal.values():
+            ending = f"_{number}"
+            choice, number = base[: _MATLAB_NAME_LENGTH - len(ending)] + ending, number + 1
+        legal[name] = choice
+    return legal
+
+
+def _matlab(value: Any) -> Any:
+    """A JSON value as MATLAB has it: struct, cell, text, number; an absent value is an empty array."""
+    if isinstance(value, Mapping):
+        names = _legal_names([str(key) for key in value])
+        return {names[str(key)]: _matlab(item) for key, item in value.items()}
+    if isinstance(value, list):
+        cell = np.empty((1, len(value)), dtype=object)
+        for index, item in enumerate(value):
+            cell[0, index] = _matlab(item)
+        return cell
+    return np.empty((0, 0)) if value is None else value
+
+
+_WRITERS: dict[str, Callable[[Run, BinaryIO], None]] = {
+    "csv": _write_csv,
+    "parquet": _write_parquet,
+    "mat": _write_mat,
+}

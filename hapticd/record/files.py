@@ -1,0 +1,49 @@
+"""Names of run files and the folder they go to."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from hapticd.record.errors import RecordingError, RunExistsError
+from hapticd.record.metadata import utc_now
+from hapticd.record.writer import RunWriter
+
+_LABEL_LENGTH = 64
+
+
+def safe_label(label: str) -> str:
+    """The label as a part of a file name: letters, digits, ``_`` and ``-``, at most 64 of them."""
+    return re.sub(r"[^A-Za-z0-9_-]+", "_", label).strip("_")[:_LABEL_LENGTH]
+
+
+def run_names(kind: str, label: str) -> Iterator[str]:
+    """Names to try in turn: ``<kind>-<UTC time in ms>[-label].arrow``, then the same with ``-2``, ``-3`` and so on."""
+    now = utc_now()
+    stamp = f"{now:%Y%m%dT%H%M%S}.{now.microsecond // 1000:03d}Z"
+    stem = "-".join(part for part in (kind, stamp, safe_label(label)) if part)
+    yield f"{stem}.arrow"
+    for number in itertools.count(2):
+        yield f"{stem}-{number}.arrow"
+
+
+def open_new_run(directory: Path, kind: str, label: str, metadata: Mapping[str, Any]) -> RunWriter:
+    """Create a run file under a name that no other file has, and its folder if need be.
+
+    Raises:
+        RecordingError: the folder cannot be made or written to.
+    """
+    try:
+        directory.mkdir(parents=True, exist_ok=True)
+    except FileExistsError:
+        raise RecordingError(f"record.directory {directory} is not a folder") from None
+    except OSError as error:
+        raise RecordingError(f"cannot make record.directory {directory}: {error.strerror}") from error
+    for name in run_names(kind, label):
+        with contextlib.suppress(RunExistsError):
+            return RunWriter(directory / name, metadata)
+    raise AssertionError("the names do not end")

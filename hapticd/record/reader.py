@@ -1,0 +1,192 @@
+"""Read a run: Arrow streams whose tail may be cut, and CSV and Parquet from hapticd or from elsewhere.
+
+The least a run needs is time, a position and a command: `time_s`; `encoder_counts` or `position`;
+`current_command_A` or `force`. Known columns come back in the types of `schema.ROW`, others as they are.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticd.record.arrow import END_OF_STREAM
+from hapticd.record.errors import RunFileError
+from hapticd.record.metadata import decode_metadata
+from hapticd.record.schema import COLUMNS, ROW
+
+CSV_METADATA_LINE = "# hapticd "
+_NEEDED = (("time_s",), ("encoder_counts", "position"), ("current_command_A", "force"))
+_FLOATS = [name for name in ROW.names or () if ROW[name].kind == "f"] + ["position", "force"]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A run in memory.
+
+    Attributes:
+        path: where it was read from.
+        columns: name → values, all of shape (rows,); SI units, see ``units``.
+        metadata: what the file says of itself (config, model, versions, host…); empty for a foreign file.
+        units: unit of each column that is known.
+        events: what was noted during the run, each with the ``row`` before which it happened.
+        truncated: the recording was not ended properly (killed, disk full); the rows are those up to the cut.
+        warnings: what a reader should know before trusting the run, in words.
+    """
+
+    path: Path
+    columns: dict[str, NDArray[Any]]
+    metadata: dict[str, Any] = field(default_factory=dict)
+    units: dict[str, str] = field(default_factory=dict)
+    events: list[dict[str, Any]] = field(default_factory=list)
+    truncated: bool = False
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of rows."""
+        return len(next(iter(self.columns.values()), ()))
+
+
+def read_run(path: str | Path) -> Run:
+    """Read a run file: ``.csv``, ``.parquet``, anything else as a native Arrow stream.
+
+    Raises:
+        RunFileError: the file is missing, empty or no run file, lacks a column, or a known column holds something else.
+    """
+    path = Path(path)
+    try:
+        with path.open("rb") as file:
+            head = file.read(8)
+    except OSError as error:
+        raise RunFileError(f"cannot read {path}: {error.strerror}") from error
+    if not head:
+        raise RunFileError(f"{path} is empty: its recording ended before anything was written")
+    readers = {".csv": _read_csv, ".parquet": _read_parquet}
+    table, events, whole = readers.get(path.suffix.lower(), _read_stream)(path)
+
+    try:
+        names = [str(name) for name in table.column_names]
+    except UnicodeDecodeError:
+        raise RunFileError(f"{path} is damaged: its columns have no legible names") from None
+    _check_names(path, names)
+    columns = {name: _column(path, name, table.column(name)) for name in names}
+    metadata = decode_metadata(table.schema.metadata)
+    # An exported run keeps these in its metadata; a native one in its fields and batches.
+    exported_units = metadata.pop("units", None) or _standard_units(names, metadata)
+    units = {
+        f.name: f.metadata[b"unit"].decode(errors="replace")
+        for f in table.schema
+        if f.metadata and b"unit" in f.metadata
+    }
+    events = metadata.pop("events", []) or events
+    truncated = bool(metadata.pop("truncated", False)) or not whole
+    warnings = [f"{path.name} was not ended properly; its rows end with the last whole batch"] if truncated else []
+    warnings += _time_warnings(columns["time_s"])
+    return Run(path, columns, metadata, units or exported_units, events, truncated, tuple(warnings))
+
+
+def _read_stream(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
+    import pyarrow as pa
+
+    batches: list[Any] = []
+    events: list[dict[str, Any]] = []
+    with pa.OSFile(str(path)) as source:
+        try:
+            stream = pa.ipc.open_stream(source)
+        except (pa.ArrowException, OSError) as error:
+            raise RunFileError(f"{path} is not a run file (no Arrow stream: {_brief(error)})") from None
+        try:
+            while True:
+                batch, notes = stream.read_next_batch_with_custom_metadata()
+                batch.validate()
+                batches.append(batch)
+                if notes and b"hapticd.events" in notes:
+                    events += json.loads(notes[b"hapticd.events"])
+        except StopIteration:
+            source.seek(max(source.size() - len(END_OF_STREAM), 0))
+            whole = source.read() == END_OF_STREAM
+        except (pa.ArrowException, OSError, ValueError):
+            whole = False
+    return pa.Table.from_batches(batches, stream.schema), events, whole
+
+
+def _read_parquet(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return pq.read_table(path, partitioning=None), [], True
+    except (pa.ArrowException, OSError) as error:
+        raise RunFileError(f"{path} is not a Parquet file: {_brief(error)}") from None
+
+
+def _read_csv(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
+    import pyarrow as pa
+    import pyarrow.csv as pacsv
+
+    comments, stored = 0, {}
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        for line in file:
+            if not line.startswith("#"):
+                break
+            comments += 1
+            if line.startswith(CSV_METADATA_LINE):
+                key, _, value = line.removeprefix(CSV_METADATA_LINE).strip().partition(": ")
+                stored[f"hapticd.{key}"] = value
+    try:
+        table = pacsv.read_csv(
+            path,
+            read_options=pacsv.ReadOptions(skip_rows=comments),
+            convert_options=pacsv.ConvertOptions(column_types=dict.fromkeys(_FLOATS, pa.float64())),
+        )
+    except (pa.ArrowException, OSError) as error:
+        raise RunFileError(f"{path} is not a readable CSV file: {_brief(error)}") from None
+    table = table.rename_columns([name.strip() for name in table.column_names])
+    return table.replace_schema_metadata(stored or None), [], True
+
+
+def _check_names(path: Path, names: list[str]) -> None:
+    if duplicates := sorted({name for name in names if names.count(name) > 1}):
+        raise RunFileError(f"{path} has more than one column {', '.join(duplicates)}")
+    missing = [" or ".join(choice) for choice in _NEEDED if not set(choice) & set(names)]
+    if missing:
+        has = ", ".join(names) or "none"
+        raise RunFileError(f"{path} lacks the column(s) {'; '.join(missing)} (it has: {has})")
+
+
+def _column(path: Path, name: str, column: Any) -> NDArray[Any]:
+    """Values of one column, known ones in their own type if that loses nothing."""
+    values: NDArray[Any] = column.to_numpy()
+    if name not in _FLOATS and name not in (ROW.names or ()):
+        return values
+    wanted = ROW[name] if name in (ROW.names or ()) else np.dtype(np.float64)
+    if values.size and values.dtype.kind not in "iuf":
+        raise RunFileError(f"{path}: column {name} holds {column.type}, not numbers")
+    if wanted.kind == "i" and values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
+        raise RunFileError(f"{path}: column {name} must hold whole numbers, none missing")
+    converted: NDArray[Any] = values.astype(wanted)
+    return converted
+
+
+def _standard_units(names: Iterable[str], metadata: dict[str, Any]) -> dict[str, str]:
+    linear = bool(metadata.get("linear"))
+    return {column.name: column.unit_for(linear=linear) for column in COLUMNS if column.name in names}
+
+
+def _time_warnings(time_s: NDArray[Any]) -> list[str]:
+    found = []
+    if not np.all(np.isfinite(time_s)):
+        found.append("time_s holds values that are not finite")
+    if (back := np.flatnonzero(np.diff(time_s) <= 0)).size:
+        found.append(f"time_s does not rise at {back.size} place(s), first at row {back[0] + 1}")
+    return found
+
+
+def _brief(error: Exception) -> str:
+    return str(error).splitlines()[0] if str(error) else type(error).__name__

@@ -1,0 +1,221 @@
+"""The recorder: one thread that empties the servo's ring into the run file and into the rolling history.
+
+The servo thread never waits for it: all it shares with the servo is the ring behind ``drain``. Every use of the ring,
+the history and the writer is under one lock, so the ring keeps a single consumer also when a request starts or stops a
+recording. `status` takes no lock: it answers while the disk hangs.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import logging
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from hapticd.record.errors import RecordingError
+from hapticd.record.files import open_new_run
+from hapticd.record.history import History
+from hapticd.record.metadata import utc_now
+from hapticd.record.schema import Rows
+from hapticd.record.writer import RunWriter
+
+POLL_S = 0.02
+_LOCK_TIMEOUT_S = 5.0
+_DUMP_ROWS = 4096
+
+log = logging.getLogger(__name__)
+
+
+class Recorder:
+    """Records what the servo loop leaves in its ring; starts its thread at once.
+
+    Args:
+        drain: takes all rows waiting in the ring, at most the ring's size; called by one thread at a time.
+        dropped: rows the ring had to drop since the servo loop began.
+        rate_hz: the servo rate now, Hz.
+        metadata: what describes a run begun now; see `metadata.run_metadata`.
+        directory: where runs without a path of their own go.
+    """
+
+    def __init__(
+        self,
+        drain: Callable[[], Rows],
+        dropped: Callable[[], int],
+        rate_hz: Callable[[], float],
+        metadata: Callable[[], Mapping[str, Any]],
+        directory: str | Path,
+    ) -> None:
+        self.directory = Path(directory)
+        self._drain, self._dropped, self._rate_hz, self._metadata = drain, dropped, rate_hz, metadata
+        self._history = History()
+        self._writer: RunWriter | None = None
+        self._path: Path | None = None
+        self._state = "off"
+        self._error: str | None = None
+        self._rows = 0
+        self._dropped_before = 0
+        self._dropped_here = 0
+        self._lock = threading.Lock()
+        self._ending = threading.Event()
+        # Loaded now, so that the first fault does not wait for it.
+        importlib.import_module("pyarrow")
+        self._thread = threading.Thread(target=self._run, name="hapticd-recorder", daemon=True)
+        self._thread.start()
+
+    def start(self, path: str | Path | None = None, label: str = "") -> Path:
+        """Begin a recording; its first row is the first that the ring gives from now on.
+
+        Args:
+            path: the file to create, which must not exist, in a folder that does; None names one in the run directory.
+            label: goes into the metadata and into a name made here.
+
+        Raises:
+            RecordingError: a recording is on, or the file or its folder cannot be made.
+        """
+        described = self._described("run", label)
+        with self._exclusive():
+            if self._writer is not None:
+                raise RecordingError(f"already recording to {self._writer.path}; stop that first")
+            self._pull()
+            writer = RunWriter(path, described) if path else open_new_run(self.directory, "run", label, described)
+            self._dropped_before, self._dropped_here = self._dropped(), 0
+            self._error, self._rows, self._path, self._state = None, 0, writer.path, "recording"
+            self._writer = writer
+            return writer.path
+
+    def stop(self) -> Path | None:
+        """End the recording; every row made before this call is in the file when it returns.
+
+        Returns:
+            The file, also that of a recording which failed since the last start (`status` says why); else None.
+
+        Raises:
+            RecordingError: the disk has not answered for seconds.
+        """
+        with self._exclusive():
+            if self._writer is None:
+                return self._path if self._state == "failed" else None
+            self._pull()
+            self._close()
+            return self._path
+
+    def annotate(self, event: Mapping[str, Any]) -> None:
+        """Note an event (say, a changed setting) in the recording, if one is on."""
+        with self._exclusive():
+            self._pull()
+            if self._writer is not None:
+                self._writer.annotate({"utc": utc_now(), **event})
+
+    def dump_history(self, label: str) -> Path:
+        """Write the last 10 s before now to ``fault-<UTC time>-<label>.arrow``, in the calling thread.
+
+        Raises:
+            RecordingError: the file or its folder cannot be made, or the disk is full.
+        """
+        described = self._described("fault", label)
+        with self._exclusive():
+            self._pull()
+            rows = self._history.snapshot()
+        with open_new_run(self.directory, "fault", label, described) as writer:
+            for start in range(0, rows.size, _DUMP_ROWS):
+                writer.write(rows[start : start + _DUMP_ROWS])
+                writer.flush()
+        return writer.path
+
+    def status(self) -> dict[str, Any]:
+        """The recorder now, without waiting for it.
+
+        Returns:
+            ``state`` (``off``, ``recording``, ``failed``), ``path`` (None when off), ``rows`` and ``dropped`` (of this
+            or the last recording), ``dropped_total`` (since the servo loop began), ``history_rows``, ``error`` (None or
+            text).
+        """
+        return {
+            "state": self._state,
+            "path": None if self._state == "off" else str(self._path),
+            "rows": self._rows,
+            "dropped": self._dropped_here,
+            "dropped_total": self._dropped(),
+            "history_rows": self._history.rows,
+            "error": self._error,
+        }
+
+    def shutdown(self) -> Path | None:
+        """Stop the recording, if any, and end the thread; the recorder cannot be used afterwards.
+
+        Returns:
+            As `stop`.
+        """
+        try:
+            return self.stop()
+        finally:
+            self._ending.set()
+            self._thread.join(_LOCK_TIMEOUT_S)
+
+    def _described(self, kind: str, label: str) -> dict[str, Any]:
+        return {**self._metadata(), "kind": kind, "label": label}
+
+    @contextlib.contextmanager
+    def _exclusive(self) -> Iterator[None]:
+        if not self._lock.acquire(timeout=_LOCK_TIMEOUT_S):
+            raise RecordingError(f"the disk has not answered for {_LOCK_TIMEOUT_S:.0f} s while writing {self._path}")
+        try:
+            yield
+        finally:
+            self._lock.release()
+
+    def _run(self) -> None:
+        while not self._ending.wait(POLL_S):
+            with self._lock:
+                self._pull()
+
+    def _pull(self) -> None:
+        """Take what the ring holds, once: the time is bounded by the ring's size, however fast the producer is."""
+        try:
+            rows = self._drain()
+            self._history.add(rows, self._rate_hz())
+            self._record(rows)
+        except Exception as error:
+            # Whatever broke, the thread lives on: it serves the next recording and the next fault.
+            self._fail(f"recording stopped: {type(error).__name__}: {error}")
+
+    def _record(self, rows: Rows) -> None:
+        if self._writer is None:
+            return
+        try:
+            dropped = self._dropped() - self._dropped_before
+            if dropped > self._dropped_here:
+                self._writer.annotate({"event": "dropped", "utc": utc_now(), "rows": dropped - self._dropped_here})
+                self._dropped_here = dropped
+            self._writer.write(rows)
+            self._rows = self._writer.rows
+        except RecordingError as error:
+            self._rows = self._writer.rows_written
+            self._fail(str(error))
+
+    def _close(self) -> None:
+        """End the file with its counts; what fails on the way is in `status`, and the file is closed all the same."""
+        if self._writer is None:
+            return
+        try:
+            self._writer.annotate({"event": "end", "utc": utc_now(), "rows": self._rows, "dropped": self._dropped_here})
+            self._writer.close()
+        except RecordingError as error:
+            self._rows = self._writer.rows_written
+            self._fail(str(error))
+        else:
+            self._writer, self._state = None, "off"
+
+    def _fail(self, cause: str) -> None:
+        """Say why once, and close the file at its last whole batch."""
+        if cause != self._error:
+            log.error("%s", cause)
+        self._error = cause
+        writer, self._writer = self._writer, None
+        if writer is not None:
+            self._state = "failed"
+            with contextlib.suppress(RecordingError):
+                writer.close(complete=False)

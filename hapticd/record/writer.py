@@ -1,0 +1,187 @@
+"""Write rows to an Arrow IPC stream that stays readable whatever ends the process.
+
+Batches are encoded in memory and handed to the kernel whole, at least every `FLUSH_S` seconds: what the kernel has, a
+SIGKILL cannot take back. A batch that does not fit on the disk is cut off again, so the file ends on a whole batch.
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import json
+import os
+import stat
+import time
+from collections.abc import Mapping
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from hapticd.record.arrow import END_OF_STREAM, arrow_schema, rows_to_batch
+from hapticd.record.errors import RecordingError, RunExistsError
+from hapticd.record.metadata import complete_metadata, to_plain
+from hapticd.record.schema import Rows, check_rows, empty_rows
+
+FLUSH_S = 0.1
+BATCH_ROWS = 16384
+_DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+
+
+class RunWriter:
+    """A run file being written. Not thread-safe; the recorder serialises its calls.
+
+    Also a context manager: leaving the block on an exception keeps the rows but leaves the end mark out, so that
+    readers report the run as cut short.
+
+    Args:
+        path: the file to create; its folder must exist.
+        metadata: see `metadata.run_metadata`; what is left out is filled in.
+
+    Raises:
+        RunExistsError: the file exists.
+        RecordingError: it cannot be created.
+    """
+
+    def __init__(self, path: str | Path, metadata: Mapping[str, Any]) -> None:
+        self.path = Path(path)
+        self.rows_written = 0
+        self._schema = arrow_schema(complete_metadata(metadata))
+        self._pending: list[Rows] = []
+        self._pending_rows = 0
+        self._events: list[Any] = []
+        self._last_flush = time.monotonic()
+        self._size = 0
+        self._open = True
+        self._failure: RecordingError | None = None
+        try:
+            self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+        except FileExistsError:
+            raise RunExistsError(f"{self.path} exists: a recording never overwrites a file") from None
+        except OSError as error:
+            raise RecordingError(f"cannot create {self.path}: {error.strerror}") from error
+        import pyarrow as pa
+
+        self._staging = io.BytesIO()
+        self._encoder = pa.ipc.new_stream(self._staging, self._schema)
+        try:
+            # Arrow holds the schema back until the first batch: an empty one makes the file readable from here on.
+            self._write_batch(empty_rows())
+        except RecordingError:
+            # Without even its schema the file is nothing that a reader could use.
+            os.close(self._fd)
+            self.path.unlink(missing_ok=True)
+            raise
+
+    @property
+    def rows(self) -> int:
+        """Rows accepted so far, on disk or waiting for the next batch."""
+        return self.rows_written + self._pending_rows
+
+    def write(self, rows: Rows) -> None:
+        """Append rows (copied) and write a batch when one is due; call it with no rows, too, to keep time.
+
+        Raises:
+            RecordingError: the disk is full or failed; the file ends on its last whole batch and takes no more rows.
+            TypeError: the rows are not of `schema.ROW`.
+        """
+        check_rows(rows)
+        self._check_open()
+        if rows.size >= BATCH_ROWS:
+            self.flush()
+            for start in range(0, rows.size, BATCH_ROWS):
+                self._write_batch(rows[start : start + BATCH_ROWS])
+            return
+        if rows.size:
+            self._pending.append(rows.copy())
+            self._pending_rows += rows.size
+        if self._pending_rows >= BATCH_ROWS or time.monotonic() - self._last_flush >= FLUSH_S:
+            self.flush()
+
+    def annotate(self, event: Mapping[str, Any]) -> None:
+        """Keep an event of the run (a changed setting, lost rows) with the rows, as ``row`` the number of the next row.
+
+        Events go into the custom metadata of the next batch, because a stream's schema cannot change once written.
+        """
+        self._check_open()
+        self._events.append(to_plain({"row": self.rows, **event}))
+
+    def flush(self) -> None:
+        """Hand what is pending to the kernel now.
+
+        Raises:
+            RecordingError: as in `write`.
+        """
+        self._check_open()
+        self._last_flush = time.monotonic()
+        if self._pending_rows or self._events:
+            rows = np.concatenate(self._pending) if self._pending else empty_rows()
+            self._pending, self._pending_rows = [], 0
+            self._write_batch(rows)
+
+    def close(self, *, complete: bool = True) -> None:
+        """Write what is pending, the end mark (if ``complete``) and sync to the disk. A second call does nothing.
+
+        Raises:
+            RecordingError: the end of the run did not reach the disk; the file is closed all the same.
+        """
+        if not self._open:
+            return
+        try:
+            if self._failure is None:
+                self.flush()
+                if complete:
+                    self._staging.write(END_OF_STREAM)
+                    self._write_staged()
+                if stat.S_ISREG(os.fstat(self._fd).st_mode):
+                    os.fsync(self._fd)
+        except OSError as error:
+            raise RecordingError(f"{self.path} may be incomplete: {error.strerror}") from error
+        finally:
+            self._open = False
+            os.close(self._fd)
+
+    def _check_open(self) -> None:
+        if self._failure is not None:
+            raise self._failure
+        if not self._open:
+            raise RecordingError(f"{self.path} is closed")
+
+    def _write_batch(self, rows: Rows) -> None:
+        notes = {"hapticd.events": json.dumps(self._events, allow_nan=False)} if self._events else None
+        self._events = []
+        self._encoder.write_batch(rows_to_batch(rows, self._schema), custom_metadata=notes)
+        self._write_staged()
+        self.rows_written += rows.size
+
+    def _write_staged(self) -> None:
+        """Write the staged bytes; on an error cut the file back to what was whole."""
+        with self._staging.getbuffer() as staged:
+            written = 0
+            try:
+                while written < staged.nbytes:
+                    written += os.write(self._fd, staged[written:])
+            except OSError as error:
+                self._failure = self._cut_back(error)
+                raise self._failure from error
+            self._size += staged.nbytes
+        self._staging.seek(0)
+        self._staging.truncate()
+
+    def _cut_back(self, error: OSError) -> RecordingError:
+        cause = "the disk is full" if error.errno in _DISK_FULL else "the disk failed"
+        kept = f"{self.rows_written} rows are kept in {self.path}"
+        try:
+            os.ftruncate(self._fd, self._size)
+        except OSError:
+            kept += " (its last batch is torn; readers leave it out)"
+        return RecordingError(f"recording stopped: {cause} ({error.strerror}); {kept}")
+
+    def __enter__(self) -> RunWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close(complete=kind is None)

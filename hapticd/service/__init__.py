@@ -1,0 +1,1 @@
+"""The daemon: life cycle, control API, experiments."""

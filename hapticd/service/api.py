@@ -1,0 +1,256 @@
+"""The control API: HTTP and JSON on a Unix socket, served from a thread of its own.
+
+No request reaches the servo thread. Requests are answered by small pools of threads, so that a flood of them can
+neither pile up threads nor stand in the way of a stop: queries, commands (one at a time, in order), stops, e-stops.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, cast
+
+import uvicorn
+from fastapi import FastAPI
+from starlette.responses import Response
+
+from hapticd.service import replies, schemas, socket
+from hapticd.service.control import Control, JsonDict
+
+log = logging.getLogger("hapticd.api")
+
+DESCRIPTION = """Control of a running hapticd daemon over its Unix socket.
+
+Everyone who may write to the socket may command the motor; its owner, group and mode are the access control.
+`/estop` is a software stop, not a safety-rated one.
+"""
+
+ERRORS: dict[int | str, dict[str, Any]] = {
+    400: {"model": schemas.ErrorReply, "description": "The body is not JSON."},
+    409: {"model": schemas.ErrorReply, "description": "Refused in the daemon's present state."},
+    413: {"model": schemas.ErrorReply, "description": "The body is longer than 64 KiB."},
+    422: {"model": schemas.ErrorReply, "description": "The request or a setting in it is wrong."},
+    502: {"model": schemas.ErrorReply, "description": "The device or its driver failed."},
+}
+
+BODIES = {
+    "/start": schemas.EmptyBody,
+    "/stop": schemas.EmptyBody,
+    "/clear": schemas.EmptyBody,
+    "/set": schemas.SetBody,
+    "/release": schemas.ReleaseBody,
+    "/excite": schemas.ExciteBody,
+    "/record/start": schemas.RecordBody,
+    "/record/stop": schemas.EmptyBody,
+    "/reload": schemas.ReloadBody,
+}
+
+
+class Desk:
+    """One queue of requests with its own threads."""
+
+    def __init__(self, name: str, workers: int) -> None:
+        self.pool = ThreadPoolExecutor(workers, thread_name_prefix=f"hapticd-{name}")
+
+    async def ask(self, method: Callable[..., JsonDict], *arguments: Any) -> Response:
+        """Call ``method`` on one of the desk's threads and reply with what it returns."""
+        try:
+            answer = await asyncio.get_running_loop().run_in_executor(self.pool, method, *arguments)
+        except replies.ANSWERS:
+            raise
+        except Exception as error:
+            log.exception("request failed")
+            raise replies.Internal from error
+        return replies.JsonReply(answer)
+
+
+class Desks:
+    """The desks of one API. Stops have their own, so that nothing slow is ever in front of them."""
+
+    def __init__(self) -> None:
+        self.queries = Desk("query", 2)
+        self.commands = Desk("command", 1)
+        self.stops = Desk("stop", 1)
+        self.estops = Desk("estop", 2)
+
+    def close(self) -> None:
+        """Let the threads go; what waits is dropped, what runs is not waited for."""
+        for desk in (self.queries, self.commands, self.stops, self.estops):
+            desk.pool.shutdown(wait=False, cancel_futures=True)
+
+
+def create_app(control: Control, desks: Desks | None = None) -> FastAPI:
+    """The API of one daemon.
+
+    Args:
+        control: the daemon.
+        desks: threads to answer on; made here when None.
+    """
+    desks = desks or Desks()
+    app = FastAPI(title="hapticd", version="1", description=DESCRIPTION, docs_url=None, redoc_url=None)
+    replies.install(app, BODIES)
+    _add_queries(app, control, desks)
+    _add_commands(app, control, desks)
+    _add_experiments(app, control, desks)
+    return app
+
+
+def openapi_document() -> dict[str, Any]:
+    """The OpenAPI document, without a daemon."""
+    return create_app(cast(Control, _Nobody())).openapi()
+
+
+class _Nobody:
+    """Stands where the daemon would be while the document is made; no method of it is ever called."""
+
+    def __getattr__(self, name: str) -> None:
+        return None
+
+
+def _documented(model: type[schemas.Reply] | None, *errors: int) -> dict[str, Any]:
+    """Route arguments: the reply's shape is documented, not re-validated, because the daemon made it."""
+    responses = {code: ERRORS[code] for code in errors}
+    if model is not None:
+        responses[200] = {"model": model, "description": "Done."}
+    return {"response_class": replies.JsonReply, "response_model": None, "responses": responses}
+
+
+def _add_queries(app: FastAPI, control: Control, desks: Desks) -> None:
+    @app.get("/status", **_documented(schemas.Status))
+    async def status() -> Response:
+        """State, fault, timing, operating point, position and recorder."""
+        return await desks.queries.ask(control.status)
+
+    @app.get("/config", **_documented(None))
+    async def config() -> Response:
+        """The config in force, section by section."""
+        return await desks.queries.ask(control.config)
+
+    @app.get("/experiment", **_documented(schemas.Experiment))
+    async def experiment() -> Response:
+        """The newest experiment and how far it is."""
+        return await desks.queries.ask(control.experiment)
+
+
+def _add_commands(app: FastAPI, control: Control, desks: Desks) -> None:
+    refusable = _documented(schemas.Status, 400, 409, 413, 422, 502)
+
+    @app.post("/start", **refusable)
+    async def start(body: schemas.EmptyBody | None = None) -> Response:
+        """Enable the amplifier and render the spring."""
+        return await desks.commands.ask(control.start)
+
+    @app.post("/stop", **refusable)
+    async def stop(body: schemas.EmptyBody | None = None) -> Response:
+        """Zero current, then disable; ends a running experiment."""
+        return await desks.stops.ask(control.stop)
+
+    @app.post("/estop", **_documented(schemas.Status))
+    async def estop() -> Response:
+        """Zero current at once, disable, latch a fault. Answered beside all other requests; any body is ignored."""
+        return await desks.estops.ask(control.estop)
+
+    @app.post("/clear", **refusable)
+    async def clear(body: schemas.EmptyBody | None = None) -> Response:
+        """Clear a latched fault."""
+        return await desks.commands.ask(control.clear)
+
+    @app.post("/set", **_documented(schemas.SetReply, 400, 409, 413, 422))
+    async def change(body: schemas.SetBody) -> Response:
+        """Change live settings, all or none, between two ticks."""
+        return await desks.commands.ask(control.set, dict(body.settings))
+
+    @app.post("/reload", **refusable)
+    async def reload(body: schemas.ReloadBody | None = None) -> Response:
+        """Read the config anew; a wrong one leaves the one in force untouched."""
+        return await desks.commands.ask(control.reload, body.path if body else None)
+
+    @app.post("/record/start", **_documented(schemas.RecorderStatus, 400, 409, 413, 422))
+    async def record_start(body: schemas.RecordBody | None = None) -> Response:
+        """Start recording every tick."""
+        return await desks.commands.ask(control.record_start, body.path if body else None)
+
+    @app.post("/record/stop", **_documented(schemas.RecorderStatus, 400, 409, 413, 422))
+    async def record_stop(body: schemas.EmptyBody | None = None) -> Response:
+        """Stop recording and close the file."""
+        return await desks.commands.ask(control.record_stop)
+
+
+def _add_experiments(app: FastAPI, control: Control, desks: Desks) -> None:
+    @app.post("/release", **_documented(schemas.ReleaseReply, 400, 409, 413, 422, 502))
+    async def release(body: schemas.ReleaseBody) -> Response:
+        """Start the Fig. 8 experiment; poll /experiment for its end."""
+        return await desks.commands.ask(control.release, float(body.deflection), body.duration_s)
+
+    @app.post("/excite", **_documented(schemas.JobReply, 400, 409, 413, 422, 502))
+    async def excite(body: schemas.ExciteBody) -> Response:
+        """Start an identification experiment; poll /experiment for its end."""
+        options = body.model_dump(include={"amplitude", "duration_s"}, exclude_none=True)
+        return await desks.commands.ask(control.excite, body.name, options)
+
+
+class ApiServer:
+    """The API on its socket, in the thread ``hapticd-api``.
+
+    Args:
+        control: the daemon.
+        socket_path: where the socket is to be.
+        mode: its permission bits.
+        group: its group by name or number, None for the process's own.
+    """
+
+    STOP_TIMEOUT_S = 5.0
+
+    def __init__(self, control: Control, socket_path: Path, mode: int = 0o660, group: str | None = None) -> None:
+        self.socket_path, self.mode, self.group = socket_path, mode, group
+        self._desks = Desks()
+        settings = uvicorn.Config(
+            create_app(control, self._desks),
+            http="h11",
+            ws="none",
+            lifespan="off",
+            loop="asyncio",
+            backlog=socket.BACKLOG,
+            log_config=None,
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+            timeout_graceful_shutdown=1,
+        )
+        self._server = uvicorn.Server(settings)
+        self._bound: socket.BoundSocket | None = None
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Bind the socket and begin to answer.
+
+        Raises:
+            SocketError: the socket cannot be had; nothing is left behind.
+        """
+        bound = self._bound = socket.bind(self.socket_path, self.mode, self.group)
+        # uvicorn takes over signal handlers only in the main thread, and this is not it.
+        self._thread = threading.Thread(
+            target=self._server.run, kwargs={"sockets": [bound.socket]}, name="hapticd-api", daemon=True
+        )
+        self._thread.start()
+        while not self._server.started:
+            if not self._thread.is_alive():
+                self.stop()
+                raise socket.SocketError(f"the control API did not start on {self.socket_path}; its log says why")
+            time.sleep(0.005)
+
+    def stop(self) -> None:
+        """Stop answering and remove the socket. Safe to call twice and without a start."""
+        self._server.should_exit = True
+        if self._thread is not None:
+            self._thread.join(self.STOP_TIMEOUT_S)
+            self._thread = None
+        if self._bound is not None:
+            self._bound.close()
+            self._bound = None
+        self._desks.close()

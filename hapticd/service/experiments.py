@@ -1,0 +1,164 @@
+"""Experiments as jobs: ``release`` (Fig. 8) and ``excite``. One at a time, in a thread of its own, always recorded.
+
+An experiment starts from rest and ends with the motor off. What it found is computed from its own recording, that is from
+what the encoder saw, not from the model.
+"""
+
+from __future__ import annotations
+
+import itertools
+import logging
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hapticd.record import RecordingError, read_run
+from hapticd.record.schema import FLAG_RUNNING
+from hapticd.service.control import Refused
+from hapticd.servo import faults
+from hapticd.servo import layout as w
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from hapticd.service.rig import Rig
+
+log = logging.getLogger(__name__)
+
+REST_S = 0.2
+REST_TIMEOUT_S = 5.0
+RELEASE_DURATION_S = 3.0
+_POLL_S = 0.02
+_RUNAWAY = (faults.OVER_SPEED, faults.EXCURSION, faults.OVER_CURRENT, faults.ENCODER_JUMP)
+
+
+class Experiment:
+    """One running or finished experiment."""
+
+    _numbers = itertools.count(1)
+
+    def __init__(self, kind: str, duration_s: float) -> None:
+        self.id = next(self._numbers)
+        self.kind = kind
+        self.duration_s = duration_s
+        self.state = "running"
+        self.result: dict[str, Any] | None = None
+        self.cancelled = threading.Event()
+        self.thread: threading.Thread | None = None
+        self._began = time.monotonic()
+
+    def report(self) -> dict[str, Any]:
+        """``id``, ``kind``, ``state``, ``progress`` and ``result``."""
+        elapsed = (time.monotonic() - self._began) / self.duration_s
+        progress = min(0.99, elapsed) if self.state == "running" else 1.0
+        return {"id": self.id, "kind": self.kind, "state": self.state, "progress": progress, "result": self.result}
+
+
+IDLE = {"id": 0, "kind": None, "state": "idle", "progress": 0.0, "result": None}
+
+
+def wait_for_rest(rig: Rig, timeout_s: float = REST_TIMEOUT_S) -> int:
+    """Counts of a shaft that has not moved for 0.2 s.
+
+    Raises:
+        Refused: it keeps moving.
+    """
+    deadline = time.monotonic() + timeout_s
+    last, since = rig.counts, time.monotonic()
+    while time.monotonic() < deadline:
+        time.sleep(_POLL_S)
+        counts = rig.counts
+        if counts != last:
+            last, since = counts, time.monotonic()
+        elif time.monotonic() - since >= REST_S:
+            return counts
+    raise Refused("moving", f"the shaft has not come to rest within {timeout_s:g} s; hold it still and try again")
+
+
+def start_recording(rig: Rig, label: str) -> Path:
+    """A recording of this experiment alone; one that is on is ended first."""
+    try:
+        rig.recorder.stop()
+        return rig.recorder.start(None, label)
+    except RecordingError as error:
+        raise Refused("recording", str(error)) from error
+
+
+def run_job(
+    experiment: Experiment, rig: Rig, path: Path, finished: Callable[[], bool], conclude: Callable[[], dict[str, Any]]
+) -> None:
+    """Wait for the end (or a fault, or a stop), switch off, close the recording, and work out the result."""
+    try:
+        while not finished() and rig.state == w.RUNNING and not experiment.cancelled.wait(_POLL_S):
+            pass
+        faulted = rig.state == w.FAULT
+        ended_early = not finished()
+        rig.ask(state=w.OFF, excitation_id=0, excitation_length=0)
+        rig.wait(lambda: rig.state in (w.OFF, w.FAULT), 1.0)
+        time.sleep(3 * _POLL_S)
+        rig.recorder.stop()
+        result = {"run": str(path), **conclude()}
+        if faulted:
+            number = rig.fault_number
+            result["fault"] = faults.KINDS[number].code if number in faults.KINDS else None
+        experiment.result = result
+        experiment.state = "aborted" if ended_early and not faulted else "done"
+    except Exception as error:
+        log.exception("experiment %d failed", experiment.id)
+        experiment.result = {"run": str(path), "error": f"{type(error).__name__}: {error}"}
+        experiment.state = "aborted"
+
+
+def release_result(path: Path, decimation: int, origin_counts: int, fault_number: int) -> dict[str, Any]:
+    """What a release did, from its recording.
+
+    Returns:
+        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``), ``final`` position in coarse ticks
+        (true to one raw count), ``rest`` (after how many periods and s, None while moving) and ``oscillation`` of the last
+        quarter (peak to peak in ticks and raw counts, frequency in Hz).
+    """
+    run = read_run(path)
+    running = (run.columns["flags"] & FLAG_RUNNING) != 0
+    counts = run.columns["encoder_counts"][running]
+    tick = run.columns["tick"][running]
+    time_s = run.columns["time_s"][running]
+    if len(counts) < 4:
+        return {"outcome": None, "final": None, "rest": None, "oscillation": None}
+    xi = (counts - origin_counts + 0.5) / decimation
+    moving = np.flatnonzero(np.diff(counts) != 0)
+    last_move = int(moving[-1]) + 1 if len(moving) else 0
+    at_rest = time_s[-1] - time_s[last_move] >= max(REST_S, 0.1 * (time_s[-1] - time_s[0]))
+    quarter = len(counts) // 4
+    tail, before = counts[-quarter:], counts[-2 * quarter : -quarter]
+    swing, swing_before = float(np.ptp(tail)), float(np.ptp(before))
+    if fault_number in _RUNAWAY:
+        outcome = "growing"
+    elif at_rest or swing < 0.9 * swing_before:
+        outcome = "decaying"
+    else:
+        outcome = "growing" if swing > 1.1 * swing_before else "persistent"
+    rest = None
+    if at_rest:
+        rest = {"after_periods": int(tick[last_move] - tick[0]), "after_s": float(time_s[last_move] - time_s[0])}
+    return {
+        "outcome": outcome,
+        "final": {"position_ticks": float(xi[-1])},
+        "rest": rest,
+        "oscillation": None if at_rest else _oscillation(tail, time_s[-quarter:], swing, decimation),
+    }
+
+
+def _oscillation(
+    counts: NDArray[np.int64], time_s: NDArray[np.float64], swing: float, decimation: int
+) -> dict[str, float | None]:
+    centred = counts - counts.mean()
+    crossings = np.flatnonzero((centred[:-1] < 0) & (centred[1:] >= 0))
+    frequency = None
+    if len(crossings) > 1:
+        frequency = float((len(crossings) - 1) / (time_s[crossings[-1]] - time_s[crossings[0]]))
+    return {"peak_to_peak_ticks": swing / decimation, "peak_to_peak_counts": swing, "frequency_hz": frequency}

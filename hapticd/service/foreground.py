@@ -1,0 +1,217 @@
+"""``hapticd run`` for a person at a terminal: what is being driven, how real-time it is, a live line, a summary.
+
+Without a terminal the same facts go to the log: the banner once, then one line for every change of state.
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import signal
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+from types import FrameType
+from typing import TYPE_CHECKING, Any
+
+from rich.console import Console
+from rich.live import Live
+from rich.text import Text
+
+from hapticd.config import ConfigError
+from hapticd.service.api import ApiServer
+from hapticd.service.control import DriverFailure, Refused
+from hapticd.service.daemon import Daemon
+from hapticd.service.latch import FaultLatch
+from hapticd.servo import layout as w
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+
+log = logging.getLogger(__name__)
+
+EXIT_OK = 0
+EXIT_FAULT = 5
+
+_REGIONS = {
+    "A": "passive: energy falls at any speed",
+    "B": "passive when moving fast; buzzes at less than a tick",
+    "C": "unstable",
+    "D": "unstable at this speed",
+    "E": "locally stable",
+    "D|E": "stable for slow motion, unstable for fast (see 'hapticd check')",
+    "F1": "dissipating despite the delay",
+    "F2": "stable, energy may rise for a moment",
+}
+
+
+def banner(daemon: Daemon, socket: Path, source: str) -> list[str]:
+    """What a person wants to know before touching the handle, one line each."""
+    rig = daemon.rig
+    config = rig.config
+    unit = "m" if config.is_linear else "rad"
+    status = daemon.status()
+    point = status["operating_point"]
+    per = "m" if config.is_linear else "rev"
+    counts = config.encoder.counts_per_metre if config.is_linear else config.encoder.counts_per_rev
+    lines = [
+        f"device      {rig.driver.describe()}",
+        f"config      {source}, digest {status['config_digest']}",
+        f"servo       {config.servo.rate_hz:g} Hz, overrun policy {config.servo.overrun.policy}",
+        f"encoder     {counts:g} counts/{per}, decimation {config.encoder.decimation}: "
+        f"one coarse tick is {config.resolution:.4g} {unit}",
+        f"operating   μ {point['mu']:.4g}  β {point['beta']:.4g}  σ {point['sigma']:.4g}  τ_D {point['tau_d']:.4g}",
+        f"            region {point['region']}: {_REGIONS.get(point['region'], '')}",
+    ]
+    for grant in rig.servo.grants:
+        lines.append(f"real time   {'yes' if grant.granted else 'NO '} {grant.name}: {grant.detail}")
+        if not grant.granted:
+            lines.append(f"            to get it: {grant.fix}")
+    if rig.driver.calls_python:
+        lines.append(
+            "WARNING     this driver runs Python code inside the tick: fine for bring-up, late whenever the GIL is busy"
+        )
+    lines.append(f"socket      {socket}")
+    lines.append(f"recordings  {rig.recorder.directory}" + ("" if config.record.enabled else " (only on request)"))
+    if status["fault"]:
+        lines.append(
+            f"FAULT       latched from before: {status['fault']['cause']}; 'hapticd clear' when the rig is safe"
+        )
+    else:
+        lines.append(
+            "motor       off, zero current; 'hapticd start' renders the spring, 'hapticd release' runs Fig. 8; Ctrl-C ends"
+        )
+    return lines
+
+
+def live_line(status: dict[str, Any]) -> str:
+    """One line of the present."""
+    timing, recorder = status["timing"], status["recorder"]
+    late = timing["wake_us"]
+    late_text = f"late p50 {late['p50']:.0f} max {late['max']:.0f} µs" if late["p50"] is not None else "late -"
+    line = (
+        f"{status['state']:<8}{status['position_ticks']:+12.3f} ticks {status['current']:+7.3f} A  "
+        f"{timing['ticks']} ticks, missed {timing['missed']}, {late_text}"
+    )
+    if recorder["path"]:
+        line += f"  rec {recorder['rows']} rows" + (f" ({recorder['dropped']} dropped)" if recorder["dropped"] else "")
+    if recorder["error"]:
+        line += f"  RECORDING: {recorder['error']}"
+    if status["fault"]:
+        line = f"FAULT {status['fault']['code']}: {status['fault']['cause']}  ('hapticd clear')"
+    return line
+
+
+def summary(status: dict[str, Any], rows: int) -> list[str]:
+    """What happened, after the end."""
+    timing = status["timing"]
+
+    def quantiles(name: str) -> str:
+        values = timing[name]
+        if values["p50"] is None:
+            return "-"
+        return (
+            f"p50 {values['p50']:.1f}  p99 {values['p99']:.1f}  p99.9 {values['p999']:.1f}  max {values['max']:.1f} µs"
+        )
+
+    return [
+        f"ticks       {timing['ticks']}, missed periods {timing['missed']}, missed exchanges {status['exchanges_missed']}",
+        f"late        {quantiles('wake_us')}",
+        f"execution   {quantiles('exec_us')}",
+        f"recorded    {rows} rows, {status['recorder']['dropped_total']} dropped",
+    ]
+
+
+@dataclass
+class _Signals:
+    """Set by the handlers, read by the main loop."""
+
+    wake: threading.Event
+    ending: bool = False
+    reload: bool = False
+
+    def install(self) -> None:
+        """SIGTERM and SIGINT end the daemon; SIGHUP reloads its config."""
+        for number in (signal.SIGTERM, signal.SIGINT):
+            signal.signal(number, self._end)
+        signal.signal(signal.SIGHUP, self._reload)
+
+    def _end(self, _number: int, _frame: FrameType | None) -> None:
+        self.ending = True
+        self.wake.set()
+
+    def _reload(self, _number: int, _frame: FrameType | None) -> None:
+        self.reload = True
+        self.wake.set()
+
+
+def run_foreground(
+    config: Config,
+    *,
+    source: str | None = None,
+    socket: Path | None = None,
+    autostart: bool = False,
+    console: Console | None = None,
+) -> int:
+    """Run the daemon until SIGINT or SIGTERM; the motor ends at zero current, switched off.
+
+    Returns:
+        0, or 5 when it ended with a latched fault.
+
+    Raises:
+        DriverError, RealtimeError: the rig cannot be started. SocketError: the socket cannot be had.
+    """
+    console = console or Console(stderr=True)
+    path = socket or Path(config.api.socket)
+    signals = _Signals(threading.Event())
+    signals.install()
+    console.print(
+        "starting (the first start compiles the servo loop, about ten seconds) …", style="dim", highlight=False
+    )
+    reserved = ApiServer.reserve(path, config.api.mode, config.api.group)
+    try:
+        daemon = Daemon(config, source, FaultLatch(path))
+    except BaseException:
+        reserved.release()
+        raise
+    server = ApiServer(daemon, reserved)
+    try:
+        server.start()
+        for line in banner(daemon, path, source or "re35 (built in)"):
+            console.print(line, highlight=False, markup=False, soft_wrap=True)
+        if autostart:
+            try:
+                daemon.start()
+            except (Refused, DriverFailure) as error:
+                log.error("cannot start: %s", error)
+        _watch(daemon, signals, console)
+    finally:
+        rows = daemon.rig.core.load(w.C_RING_HEAD)
+        server.stop()
+        daemon.shutdown()
+    status = daemon.status()
+    for line in summary(status, daemon.rows_recorded):
+        console.print(line, highlight=False, markup=False, soft_wrap=True)
+    del rows
+    return EXIT_FAULT if status["fault"] else EXIT_OK
+
+
+def _watch(daemon: Daemon, signals: _Signals, console: Console) -> None:
+    shown = None
+    with Live(console=console, auto_refresh=False, transient=True) as live:
+        while not signals.ending:
+            signals.wake.wait(0.2)
+            signals.wake.clear()
+            if signals.reload:
+                signals.reload = False
+                try:
+                    daemon.reload(None)
+                except (ConfigError, Refused, DriverFailure) as error:
+                    log.error("reload refused, the old configuration stays in force: %s", error)
+            status = daemon.status()
+            if console.is_terminal:
+                live.update(Text(live_line(status), overflow="ellipsis", no_wrap=True), refresh=True)
+            elif status["state"] != shown:
+                log.info("state %s", status["state"])
+            shown = status["state"]
+    os.sched_yield()

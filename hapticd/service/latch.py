@@ -1,0 +1,51 @@
+"""The latched fault on disk: a fault outlives the daemon, and only an explicit ``clear`` removes it."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from hapticd.servo import faults
+
+
+def state_directory() -> Path:
+    """systemd's ``$STATE_DIRECTORY``, else ``$XDG_STATE_HOME/hapticd``, else ``~/.local/state/hapticd``."""
+    if directory := os.environ.get("STATE_DIRECTORY"):
+        return Path(directory.split(":")[0])
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local/state") / "hapticd"
+
+
+class FaultLatch:
+    """One file for one daemon, told apart by the name of its socket."""
+
+    def __init__(self, socket: Path) -> None:
+        self.path = state_directory() / f"fault-{socket.stem}.json"
+
+    def load(self) -> dict[str, Any] | None:
+        """The fault latched before a restart: ``code``, ``cause``, ``help``, ``number``; None when there is none.
+
+        A file that cannot be understood counts as a fault too: it says that something happened.
+        """
+        try:
+            text = self.path.read_text()
+        except FileNotFoundError:
+            return None
+        try:
+            fault = json.loads(text)
+            return {**fault, "number": faults.NUMBERS[fault["code"]]}
+        except (ValueError, KeyError, TypeError):
+            cause = f"{self.path} holds a latched fault that cannot be read; look at the machine, then 'hapticd clear'"
+            return {"code": "estop", "cause": cause, "help": "docs/faults/estop.md", "number": faults.ESTOP}
+
+    def store(self, fault: dict[str, Any]) -> None:
+        """Write the fault, whole or not at all."""
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = self.path.with_suffix(".new")
+        temporary.write_text(json.dumps(fault, indent=1) + "\n")
+        temporary.replace(self.path)
+
+    def remove(self) -> None:
+        """Forget it."""
+        self.path.unlink(missing_ok=True)

@@ -1,0 +1,166 @@
+"""How answers and errors look on the wire: JSON always, one error shape, never a traceback.
+
+Non-finite numbers have no JSON form; a velocity that is not known yet is sent as ``null``.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from typing import Any
+
+import pydantic_core
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from pydantic import BaseModel
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from hapticd.config import ConfigError
+from hapticd.service.control import DriverFailure, Refused
+from hapticd.servo.excitation import ExcitationError
+
+MAX_BODY_BYTES = 64 * 1024
+UNLIMITED_PATHS = frozenset({"/estop"})
+"""An emergency stop is never refused for its form; its body is not even read."""
+
+ANSWERS = (Refused, ConfigError, ExcitationError, DriverFailure)
+"""Exceptions of the daemon that are answers to the request; every other one is a failure inside the daemon."""
+
+LONGEST_QUOTE = 60
+
+
+class Internal(Exception):  # noqa: N818 - carries no text of its own on purpose
+    """An unexpected exception in the daemon; its traceback is in the log, not in the reply."""
+
+
+class JsonReply(Response):
+    """A JSON reply in which numpy scalars and paths are plain values, and non-finite numbers ``null``."""
+
+    media_type = "application/json"
+
+    def render(self, content: Any) -> bytes:
+        """Serialise ``content``."""
+        return pydantic_core.to_json(content, inf_nan_mode="null", fallback=_plain)
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else str(value)
+
+
+def error_reply(status: int, code: str, message: str, **more: Any) -> JsonReply:
+    """The one shape of an error: ``{"error": {"code", "message", …}}``."""
+    return JsonReply({"error": {"code": code, "message": message, **more}}, status_code=status)
+
+
+def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
+    """Register the body limit and a handler for every exception a request can meet.
+
+    Args:
+        app: the application.
+        bodies: path to body model, to name the fields that exist when an unknown one is sent.
+    """
+
+    async def refused(_: Request, error: Exception) -> Response:
+        assert isinstance(error, Refused)
+        return error_reply(409, error.code, error.message)
+
+    async def config(_: Request, error: Exception) -> Response:
+        assert isinstance(error, ConfigError)
+        return error_reply(422, "config", str(error), problems=[asdict(problem) for problem in error.problems])
+
+    async def excitation(_: Request, error: Exception) -> Response:
+        return error_reply(422, "excitation", str(error))
+
+    async def driver(_: Request, error: Exception) -> Response:
+        return error_reply(502, "driver", str(error))
+
+    async def internal(_: Request, error: Exception) -> Response:
+        return error_reply(500, "internal", "the daemon failed inside itself while answering; its log has the details")
+
+    async def invalid(request: Request, error: Exception) -> Response:
+        assert isinstance(error, RequestValidationError)
+        first = error.errors()[0]
+        if first["type"] == "json_invalid":
+            reason = first.get("ctx", {}).get("error", "")
+            return error_reply(400, "json", f"the body is not valid JSON: {reason} at character {first['loc'][-1]}")
+        fields = bodies[request.url.path].model_fields if request.url.path in bodies else {}
+        return error_reply(422, "request", "; ".join(describe(problem, list(fields)) for problem in error.errors()))
+
+    async def http(request: Request, error: Exception) -> Response:
+        assert isinstance(error, HTTPException)
+        if error.status_code == 404:
+            return error_reply(404, "not_found", f"no such path: {request.url.path}; /openapi.json lists them all")
+        if error.status_code == 405:
+            return error_reply(405, "method", f"{request.method} is not the method of {request.url.path}")
+        if error.status_code == 400:
+            return error_reply(400, "json", "the body cannot be read as JSON")
+        return error_reply(error.status_code, "request", str(error.detail))
+
+    for kind, handler in (
+        (Refused, refused),
+        (ConfigError, config),
+        (ExcitationError, excitation),
+        (DriverFailure, driver),
+        (Internal, internal),
+        (RequestValidationError, invalid),
+        (HTTPException, http),
+    ):
+        app.add_exception_handler(kind, handler)
+    app.add_middleware(BodyLimit)
+
+
+def describe(problem: Mapping[str, Any], fields: list[str]) -> str:
+    """One sentence about one problem pydantic found in a body."""
+    where = ".".join(str(part) for part in problem["loc"][1:])
+    kind, value = problem["type"], problem.get("input")
+    if kind == "extra_forbidden":
+        nearest = difflib.get_close_matches(where, fields, n=1)
+        hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
+        return f"unknown field {where!r}{hint} (fields: {', '.join(fields) or 'none'})"
+    if kind == "missing":
+        return f"missing field {where!r}" if where else "a JSON body is needed (Content-Type: application/json)"
+    if not where:
+        return "the body must be a JSON object (Content-Type: application/json)"
+    message = problem["msg"][:1].lower() + problem["msg"][1:]
+    return f"{where}: {message}, got {quote(value)}"
+
+
+def quote(value: Any) -> str:
+    """``value`` as JSON would write it (NaN and Infinity included), cut to a readable length."""
+    text = json.dumps(value, default=str)
+    return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}…"
+
+
+class BodyLimit:
+    """Reads the body before the application does, up to a limit, whether or not its length was announced."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer 413 to a body beyond the limit, pass everything else on."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        body = b""
+        more = scope["path"] not in UNLIMITED_PATHS
+        while more:
+            message = await receive()
+            if message["type"] == "http.disconnect":
+                return
+            body += message.get("body", b"")
+            more = message.get("more_body", False)
+            if len(body) > MAX_BODY_BYTES:
+                reply = error_reply(413, "too_large", f"the body is longer than {MAX_BODY_BYTES} bytes")
+                await reply(scope, receive, send)
+                return
+        pending = [{"type": "http.request", "body": body, "more_body": False}]
+
+        async def replay() -> Message:
+            return pending.pop() if pending else await receive()
+
+        await self.app(scope, replay, send)

@@ -1,0 +1,128 @@
+"""One rig: an open driver, its servo thread and the recorder that empties its ring.
+
+A rig is what a reload with another driver replaces as a whole. It knows nothing of experiments or of the network.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import drivers
+from hapticd.config import config_digest
+from hapticd.record import Recorder, run_metadata
+from hapticd.servo import layout as w
+from hapticd.servo.core import Request, parameters
+from hapticd.servo.thread import ServoThread
+
+if TYPE_CHECKING:
+    from drivers.interface import Driver
+    from hapticd.config import Config
+
+log = logging.getLogger(__name__)
+
+_POLL_S = 0.002
+
+
+class Rig:
+    """Driver, servo thread and recorder of one configuration.
+
+    Args:
+        config: the configuration in force.
+        latched_fault: fault number from before a restart, or 0.
+
+    Raises:
+        DriverError: the device cannot be opened.
+        RealtimeError: real time is required and refused.
+    """
+
+    def __init__(self, config: Config, latched_fault: int = 0) -> None:
+        self.config = config
+        self.request = Request()
+        self.driver: Driver = drivers.create(config)
+        try:
+            self.driver.open()
+        except BaseException:
+            self.driver.close()
+            raise
+        self.servo = ServoThread(config, self.driver, parameters(config, self.request), latched_fault)
+        try:
+            self.servo.start()
+        except BaseException:
+            self.driver.close()
+            raise
+        self.core = self.servo.core
+        self.recorder = Recorder(
+            self.core.drain,
+            self.core.dropped,
+            lambda: self.config.servo.rate_hz,
+            self._metadata,
+            Path(config.record.directory),
+        )
+
+    def _metadata(self) -> dict[str, Any]:
+        return run_metadata(
+            self.config.model_dump(mode="json"),
+            linear=self.config.is_linear,
+            config_digest=config_digest(self.config),
+            driver=self.driver.describe(),
+            latency_s=self.driver.latency_s,
+            origin_counts=self.origin_counts,
+        )
+
+    @property
+    def origin_counts(self) -> int:
+        """Raw count of the spring's origin in force."""
+        moved = self.request.origin_counts
+        return self.config.origin_counts if moved is None else moved
+
+    @property
+    def state(self) -> int:
+        """State of the loop."""
+        return self.core.load(w.C_STATE)
+
+    @property
+    def fault_number(self) -> int:
+        """Number of the latched fault, 0 for none."""
+        return self.core.load(w.C_FAULT_CODE)
+
+    @property
+    def counts(self) -> int:
+        """Encoder counts of the last tick."""
+        return self.core.load(w.C_COUNTS)
+
+    def ask(self, config: Config | None = None, **changes: Any) -> None:
+        """Publish a changed request and/or config as one whole parameter set."""
+        if config is not None:
+            self.config = config
+        self.request = replace(self.request, **changes)
+        self.core.publish(parameters(self.config, self.request))
+
+    def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
+        """Poll until ``condition`` holds; False when it did not in time."""
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            if time.monotonic() > deadline:
+                return False
+            time.sleep(_POLL_S)
+        return True
+
+    def applied(self) -> bool:
+        """Whether the loop has taken the newest parameter set."""
+        return self.core.load(w.C_APPLIED) == self.core.load(w.C_SEQUENCE)
+
+    def close(self) -> None:
+        """Zero current, amplifier off, thread and recording ended, device released; whatever fails on the way is logged."""
+        if not self.servo.stop():
+            log.error(
+                "the servo thread does not answer; the driver is closed under it so that the device sees no command"
+            )
+        try:
+            self.driver.close()
+        except Exception:
+            log.exception("closing the driver failed")
+        self.recorder.shutdown()

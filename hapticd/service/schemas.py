@@ -1,0 +1,214 @@
+"""Bodies and replies of the control API as pydantic models: what the OpenAPI document says, and what is enforced.
+
+Requests are enforced strictly: unknown fields, numbers written as strings and non-finite numbers are rejected. Replies
+are described here for the document and sent as the daemon made them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator, StringConstraints
+from pydantic_core import PydanticCustomError
+
+LONGEST_DURATION_S = 3600.0
+
+
+def _scalar(value: Any) -> Any:
+    """One setting: what a YAML scalar can be. (A union would report one error for each of its members.)"""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise PydanticCustomError("finite_number", "input should be a finite number")
+    if value is not None and not isinstance(value, bool | int | float | str):
+        raise PydanticCustomError("scalar", "input should be a number, text, true, false or null")
+    return value
+
+
+Setting = Annotated[Any, PlainValidator(_scalar, json_schema_input_type=bool | int | float | str | None)]
+
+
+class Request(BaseModel):
+    """Base of every request body."""
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
+
+
+class EmptyBody(Request):
+    """No fields; the body may also be left out."""
+
+
+class SetBody(Request):
+    """Live settings, applied all together between two ticks, or not at all."""
+
+    settings: Annotated[dict[str, Setting], Field(min_length=1, max_length=200)] = Field(
+        description="Dotted key to value, e.g. {'servo.rate_hz': 500}. A string is read as a YAML scalar.",
+        examples=[{"servo.rate_hz": 500, "encoder.decimation": 217}],
+    )
+
+
+class ReleaseBody(Request):
+    """The Fig. 8 experiment: the spring's origin is moved so that the shaft is at rest at a deflection."""
+
+    deflection: float = Field(ge=-1e9, le=1e9, description="Coarse ticks; positive: shaft above the origin.")
+    duration_s: float | None = Field(
+        None, gt=0, le=LONGEST_DURATION_S, description="Recorded time in s; left out, the daemon chooses."
+    )
+
+
+class ExciteBody(Request):
+    """An identification experiment within the safety limits."""
+
+    name: str = Field("all", description="Which experiment.", examples=["all", "chirp"])
+    amplitude: float | None = Field(
+        None, gt=0, description="Peak: A, or rad or m for shapes that move the spring's origin."
+    )
+    duration_s: float | None = Field(
+        None, gt=0, le=LONGEST_DURATION_S, description="Duration in s; left out, the daemon chooses."
+    )
+
+
+def _absolute(path: str) -> str:
+    if not path.startswith("/"):
+        raise PydanticCustomError("absolute", "the daemon has a working directory of its own: give an absolute path")
+    return path
+
+
+AbsolutePath = Annotated[str, StringConstraints(max_length=4096), AfterValidator(_absolute)]
+
+
+class RecordBody(Request):
+    """Where to record."""
+
+    path: AbsolutePath | None = Field(
+        None, description="Absolute path of a new run file; left out, a new file in record.directory."
+    )
+
+
+class ReloadBody(Request):
+    """Which config to read."""
+
+    path: str | None = Field(
+        None,
+        min_length=1,
+        max_length=4096,
+        description="Absolute path or preset name; left out, where the config came from.",
+    )
+
+
+class ErrorDetail(BaseModel):
+    """Why a request was not carried out."""
+
+    code: str = Field(
+        description="Short stable name: request, json, too_large, config, excitation, driver, internal or another."
+    )
+    message: str = Field(description="A sentence for people, naming what, where, and what would be right.")
+    problems: list[dict[str, Any]] | None = Field(
+        None, description="For code config: file, key, value, message, limit, unit and nearest of each wrong setting."
+    )
+
+
+class ErrorReply(BaseModel):
+    """The body of every reply that is not 200."""
+
+    error: ErrorDetail
+
+
+class Reply(BaseModel):
+    """Base of every reply; fields may be added in later versions."""
+
+    model_config = ConfigDict(extra="allow")
+
+
+class Fault(Reply):
+    """A latched fault."""
+
+    code: str = Field(description="Name of the fault, e.g. over_speed.")
+    cause: str = Field(description="What happened, with the numbers that tripped it.")
+    help: str = Field(description="Page about this fault.")
+
+
+class Percentiles(Reply):
+    """Percentiles of a time, in microseconds."""
+
+    p50: float | None
+    p99: float | None
+    p999: float | None
+    max: float | None
+
+
+class Timing(Reply):
+    """Timing of the servo loop."""
+
+    rate_hz: float = Field(description="Configured rate in Hz.")
+    ticks: int = Field(description="Ticks executed.")
+    missed: int = Field(description="Periods skipped.")
+    wake_us: Percentiles = Field(description="How late the loop woke.")
+    exec_us: Percentiles = Field(description="How long a tick took.")
+
+
+class OperatingPoint(Reply):
+    """Dimensionless numbers of the paper's Table I, computed through the model."""
+
+    mu: float | None
+    beta: float | None
+    sigma: float | None
+    tau_d: float | None
+    region: str | None
+
+
+class RecorderStatus(Reply):
+    """The recorder."""
+
+    path: str | None = Field(description="File being written, or the one just finished; null when there is none.")
+    rows: int = Field(description="Rows written.")
+    dropped: int = Field(description="Rows lost because the writer fell behind.")
+
+
+class Experiment(Reply):
+    """The newest experiment."""
+
+    id: int = Field(description="Number of the experiment, 0 when there was none.")
+    kind: str | None = Field(description="release, or the name of an excitation.")
+    state: Literal["idle", "running", "done", "aborted"]
+    progress: float = Field(ge=0, le=1)
+    result: dict[str, Any] | None
+
+
+class Status(Reply):
+    """The daemon's state."""
+
+    state: Literal["off", "ready", "running", "fault"]
+    fault: Fault | None
+    config_digest: str
+    timing: Timing
+    operating_point: OperatingPoint
+    position: float | None = Field(description="From the spring's origin, rad or m.")
+    position_ticks: float | None = Field(description="The same in coarse ticks.")
+    velocity: float | None = Field(description="Estimate from the encoder, rad/s or m/s.")
+    current: float | None = Field(description="Commanded, A.")
+    current_measured: float | None = Field(description="As the device reports it, A; null where it does not.")
+    force: float | None = Field(description="Rendered by the spring, N m or N.")
+    units: dict[str, str] = Field(description="Units of position, velocity, current and force.")
+    recorder: RecorderStatus
+    experiment: Experiment | None
+
+
+class SetReply(Reply):
+    """What was set."""
+
+    applied: dict[str, Any]
+    config_digest: str
+
+
+class JobReply(Reply):
+    """An experiment has started; poll /experiment until it is done or aborted."""
+
+    experiment: int = Field(description="Number of the experiment.")
+    duration_s: float
+    run: str | None = Field(description="Run file being recorded.")
+
+
+class ReleaseReply(JobReply):
+    """A release has started."""
+
+    achieved_deflection: float = Field(description="Deflection really achieved, coarse ticks, exact to one raw count.")

@@ -1,0 +1,1 @@
+"""The tick: clock, render, safety gate, timing, ring, mailbox."""

@@ -1,0 +1,127 @@
+"""``simulate``: the servo loop and the plant in virtual time, as fast as the machine allows and bit for bit repeatable."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivers.loopback import LoopbackDriver
+from hapticd.servo import faults
+from hapticd.servo import layout as w
+from hapticd.servo.core import Request, ServoCore, parameters
+from hapticd.stability.outcome import OutcomeTracker
+from hapticd.stability.storage import storage
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.config import Config
+
+_CHUNK = 1 << 15
+
+
+@dataclass(frozen=True)
+class SimulationResult:
+    """What a simulation found; ``report`` holds the JSON keys of ``hapticd simulate --json``."""
+
+    report: dict[str, Any]
+    final_position: float
+    """True position, rad or m."""
+    final_velocity: float
+    """True velocity, rad/s or m/s."""
+
+
+def simulate(
+    config: Config,
+    duration_s: float,
+    *,
+    deflection: float | None = None,
+    velocity: float | None = None,
+    safety: bool = False,
+    seed: int | None = None,
+    on_rows: Callable[[NDArray[Any]], None] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> SimulationResult:
+    """Simulate ``duration_s`` of the running loop on the config's own plant model.
+
+    Args:
+        config: any configuration; its driver is replaced by the loopback.
+        duration_s: virtual time in s, rounded to whole periods.
+        deflection: true initial position in coarse ticks from the spring's origin (default 0).
+        velocity: true initial velocity in coarse ticks per period (default 0).
+        safety: keep the trips and the clamp at the peak current; otherwise the amplifier has no limit but its DAC.
+        seed: seed of the dither, instead of the config's.
+        on_rows: called with every block of rows, in order.
+        progress: called with the fraction done.
+
+    Raises:
+        ValueError: the duration is shorter than one period.
+    """
+    ticks = round(duration_s * config.servo.rate_hz)
+    if ticks < 1:
+        raise ValueError(f"a duration of {duration_s:g} s is shorter than one servo period")
+    if seed is not None:
+        config = config.model_copy(update={"dither": config.dither.model_copy(update={"seed": seed})})
+    resolution, period = config.resolution, config.period
+    origin = config.origin_counts * config.raw_resolution
+    driver = LoopbackDriver(
+        config,
+        position=origin + (deflection or 0.0) * resolution,
+        velocity=(velocity or 0.0) * resolution / period,
+        enabled=True,
+        limited=safety,
+    )
+    driver.open()
+    core = ServoCore(driver, ring_rows=_CHUNK, keep_truth=True, excitation_rows=1)
+    core.publish(parameters(config, Request(state=w.RUNNING), safety=safety))
+    core.begin(0, w.RUNNING)
+
+    inertia = config.plant.inertia + config.hand.inertia
+    mu = inertia / (config.spring.stiffness * period**2) if config.spring.stiffness else 0.0
+    kappa = config.hand.stiffness / config.spring.stiffness if config.spring.stiffness else 0.0
+    tracker = OutcomeTracker()
+    done, reason, spent, peak = 0, w.RETURN_TICKS, 0.0, 0.0
+    wall = time.perf_counter()
+    while done < ticks and reason == w.RETURN_TICKS:
+        count = min(_CHUNK, ticks - done)
+        begin = time.perf_counter()
+        reason = core.run(real_time=False, ticks=count)
+        rows, truth = core.drain_with_truth()
+        if mu:
+            xi, xi_dot = (truth[:, 0] - origin) / resolution, truth[:, 1] * (period / resolution)
+            tracker.update(storage(xi, xi_dot, mu, kappa))
+        peak = max(peak, float(np.abs(rows["current_command_A"]).max(initial=0.0)))
+        spent += time.perf_counter() - begin
+        done += len(rows)
+        if on_rows is not None:
+            on_rows(rows)
+        if progress is not None:
+            progress(done / ticks)
+    final_ns, final_frac = core.next_instant()
+    position, speed = driver.true_state(final_ns, final_frac)
+    at_rest = driver.stays_at_rest()
+    number = core.load(w.C_FAULT_CODE)
+    report: dict[str, Any] = {
+        "ticks": done,
+        "wall_s": time.perf_counter() - wall,
+        "ticks_per_s": done / spent if spent > 0 else None,
+        "outcome": tracker.outcome(at_rest, reason == w.RETURN_RUNAWAY) if mu else None,
+        "final": {
+            "position_ticks": (position - origin) / resolution,
+            "velocity_ticks_per_period": speed * period / resolution,
+        },
+        "at_rest": at_rest,
+        "peak_current_A": peak,
+        "fault": _fault(core, config, number) if number else None,
+    }
+    return SimulationResult(report, position, speed)
+
+
+def _fault(core: ServoCore, config: Config, number: int) -> dict[str, Any]:
+    value, limit = float(core.snapshot[w.S_FAULT_VALUE]), float(core.snapshot[w.S_FAULT_LIMIT])
+    described = faults.describe(number, value, limit, is_linear=config.is_linear)
+    return {**described, "tick": core.load(w.C_FAULT_TICK)}

@@ -1,0 +1,112 @@
+"""The servo thread: a Python thread that leaves Python at once and comes back when the loop ends."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from drivers.null import NullDriver
+from hapticd.servo import layout as w
+from hapticd.servo.core import ServoCore
+from hapticd.servo.realtime import (
+    CpuLatencyRequest,
+    Grant,
+    RealtimeError,
+    block_signals,
+    lock_memory,
+    name_thread,
+    set_affinity,
+    set_scheduler,
+    unlock_memory,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from drivers.interface import Driver
+    from hapticd.config import Config
+
+_WARM_UP_TICKS = 64
+_FIRST_TICK_AFTER_NS = 20_000_000
+
+
+class ServoThread:
+    """Runs one :class:`ServoCore` against the monotonic clock.
+
+    Args:
+        config: for priority, CPU and ``require_realtime``.
+        driver: an open driver.
+        params: first parameter set.
+        latched_fault: fault number from before a restart, or 0.
+    """
+
+    def __init__(self, config: Config, driver: Driver, params: NDArray[np.float64], latched_fault: int = 0) -> None:
+        self.core = ServoCore(driver)
+        self.grants: list[Grant] = []
+        self._config = config
+        self._params = params
+        self._latched_fault = latched_fault
+        self._cpu_latency = CpuLatencyRequest()
+        self._granted = threading.Event()
+        self._thread = threading.Thread(target=self._body, name="hapticd-servo", daemon=True)
+
+    def start(self) -> None:
+        """Warm up, ask for real time, start ticking. The loop begins in ``off``, or in ``fault`` when one is latched.
+
+        Raises:
+            RealtimeError: ``servo.require_realtime`` is set and something was refused.
+        """
+        _warm_up(self._config, self._params)
+        self.core.publish(self._params)
+        self.grants = [lock_memory(), self._cpu_latency.acquire()]
+        self.beat()
+        self.core.begin(time.monotonic_ns() + _FIRST_TICK_AFTER_NS, w.FAULT if self._latched_fault else w.OFF)
+        if self._latched_fault:
+            self.core.store(w.C_FAULT_CODE, self._latched_fault)
+        self._thread.start()
+        self._granted.wait()
+        refused = [grant for grant in self.grants if not grant.granted]
+        if refused and self._config.servo.require_realtime:
+            self.stop()
+            reasons = "; ".join(f"{grant.name}: {grant.detail} ({grant.fix})" for grant in refused)
+            raise RealtimeError(f"servo.require_realtime is true, but {reasons}")
+
+    def beat(self) -> None:
+        """The supervisor's heartbeat; without it the loop faults after ``safety.heartbeat_timeout_s``."""
+        self.core.store(w.C_HEARTBEAT_NS, time.monotonic_ns())
+
+    def alive(self) -> bool:
+        """Whether the thread still runs."""
+        return self._thread.is_alive()
+
+    def stop(self, timeout_s: float = 5.0) -> bool:
+        """Leave the loop by way of zero current and wait for it; False when it did not end in time."""
+        self.core.store(w.C_STOP, 1)
+        if self._thread.ident is not None:
+            self._thread.join(timeout_s)
+        self._cpu_latency.release()
+        unlock_memory()
+        return not self._thread.is_alive()
+
+    def _body(self) -> None:
+        name_thread("hapticd-servo")
+        block_signals()
+        servo = self._config.servo
+        affinity = set_affinity(servo.cpu)
+        self.grants += [grant for grant in (set_scheduler(servo.priority), affinity) if grant is not None]
+        self._granted.set()
+        self.core.run(real_time=True)
+
+
+def _warm_up(config: Config, params: NDArray[np.float64]) -> None:
+    """A dry run on a driver that does nothing: every page of the loop's code is touched before a deadline counts."""
+    driver = NullDriver(config)
+    driver.open()
+    core = ServoCore(driver, ring_rows=_WARM_UP_TICKS, excitation_rows=1)
+    warm = params.copy()
+    warm[w.P_REQUEST] = w.RUNNING
+    core.publish(warm)
+    core.begin(0)
+    core.run(real_time=False, ticks=_WARM_UP_TICKS)

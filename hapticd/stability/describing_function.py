@@ -1,0 +1,126 @@
+"""Describing functions of device and encoder, and the two families of limit cycles (eq. 62–75, Fig. 11, 12).
+
+The loop is assumed to oscillate as ξ = M sin ωτ. The encoder then looks like the real gain D(M), the device like
+G(M, ω), the zero-order hold like half a period of delay, τ_L = ½ + τ_D, and a cycle exists where
+G e^{−jτ_Lω} = −1/D (62), that is, where
+
+    D(M) cos τ_Lω = μω² − κ,        D(M) sin τ_Lω = βω + 4σ/(πM).
+
+κ is the stiffness of a hand relative to the spring's, 0 in the paper. Here D is kept whole; the paper's approximations
+D ≈ 2/(πM) for M < 1 and D ≈ 1 for M > 1 have functions of their own. (In (71) the left sides are 1·cos and 1·sin.)
+M in ticks, ω in rad per period. Functions broadcast unless they say otherwise.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+ComplexArray = NDArray[np.complex128]
+
+#: Above this amplitude D is taken from its asymptote 1; the error is below 2·M^(−3/2).
+_ASYMPTOTIC = 1e5
+
+
+def encoder_gain(M: ArrayLike) -> FloatArray:
+    """D(M) = 2/(πM) + 4/(πM²) Σ √(M² − l²), l = 1 … ⌊M⌋ (eq. 67).
+
+    Args:
+        M: (…) amplitude in ticks, positive. From 10⁵ ticks on the gain is 1.
+    """
+    amplitude = np.asarray(M, dtype=np.float64)
+    flat = amplitude.ravel()
+    total = np.empty_like(flat)
+    for i, m in enumerate(flat):
+        steps = np.arange(1.0, np.floor(m) + 1.0) if m < _ASYMPTOTIC else np.empty(0)
+        total[i] = np.sqrt((m - steps) * (m + steps)).sum()
+    gain = 2.0 / (np.pi * flat) + 4.0 / (np.pi * flat * flat) * total
+    return np.where(flat < _ASYMPTOTIC, gain, 1.0).reshape(amplitude.shape)
+
+
+def encoder_gain_small(M: ArrayLike) -> FloatArray:
+    """First term D₁(M) = 2/(πM), equal to D(M) for M ≤ 1 (Fig. 11b)."""
+    return np.asarray(2.0 / (np.pi * np.asarray(M, dtype=np.float64)))
+
+
+def device_response(
+    M: ArrayLike, omega: ArrayLike, mu: float, beta: float, sigma: float, kappa: float = 0.0
+) -> ComplexArray:
+    """G(M, ω) = 1/(κ − μω² + j(βω + 4σ/(πM))) (eq. 66), from actuator force to position."""
+    m, w = np.asarray(M, dtype=np.float64), np.asarray(omega, dtype=np.float64)
+    return np.asarray(1.0 / (kappa - mu * w * w + 1j * (beta * w + 4.0 * sigma / (np.pi * m))))
+
+
+def nyquist(
+    omega: ArrayLike, mu: float, beta: float, tau_l: float, sigma: float = 0.0, M: float = 1.0, kappa: float = 0.0
+) -> ComplexArray:
+    """The Nyquist curve G(M, ω)e^{−jτ_Lω} of Fig. 11a; −1/D(M) lies on the negative real axis."""
+    w = np.asarray(omega, dtype=np.float64)
+    return np.asarray(device_response(M, w, mu, beta, sigma, kappa) * np.exp(-1j * tau_l * w))
+
+
+def frequency(gain: ArrayLike, mu: float, tau_l: float, kappa: float = 0.0) -> FloatArray:
+    """The one ω in (0, π/τ_L) with D cos τ_Lω = μω² − κ, for each gain D > 0; first line of (62), (68), (71).
+
+    Without a hand it lies below π/(2τ_L). Not a number where a hand is so stiff that there is none.
+    """
+    D = np.asarray(gain, dtype=np.float64)
+    low, high = np.zeros_like(D), np.full_like(D, np.pi / tau_l)
+    exists = D * np.cos(tau_l * high) - mu * high * high + kappa < 0.0
+    for _ in range(64):
+        middle = 0.5 * (low + high)
+        above = D * np.cos(tau_l * middle) - mu * middle * middle + kappa > 0.0
+        low, high = np.where(above, middle, low), np.where(above, high, middle)
+    return np.where(exists, 0.5 * (low + high), np.nan)
+
+
+def balance(
+    M: ArrayLike, mu: float, beta: float, sigma: float, tau_l: float, kappa: float = 0.0
+) -> tuple[FloatArray, FloatArray]:
+    """How an oscillation of amplitude M fares: (ω, D sin τ_Lω − βω − 4σ/(πM)) with ω(M) from `frequency`.
+
+    The second value is the net gain: positive, the amplitude grows; zero, a limit cycle; negative, it shrinks.
+    """
+    amplitude = np.asarray(M, dtype=np.float64)
+    gain = encoder_gain(amplitude)
+    omega = frequency(gain, mu, tau_l, kappa)
+    return omega, np.asarray(gain * np.sin(tau_l * omega) - beta * omega - 4.0 * sigma / (np.pi * amplitude))
+
+
+def small_amplitude(omega: ArrayLike, mu: float, tau_l: float) -> FloatArray:
+    """M = 2 cos(τ_Lω)/(πμω²) of a small oscillation (eq. 69), 0 < ω < π/(2τ_L)."""
+    w = np.asarray(omega, dtype=np.float64)
+    return np.asarray(2.0 / (np.pi * mu) * np.cos(tau_l * w) / (w * w))
+
+
+def small_sigma(beta: ArrayLike, omega: ArrayLike, mu: float, tau_l: float) -> FloatArray:
+    """σ on the line of a given small oscillation (eq. 70): ½ sin τ_Lω − β cos(τ_Lω)/(2μω).
+
+    It is the second line of (68), σ = (πM/4)(D₁ sin τ_Lω − βω) with D₁ = 2/(πM) and M from (69).
+    """
+    b, w = np.asarray(beta, dtype=np.float64), np.asarray(omega, dtype=np.float64)
+    return np.asarray(0.5 * np.sin(tau_l * w) - b / (2.0 * mu * w) * np.cos(tau_l * w))
+
+
+def large_sigma(beta: ArrayLike, M: ArrayLike, mu: float, tau_l: float) -> FloatArray:
+    """σ on the line of a given large oscillation (eq. 72): (πM/4)(sin τ_Lω − βω), ω from cos τ_Lω = μω² (71)."""
+    omega = frequency(1.0, mu, tau_l)
+    b, m = np.asarray(beta, dtype=np.float64), np.asarray(M, dtype=np.float64)
+    return np.asarray(np.pi * m / 4.0 * (np.sin(tau_l * omega) - b * omega))
+
+
+def large_frequency_series(mu: float, tau_l: float) -> float:
+    """ω ≃ 1/√(μ + ½τ_L²) (eq. 73), the series of the first line of (71)."""
+    return float(1.0 / np.sqrt(mu + 0.5 * tau_l * tau_l))
+
+
+def large_sigma_series(beta: ArrayLike, M: ArrayLike, mu: float, tau_l: float) -> FloatArray:
+    """σ ≃ (π/4)Mω(τ_L − β) (eq. 74) with ω from (73)."""
+    b, m = np.asarray(beta, dtype=np.float64), np.asarray(M, dtype=np.float64)
+    return np.asarray(np.pi / 4.0 * m * large_frequency_series(mu, tau_l) * (tau_l - b))
+
+
+def stability_sigma(beta: ArrayLike, mu: float, tau_l: float) -> FloatArray:
+    """Least σ for stability of oscillations above one tick (eq. 75): π(τ_L − β)/(4√μ), for μ ≫ τ_L²/2."""
+    return np.asarray(np.pi / (4.0 * np.sqrt(mu)) * (tau_l - np.asarray(beta, dtype=np.float64)))

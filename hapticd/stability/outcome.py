@@ -1,0 +1,195 @@
+"""What became of a run: monotone, decaying, persistent or growing, from the energy at the samples (Fig. 6, 7).
+
+The rules have no scale of their own: they compare energies of one run with each other.
+
+1. ``growing``: the run left the limit of the simulation (10⁹ ticks), or its energy is no longer a number.
+2. At rest for good (velocity zero and the forces to come held by stiction): ``monotone`` if the energy H_T (35) never
+   rose from one sample to the next, else ``decaying``.
+3. Still moving: the second half of the run is cut into six stretches, and the largest energy of each is taken.
+
+   * They rise one after the other, by more than 1 % in all: growing, unless the rise slows down so that its geometric
+     continuation ends below twice the last value; then the run is settling into a cycle, and ``persistent``.
+   * They fall one after the other, by more than 1 % in all: ``monotone`` or ``decaying``, unless the continuation of
+     the fall ends above half the last value; then ``persistent``.
+   * Otherwise the energy recurs: ``persistent``.
+
+A rise counts when it exceeds the rounding of the simulation, 10⁻⁹ of the energy. Because a trend is continued and not
+compared with a fixed level, a longer run changes the verdict only at the boundary itself.
+"""
+
+from __future__ import annotations
+
+import itertools
+from typing import Final, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Outcome = Literal["monotone", "decaying", "persistent", "growing"]
+
+#: A rise of the energy smaller than this share of it is rounding.
+RISE_TOLERANCE: Final = 1e-9
+#: Stretches into which the second half of a run is cut.
+STRETCHES: Final = 6
+#: A trend over the second half smaller than this share is none.
+TREND_TOLERANCE: Final = 0.01
+#: Where a trend must lead, relative to its last value, to count as vanishing (below) or as growing (above 1/it).
+VANISHING: Final = 0.5
+
+# A stretch is then 32 to 64 blocks, so that its edges are good to 3 %.
+_BLOCKS: Final = 768
+
+
+def energy_rises(energy: FloatArray, tolerance: float = RISE_TOLERANCE) -> NDArray[np.bool_]:
+    """Where the energy rises from one sample to the next beyond rounding.
+
+    Args:
+        energy: (n,) or (..., n) energies at successive samples, any unit.
+        tolerance: rise, relative to the energy before it, that is not counted.
+
+    Returns:
+        (..., n − 1) true where ``energy[k + 1] > energy[k] (1 + tolerance)``.
+    """
+    return np.asarray(energy[..., 1:] > energy[..., :-1] * (1.0 + tolerance))
+
+
+def decide(rose: bool, peaks: FloatArray, at_rest: bool, grew_past_limit: bool) -> Outcome:
+    """The verdict from what a run leaves behind.
+
+    Args:
+        rose: whether the energy rose between two successive samples, at any time.
+        peaks: (STRETCHES,) largest energy in each stretch of the second half of the run, oldest first.
+        at_rest: the mass stands still and every force to come is held by stiction.
+        grew_past_limit: the run was ended because it left the limit.
+    """
+    if grew_past_limit or not np.all(np.isfinite(peaks)):
+        return "growing"
+    calm: Outcome = "decaying" if rose else "monotone"
+    if at_rest:
+        return calm
+    trend = _trend(peaks)
+    if trend > 0:
+        return "growing"
+    return calm if trend < 0 else "persistent"
+
+
+def _trend(peaks: FloatArray) -> int:
+    """+1 growing, −1 vanishing, 0 recurring."""
+    steps = np.diff(peaks)
+    change = peaks[-1] - peaks[0]
+    if abs(change) <= TREND_TOLERANCE * max(peaks[0], peaks[-1]):
+        return 0
+    direction = 1 if change > 0.0 else -1
+    if not np.all(direction * steps > 0.0):
+        return 0
+    third = peaks[1::2]
+    first_step, last_step = third[1] - third[0], third[2] - third[1]
+    ratio = last_step / first_step
+    end = direction * np.inf if ratio >= 1.0 else third[2] + last_step * ratio / (1.0 - ratio)
+    if direction > 0:
+        return 1 if end > third[2] / VANISHING else 0
+    return -1 if end < third[2] * VANISHING else 0
+
+
+class OutcomeTracker:
+    """Classifies a run of any length from its energies, chunk by chunk, in bounded memory.
+
+    The peaks of blocks of equal length are kept; when there are 768, neighbours are merged and the length doubles.
+
+    Example:
+        >>> tracker = OutcomeTracker()
+        >>> tracker.update(np.array([3.0, 2.0, 1.0]))
+        >>> tracker.update(np.array([0.5, 0.5]))
+        >>> tracker.outcome(at_rest=True)
+        'monotone'
+    """
+
+    def __init__(self) -> None:
+        self._peaks = np.empty(_BLOCKS, dtype=np.float64)
+        self._blocks = 0
+        self._length = 1
+        self._partial = -np.inf
+        self._partial_count = 0
+        self._last: float | None = None
+        self._rises = 0
+        self._samples = 0
+
+    @property
+    def samples(self) -> int:
+        """Energies seen so far."""
+        return self._samples
+
+    @property
+    def rises(self) -> int:
+        """How many times the energy rose from one sample to the next."""
+        return self._rises
+
+    def update(self, energy_chunk: FloatArray) -> None:
+        """Take in the next energies, (n,) in time order; n may be 0 and may differ from call to call."""
+        chunk = np.asarray(energy_chunk, dtype=np.float64)
+        if chunk.size == 0:
+            return
+        if self._last is not None and chunk[0] > self._last * (1.0 + RISE_TOLERANCE):
+            self._rises += 1
+        self._rises += int(np.count_nonzero(energy_rises(chunk)))
+        self._last = float(chunk[-1])
+        self._samples += chunk.size
+        while chunk.size:
+            chunk = chunk[self._absorb(chunk) :]
+
+    def _absorb(self, chunk: FloatArray) -> int:
+        """Move the head of a chunk into the block peaks; how many samples went in."""
+        if self._blocks == _BLOCKS:
+            self._peaks[: _BLOCKS // 2] = self._peaks.reshape(-1, 2).max(axis=1)
+            self._blocks = _BLOCKS // 2
+            self._length *= 2
+        whole = min(_BLOCKS - self._blocks, chunk.size // self._length)
+        if self._partial_count == 0 and whole:
+            taken = whole * self._length
+            self._peaks[self._blocks : self._blocks + whole] = chunk[:taken].reshape(whole, -1).max(axis=1)
+            self._blocks += whole
+            return taken
+        taken = min(self._length - self._partial_count, chunk.size)
+        self._partial = max(self._partial, float(chunk[:taken].max()))
+        self._partial_count += taken
+        if self._partial_count == self._length:
+            self._peaks[self._blocks] = self._partial
+            self._blocks += 1
+            self._partial, self._partial_count = -np.inf, 0
+        return taken
+
+    def tail_peaks(self) -> FloatArray:
+        """(STRETCHES,) peaks over the stretches of the second half, to one block; a short run repeats its last ones."""
+        peaks = self._peaks[: self._blocks]
+        if self._partial_count:
+            peaks = np.append(peaks, self._partial)
+        tail = peaks[peaks.size // 2 :]
+        if tail.size == 0:
+            return np.zeros(STRETCHES)
+        edges = [min(round(k * tail.size / STRETCHES), tail.size - 1) for k in range(STRETCHES + 1)]
+        edges[-1] = tail.size
+        return np.array([tail[a : max(b, a + 1)].max() for a, b in itertools.pairwise(edges)])
+
+    def outcome(self, at_rest: bool, grew_past_limit: bool = False) -> Outcome:
+        """The verdict on what was taken in so far; see `decide`."""
+        if not at_rest and not grew_past_limit and self._rises == 0 and 0 < self._samples < 2 * STRETCHES:
+            return "monotone"
+        return decide(self._rises > 0, self.tail_peaks(), at_rest, grew_past_limit)
+
+
+def classify(energy: FloatArray, at_rest: bool, grew_past_limit: bool) -> Outcome:
+    """Classify a run from its energies.
+
+    Args:
+        energy: (n,) energy H_T at every sample, in any unit, the initial state first. With a loop delay the theorem
+            compares energies at h + τ_D; at the samples themselves brief rises are possible even where it holds.
+        at_rest: at the end the mass stands still and every force to come, delayed ones included, is held by stiction.
+        grew_past_limit: the run was ended because it left the limit of the simulation.
+
+    Returns:
+        ``monotone``, ``decaying``, ``persistent`` or ``growing``.
+    """
+    tracker = OutcomeTracker()
+    tracker.update(energy)
+    return tracker.outcome(at_rest, grew_past_limit)

@@ -1,0 +1,260 @@
+"""Commands that talk to a daemon: what they send, what they print, how they exit."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from hapticd.service.control import DriverFailure
+
+from ..service.fake_control import FAULT, FakeControl
+from .conftest import Run
+
+JSON_COMMANDS = [
+    ("status",),
+    ("start",),
+    ("stop",),
+    ("estop",),
+    ("clear",),
+    ("reload",),
+    ("set", "spring.stiffness=0.02"),
+    ("release", "--deflection", "20.3"),
+    ("release", "--deflection", "20.3", "--no-wait"),
+    ("excite", "chirp", "--amplitude", "0.2"),
+    ("record", "start"),
+]
+
+
+@pytest.mark.parametrize("words", JSON_COMMANDS)
+def test_json_is_one_document_and_all_of_stdout(daemon: Run, words: tuple[str, ...]) -> None:
+    outcome = daemon(*words, "--json")
+    assert (outcome.code, outcome.err) == (0, "")
+    assert isinstance(outcome.document, dict)
+    assert "error" not in outcome.document
+
+
+def test_status_fits_one_screen_and_has_units(daemon: Run) -> None:
+    outcome = daemon("status")
+    assert outcome.code == 0
+    assert len(outcome.out.splitlines()) <= 24
+    for words in (
+        "off",
+        "1000 Hz, 12345 ticks, 2 periods missed",
+        "p99.9 380 us",
+        "mu 523.3",
+        "tau_D 0",
+        "region A",
+        "0.0155 rad = 20.25 ticks",
+        "0 rad/s",
+        "0.5 A",
+    ):
+        assert words in outcome.out
+
+
+def test_status_of_a_fault_says_what_and_where_to_read_and_exits_1(daemon: Run, control: FakeControl) -> None:
+    control.state, control.fault = "fault", FAULT
+    outcome = daemon("status")
+    assert outcome.code == 1
+    assert "over_speed: speed 401 rad/s is above 400 rad/s" in outcome.out
+    assert "docs/faults/over_speed.md" in outcome.out
+    assert daemon("status", "--json").document["fault"] == FAULT
+
+
+def test_watching_shows_the_status_until_interrupted(
+    daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looks: list[float] = []
+
+    def look(interval: float) -> None:
+        looks.append(interval)
+        if len(looks) == 3:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr("hapticd.cli.status.time.sleep", look)
+    outcome = daemon("status", "--watch", "--interval", "0.25")
+    assert (outcome.code, outcome.err, looks) == (130, "hapticd: interrupted\n", [0.25] * 3)
+    assert outcome.out.count("12345 ticks") == 3
+
+
+def test_watch_and_json_exclude_each_other(daemon: Run) -> None:
+    outcome = daemon("status", "--watch", "--json")
+    assert (outcome.code, outcome.document["error"]["code"]) == (2, "usage")
+
+
+def test_set_sends_text_and_reports_what_was_applied(daemon: Run, control: FakeControl) -> None:
+    outcome = daemon("set", "servo.rate_hz=500", "encoder.decimation=217")
+    assert outcome.code == 0
+    assert control.calls == [("set", {"servo.rate_hz": "500", "encoder.decimation": "217"})]
+    assert control.resolved.servo.rate_hz == 500
+    assert outcome.out.splitlines()[:2] == ['servo.rate_hz = "500"', 'encoder.decimation = "217"']
+
+
+def test_release_takes_a_negative_deflection_and_reports_the_result(daemon: Run, control: FakeControl) -> None:
+    outcome = daemon("release", "--deflection", "-20.3", "--duration", "2", "--json")
+    assert control.calls == [("release", -20.3, 2.0)]
+    assert outcome.document == {
+        "experiment": 1,
+        "achieved_deflection": -20.3,
+        "duration_s": 2.0,
+        "run": "/r/release.arrow",
+        "state": "done",
+        "result": {"outcome": "decaying"},
+    }
+    assert "outcome              decaying" in daemon("release", "--deflection", "1").out
+
+
+@pytest.mark.parametrize(
+    ("state", "result", "code"),
+    [
+        ("done", {"outcome": "decaying"}, 0),
+        ("done", {"outcome": "growing", "fault": "over_speed"}, 5),
+        ("aborted", {"run": "/r/release.arrow"}, 1),
+        ("aborted", None, 1),
+    ],
+)
+def test_exit_code_of_an_experiment(
+    daemon: Run, control: FakeControl, state: str, result: dict[str, str] | None, code: int
+) -> None:
+    control.job_states, control.job_result = [(state, 1.0)], result  # type: ignore[assignment]
+    outcome = daemon("release", "--deflection", "10.3", "--json")
+    assert (outcome.code, outcome.document["state"], outcome.document["result"]) == (code, state, result)
+
+
+def test_ctrl_c_during_an_experiment_stops_the_motor(
+    daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(_: float) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("hapticd.client.client.time.sleep", interrupt)
+    outcome = daemon("release", "--deflection", "20.3", "--json")
+    assert (outcome.code, outcome.out) == (130, "")
+    assert control.calls[-1] == ("stop",)
+    assert outcome.err == "hapticd: the daemon was told to stop\nhapticd: interrupted\n"
+
+
+def test_excite_lists_its_experiments_without_a_daemon(hapticd: Run) -> None:
+    outcome = hapticd("excite", "--list", "--json")
+    assert [entry["name"] for entry in outcome.document["experiments"]] == [
+        "ramp",
+        "sweep",
+        "chirp",
+        "steps",
+        "release",
+    ]
+    assert "amplitude in A" in hapticd("excite", "--list").out
+
+
+def test_paths_are_made_absolute_before_they_are_sent(
+    daemon: Run, control: FakeControl, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "rig.yaml").write_text("servo: {rate_hz: 500}\n")
+    assert daemon("record", "start", "wall.arrow").code == 0
+    assert daemon("reload", "rig.yaml").code == 0
+    assert daemon("reload", "phantom").code == 0
+    assert control.calls == [
+        ("record_start", str(tmp_path / "wall.arrow")),
+        ("reload", str(tmp_path / "rig.yaml")),
+        ("reload", "phantom"),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "error", "message"),
+    [
+        (("start",), 1, "fault", "a fault is latched (over_speed); look at the rig, then 'hapticd clear'"),
+        (("record", "stop"), 1, "recording", "nothing is being recorded"),
+        (
+            ("set", "amplifier.dac_bits=12"),
+            1,
+            "restart_needed",
+            "amplifier.dac_bits: cannot change while the daemon runs; edit the config and restart",
+        ),
+        (("reload", "omega"), 4, "driver", "reload failed: no board answers on /dev/ttyUSB0"),
+        (
+            ("excite", "chrip"),
+            2,
+            "excitation",
+            "excitation 'chrip' is unknown (known: ramp, sweep, chirp, steps, release, all)",
+        ),
+        (("release", "--deflection", "1e300"), 2, "request", None),
+        (("set", "servo.rate=500"), 2, "config", None),
+        (("set", "servo.rate_hz=fast"), 2, "config", None),
+        (("set", "spring.stiffness=.nan"), 2, "config", None),
+    ],
+)
+def test_refusals_keep_their_words_and_have_their_exit_code(
+    daemon: Run, control: FakeControl, words: tuple[str, ...], code: int, error: str, message: str | None
+) -> None:
+    control.fault = FAULT
+    for extra in ((), ("--json",)):
+        outcome = daemon(*words, *extra)
+        assert outcome.code == code
+        assert "Traceback" not in outcome.err
+        if extra:
+            assert outcome.document["error"]["code"] == error
+            assert outcome.err == f"hapticd: {outcome.document['error']['message']}\n"
+            assert message in (None, outcome.document["error"]["message"])
+        else:
+            assert outcome.out == ""
+
+
+def test_start_that_ends_in_a_fault_exits_5(daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(control, "start", control.estop)
+    outcome = daemon("start")
+    assert (outcome.code, outcome.out) == (5, "fault: software stop\nsee docs/faults/estop.md\n")
+
+
+def test_estop_exits_0_although_it_latches_a_fault(daemon: Run) -> None:
+    assert daemon("estop").code == 0
+    assert daemon("status").code == 1
+    assert daemon("clear").code == 0
+
+
+def test_device_failure_exits_4(daemon: Run, control: FakeControl) -> None:
+    control.fails_with = DriverFailure("the board on /dev/ttyUSB0 does not answer")
+    outcome = daemon("start")
+    assert (outcome.code, outcome.err) == (4, "hapticd: the board on /dev/ttyUSB0 does not answer\n")
+
+
+CLIENTS = [words for words in JSON_COMMANDS if "--no-wait" not in words] + [("record", "stop"), ("status", "--watch")]
+
+
+@pytest.mark.parametrize("words", CLIENTS)
+def test_without_a_daemon_every_client_exits_3_and_says_how_to_start_one(
+    hapticd: Run, tmp_path: Path, words: tuple[str, ...]
+) -> None:
+    path = tmp_path / "none.sock"
+    outcome = hapticd(*words, "--socket", str(path))
+    message = f"hapticd: no daemon answers on {path}; start one with 'hapticd run'\n"
+    assert (outcome.code, outcome.out, outcome.err) == (3, "", message)
+
+
+def test_without_a_daemon_json_is_an_error_document(hapticd: Run, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    outcome = hapticd("status", "--json", "--socket", str(tmp_path / "file"))
+    assert (outcome.code, outcome.document["error"]["code"]) == (3, "unreachable")
+
+
+def test_socket_option_beats_the_variable(daemon: Run, tmp_path: Path) -> None:
+    assert daemon("status").code == 0
+    assert daemon("status", "--socket", str(tmp_path / "other.sock")).code == 3
+
+
+def test_socket_defaults_to_that_of_the_config(hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
+    assert str(tmp_path / "hapticd.sock") in hapticd("status").err
+
+
+def test_daemon_that_dies_under_an_experiment_exits_3(
+    daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(control, "experiment", lambda: (threading.Event().wait(0.3), {})[1])
+    monkeypatch.setattr("hapticd.client.client.ANSWER_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("hapticd.client.client.Client.__init__.__defaults__", (0.05,))
+    outcome = daemon("release", "--deflection", "1")
+    assert outcome.code == 3
+    assert "accepts requests and does not answer" in outcome.err

@@ -1,0 +1,222 @@
+"""Commands that need no daemon: run, simulate, config, export, drivers."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticd.record import read_run
+from hapticd.record.schema import ROW
+
+from .conftest import Run
+
+REPORT = {
+    "ticks": 1000,
+    "wall_s": 0.001,
+    "ticks_per_s": 1e6,
+    "outcome": "decaying",
+    "final": {"position_ticks": -0.7251, "velocity_ticks_per_period": float("nan")},
+}
+
+
+@dataclass
+class Simulator:
+    """Stands in for ``hapticd.servo.simulate.simulate``."""
+
+    report: dict[str, Any] = field(default_factory=lambda: REPORT)
+    asked: dict[str, Any] = field(default_factory=dict)
+    fails_with: BaseException | None = None
+
+    def simulate(
+        self,
+        config: Any,
+        duration_s: float,
+        *,
+        on_rows: Callable[[Any], None] | None,
+        progress: Callable[[float], None],
+        **options: Any,
+    ) -> Simulator:
+        self.asked = {"rate_hz": config.servo.rate_hz, "duration_s": duration_s, **options}
+        if on_rows is not None:
+            on_rows(np.zeros(10, dtype=ROW))
+        progress(0.5)
+        if self.fails_with is not None:
+            raise self.fails_with
+        return self
+
+
+@pytest.fixture
+def simulator(monkeypatch: pytest.MonkeyPatch) -> Simulator:
+    simulator = Simulator()
+    module = ModuleType("hapticd.servo.simulate")
+    module.simulate = simulator.simulate  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "hapticd.servo.simulate", module)
+    return simulator
+
+
+def test_simulate_passes_its_options_on(hapticd: Run, simulator: Simulator) -> None:
+    words = ("--duration", "2", "--deflection", "-20.3", "--safety", "--seed", "7", "--set", "servo.rate_hz=500")
+    outcome = hapticd("simulate", *words)
+    assert outcome.code == 0
+    assert simulator.asked == {
+        "rate_hz": 500,
+        "duration_s": 2.0,
+        "deflection": -20.3,
+        "velocity": None,
+        "safety": True,
+        "seed": 7,
+    }
+    assert outcome.out.splitlines()[:2] == ["outcome   decaying", "final     -0.7251 ticks, - ticks/period"]
+
+
+def test_simulate_json_has_no_nan(hapticd: Run, simulator: Simulator) -> None:
+    outcome = hapticd("simulate", "--duration", "1", "--json")
+    assert outcome.document == {**REPORT, "final": {"position_ticks": -0.7251, "velocity_ticks_per_period": None}}
+    assert outcome.err == ""
+
+
+def test_simulate_writes_a_whole_run(hapticd: Run, simulator: Simulator, tmp_path: Path) -> None:
+    out = tmp_path / "run.arrow"
+    out.write_text("an older run")
+    outcome = hapticd("simulate", "--duration", "1", "--seed", "3", "-o", str(out), "--json")
+    assert outcome.document["run"] == str(out)
+    run = read_run(out)
+    assert (len(run.columns["tick"]), run.truncated) == (10, False)
+    assert run.metadata["seed"] == 3
+    assert run.metadata["config"]["servo"]["rate_hz"] == 1000
+    assert list(tmp_path.iterdir()) == [out]
+
+
+@pytest.mark.parametrize(("failure", "code"), [(KeyboardInterrupt(), 130), (OSError(28, "No space left on device"), 2)])
+def test_simulate_that_is_cut_short_leaves_no_file(
+    hapticd: Run, simulator: Simulator, tmp_path: Path, failure: BaseException, code: int
+) -> None:
+    simulator.fails_with = failure
+    assert hapticd("simulate", "--duration", "1", "-o", str(tmp_path / "run.arrow")).code == code
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_simulate_into_a_missing_folder_is_a_usage_error(hapticd: Run, simulator: Simulator, tmp_path: Path) -> None:
+    outcome = hapticd("simulate", "--duration", "1", "-o", str(tmp_path / "none" / "run.arrow"))
+    assert outcome.code == 2
+    assert "No such file or directory" in outcome.err
+
+
+def test_run_hands_over_the_resolved_config_and_returns_its_code(hapticd: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: dict[str, Any] = {}
+
+    def run_foreground(config: Any, **options: Any) -> int:
+        asked.update(options, rate_hz=config.servo.rate_hz)
+        return 5
+
+    module = ModuleType("hapticd.service.daemon")
+    module.run_foreground = run_foreground  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "hapticd.service.daemon", module)
+    outcome = hapticd("run", "--start", "--set", "servo.rate_hz=250", "--socket", "/tmp/x.sock")
+    assert outcome.code == 5
+    assert (asked["rate_hz"], asked["autostart"], asked["socket"]) == (250, True, Path("/tmp/x.sock"))
+
+
+@pytest.mark.parametrize("command", [("run",), ("simulate", "--duration", "1"), ("config", "show")])
+def test_wrong_config_exits_2_with_the_whole_text(hapticd: Run, tmp_path: Path, command: tuple[str, ...]) -> None:
+    path = tmp_path / "rig.yaml"
+    path.write_text("servo: {rate: 500}\nspring: {stiffness: -1}\n")
+    outcome = hapticd(*command, str(path))
+    assert (outcome.code, outcome.out) == (2, "")
+    assert "servo.rate" in outcome.err
+    assert "spring.stiffness" in outcome.err
+    assert str(path) in outcome.err
+
+
+def test_config_error_in_json_lists_the_problems(hapticd: Run) -> None:
+    outcome = hapticd("config", "show", "--set", "servo.rate_hz=fast", "--json")
+    assert (outcome.code, outcome.document["error"]["code"]) == (2, "config")
+    assert outcome.document["error"]["problems"][0]["key"] == "servo.rate_hz"
+
+
+def test_config_show_prints_a_config_that_reads_back_the_same(hapticd: Run, tmp_path: Path) -> None:
+    shown = hapticd("config", "show", "phantom", "--set", "servo.rate_hz=500")
+    (tmp_path / "again.yaml").write_text(shown.out)
+    again = hapticd("config", "show", str(tmp_path / "again.yaml"), "--json")
+    assert again.document == hapticd("config", "show", "phantom", "--set", "servo.rate_hz=500", "--json").document
+    assert again.document["servo"]["rate_hz"] == 500
+
+
+def test_config_schema_is_one_document(hapticd: Run) -> None:
+    assert "servo" in hapticd("config", "schema", "--json").document["properties"]
+    assert hapticd("config", "schema").out == hapticd("config", "schema", "--json").out
+
+
+def test_drivers_are_listed(hapticd: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    from drivers import DriverInfo
+
+    found = [
+        DriverInfo("board", "lab.board:Board (lab)", "a board", 2e-4),
+        DriverInfo("broken", "lab.broken:Broken (lab)", "", 0.0, "ImportError: no module named x"),
+    ]
+    monkeypatch.setattr("drivers.discover", lambda: found)
+    assert hapticd("drivers", "--json").document == {"drivers": [vars(info) for info in found]}
+    text = hapticd("drivers").out
+    assert "latency 200 us" in text
+    assert "cannot be loaded: ImportError: no module named x" in text
+
+
+@pytest.fixture
+def recorded(hapticd: Run, simulator: Simulator, tmp_path: Path) -> Path:
+    assert hapticd("simulate", "--duration", "1", "-o", str(tmp_path / "run.arrow")).code == 0
+    return tmp_path / "run.arrow"
+
+
+@pytest.mark.parametrize("to", ["csv", "parquet", "mat"])
+def test_export_writes_beside_the_run(hapticd: Run, recorded: Path, to: str) -> None:
+    outcome = hapticd("export", str(recorded), "--to", to, "--json")
+    written = recorded.with_suffix(f".{to}")
+    assert outcome.document == {
+        "run": str(recorded),
+        "output": str(written),
+        "format": to,
+        "rows": 10,
+        "truncated": False,
+    }
+    assert written.stat().st_size > 0
+
+
+def test_export_replaces_only_when_told(hapticd: Run, recorded: Path, tmp_path: Path) -> None:
+    out = tmp_path / "wall.csv"
+    out.write_text("precious")
+    refused = hapticd("export", str(recorded), "--to", "csv", "-o", str(out))
+    assert (refused.code, out.read_text()) == (2, "precious")
+    assert refused.err == f"hapticd: {out} exists: choose another name with -o, or replace it with --force\n"
+    assert hapticd("export", str(recorded), "--to", "csv", "-o", str(out), "--force").code == 0
+    assert out.read_text().startswith("tick,time_s")
+
+
+def test_export_never_replaces_the_run_itself(hapticd: Run, recorded: Path) -> None:
+    outcome = hapticd("export", str(recorded), "--to", "csv", "-o", str(recorded), "--force")
+    assert (outcome.code, outcome.err) == (2, f"hapticd: {recorded} exists: choose another name with -o\n")
+    assert not read_run(recorded).truncated
+
+
+def test_export_of_a_run_cut_short_warns(hapticd: Run, recorded: Path) -> None:
+    recorded.write_bytes(recorded.read_bytes()[:-8])
+    outcome = hapticd("export", str(recorded), "--to", "csv", "--json")
+    assert (outcome.code, outcome.document["truncated"]) == (0, True)
+    assert "cut short" in outcome.err
+
+
+@pytest.mark.parametrize("content", [None, b"", b"not a run"])
+def test_export_of_no_run_is_a_usage_error(hapticd: Run, tmp_path: Path, content: bytes | None) -> None:
+    path = tmp_path / "bad.arrow"
+    if content is not None:
+        path.write_bytes(content)
+    outcome = hapticd("export", str(path), "--to", "csv")
+    assert outcome.code == 2
+    assert str(path) in outcome.err
+    assert not path.with_suffix(".csv").exists()

@@ -1,0 +1,164 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from record_samples import make_rows
+
+from hapticd.record import RunFileError, RunWriter, read_run
+
+
+@pytest.fixture
+def native(tmp_path: Path) -> Path:
+    with RunWriter(tmp_path / "run.arrow", {}) as run:
+        for first in range(0, 100, 20):
+            run.write(make_rows(20, first))
+            run.flush()
+    return run.path
+
+
+def test_a_tail_cut_at_any_byte_costs_at_most_the_batch_it_is_in(native: Path) -> None:
+    data = native.read_bytes()
+    cut = native.with_name("cut.arrow")
+    sizes: list[int] = []
+    for size in range(len(data) - 1, 0, -7):
+        cut.write_bytes(data[:size])
+        try:
+            run = read_run(cut)
+        except RunFileError as error:
+            assert "is not a run file" in str(error)  # noqa: PT017
+            continue
+        assert run.truncated
+        assert "was not ended properly" in run.warnings[0]
+        assert np.array_equal(run.columns["tick"], np.arange(run.rows))
+        sizes.append(run.rows)
+    assert set(sizes) == {0, 20, 40, 60, 80, 100}
+    assert sizes == sorted(sizes, reverse=True)
+
+
+@pytest.mark.parametrize("tail", [b"\0" * 4096, b"\0" * 3, b"\xff" * 64, b"garbage that is no message"])
+def test_rubbish_after_the_last_batch_is_left_out(native: Path, tail: bytes) -> None:
+    native.write_bytes(native.read_bytes()[:-8] + tail)
+    run = read_run(native)
+    assert (run.rows, run.truncated) == (100, True)
+
+
+@given(data=st.data())
+def test_damage_anywhere_ends_in_rows_or_in_a_clear_error(
+    tmp_path_factory: pytest.TempPathFactory, data: st.DataObject
+):
+    folder = tmp_path_factory.getbasetemp()
+    path = folder / "damaged.arrow"
+    path.unlink(missing_ok=True)
+    with RunWriter(path, {}) as run:
+        run.write(make_rows(20))
+    raw = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 4))):
+        raw[data.draw(st.integers(0, len(raw) - 1))] = data.draw(st.integers(0, 255))
+    path.write_bytes(raw)
+    try:
+        rows = read_run(path).rows
+    except RunFileError as error:
+        assert str(path) in str(error)  # noqa: PT017
+    else:
+        assert 0 <= rows <= 20
+
+
+def test_a_file_being_written_can_be_read(tmp_path: Path) -> None:
+    run = RunWriter(tmp_path / "a.arrow", {})
+    run.write(make_rows(5))
+    run.flush()
+    assert read_run(run.path).rows == 5
+    run.close()
+
+
+def test_files_that_are_no_runs_are_named_with_the_reason(tmp_path: Path) -> None:
+    cases = {
+        "missing.arrow": (None, "cannot read .*missing.arrow: No such file or directory"),
+        "empty.arrow": (b"", "empty.arrow is empty: its recording ended before anything was written"),
+        "empty.csv": (b"", "empty.csv is empty"),
+        "text.arrow": (b"hello, this is a letter to my aunt\n" * 9, "text.arrow is not a run file"),
+        "short.arrow": (b"\xff", "short.arrow is not a run file"),
+        "text.parquet": (b"PAR1 and nothing else", "text.parquet is not a Parquet file"),
+        "ragged.csv": (b"time_s,position\n1,2\n3\n", "ragged.csv is not a readable CSV file"),
+    }
+    for name, (content, message) in cases.items():
+        if content is not None:
+            (tmp_path / name).write_bytes(content)
+        with pytest.raises(RunFileError, match=message):
+            read_run(tmp_path / name)
+    with pytest.raises(RunFileError, match="Is a directory"):
+        read_run(tmp_path)
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read everything")
+def test_a_file_without_permission_is_named(native: Path) -> None:
+    native.chmod(0)
+    with pytest.raises(RunFileError, match="Permission denied"):
+        read_run(native)
+
+
+def test_missing_columns_are_named_beside_those_that_are_there(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,speed\n0,1\n")
+    with pytest.raises(RunFileError) as caught:
+        read_run(path)
+    assert str(caught.value) == (
+        f"{path} lacks the column(s) encoder_counts or position; current_command_A or force (it has: time_s, speed)"
+    )
+    parquet = tmp_path / "a.parquet"
+    pq.write_table(pa.table({"position": [1.0], "force": [2.0]}), parquet)
+    with pytest.raises(RunFileError, match=r"lacks the column\(s\) time_s \(it has: position, force\)"):
+        read_run(parquet)
+    arrow = tmp_path / "a.arrow"
+    with pa.OSFile(str(arrow), "wb") as sink, pa.ipc.new_stream(sink, pa.schema([("x", pa.int64())])):
+        pass
+    with pytest.raises(RunFileError, match=r"lacks the column\(s\) time_s; encoder_counts or position"):
+        read_run(arrow)
+
+
+def test_a_csv_from_elsewhere_is_read_in_our_types(tmp_path: Path) -> None:
+    path = tmp_path / "lab.csv"
+    path.write_bytes(
+        b"\xef\xbb\xbf# measured by hand\r\ntime_s, encoder_counts,force,note\r\n0,-3.0,1,a\r\n0.001,4.0,,b\r\n"
+    )
+    run = read_run(path)
+    assert run.columns["encoder_counts"].dtype == np.int64
+    assert run.columns["encoder_counts"].tolist() == [-3, 4]
+    assert run.columns["force"].dtype == np.float64
+    assert np.isnan(run.columns["force"][1])
+    assert run.columns["note"].tolist() == ["a", "b"]
+    assert run.metadata == {}
+    assert not run.truncated
+
+
+def test_a_column_of_the_wrong_kind_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,encoder_counts,force\n0,1.5,1\n")
+    with pytest.raises(RunFileError, match="column encoder_counts must hold whole numbers, none missing"):
+        read_run(path)
+    path.write_text("time_s,encoder_counts,force\n0,many,1\n")
+    with pytest.raises(RunFileError, match="column encoder_counts holds string, not numbers"):
+        read_run(path)
+    path.write_text("time_s,encoder_counts,force\n0,1,strong\n")
+    with pytest.raises(RunFileError, match=r"not a readable CSV file: .*strong"):
+        read_run(path)
+    path.write_text("time_s,position,position,force\n0,1,2,3\n")
+    with pytest.raises(RunFileError, match="more than one column position"):
+        read_run(path)
+
+
+def test_time_that_does_not_rise_is_reported_and_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("time_s,position,force\n0,1,1\n2,1,1\n1,1,1\n1,1,1\n")
+    run = read_run(path)
+    assert run.rows == 4
+    assert run.warnings == ("time_s does not rise at 2 place(s), first at row 2",)
+    path.write_text("time_s,position,force\n0,1,1\nnan,1,1\n")
+    assert read_run(path).warnings == ("time_s holds values that are not finite",)

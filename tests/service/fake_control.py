@@ -1,0 +1,154 @@
+"""A stand-in for the daemon: the real config, made-up motion, and a way to be slow."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hapticd.client import Client
+from hapticd.config import LIVE_KEYS, apply_settings, config_digest, load_config
+from hapticd.service.api import ApiServer
+from hapticd.service.control import DriverFailure, JsonDict, Refused
+from hapticd.servo import excitation
+
+PERCENTILES = {"p50": 18.0, "p99": 40.0, "p999": 380.0, "max": 500.0}
+FAULT = {"code": "over_speed", "cause": "speed 401 rad/s is above 400 rad/s", "help": "docs/faults/over_speed.md"}
+
+
+class FakeControl:
+    """Satisfies ``hapticd.service.control.Control``."""
+
+    def __init__(self) -> None:
+        self.resolved = load_config(None)
+        self.state = "off"
+        self.fault: JsonDict | None = None
+        self.calls: list[tuple[Any, ...]] = []
+        self.job: JsonDict = {"id": 0, "kind": None, "state": "idle", "progress": 0.0, "result": None}
+        self.job_states: list[tuple[str, float]] = [("running", 0.5), ("done", 1.0)]
+        self.job_result: JsonDict = {"outcome": "decaying"}
+        self.velocity = 0.0
+        self.gate = threading.Event()
+        self.gate.set()
+        self.waiting = threading.Event()
+        self.fails_with: Exception | None = None
+
+    def _enter(self, *call: Any) -> None:
+        self.calls.append(call)
+        if not self.gate.is_set():
+            self.waiting.set()
+            self.gate.wait(10)
+        if self.fails_with is not None:
+            raise self.fails_with
+
+    def status(self) -> JsonDict:
+        return {
+            "state": self.state,
+            "fault": self.fault,
+            "config_digest": config_digest(self.resolved),
+            "timing": {"rate_hz": 1000.0, "ticks": 12345, "missed": 2, "wake_us": PERCENTILES, "exec_us": PERCENTILES},
+            "operating_point": {"mu": 523.3, "beta": 0.75, "sigma": 1.0, "tau_d": 0.0, "region": "A"},
+            "position": 0.0155,
+            "position_ticks": 20.25,
+            "velocity": self.velocity,
+            "current": 0.5,
+            "current_measured": None,
+            "force": 0.01,
+            "units": {"position": "rad", "velocity": "rad/s", "current": "A", "force": "N m"},
+            "recorder": {"path": None, "rows": 0, "dropped": 0, "state": "off", "error": None},
+            "experiment": self.job,
+        }
+
+    def config(self) -> JsonDict:
+        return self.resolved.model_dump(mode="json")
+
+    def start(self) -> JsonDict:
+        self._enter("start")
+        if self.fault:
+            raise Refused("fault", "a fault is latched (over_speed); look at the rig, then 'hapticd clear'")
+        self.state = "running"
+        return self.status()
+
+    def stop(self) -> JsonDict:
+        self.calls.append(("stop",))
+        self.state = "off"
+        return self.status()
+
+    def estop(self) -> JsonDict:
+        self.calls.append(("estop",))
+        self.state, self.fault = "fault", {"code": "estop", "cause": "software stop", "help": "docs/faults/estop.md"}
+        return self.status()
+
+    def clear(self) -> JsonDict:
+        self._enter("clear")
+        self.state, self.fault = "off", None
+        return self.status()
+
+    def set(self, settings: dict[str, Any]) -> JsonDict:
+        self._enter("set", settings)
+        changed = apply_settings(self.resolved, settings, source="request")
+        for key in settings:
+            if not any(key == live or (live.endswith("*") and key.startswith(live[:-1])) for live in LIVE_KEYS):
+                raise Refused(
+                    "restart_needed", f"{key}: cannot change while the daemon runs; edit the config and restart"
+                )
+        self.resolved = changed
+        return {"applied": settings, "config_digest": config_digest(changed)}
+
+    def release(self, deflection: float, duration_s: float | None) -> JsonDict:
+        self._enter("release", deflection, duration_s)
+        self._begin("release")
+        return {
+            "experiment": 1,
+            "achieved_deflection": deflection,
+            "duration_s": duration_s or 3.0,
+            "run": "/r/release.arrow",
+        }
+
+    def excite(self, name: str, options: dict[str, Any]) -> JsonDict:
+        self._enter("excite", name, options)
+        excitation.build(self.resolved, name, **options)
+        self._begin(name)
+        return {"experiment": 1, "duration_s": 20.0, "run": "/r/excite.arrow"}
+
+    def experiment(self) -> JsonDict:
+        if self.job["state"] == "running":
+            state, progress = self.job_states.pop(0)
+            result = None if state == "running" else self.job_result
+            self.job = {**self.job, "state": state, "progress": progress, "result": result}
+        return self.job
+
+    def record_start(self, path: str | None) -> JsonDict:
+        self._enter("record_start", path)
+        return {"path": path or "/r/run.arrow", "rows": 0, "dropped": 0}
+
+    def record_stop(self) -> JsonDict:
+        self._enter("record_stop")
+        raise Refused("recording", "nothing is being recorded")
+
+    def reload(self, path: str | None) -> JsonDict:
+        self._enter("reload", path)
+        if path is not None:
+            self.resolved = load_config(path)
+        if path == "omega":
+            raise DriverFailure("reload failed: no board answers on /dev/ttyUSB0")
+        return self.status()
+
+    def _begin(self, kind: str) -> None:
+        self.state = "running"
+        self.job = {"id": 1, "kind": kind, "state": "running", "progress": 0.0, "result": None}
+
+
+@contextlib.contextmanager
+def serve(control: FakeControl, path: Path) -> Iterator[Client]:
+    """The API of ``control`` on a socket, and a client of it."""
+    server = ApiServer(control, path)
+    server.start()
+    try:
+        with Client(path) as client:
+            yield client
+    finally:
+        control.gate.set()
+        server.stop()

@@ -1,0 +1,207 @@
+"""The control socket: who gets it, who is refused, and what is left behind."""
+
+import fcntl
+import grp
+import os
+import socket as stdlib_socket
+import stat
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import pytest
+
+from hapticd.service.socket import MAX_PATH_BYTES, BoundSocket, SocketError, bind
+
+
+@pytest.fixture
+def path(tmp_path: Path) -> Path:
+    return tmp_path / "h.sock"
+
+
+def connects(path: Path) -> bool:
+    with stdlib_socket.socket(stdlib_socket.AF_UNIX) as client:
+        try:
+            client.connect(str(path))
+        except OSError:
+            return False
+    return True
+
+
+def test_socket_answers_has_its_mode_and_goes_with_its_owner(path: Path) -> None:
+    bound = bind(path, mode=0o620)
+    assert connects(path)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o620
+    bound.close()
+    assert list(path.parent.iterdir()) == []
+
+
+def test_group_by_name_and_number(path: Path) -> None:
+    own = grp.getgrgid(os.getgid())
+    for group in (own.gr_name, str(own.gr_gid)):
+        bound = bind(path, group=group)
+        assert path.stat().st_gid == own.gr_gid
+        bound.close()
+
+
+def test_umask_does_not_change_the_mode(path: Path) -> None:
+    before = os.umask(0o077)
+    try:
+        bound = bind(path, mode=0o666)
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE(path.stat().st_mode) == 0o666
+    bound.close()
+
+
+def test_second_daemon_is_refused_and_does_no_harm(path: Path) -> None:
+    first = bind(path)
+    with pytest.raises(SocketError) as refusal:
+        bind(path)
+    assert str(refusal.value) == (
+        f"another daemon answers on {path}: stop it first, or choose another socket with --socket or api.socket"
+    )
+    assert connects(path)
+    first.close()
+
+
+def test_daemon_with_a_full_queue_still_counts_as_alive(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapticd.service.socket.PROBE_TIMEOUT_S", 0.05)
+    with stdlib_socket.socket(stdlib_socket.AF_UNIX) as busy, stdlib_socket.socket(stdlib_socket.AF_UNIX) as guest:
+        busy.bind(str(path))
+        busy.listen(0)
+        guest.connect(str(path))
+        with pytest.raises(SocketError, match="another daemon answers"):
+            bind(path)
+
+
+def test_stale_socket_of_a_killed_daemon_is_replaced(path: Path) -> None:
+    code = f"from hapticd.service.socket import bind; from pathlib import Path; import os; bind(Path({str(path)!r})); os._exit(9)"
+    subprocess.run([sys.executable, "-c", code], check=False)
+    assert path.is_socket()
+    assert not connects(path)
+    bound = bind(path)
+    assert connects(path)
+    bound.close()
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, lambda path: path.write_text("precious")])
+def test_what_is_no_socket_is_left_alone(path: Path, make: object) -> None:
+    assert callable(make)
+    make(path)
+    with pytest.raises(SocketError) as refusal:
+        bind(path)
+    assert str(refusal.value) == (
+        f"{path} exists and is not a socket: remove it, or choose another with --socket or api.socket"
+    )
+    assert path.exists()
+
+
+def test_symbolic_link_is_not_followed(path: Path, tmp_path: Path) -> None:
+    path.symlink_to(tmp_path / "elsewhere")
+    with pytest.raises(SocketError, match="is not a socket"):
+        bind(path)
+    assert not (tmp_path / "elsewhere").exists()
+
+
+def test_path_too_long_says_how_long(tmp_path: Path) -> None:
+    path = tmp_path / ("x" * MAX_PATH_BYTES)
+    with pytest.raises(SocketError) as refusal:
+        bind(path)
+    assert str(refusal.value) == (
+        f"socket path {path} is {len(str(path))} bytes long; a Unix socket's path is at most 107 bytes: "
+        "choose a shorter one with --socket or api.socket"
+    )
+
+
+def test_longest_path_is_accepted(tmp_path: Path) -> None:
+    path = tmp_path / ("x" * (MAX_PATH_BYTES - len(str(tmp_path)) - 1))
+    bound = bind(path)
+    assert connects(path)
+    bound.close()
+
+
+def test_missing_directory_is_made(tmp_path: Path) -> None:
+    path = tmp_path / "run" / "h.sock"
+    bound = bind(path)
+    assert stat.S_IMODE(path.parent.stat().st_mode) == 0o755
+    bound.close()
+
+
+def test_directory_that_cannot_be_made_is_an_error(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    path = tmp_path / "file" / "h.sock"
+    with pytest.raises(SocketError) as refusal:
+        bind(path)
+    assert str(refusal.value) == f"cannot create the control socket {path}: {path.parent} is not a directory"
+
+
+def test_unknown_group_leaves_nothing_behind(path: Path) -> None:
+    with pytest.raises(SocketError) as refusal:
+        bind(path, group="no-such-group")
+    assert str(refusal.value) == "api.group = 'no-such-group': no such group on this machine"
+    assert list(path.parent.iterdir()) == []
+
+
+def test_failure_after_the_bind_leaves_nothing_behind(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "chown", refuse)
+    with pytest.raises(SocketError) as refusal:
+        bind(path, group="0")
+    assert str(refusal.value) == f"cannot create the control socket {path}: Operation not permitted"
+    assert list(path.parent.iterdir()) == []
+
+
+def test_close_leaves_the_socket_of_another_daemon(path: Path) -> None:
+    first = bind(path)
+    path.unlink()
+    second = bind(path)
+    first.close()
+    assert connects(path)
+    second.close()
+
+
+def test_close_when_the_directory_is_gone(tmp_path: Path) -> None:
+    bound = bind(tmp_path / "run" / "h.sock")
+    bound.path.unlink()
+    bound.path.parent.rmdir()
+    bound.close()
+    assert bound.socket.fileno() == -1
+
+
+def test_of_many_that_start_at_once_exactly_one_wins(path: Path) -> None:
+    barrier = threading.Barrier(8)
+    won: list[BoundSocket] = []
+    refused: list[SocketError] = []
+
+    def contend() -> None:
+        barrier.wait()
+        try:
+            won.append(bind(path))
+        except SocketError as error:
+            refused.append(error)
+
+    threads = [threading.Thread(target=contend) for _ in range(8)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert (len(won), len(refused)) == (1, 7)
+    assert connects(path)
+    won[0].close()
+    assert list(path.parent.iterdir()) == []
+
+
+def test_directory_kept_locked_by_somebody_is_an_error(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapticd.service.socket.LOCK_TIMEOUT_S", 0.05)
+    holder = os.open(path.parent, os.O_RDONLY)
+    fcntl.flock(holder, fcntl.LOCK_EX)
+    with pytest.raises(SocketError) as refusal:
+        bind(path)
+    os.close(holder)
+    assert str(refusal.value) == (
+        f"cannot create the control socket {path}: another process keeps {path.parent} locked"
+    )

@@ -1,0 +1,142 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import optimize
+
+from hapticd.stability.criterion import Law
+from hapticd.stability.devices import TABLE_II
+from hapticd.stability.numbers import Loop
+from hapticd.stability.regions import region
+from hapticd.stability.tuning import (
+    Start,
+    decimation_max,
+    delay_max,
+    grip_damping,
+    margin,
+    path,
+    period_max,
+    stiffness_max_dissipating,
+    stiffness_max_passive,
+    stiffness_max_stable,
+)
+
+RAW = 2.0 * math.pi / 8192
+RE35 = Loop(6.28e-6, 9e-6, 2e-3, 0.012, 217 * RAW, 1e-3)
+LAWS: tuple[Law, ...] = ("paper", "corrected", "sharp")
+
+
+def test_passive_stiffness_is_the_smaller_of_eq_17_and_18() -> None:
+    assert stiffness_max_passive(RE35) == pytest.approx(min(2 * 9e-6 / 1e-3, 2 * 2e-3 / (217 * RAW)))
+    coarse = replace(RE35, resolution=2172 * RAW)
+    assert stiffness_max_passive(coarse) == pytest.approx(2 * 2e-3 / (2172 * RAW))
+    assert stiffness_max_passive(coarse, "corrected") == pytest.approx(2e-3 / (2172 * RAW))
+    assert stiffness_max_passive(replace(RE35, viscous=0.0)) == 0.0
+
+
+def test_with_delay_passive_needs_a_motion() -> None:
+    delayed = replace(RE35, delay=0.1e-3)
+    assert stiffness_max_passive(delayed) is None
+    assert stiffness_max_stable(delayed) == pytest.approx(9e-6 / 0.6e-3)
+    slow = Start.in_ticks(delayed, velocity=0.1)
+    K = stiffness_max_passive(delayed, start=slow)
+    assert K is not None
+    assert 0.0 < K <= stiffness_max_stable(delayed)
+    stiff = replace(delayed, stiffness=K)
+    assert region(stiff.numbers, slow.xi_dot_max(stiff)) == "F1"
+    assert stiffness_max_passive(delayed, start=Start.in_ticks(delayed, velocity=100.0)) == pytest.approx(
+        stiffness_max_dissipating(delayed, Start.in_ticks(delayed, velocity=100.0))
+    )
+
+
+@pytest.mark.parametrize(("law", "q"), [("paper", 0.5), ("corrected", 1.0)])
+def test_stiffness_for_a_hand_velocity_in_closed_form(law: Law, q: float) -> None:
+    # without delay (12) is linear in K: K = (bẋ + c)/(ẋT/2 + qΔ), if that is below c/(qΔ)
+    omega = TABLE_II[4].loop
+    v = 0.3
+    closed = (omega.viscous * v + omega.coulomb) / (v * omega.period / 2 + q * omega.resolution)
+    found = stiffness_max_dissipating(omega, Start(velocity=v), law)
+    assert found == pytest.approx(min(closed, omega.coulomb / (q * omega.resolution)), rel=1e-12)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("delay", [0.0, 0.07e-3, 1.25e-3])
+@pytest.mark.parametrize("start", [Start(velocity=30.0), Start(deflection=0.5), Start(deflection=0.1, velocity=-10.0)])
+@pytest.mark.parametrize("grip", [0.0, 0.01])
+def test_stiffness_margin_changes_sign_once_and_there(law: Law, delay: float, start: Start, grip: float) -> None:
+    loop = replace(RE35, delay=delay, hand_stiffness=grip)
+    K = stiffness_max_dissipating(loop, start, law)
+    assert K > 0.0
+    scan = np.geomspace(K * 1e-4, K * 1e3, 400)
+    holds = np.array([margin(replace(loop, stiffness=k), start, law) >= 0.0 for k in scan])
+    np.testing.assert_array_equal(holds, scan <= K)
+    # the same root by another method
+    hi = 2e-3 / (loop.resolution * (0.5 if law == "paper" else 1.0))
+    if margin(replace(loop, stiffness=hi), start, law) < 0.0:
+        other = optimize.brentq(lambda k: margin(replace(loop, stiffness=k), start, law), K * 1e-3, hi, xtol=1e-15)
+        assert other == pytest.approx(K, rel=1e-9)
+
+
+def test_without_coulomb_friction_no_stiffness_dissipates() -> None:
+    assert stiffness_max_dissipating(replace(RE35, coulomb=0.0), Start(velocity=1.0)) == 0.0
+
+
+def test_at_rest_at_the_origin_only_the_tick_counts() -> None:
+    assert stiffness_max_dissipating(RE35, Start()) == pytest.approx(2 * 2e-3 / RE35.resolution)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_delay_and_period_are_found_on_the_boundary(law: Law) -> None:
+    fast = replace(RE35, resolution=20 * RAW)
+    start = Start(velocity=3.0)
+    longest = delay_max(fast, start, law)
+    assert longest is not None
+    assert margin(replace(fast, delay=longest), start, law) >= 0.0
+    assert margin(replace(fast, delay=longest * (1 + 1e-9)), start, law) < 0.0
+    assert delay_max(replace(fast, coulomb=0.0), start, law) is None
+
+
+def test_case_d_needs_a_faster_rate() -> None:
+    # Fig. 8 d: 100 Hz, released at 10.3 ticks; a higher rate takes it across the critical line
+    slow = replace(RE35, period=1e-2)
+    start = Start.in_ticks(slow, deflection=10.3)
+    assert region(slow.numbers, start.xi_dot_max(slow)) == "D"
+    T = period_max(slow, start)
+    assert T is not None
+    assert margin(replace(slow, period=T), start) == pytest.approx(0.0, abs=1e-9)
+    assert region(replace(slow, period=T).numbers, start.xi_dot_max(replace(slow, period=T))) == "E"
+    assert period_max(RE35, start) == RE35.period
+    assert period_max(replace(slow, coulomb=0.0), start) is None
+
+
+def test_case_b_needs_a_finer_tick() -> None:
+    # Fig. 8 b: σ = 0.1 at N = 2172; σ = ½ at N = c/(½K·raw) = 434.6
+    coarse = replace(RE35, resolution=2172 * RAW)
+    start = Start.in_ticks(coarse, deflection=3.3)
+    assert decimation_max(coarse, 2172, start) == 434
+    assert decimation_max(coarse, 2172, start, "corrected") == 217
+    assert decimation_max(replace(coarse, coulomb=0.0), 2172, start) is None
+
+
+def test_grip_takes_a_device_from_e_to_a() -> None:
+    omega = TABLE_II[4].loop
+    assert region(omega.numbers, 0.5) == "E"
+    damping = grip_damping(omega)
+    assert damping == pytest.approx(14500 / 6000 - 0.01)
+    assert region(omega.with_hand(damping=damping * (1 + 1e-12)).numbers) == "A"
+    assert grip_damping(RE35) == 0.0
+
+
+def test_ways_of_fig_4() -> None:
+    factors = np.array([1.0, 2.0, 4.0])
+    n = RE35.numbers
+    for parameter in ("stiffness", "period", "resolution"):
+        beta, sigma = path(RE35, parameter, factors)
+        for f, b, s in zip(factors, beta, sigma, strict=True):
+            moved = replace(RE35, **{parameter: getattr(RE35, parameter) * f}).numbers
+            assert (b, s) == (pytest.approx(moved.beta), pytest.approx(moved.sigma))
+    beta, sigma = path(RE35, "stiffness", factors)
+    np.testing.assert_allclose(sigma / beta, n.sigma / n.beta)
