@@ -55,7 +55,7 @@ STATUS_ENABLED = 1
 
 OK = 0
 MISSED = 1
-"""No fresh sample, or no proof that the command arrived; counted, and a fault after ``safety.missed_exchanges`` in a row."""
+"""No fresh sample, or no proof that the command arrived; counted; more than ``safety.missed_exchanges`` in a row fault."""
 DEVICE_FAULT = 2
 """The device answers and reports a fault of its own (X_DEVICE_CODE)."""
 ERROR = -1

@@ -1,11 +1,11 @@
-"""A driver that does nothing: a still shaft, an obedient amplifier. For the loop's warm-up and its cost per tick."""
+"""A driver that does nothing: a still shaft, an amplifier always on. For the loop's warm-up and its cost per tick."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import types
 
-from drivers.interface import EXCHANGE_WORDS, STATUS_ENABLED, X_COUNTS, X_CURRENT_MEASURED, X_ENABLE, X_STATUS, Driver
+from drivers.interface import EXCHANGE_WORDS, STATUS_ENABLED, X_COUNTS, X_CURRENT_MEASURED, X_STATUS, Driver
 from hapticd.jit import carray, cfunc
 
 _SIGNATURE = types.int32(types.CPointer(types.int64), types.CPointer(types.int64))
@@ -16,7 +16,7 @@ def _read(state: int, exchange: int) -> int:
     words = carray(exchange, (EXCHANGE_WORDS,))
     words[X_COUNTS] = 0
     words.view(np.float64)[X_CURRENT_MEASURED] = np.nan
-    words[X_STATUS] = STATUS_ENABLED if words[X_ENABLE] == 1 else 0
+    words[X_STATUS] = STATUS_ENABLED
     return 0
 
 
@@ -26,9 +26,9 @@ def _write(state: int, exchange: int) -> int:
 
 
 class NullDriver(Driver):
-    """A still shaft and an obedient amplifier."""
+    """A still shaft and an amplifier that is always on."""
 
-    summary = "no device: a still shaft and an obedient amplifier"
+    summary = "no device: a still shaft and an amplifier that is always on"
 
     def open(self) -> None:
         """Set the addresses; there is nothing to connect."""

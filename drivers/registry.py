@@ -72,4 +72,9 @@ def create(config: Config) -> Driver:
         raise
     except Exception as exception:
         raise DriverError(f"driver {name!r} cannot be loaded: {type(exception).__name__}: {exception}") from exception
-    return driver(config)
+    try:
+        return driver(config)
+    except DriverError:
+        raise
+    except Exception as exception:
+        raise DriverError(f"driver {name!r} refused its config: {type(exception).__name__}: {exception}") from exception

@@ -24,7 +24,7 @@ from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_COMPILED_FOLDERS = ("hapticd/plant", "hapticd/servo", "hapticd/stability", "drivers")
+_COMPILED_FOLDERS = ("hapticd/plant", "hapticd/record", "hapticd/servo", "hapticd/stability", "drivers")
 
 
 def _source_digest() -> str:
@@ -41,7 +41,7 @@ def _cache_folder() -> Path:
     """Folder of compiled code: ``$NUMBA_CACHE_DIR``, systemd's ``$CACHE_DIRECTORY``, or the user's cache."""
     for variable in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
         if value := os.environ.get(variable):
-            return Path(value) / f"hapticd-{_source_digest()}"
+            return Path(value.split(":")[0]) / f"hapticd-{_source_digest()}"
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
     return Path(base) / "hapticd" / _source_digest()
 

@@ -90,6 +90,8 @@ _KNOWN: Final[tuple[tuple[str, str, Callable[[Any], Failure]], ...]] = (
     ("hapticd.service.control", "DriverFailure", _plain(DEVICE, "driver")),
     ("hapticd.service.control", "Refused", lambda error: Failure(NO, error.code, error.message)),
     ("drivers", "DriverError", _plain(DEVICE, "driver")),
+    ("hapticd.servo.realtime", "RealtimeError", _plain(DEVICE, "realtime")),
+    ("hapticd.servo.realtime", "RealtimeError", _plain(DEVICE, "realtime")),
     ("hapticd.record.errors", "RecordingError", _plain(USAGE, "file")),
     ("hapticd.record.errors", "RunFileError", _plain(USAGE, "file")),
 )

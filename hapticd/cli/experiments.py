@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -52,7 +53,7 @@ def release(
     deflection really achieved, exact to one raw encoder count. Ctrl-C stops the daemon's rendering.
     """
     client = connect(socket)
-    return _follow(client, "release", client.release(deflection, duration), no_wait, as_json)
+    return _follow(client, "release", lambda: client.release(deflection, duration), no_wait, as_json)
 
 
 def excite(
@@ -72,7 +73,7 @@ def excite(
         _list(as_json)
         return exits.DONE
     client = connect(socket)
-    return _follow(client, name, client.excite(name, amplitude, duration), no_wait, as_json)
+    return _follow(client, name, lambda: client.excite(name, amplitude, duration), no_wait, as_json)
 
 
 def _list(as_json: bool) -> None:
@@ -94,12 +95,13 @@ def _list(as_json: bool) -> None:
     output.emit({"experiments": shapes, "default": ALL}, as_json, "\n".join(lines))
 
 
-def _follow(client: Client, name: str, job: dict[str, Any], no_wait: bool, as_json: bool) -> int:
-    """Wait for the end of a job that has begun, and report it."""
-    if no_wait:
-        output.emit(job, as_json, _text(job))
-        return exits.DONE
+def _follow(client: Client, name: str, begin: Callable[[], dict[str, Any]], no_wait: bool, as_json: bool) -> int:
+    """Begin a job, wait for its end, and report it."""
     try:
+        job = begin()
+        if no_wait:
+            output.emit(job, as_json, _text(job))
+            return exits.DONE
         with output.progress_bar(name) as progress:
             report = client.wait(job["experiment"], progress)
     except KeyboardInterrupt:
@@ -115,12 +117,20 @@ def _follow(client: Client, name: str, job: dict[str, Any], no_wait: bool, as_js
 
 
 def _text(answer: dict[str, Any]) -> str:
-    flat = {**answer, **(answer.get("result") or {})}
-    shown = {key: value for key, value in flat.items() if key != "result" and value is not None}
+    shown = _flat({**answer, **(answer.get("result") or {}), "result": None})
     width = max(len(key) for key in shown)
-    return "\n".join(
-        f"{key:{width}}  {value if isinstance(value, str) else output.to_json(value)}" for key, value in shown.items()
-    )
+    return "\n".join(f"{key:{width}}  {value}" for key, value in shown.items())
+
+
+def _flat(answer: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested keys joined by dots; what is not known is left out."""
+    flat: dict[str, Any] = {}
+    for key, value in answer.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        elif value is not None:
+            flat[f"{prefix}{key}"] = value
+    return flat
 
 
 def add_to(app: typer.Typer) -> None:

@@ -41,15 +41,12 @@ def export(
 
     A run file that was cut short (power, SIGKILL) is exported up to its last whole batch, with a warning.
     """
-    out = out or run.with_suffix(f".{to.value}")
-    if out.exists() and (not force or out.samefile(run)):
-        raise UsageError(
-            f"{out} exists: choose another name with -o" + ("" if force else ", or replace it with --force")
-        )
+    if out is not None and out.exists() and out.samefile(run):
+        raise UsageError(f"{out} is the run file itself: choose another name with -o")
     from hapticd import record
 
     data = record.read_run(run)
-    written = record.export(data, to.value, out)
+    written = record.export(data, to.value, out, force=force)
     rows = len(next(iter(data.columns.values()), ()))
     if data.truncated:
         output.note(f"{run} was cut short; exported up to its last whole batch")

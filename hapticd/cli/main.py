@@ -55,9 +55,7 @@ class PipeGroup(TyperGroup):
             code = super().invoke(ctx)
             sys.stdout.flush()
         except BrokenPipeError:
-            # What is still buffered has nowhere to go; without this the interpreter would complain about it at exit.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return exits.BROKEN_PIPE
+            return _reader_gone()
         return code if isinstance(code, int) else exits.DONE
 
 
@@ -77,6 +75,12 @@ def build_app() -> typer.Typer:
     for group in GROUPS:
         group.add_to(app)
     return app
+
+
+def _reader_gone() -> int:
+    """Throw away what is still buffered for nobody, or the interpreter would complain about it at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    return exits.BROKEN_PIPE
 
 
 def _show_version(wanted: bool) -> None:
@@ -109,7 +113,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     try:
         code = command.main(words, prog_name="hapticd", standalone_mode=False)
     except typer.TyperException as error:
-        if not error.message:  # the help page was asked for by giving no words at all, and is printed
+        if type(error).__name__ == "NoArgsIsHelpError":  # it has printed the help by itself
             return exits.USAGE
         context = getattr(error, "ctx", None)
         path = context.command_path if context is not None else "hapticd"
@@ -125,11 +129,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if code == exits.INTERRUPTED:
             output.note("interrupted")
         return code if isinstance(code, int) else exits.DONE
-    if "--json" in words:
-        print(output.to_json(failure.document), flush=True)
     output.note(failure.message)
+    if "--json" in words:
+        try:
+            print(output.to_json(failure.document), flush=True)
+        except BrokenPipeError:
+            return _reader_gone()
     return failure.exit_code
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -19,10 +19,10 @@ INTRODUCTION = """# Command line
 
 Made from the program by `python -m hapticd.cli.reference docs/reference`; do not edit.
 
-Every command that reports takes `--json`: exactly one JSON document on stdout, everything else on stderr. An error is then
-a document too, `{"error": {"code": …, "message": …}}`, with the same exit code. Long work shows a progress bar on a
-terminal and none in a pipe. The daemon is found by `--socket`, else the variable `HAPTICD_SOCKET`, else `api.socket` of the
-built-in config.
+Every command that reports takes `--json`: exactly one JSON document on stdout, everything else on stderr. An error is
+then a document too, `{"error": {"code": …, "message": …}}`, with the same exit code. Long work shows a progress bar on a
+terminal and none in a pipe. The daemon is found by `--socket`, else the variable `HAPTICD_SOCKET`, else `api.socket` of
+the built-in config.
 """
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -29,9 +30,11 @@ def run(
     resolved = resolve_config(config, assignments)
     from rich.console import Console
 
-    from hapticd.service.daemon import run_foreground
+    from hapticd.service.foreground import run_foreground
 
-    return run_foreground(resolved, socket=socket, autostart=start, console=Console())
+    # A reload reads the same file wherever the daemon's working directory is by then; a preset has no path.
+    source = str(Path(config).absolute()) if config is not None and Path(config).is_file() else config
+    return run_foreground(resolved, source=source, socket=socket, autostart=start, console=Console(stderr=True))
 
 
 def add_to(app: typer.Typer) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -80,6 +82,8 @@ def simulate(
     if deflection is not None and velocity is not None:
         raise UsageError("--deflection and --velocity exclude each other: a run begins at rest or at the origin")
     resolved = resolve_config(config, assignments)
+    if round(duration * resolved.servo.rate_hz) < 1:
+        raise UsageError(f"--duration {duration:g} s is shorter than one servo period ({resolved.period:g} s)")
     from hapticd.servo.simulate import simulate as run
 
     with _rows_to(out, resolved, seed) as on_rows, output.progress_bar("simulating") as progress:
@@ -107,10 +111,15 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
     from hapticd.config import config_digest
     from hapticd.record import RunWriter
 
-    metadata = {"config": config.model_dump(mode="json"), "config_digest": config_digest(config), "source": "simulate"}
+    metadata: dict[str, Any] = {
+        "config": config.model_dump(mode="json"),
+        "config_digest": config_digest(config),
+        "source": "simulate",
+    }
     if seed is not None:
         metadata["seed"] = seed
     partial = out.with_name(f".{out.name}.{os.getpid()}")
+    before = signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     writer = RunWriter(partial, metadata)
     try:
         yield writer.write
@@ -121,6 +130,8 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
             writer.close()
         partial.unlink(missing_ok=True)
         raise
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def describe(report: dict[str, Any]) -> str:

@@ -1,7 +1,7 @@
 """One method for each endpoint of the control API, and waiting for an experiment.
 
-Each request is a connection of its own: on a Unix socket that costs microseconds, nothing goes stale while nobody asks, and
-one client may be used from several threads.
+Each request is a connection of its own: on a Unix socket that costs microseconds, nothing goes stale while nobody asks,
+and one client may be used from several threads.
 """
 
 from __future__ import annotations

@@ -107,7 +107,9 @@ class Record(Section):
         default_directory,
         "Where run files go; null: $STATE_DIRECTORY/runs in a service, else $XDG_STATE_HOME/hapticd/runs",
     )
-    enabled: Flag = quantity(True, "False switches recording off altogether: no run files, no history of a fault")
+    enabled: Flag = quantity(
+        True, "Record every run from start to stop; false: only on request (`hapticd record start`), and on a fault"
+    )
 
 
 class Api(Section):

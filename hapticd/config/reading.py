@@ -13,6 +13,7 @@ import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from hapticd.config.problems import ConfigError, Problem
+from hapticd.config.text import shown
 
 _MAX_BYTES = 1 << 20
 _MAX_VALUES = 100_000  # aliases of aliases can stand for more values than a machine can hold
@@ -155,7 +156,7 @@ class _Converter:
                 return self._loader.yaml_constructors[_PREFIX + kind](self._loader, node)
         except (ValueError, KeyError):
             pass
-        self._note(path, f"line {node.start_mark.line + 1}: {node.value!r} cannot be read as {kind}")
+        self._note(path, f"line {node.start_mark.line + 1}: {shown(node.value)} cannot be read as {shown(kind)}")
         return None
 
     def _note(self, path: str, message: str) -> None:

@@ -35,7 +35,7 @@ class Overrun(Section):
 
     policy: Literal["skip", "hold", "fault"] = quantity(
         "skip",
-        "skip: missed periods are skipped on the time grid; hold: the last force is kept through the next tick; "
+        "skip: missed periods are skipped on the time grid; hold: likewise, and the late tick keeps the last command; "
         "fault: the first missed period is a fault",
     )
     fault_after: WholeLimit = quantity(
@@ -189,14 +189,14 @@ class Safety(Section):
         400.0, "Largest speed", "rad/s", linear="m/s", linear_default=2.0, zero="no limit", ge=0
     )
     max_excursion: Limit = quantity(
-        10.0, "Largest distance from the zero position", "rad", linear="m", linear_default=0.2, zero="no limit", ge=0
+        10.0, "Largest distance from the spring's origin", "rad", linear="m", linear_default=0.2, zero="no limit", ge=0
     )
     encoder_jump: WholeLimit = quantity(
         8192, "Largest change of the raw encoder between two ticks", "counts", zero="no limit", ge=0, le=2**31 - 1
     )
     missed_exchanges: WholeLimit = quantity(
         3,
-        "Consecutive failed exchanges with the driver that are a fault",
+        "Consecutive failed exchanges with the driver that are tolerated; one more is a fault",
         "exchanges",
         zero="never",
         ge=0,
@@ -206,5 +206,5 @@ class Safety(Section):
         2.0, "Time the amplifier may take to report that it is enabled", "s", gt=0, le=60
     )
     heartbeat_timeout_s: Number = quantity(
-        0.5, "Silence of the supervisor after which the loop faults", "s", ge=0.05, le=10
+        0.5, "Silence of the supervisor after which the loop faults", "s", ge=0.2, le=10
     )

@@ -38,7 +38,7 @@ def yaml_value(value: object) -> str:
         return "{" + ", ".join(f"{yaml_value(key)}: {yaml_value(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(yaml_value(item) for item in value) + "]"
-    return repr(value)
+    return " ".join(repr(value).split())
 
 
 def shown(value: object, width: int = 60) -> str:

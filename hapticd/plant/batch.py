@@ -41,6 +41,18 @@ def propagate_batch(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Exact step of every element (:func:`hapticd.plant.exact.propagate`), arguments broadcast against each other.
 
+    Not to be called from two threads at once: Numba's fallback thread pool, used where neither OpenMP nor TBB is
+    installed, ends the process on that.
+
+    Args:
+        x: positions [rad or m].
+        v: velocities [rad/s or m/s].
+        dt: durations [s].
+        force: constant torques or forces [N m or N].
+        inertia: inertias or masses [kg m² or kg].
+        viscous: viscous friction [N m s/rad or N s/m].
+        coulomb: Coulomb friction [N m or N].
+
     Returns:
         Positions and velocities after ``dt``, each of the broadcast shape.
 
@@ -49,7 +61,8 @@ def propagate_batch(
     """
     arguments = np.broadcast_arrays(x, v, dt, force, inertia, viscous, coulomb)
     shape = arguments[0].shape
-    flat = [np.ascontiguousarray(argument, dtype=np.float64).ravel() for argument in arguments]
-    x_out, v_out = np.empty(flat[0].size), np.empty(flat[0].size)
-    _propagate_all(*flat, x_out, v_out)
+    # Copied, though nothing is written to them: to Numba a read-only array is another type.
+    flat = [np.array(argument, dtype=np.float64, order="C").ravel() for argument in arguments]
+    x_out, v_out = results = np.empty((2, flat[0].size))
+    _propagate_all(*flat, *results)
     return x_out.reshape(shape), v_out.reshape(shape)

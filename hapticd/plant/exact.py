@@ -27,6 +27,7 @@ _f8 = types.float64
 # Below this |z| (or w) the closed forms subtract nearly equal numbers and a short series is both exact and faster.
 _SERIES_BELOW = 0.0625
 _LOG_SERIES_BELOW = 0.125
+_LARGEST = 1.7976931348623157e308
 
 
 @njit(types.UniTuple(_f8, 3)(_f8))
@@ -51,18 +52,31 @@ def phi_functions(z: float) -> tuple[float, float, float]:
     return exponential, phi1, (phi1 - 1.0) / z
 
 
-@njit(types.UniTuple(_f8, 2)(_f8))
-def log_functions(w: float) -> tuple[float, float]:
-    """Return (log(1+w)/w, (w − log(1+w))/w²) for w ≥ 0: the time and the way until friction stops a mass."""
+@njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8))
+def time_and_way_to_rest(speed: float, deceleration: float, rate: float) -> tuple[float, float]:
+    """Return when and where v′ = −deceleration − rate·v brings a speed to zero.
+
+    With w = rate·speed/deceleration the time is log(1+w)/rate and the way speed/rate·(1 − log(1+w)/w).
+
+    Args:
+        speed: initial speed, > 0.
+        deceleration: constant part of the deceleration, ≥ 0.
+        rate: decay rate b/m, ≥ 0.
+    """
+    w = rate * speed / deceleration
     if w < _LOG_SERIES_BELOW:
         # log(1+w) = 2·artanh(s), s = w/(2+w); the first term of w − log(1+w) is then exact and no digits cancel.
         r = 1.0 / (2.0 + w)
         s = w * r
         q = s * s
         tail = 1.0 / 3.0 + q * (1.0 / 5.0 + q * (1.0 / 7.0 + q * (1.0 / 9.0 + q * (1.0 / 11.0 + q * (1.0 / 13.0)))))
-        return 2.0 * r * (1.0 + q * tail), r - 2.0 * r * r * s * tail
-    ratio = math.log1p(w) / w
-    return ratio, (1.0 - ratio) / w
+        without_drag = speed / deceleration
+        return 2.0 * r * (1.0 + q * tail) * without_drag, (r - 2.0 * r * r * s * tail) * speed * without_drag
+    if not w < _LARGEST:
+        # The deceleration is as good as none: the drag has long taken all there is to take.
+        w = _LARGEST
+    logarithm = math.log1p(w)
+    return logarithm / rate, speed / rate * (1.0 - logarithm / w)
 
 
 @njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8, _f8, _f8))
@@ -81,7 +95,8 @@ def propagate(
         coulomb: Coulomb friction [N m or N], ≥ 0; a mass at rest stays there while |force| ≤ coulomb.
 
     Returns:
-        Position and velocity after `dt`, accurate to 1e-12 relative to max(|x|, |v|·dt). Not-a-number comes through.
+        Position and velocity after `dt`, accurate to 1e-12 relative to max(|x|, |v|·dt). A not-a-number that the motion
+        depends on comes through as one.
     """
     if v == 0.0:
         if abs(force) <= coulomb:
@@ -102,11 +117,11 @@ def propagate(
     if net >= 0.0 or not end_speed <= 0.0:
         return x + sign * dt * (speed * phi1 + g * dt * phi2), sign * end_speed
 
-    time_ratio, way_ratio = log_functions(-viscous * speed / net)
-    stop = x + sign * (speed * (speed / -g) * way_ratio)
+    time, way = time_and_way_to_rest(speed, -g, viscous / inertia)
+    stop = x + sign * way
     if abs(force) <= coulomb:
         return stop, 0.0
-    remaining = max(dt - speed / -g * time_ratio, 0.0)
+    remaining = max(dt - time, 0.0)
     g = (abs(force) - coulomb) / inertia
     _, phi1, phi2 = phi_functions(-viscous * remaining / inertia)
     return stop - sign * (g * remaining * remaining * phi2), -sign * (g * remaining * phi1)

@@ -72,6 +72,9 @@ HEADER_WORDS = 32
 QUEUE_LENGTH = 4096
 """Commands that can wait inside T_A; a power of two."""
 _MASK = QUEUE_LENGTH - 1
+# Divided by, not multiplied with 1e-9, which no double holds: 10⁶ ns are then the very double 0.001 s.
+_NS_PER_SECOND = 1e9
+_COUNT_LIMIT = 2.0**62
 _DUE_NS = HEADER_WORDS
 _DUE_FRAC = _DUE_NS + QUEUE_LENGTH
 _DUE_CURRENT = _DUE_FRAC + QUEUE_LENGTH
@@ -82,8 +85,13 @@ PLANT_SIZE = _DUE_CURRENT + QUEUE_LENGTH
 def init_plant(config: Config, position: float = 0.0, velocity: float = 0.0) -> NDArray[np.float64]:
     """A new block for a config's ``plant``, ``hand``, ``amplifier`` and ``encoder``, at instant 0 with no current.
 
+    The grip's spring is relaxed at the virtual spring's origin: it acts in parallel with it (Sec. III-B). With
+    ``dac_bits`` 0 the converter is ideal and has no full scale either; ``peak_current`` still limits.
+
     Args:
-        config: resolved configuration. position: rad or m. velocity: rad/s or m/s.
+        config: resolved configuration.
+        position: true initial position, rad or m.
+        velocity: true initial velocity, rad/s or m/s.
 
     Returns:
         Shape (PLANT_SIZE,), float64.
@@ -115,10 +123,13 @@ def _move(f: NDArray[Any], dt: float) -> None:
     if f[STIFFNESS] == 0.0:
         f[POSITION], f[VELOCITY] = propagate(f[POSITION], f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB])
     else:
-        offset, f[VELOCITY] = propagate_with_stiffness(
-            f[POSITION] - f[HAND_REST], f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB], f[STIFFNESS]
+        before = f[POSITION] - f[HAND_REST]
+        after, f[VELOCITY] = propagate_with_stiffness(
+            before, f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB], f[STIFFNESS]
         )
-        f[POSITION] = offset + f[HAND_REST]
+        # A shaft that stiction holds keeps its position to the bit: it may lie on an edge of the encoder.
+        if after != before:
+            f[POSITION] = after + f[HAND_REST]
 
 
 @njit("void(float64[::1], int64[::1], int64, float64)", counted=False)
@@ -131,21 +142,27 @@ def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> Non
             break
         dt = (due_ns - i[TIME_NS]) + (due_frac - f[TIME_FRAC])
         if dt > 0.0:
-            _move(f, dt * 1e-9)
+            _move(f, dt / _NS_PER_SECOND)
             i[TIME_NS] = due_ns
             f[TIME_FRAC] = due_frac
         f[CURRENT] = f[_DUE_CURRENT + slot]
         i[QUEUE_TAIL] += 1
     dt = (ns - i[TIME_NS]) + (frac - f[TIME_FRAC])
     if dt > 0.0:
-        _move(f, dt * 1e-9)
+        _move(f, dt / _NS_PER_SECOND)
         i[TIME_NS] = ns
         f[TIME_FRAC] = frac
 
 
 @njit("void(float64[::1], int64[::1], int64, float64, float64)", counted=False)
 def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
-    """Command a current (A) at an instant: onto the DAC's grid, into saturation, and into the motor T_A later."""
+    """Command a current (A) at an instant: onto the DAC's grid, into saturation, and into the motor T_A later.
+
+    Commands take effect in the order in which they were given. One whose effect is already past takes effect as soon as
+    the shaft next moves; not-a-number is zero current.
+    """
+    if math.isnan(current):
+        current = 0.0
     if f[DAC_STEP] > 0.0:
         current, _ = quantise_current(current, f[DAC_STEP], i[DAC_MAX_CODE])
     current = min(max(current, -f[SATURATION]), f[SATURATION])
@@ -166,8 +183,17 @@ def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, curren
 
 @njit("int64(float64[::1], int64[::1])", counted=False)
 def plant_counts(f: NDArray[Any], i: NDArray[Any]) -> int:
-    """What the encoder counts: ⌊x/δ⌋, negated when it is mounted the other way round."""
-    counts = int(np.floor(f[POSITION] / f[RAW_RESOLUTION]))
+    """What the encoder counts: ⌊x/δ⌋, negated when it is mounted the other way round.
+
+    Negating the floor, not the position, makes a loop that undoes the sign see the same counts as without it. The count
+    ends at ±2⁶², and is −2⁶² for not-a-number: a jump that no loop takes for a movement.
+    """
+    level = np.floor(f[POSITION] / f[RAW_RESOLUTION])
+    if level > _COUNT_LIMIT:
+        level = _COUNT_LIMIT
+    elif not level >= -_COUNT_LIMIT:
+        level = -_COUNT_LIMIT
+    counts = int(level)
     return -counts if i[INVERT] != 0 else counts
 
 

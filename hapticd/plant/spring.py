@@ -6,20 +6,23 @@ start obeys d″ + 2α·d′ + ω²·d = a, a = (F − c·sgn v − k·x)/m, 2α
     d = v·S + a·P,      d′ = v·S′ + a·S,      S″ + 2α·S′ + ω²·S = 0, S(0) = 0, S′(0) = 1,      P = ∫ S.
 
 S and P are written so that no digits cancel in any damping case, nor for b → 0, k → 0 and at critical damping. The
-velocity's next zero is an arctangent or a logarithm; there the mass sticks (|F − k·x| ≤ c) or reverses.
+velocity's next zero is an arctangent or a logarithm; there the mass sticks (|F − k·x| ≤ c) or reverses. Of a long swing
+only the last turns are taken one by one: before them the amplitude is a geometric series.
 """
 
 from __future__ import annotations
 
 import math
 
+import numpy as np
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.exact import log_functions, phi_functions, propagate
+from hapticd.plant.exact import phi_functions, propagate, time_and_way_to_rest
 
 _f8 = types.float64
 _SERIES_TERMS = 18
+_LONG_SWING = 100.0
 
 
 @njit(types.UniTuple(_f8, 3)(_f8, _f8, _f8))
@@ -71,8 +74,34 @@ def _time_to_rest(speed: float, a: float, alpha: float, omega2: float) -> float:
     braking = omega2 / (alpha + kappa) * speed - a
     if speed == 0.0 or braking <= 0.0:
         return math.inf
-    time_ratio, _ = log_functions(2.0 * kappa * speed / braking)
-    return speed / braking * time_ratio
+    return time_and_way_to_rest(speed, braking, 2.0 * kappa)[0]
+
+
+@njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8))
+def _swings_at_once(
+    amplitude: float, band: float, alpha: float, omega2: float, remaining: float
+) -> tuple[float, float]:
+    """Take an even number of half swings from rest, leaving the last few before stiction or the end of the time.
+
+    A half swing turns an amplitude e into q·e − d·(1 + q), with q = exp(−απ/ω_d) and friction's band d = c/k, in which
+    the mass sticks.
+
+    Returns:
+        By how much the amplitude falls, and the time then remaining, as far as it matters: none after stiction does.
+    """
+    kappa2 = (alpha - math.sqrt(omega2)) * (alpha + math.sqrt(omega2))
+    if kappa2 >= 0.0:
+        return 0.0, remaining
+    half = math.pi / math.sqrt(-kappa2)
+    loss = alpha * half
+    q, one, _ = phi_functions(-loss)
+    until_stiction, _ = time_and_way_to_rest((amplitude - band) * one, 2.0 * band, loss)
+    remaining = min(remaining, (until_stiction + 2.0) * half)
+    swings = 2.0 * np.floor(0.5 * min(until_stiction, remaining / half)) - 2.0
+    if not swings >= 2.0:
+        return 0.0, remaining
+    _, many, _ = phi_functions(-loss * swings)
+    return swings * many * (amplitude * loss + band * (1.0 + q) / one), max(remaining - swings * half, 0.0)
 
 
 @njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8))
@@ -107,6 +136,14 @@ def propagate_with_stiffness(
             return x, 0.0
         else:
             sign = math.copysign(1.0, pull)
+            if coulomb > 0.0 and remaining * math.sqrt(omega2) > _LONG_SWING:
+                amplitude, band = abs(pull) / stiffness, coulomb / stiffness
+                fall, remaining = _swings_at_once(amplitude, band, alpha, omega2, remaining)
+                x += sign * fall
+                pull = force - stiffness * x
+                if abs(pull) <= coulomb:
+                    return x, 0.0
+                sign = math.copysign(1.0, pull)
         speed = abs(v)
         a = (sign * pull - coulomb) / inertia
         # Without Coulomb friction a reversal changes nothing in the equation of motion: no need to stop at it.
@@ -117,7 +154,4 @@ def propagate_with_stiffness(
         _, s, p = spring_functions(rest, alpha, omega2)
         x += sign * (speed * s + a * p)
         v = 0.0
-        if remaining - rest == remaining and speed == 0.0:
-            # A half period too short to move the clock (dt·ω ≥ 10¹⁶): no double can place the mass any better.
-            return x, 0.0
         remaining -= rest

@@ -56,6 +56,7 @@ class Recorder:
         self._state = "off"
         self._error: str | None = None
         self._rows = 0
+        self._rows_before = 0
         self._dropped_before = 0
         self._dropped_here = 0
         self._lock = threading.Lock()
@@ -79,9 +80,10 @@ class Recorder:
         with self._exclusive():
             if self._writer is not None:
                 raise RecordingError(f"already recording to {self._writer.path}; stop that first")
-            self._pull()
             writer = RunWriter(path, described) if path else open_new_run(self.directory, "run", label, described)
+            self._pull()  # what came while the file was made belongs to the history, not to this recording
             self._dropped_before, self._dropped_here = self._dropped(), 0
+            self._rows_before += self._rows
             self._error, self._rows, self._path, self._state = None, 0, writer.path, "recording"
             self._writer = writer
             return writer.path
@@ -137,6 +139,7 @@ class Recorder:
             "state": self._state,
             "path": None if self._state == "off" else str(self._path),
             "rows": self._rows,
+            "rows_total": self._rows_before + self._rows,
             "dropped": self._dropped_here,
             "dropped_total": self._dropped(),
             "history_rows": self._history.rows,

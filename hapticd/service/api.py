@@ -12,7 +12,6 @@ import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any, cast
 
 import uvicorn
@@ -38,7 +37,7 @@ ERRORS: dict[int | str, dict[str, Any]] = {
     502: {"model": schemas.ErrorReply, "description": "The device or its driver failed."},
 }
 
-BODIES = {
+BODIES: dict[str, type[schemas.Request]] = {
     "/start": schemas.EmptyBody,
     "/stop": schemas.EmptyBody,
     "/clear": schemas.EmptyBody,
@@ -199,15 +198,14 @@ class ApiServer:
 
     Args:
         control: the daemon.
-        socket_path: where the socket is to be.
-        mode: its permission bits.
-        group: its group by name or number, None for the process's own.
+        bound: the socket from :func:`hapticd.service.socket.bind`; bound before the device is opened, so that the daemon
+            that has the socket is alone with the device. Closed by :meth:`stop`.
     """
 
     STOP_TIMEOUT_S = 5.0
 
-    def __init__(self, control: Control, socket_path: Path, mode: int = 0o660, group: str | None = None) -> None:
-        self.socket_path, self.mode, self.group = socket_path, mode, group
+    def __init__(self, control: Control, bound: socket.BoundSocket) -> None:
+        self._bound = bound
         self._desks = Desks()
         settings = uvicorn.Config(
             create_app(control, self._desks),
@@ -223,25 +221,23 @@ class ApiServer:
             timeout_graceful_shutdown=1,
         )
         self._server = uvicorn.Server(settings)
-        self._bound: socket.BoundSocket | None = None
         self._thread: threading.Thread | None = None
 
     def start(self) -> None:
-        """Bind the socket and begin to answer.
+        """Begin to answer.
 
         Raises:
-            SocketError: the socket cannot be had; nothing is left behind.
+            SocketError: the server does not start; nothing is left behind.
         """
-        bound = self._bound = socket.bind(self.socket_path, self.mode, self.group)
         # uvicorn takes over signal handlers only in the main thread, and this is not it.
         self._thread = threading.Thread(
-            target=self._server.run, kwargs={"sockets": [bound.socket]}, name="hapticd-api", daemon=True
+            target=self._server.run, kwargs={"sockets": [self._bound.socket]}, name="hapticd-api", daemon=True
         )
         self._thread.start()
         while not self._server.started:
             if not self._thread.is_alive():
                 self.stop()
-                raise socket.SocketError(f"the control API did not start on {self.socket_path}; its log says why")
+                raise socket.SocketError(f"the control API did not start on {self._bound.path}; its log says why")
             time.sleep(0.005)
 
     def stop(self) -> None:
@@ -250,7 +246,5 @@ class ApiServer:
         if self._thread is not None:
             self._thread.join(self.STOP_TIMEOUT_S)
             self._thread = None
-        if self._bound is not None:
-            self._bound.close()
-            self._bound = None
+        self._bound.close()
         self._desks.close()

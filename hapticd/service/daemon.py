@@ -15,7 +15,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from drivers import DriverError
 from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, load_config
 from hapticd.record import RecordingError
 from hapticd.service import experiments
@@ -25,7 +24,6 @@ from hapticd.service.latch import FaultLatch
 from hapticd.service.rig import Rig
 from hapticd.servo import excitation, faults
 from hapticd.servo import layout as w
-from hapticd.servo.realtime import RealtimeError
 from hapticd.stability import numbers, regions
 
 log = logging.getLogger(__name__)
@@ -73,11 +71,14 @@ class Daemon:
     """
 
     def __init__(self, config: Config, source: str | None, latch: FaultLatch) -> None:
+        self.dead = False
+        """True when there is no working rig left; the process must end."""
         self._source = source
         self._latch = latch
         self._lock = threading.RLock()
         self._experiment: Experiment | None = None
         self._estops = 0
+        self._fault_lock = threading.RLock()
         self._ending = threading.Event()
         self._auto_recording = False
         self._fault = latch.load()
@@ -108,6 +109,7 @@ class Daemon:
             "force": float(snapshot[w.S_FORCE]),
             "position_ticks": float(snapshot[w.S_POSITION]),
             "encoder_counts": rig.counts,
+            "origin_counts": rig.origin_counts,
             "units": _units(config),
             "exchanges_missed": rig.core.load(w.C_EXCHANGES_MISSED),
             "commands_clamped": rig.core.load(w.C_CLAMPED),
@@ -122,27 +124,38 @@ class Daemon:
     def start(self) -> JsonDict:
         """off → ready → running; refused while a fault is latched."""
         with self._lock:
+            permit = self._rig.permit()
             self._refuse_fault()
             self._refuse_experiment()
             if self._rig.state != w.RUNNING:
                 self._begin_recording("run")
-                self._run_loop()
+                try:
+                    self._run_loop(permit)
+                except BaseException:
+                    self._end_recording()
+                    raise
         return self.status()
 
     def stop(self) -> JsonDict:
-        """Zero current, then amplifier off; ends a running experiment."""
+        """Zero current, then amplifier off; ends a running experiment. The motor is off before anything is waited for."""
+        self._rig.halt()
         with self._lock:
+            self._rig.halt()
             self._cancel_experiment()
-            self._rig.ask(state=w.OFF, excitation_id=0, excitation_length=0)
-            self._rig.wait(lambda: self._rig.state in (w.OFF, w.FAULT), _ANSWER_S)
+            stopped = self._rig.wait(lambda: self._rig.state in (w.OFF, w.FAULT), _ANSWER_S) and self._rig.wait_ticks(2)
             self._end_recording()
+        if not stopped:
+            raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
         return self.status()
 
     def estop(self) -> JsonDict:
         """Zero current in the next tick and a latched fault. Takes no lock."""
         self._estops += 1
-        self._rig.core.store(w.C_ESTOP, self._estops)
-        self._rig.wait(lambda: self._rig.state == w.FAULT, _ANSWER_S)
+        rig = self._rig
+        rig.core.store(w.C_ESTOP, self._estops)
+        rig.halt()
+        if not (rig.wait(lambda: rig.state == w.FAULT, _ANSWER_S) and rig.wait_ticks(1)):
+            raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
         return self.status()
 
     def clear(self) -> JsonDict:
@@ -154,13 +167,14 @@ class Daemon:
             before = self._rig.fault_number
             self._rig.ask(state=w.OFF, clear=self._rig.request.clear + 1, excitation_id=0, excitation_length=0)
             self._rig.wait(self._rig.applied, _ANSWER_S)
-            time.sleep(4 / self._rig.config.servo.rate_hz)
+            self._rig.wait_ticks(int(self._rig.config.safety.missed_exchanges or 0) + 3)
             if self._rig.state == w.FAULT:
-                self._note_fault()
                 cause = self._fault["cause"] if self._fault else faults.KINDS[before].code
                 raise Refused("fault_persists", f"the fault is still there: {cause}")
-            self._fault = None
-            self._latch.remove()
+            with self._fault_lock:
+                if self._rig.state != w.FAULT:
+                    self._fault = None
+                    self._latch.remove()
             log.info("fault cleared")
         return self.status()
 
@@ -176,21 +190,21 @@ class Daemon:
         with self._lock:
             self._prepare_experiment()
             rig = self._rig
+            permit = rig.permit()
             decimation = rig.config.encoder.decimation
-            counts = experiments.wait_for_rest(rig)
+            counts = experiments.wait_for_rest(rig, permit)
             origin = counts - round(deflection * decimation)
             achieved = (counts - origin) / decimation
             self._check_deflection(counts - origin)
             experiment = Experiment("release", duration_s or experiments.RELEASE_DURATION_S)
-            path = experiments.start_recording(rig, "release")
             rig.ask(origin_counts=origin)
-            deadline = time.monotonic() + experiment.duration_s
+            path = experiments.start_recording(rig, "release")
 
             def conclude() -> dict[str, Any]:
                 found = experiments.release_result(path, decimation, origin, rig.fault_number)
                 return {"achieved_deflection": achieved, **found}
 
-            self._launch(experiment, path, lambda: time.monotonic() >= deadline, conclude)
+            self._launch(experiment, path, permit, lambda: experiment.elapsed_s() >= experiment.duration_s, conclude)
             return {
                 "experiment": experiment.id,
                 "achieved_deflection": achieved,
@@ -202,25 +216,23 @@ class Daemon:
         """Play an identification experiment about the shaft's present position."""
         with self._lock:
             rig = self._rig
-            try:
-                table = excitation.build(rig.config, name, **options)
-            except excitation.ExcitationError as error:
-                raise Refused("excitation", str(error)) from error
+            table = excitation.build(rig.config, name, **options)
             ticks = table.shape[1]
             if ticks > rig.core.excitation.shape[1]:
                 longest = rig.core.excitation.shape[1] / rig.config.servo.rate_hz
-                raise Refused("excitation", f"{name} would last too long at this rate: at most {longest:.0f} s")
+                raise excitation.ExcitationError(f"{name} would last too long at this rate: at most {longest:.0f} s")
             self._prepare_experiment()
-            counts = experiments.wait_for_rest(rig)
+            permit = rig.permit()
+            counts = experiments.wait_for_rest(rig, permit)
             experiment = Experiment(f"excite {name}", ticks / rig.config.servo.rate_hz)
-            path = experiments.start_recording(rig, f"excite-{name}")
             rig.core.excitation[:, :ticks] = table
             rig.ask(origin_counts=counts, excitation_id=experiment.id, excitation_length=ticks)
+            path = experiments.start_recording(rig, f"excite-{name}")
 
             def finished() -> bool:
                 return rig.core.load(w.C_EXCITATION_DONE) == experiment.id
 
-            self._launch(experiment, path, finished, lambda: {"excitation": name, "ticks": ticks})
+            self._launch(experiment, path, permit, finished, lambda: {"excitation": name, "ticks": ticks})
             return {"experiment": experiment.id, "duration_s": experiment.duration_s, "run": str(path)}
 
     def experiment(self) -> JsonDict:
@@ -265,6 +277,7 @@ class Daemon:
 
     def shutdown(self) -> None:
         """Zero current, amplifier off, everything released. Safe to call twice."""
+        self._rig.halt()
         with self._lock:
             self._cancel_experiment()
             self._ending.set()
@@ -275,10 +288,7 @@ class Daemon:
     def _operating_point(self) -> JsonDict:
         point = numbers.from_config(self._rig.config, self._rig.driver.latency_s)
         return {
-            "mu": point.mu,
-            "beta": point.beta,
-            "sigma": point.sigma,
-            "tau_d": point.tau_d,
+            **{name: _finite(getattr(point, name)) for name in ("mu", "beta", "sigma", "tau_d")},
             "region": regions.region(point),
         }
 
@@ -308,16 +318,23 @@ class Daemon:
                 log.exception("the supervisor goes on after an error")
 
     def _servo_died(self) -> None:
-        if self._rig.servo.alive() or self._fault is not None:
+        rig = self._rig
+        if rig.servo.alive() or rig.state == w.FAULT:
             return
         log.critical("the servo thread has ended by itself; closing the driver")
-        self._rig.driver.close()
-        self._latch_fault(faults.describe(faults.DRIVER_ERROR, -1, 0, is_linear=False, detail="the servo thread ended"))
+        rig.driver.close()
+        with self._fault_lock:
+            # The loop is gone, so its words are ours to write.
+            rig.core.store(w.C_FAULT_CODE, faults.DRIVER_ERROR)
+            rig.core.store(w.C_STATE, w.FAULT)
+            detail = "the servo thread ended by itself; restart the daemon"
+            self._latch_fault(faults.describe(faults.DRIVER_ERROR, -1, 0, is_linear=False, detail=detail))
 
     def _note_fault(self) -> None:
         """Latch a new fault on disk, say it once, keep the 10 s before it."""
-        if self._rig.state == w.FAULT and self._fault is None and self._rig.fault_number:
-            self._latch_fault(self._described_fault())
+        with self._fault_lock:
+            if self._rig.state == w.FAULT and self._fault is None and self._rig.fault_number:
+                self._latch_fault(self._described_fault())
 
     def _latch_fault(self, fault: JsonDict) -> None:
         self._fault = fault
@@ -355,18 +372,24 @@ class Daemon:
         self._refuse_fault()
         self._refuse_experiment()
         rig = self._rig
-        rig.ask(state=w.OFF, excitation_id=0, excitation_length=0)
+        rig.halt()
         rig.wait(lambda: rig.state == w.OFF, _ANSWER_S)
         self._auto_recording = False
 
     def _launch(
-        self, experiment: Experiment, path: Path, finished: Callable[[], bool], conclude: Callable[[], dict[str, Any]]
+        self,
+        experiment: Experiment,
+        path: Path,
+        permit: int,
+        finished: Callable[[], bool],
+        conclude: Callable[[], dict[str, Any]],
     ) -> None:
         try:
-            self._run_loop()
-        except Refused:
+            self._run_loop(permit)
+        except BaseException:
             self._rig.recorder.stop()
             raise
+        experiment.begin()
         self._experiment = experiment
         experiment.thread = threading.Thread(
             target=experiments.run_job,
@@ -376,15 +399,20 @@ class Daemon:
         )
         experiment.thread.start()
 
-    def _run_loop(self) -> None:
+    def _run_loop(self, permit: int) -> None:
         """Ask for running and wait until the loop renders, or says why not."""
         rig = self._rig
-        rig.ask(state=w.RUNNING)
         timeout = (rig.config.safety.enable_timeout_s or 60.0) + _ANSWER_S
-        rig.wait(lambda: rig.state in (w.RUNNING, w.FAULT) or rig.core.load(w.C_FAULT_CODE) != 0, timeout)
+        if rig.run(permit):
+            rig.wait(lambda: rig.state in (w.RUNNING, w.FAULT) or rig.halted_since(permit), timeout)
+        if rig.halted_since(permit):
+            raise Refused("stopped", "stopped before it began")
         if rig.state == w.FAULT:
             self._note_fault()
             self._refuse_fault()
+        if rig.state != w.RUNNING:
+            rig.halt()
+            raise DriverFailure(f"the servo loop did not begin to render within {timeout:g} s")
 
     def _cancel_experiment(self) -> None:
         experiment = self._experiment
@@ -409,7 +437,7 @@ class Daemon:
                 "restart_needed",
                 f"{', '.join(fixed)}: cannot change while the daemon runs; edit the config and restart",
             )
-        if "servo.rate_hz" in changed:
+        if changed.keys() & {"servo.rate_hz", "encoder.decimation", "spring.origin"}:
             self._refuse_experiment()
         self._rig.ask(config, **({"origin_counts": None} if moves_origin or "spring.origin" in changed else {}))
         self._rig.wait(self._rig.applied, _ANSWER_S)
@@ -427,16 +455,22 @@ class Daemon:
                 f"{', '.join(fixed)}: cannot change while the spring is rendered; 'hapticd stop' first",
             )
         self._cancel_experiment()
-        old = self._rig
-        latched = old.fault_number
+        old, estops = self._rig, self._estops
         old.close()
         try:
-            self._rig = Rig(config, latched)
-        except (DriverError, RealtimeError) as error:
+            self._rig = Rig(config, old.fault_number)
+        except Exception as error:
             log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
-            self._rig = Rig(old.config, faults.RELOAD_FAILED)
-            self._latch_fault(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
+            with self._fault_lock:
+                self._latch_fault(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
+                try:
+                    self._rig = Rig(old.config, faults.RELOAD_FAILED)
+                except Exception:
+                    log.critical("the old configuration failed too; the daemon ends", exc_info=True)
+                    self.dead = True
             raise DriverFailure(f"reload failed: {error}") from error
+        if self._estops != estops:
+            self._rig.core.store(w.C_ESTOP, self._estops)
 
     def _begin_recording(self, label: str) -> None:
         if not self._rig.config.record.enabled:
@@ -450,7 +484,6 @@ class Daemon:
     def _end_recording(self) -> None:
         if self._auto_recording:
             self._auto_recording = False
-            time.sleep(4 / self._rig.config.servo.rate_hz)
             with contextlib.suppress(RecordingError):
                 self._rig.recorder.stop()
 

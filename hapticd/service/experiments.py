@@ -52,26 +52,35 @@ class Experiment:
         self.thread: threading.Thread | None = None
         self._began = time.monotonic()
 
+    def begin(self) -> None:
+        """The spring is rendered from now on."""
+        self._began = time.monotonic()
+
+    def elapsed_s(self) -> float:
+        """Since :meth:`begin`."""
+        return time.monotonic() - self._began
+
     def report(self) -> dict[str, Any]:
         """``id``, ``kind``, ``state``, ``progress`` and ``result``."""
-        elapsed = (time.monotonic() - self._began) / self.duration_s
-        progress = min(0.99, elapsed) if self.state == "running" else 1.0
+        progress = min(0.99, self.elapsed_s() / self.duration_s) if self.state == "running" else 1.0
         return {"id": self.id, "kind": self.kind, "state": self.state, "progress": progress, "result": self.result}
 
 
 IDLE = {"id": 0, "kind": None, "state": "idle", "progress": 0.0, "result": None}
 
 
-def wait_for_rest(rig: Rig, timeout_s: float = REST_TIMEOUT_S) -> int:
+def wait_for_rest(rig: Rig, permit: int, timeout_s: float = REST_TIMEOUT_S) -> int:
     """Counts of a shaft that has not moved for 0.2 s.
 
     Raises:
-        Refused: it keeps moving.
+        Refused: it keeps moving, or somebody stopped the daemon meanwhile.
     """
     deadline = time.monotonic() + timeout_s
     last, since = rig.counts, time.monotonic()
     while time.monotonic() < deadline:
         time.sleep(_POLL_S)
+        if rig.halted_since(permit):
+            raise Refused("stopped", "stopped before it began")
         counts = rig.counts
         if counts != last:
             last, since = counts, time.monotonic()
@@ -98,9 +107,9 @@ def run_job(
             pass
         faulted = rig.state == w.FAULT
         ended_early = not finished()
-        rig.ask(state=w.OFF, excitation_id=0, excitation_length=0)
+        rig.halt()
         rig.wait(lambda: rig.state in (w.OFF, w.FAULT), 1.0)
-        time.sleep(3 * _POLL_S)
+        rig.wait_ticks(2)
         rig.recorder.stop()
         result = {"run": str(path), **conclude()}
         if faulted:
@@ -134,14 +143,16 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     last_move = int(moving[-1]) + 1 if len(moving) else 0
     at_rest = time_s[-1] - time_s[last_move] >= max(REST_S, 0.1 * (time_s[-1] - time_s[0]))
     quarter = len(counts) // 4
-    tail, before = counts[-quarter:], counts[-2 * quarter : -quarter]
-    swing, swing_before = float(np.ptp(tail)), float(np.ptp(before))
+    tail = counts[-quarter:]
+    swing, swing_before = _swing(tail), _swing(counts[-2 * quarter : -quarter])
     if fault_number in _RUNAWAY:
         outcome = "growing"
-    elif at_rest or swing < 0.9 * swing_before:
+    elif at_rest or swing < 0.8 * swing_before:
         outcome = "decaying"
     else:
-        outcome = "growing" if swing > 1.1 * swing_before else "persistent"
+        # Growth is judged against the whole run: a buzz that late ticks make wax and wane is persistent.
+        largest = max(_swing(part) for part in np.array_split(counts[:-quarter], 3))
+        outcome = "growing" if swing > 1.1 * largest else "persistent"
     rest = None
     if at_rest:
         rest = {"after_periods": int(tick[last_move] - tick[0]), "after_s": float(time_s[last_move] - time_s[0])}
@@ -151,6 +162,11 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
         "rest": rest,
         "oscillation": None if at_rest else _oscillation(tail, time_s[-quarter:], swing, decimation),
     }
+
+
+def _swing(counts: NDArray[np.int64]) -> float:
+    """Typical peak to peak: the median over eight stretches, so that one late tick does not make a verdict."""
+    return float(np.median([np.ptp(part) for part in np.array_split(counts, 8) if len(part)]))
 
 
 def _oscillation(

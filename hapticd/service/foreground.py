@@ -6,7 +6,6 @@ Without a terminal the same facts go to the log: the banner once, then one line 
 from __future__ import annotations
 
 import logging
-import os
 import signal
 import threading
 from dataclasses import dataclass
@@ -16,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
 from rich.live import Live
+from rich.logging import RichHandler
 from rich.text import Text
 
 from hapticd.config import ConfigError
@@ -23,7 +23,8 @@ from hapticd.service.api import ApiServer
 from hapticd.service.control import DriverFailure, Refused
 from hapticd.service.daemon import Daemon
 from hapticd.service.latch import FaultLatch
-from hapticd.servo import layout as w
+from hapticd.service.socket import bind
+from hapticd.stability import regions
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -33,17 +34,6 @@ log = logging.getLogger(__name__)
 EXIT_OK = 0
 EXIT_FAULT = 5
 
-_REGIONS = {
-    "A": "passive: energy falls at any speed",
-    "B": "passive when moving fast; buzzes at less than a tick",
-    "C": "unstable",
-    "D": "unstable at this speed",
-    "E": "locally stable",
-    "D|E": "stable for slow motion, unstable for fast (see 'hapticd check')",
-    "F1": "dissipating despite the delay",
-    "F2": "stable, energy may rise for a moment",
-}
-
 
 def banner(daemon: Daemon, socket: Path, source: str) -> list[str]:
     """What a person wants to know before touching the handle, one line each."""
@@ -52,6 +42,7 @@ def banner(daemon: Daemon, socket: Path, source: str) -> list[str]:
     unit = "m" if config.is_linear else "rad"
     status = daemon.status()
     point = status["operating_point"]
+    meaning = regions.MEANING[point["region"]]
     per = "m" if config.is_linear else "rev"
     counts = config.encoder.counts_per_metre if config.is_linear else config.encoder.counts_per_rev
     lines = [
@@ -61,7 +52,7 @@ def banner(daemon: Daemon, socket: Path, source: str) -> list[str]:
         f"encoder     {counts:g} counts/{per}, decimation {config.encoder.decimation}: "
         f"one coarse tick is {config.resolution:.4g} {unit}",
         f"operating   μ {point['mu']:.4g}  β {point['beta']:.4g}  σ {point['sigma']:.4g}  τ_D {point['tau_d']:.4g}",
-        f"            region {point['region']}: {_REGIONS.get(point['region'], '')}",
+        f"            region {point['region']}: {meaning}",
     ]
     for grant in rig.servo.grants:
         lines.append(f"real time   {'yes' if grant.granted else 'NO '} {grant.name}: {grant.detail}")
@@ -102,7 +93,7 @@ def live_line(status: dict[str, Any]) -> str:
     return line
 
 
-def summary(status: dict[str, Any], rows: int) -> list[str]:
+def summary(status: dict[str, Any]) -> list[str]:
     """What happened, after the end."""
     timing = status["timing"]
 
@@ -118,7 +109,7 @@ def summary(status: dict[str, Any], rows: int) -> list[str]:
         f"ticks       {timing['ticks']}, missed periods {timing['missed']}, missed exchanges {status['exchanges_missed']}",
         f"late        {quantiles('wake_us')}",
         f"execution   {quantiles('exec_us')}",
-        f"recorded    {rows} rows, {status['recorder']['dropped_total']} dropped",
+        f"recorded    {status['recorder']['rows_total']} rows, {status['recorder']['dropped_total']} dropped",
     ]
 
 
@@ -162,19 +153,24 @@ def run_foreground(
         DriverError, RealtimeError: the rig cannot be started. SocketError: the socket cannot be had.
     """
     console = console or Console(stderr=True)
+    handler: logging.Handler = logging.StreamHandler()
+    if console.is_terminal:
+        handler = RichHandler(console=console, show_path=False, markup=False)
+    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", handlers=[handler])
     path = socket or Path(config.api.socket)
     signals = _Signals(threading.Event())
     signals.install()
     console.print(
         "starting (the first start compiles the servo loop, about ten seconds) …", style="dim", highlight=False
     )
-    reserved = ApiServer.reserve(path, config.api.mode, config.api.group)
+    # The socket first: whoever has it is alone with the device.
+    bound = bind(path, int(config.api.mode, 8), config.api.group)
     try:
         daemon = Daemon(config, source, FaultLatch(path))
     except BaseException:
-        reserved.release()
+        bound.close()
         raise
-    server = ApiServer(daemon, reserved)
+    server = ApiServer(daemon, bound)
     try:
         server.start()
         for line in banner(daemon, path, source or "re35 (built in)"):
@@ -186,20 +182,18 @@ def run_foreground(
                 log.error("cannot start: %s", error)
         _watch(daemon, signals, console)
     finally:
-        rows = daemon.rig.core.load(w.C_RING_HEAD)
         server.stop()
         daemon.shutdown()
     status = daemon.status()
-    for line in summary(status, daemon.rows_recorded):
+    for line in summary(status):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
-    del rows
     return EXIT_FAULT if status["fault"] else EXIT_OK
 
 
 def _watch(daemon: Daemon, signals: _Signals, console: Console) -> None:
     shown = None
     with Live(console=console, auto_refresh=False, transient=True) as live:
-        while not signals.ending:
+        while not signals.ending and not daemon.dead:
             signals.wake.wait(0.2)
             signals.wake.clear()
             if signals.reload:
@@ -214,4 +208,3 @@ def _watch(daemon: Daemon, signals: _Signals, console: Console) -> None:
             elif status["state"] != shown:
                 log.info("state %s", status["state"])
             shown = status["state"]
-    os.sched_yield()

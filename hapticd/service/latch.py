@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 from pathlib import Path
@@ -18,24 +19,23 @@ def state_directory() -> Path:
 
 
 class FaultLatch:
-    """One file for one daemon, told apart by the name of its socket."""
+    """One file for one daemon, told apart by the path of its socket."""
 
     def __init__(self, socket: Path) -> None:
-        self.path = state_directory() / f"fault-{socket.stem}.json"
+        name = hashlib.sha256(os.fsencode(socket.absolute())).hexdigest()[:8]
+        self.path = state_directory() / f"fault-{socket.stem}-{name}.json"
 
     def load(self) -> dict[str, Any] | None:
         """The fault latched before a restart: ``code``, ``cause``, ``help``, ``number``; None when there is none.
 
         A file that cannot be understood counts as a fault too: it says that something happened.
         """
-        try:
-            text = self.path.read_text()
-        except FileNotFoundError:
+        if not self.path.exists():
             return None
         try:
-            fault = json.loads(text)
+            fault = json.loads(self.path.read_text())
             return {**fault, "number": faults.NUMBERS[fault["code"]]}
-        except (ValueError, KeyError, TypeError):
+        except (ValueError, KeyError, TypeError, OSError):
             cause = f"{self.path} holds a latched fault that cannot be read; look at the machine, then 'hapticd clear'"
             return {"code": "estop", "cause": cause, "help": "docs/faults/estop.md", "number": faults.ESTOP}
 
@@ -43,7 +43,10 @@ class FaultLatch:
         """Write the fault, whole or not at all."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         temporary = self.path.with_suffix(".new")
-        temporary.write_text(json.dumps(fault, indent=1) + "\n")
+        with temporary.open("w") as file:
+            file.write(json.dumps(fault, indent=1) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
         temporary.replace(self.path)
 
     def remove(self) -> None:

@@ -6,6 +6,7 @@ A rig is what a reload with another driver replaces as a whole. It knows nothing
 from __future__ import annotations
 
 import logging
+import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -50,12 +51,10 @@ class Rig:
             self.driver.close()
             raise
         self.servo = ServoThread(config, self.driver, parameters(config, self.request), latched_fault)
-        try:
-            self.servo.start()
-        except BaseException:
-            self.driver.close()
-            raise
         self.core = self.servo.core
+        self._asking = threading.Lock()
+        self._halts = 0
+        # Before the servo: once that runs, nothing slow may stand between it and the supervisor's heartbeat.
         self.recorder = Recorder(
             self.core.drain,
             self.core.dropped,
@@ -63,6 +62,12 @@ class Rig:
             self._metadata,
             Path(config.record.directory),
         )
+        try:
+            self.servo.start()
+        except BaseException:
+            self.recorder.shutdown()
+            self.driver.close()
+            raise
 
     def _metadata(self) -> dict[str, Any]:
         return run_metadata(
@@ -97,10 +102,41 @@ class Rig:
 
     def ask(self, config: Config | None = None, **changes: Any) -> None:
         """Publish a changed request and/or config as one whole parameter set."""
+        with self._asking:
+            self._publish(config, changes)
+
+    def halt(self) -> None:
+        """Ask for ``off``, and make every attempt to run that has already begun fail. Waits for nobody."""
+        with self._asking:
+            self._halts += 1
+            self._publish(None, {"state": w.OFF, "excitation_id": 0, "excitation_length": 0})
+
+    def permit(self) -> int:
+        """A permit to run, void as soon as somebody calls :meth:`halt`."""
+        return self._halts
+
+    def halted_since(self, permit: int) -> bool:
+        """Whether the permit is void."""
+        return self._halts != permit
+
+    def run(self, permit: int) -> bool:
+        """Ask for ``running``; False, and nothing asked, when the permit is void."""
+        with self._asking:
+            if self._halts != permit:
+                return False
+            self._publish(None, {"state": w.RUNNING})
+            return True
+
+    def _publish(self, config: Config | None, changes: dict[str, Any]) -> None:
         if config is not None:
             self.config = config
         self.request = replace(self.request, **changes)
         self.core.publish(parameters(self.config, self.request))
+
+    def wait_ticks(self, ticks: int) -> bool:
+        """Wait until the loop has done that many more ticks; False when it does not."""
+        target = self.core.load(w.C_TICKS) + ticks
+        return self.wait(lambda: self.core.load(w.C_TICKS) >= target, 1.0 + ticks * self.config.period)
 
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Poll until ``condition`` holds; False when it did not in time."""

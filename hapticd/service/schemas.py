@@ -16,7 +16,7 @@ LONGEST_DURATION_S = 3600.0
 
 
 def _scalar(value: Any) -> Any:
-    """One setting: what a YAML scalar can be. (A union would report one error for each of its members.)"""
+    """One setting: what a YAML scalar can be; a union would report one error for each of its members."""
     if isinstance(value, float) and not math.isfinite(value):
         raise PydanticCustomError("finite_number", "input should be a finite number")
     if value is not None and not isinstance(value, bool | int | float | str):

@@ -16,6 +16,7 @@ from hapticd.servo.clock import later, now_ns, sleep_until
 
 _FIFO_MASK = w.FIFO_LENGTH - 1
 _HALF_NS = 0.5
+LAST_WRITE_ATTEMPTS = 3
 
 _I = numba.types.Array(numba.int64, 1, "C")
 _F = numba.types.Array(numba.float64, 1, "C")
@@ -78,10 +79,13 @@ def leave(
     pointers: NDArray[Any],
     ns: int,
 ) -> None:
-    """The loop's way out: zero current first, then amplifier off, whatever the driver answers."""
-    if ints[w.W_ENABLED] != w.DISABLED:
-        write(params, floats, exchange, exchange_floats, pointers, 0.0, ns, 0.0, 1)
-    write(params, floats, exchange, exchange_floats, pointers, 0.0, ns, 0.0, 0)
+    """The loop's way out: zero current first, then amplifier off, each tried again when the exchange fails."""
+    for enable in (1, 0):
+        if enable == 1 and ints[w.W_ENABLED] == w.DISABLED:
+            continue
+        for _ in range(LAST_WRITE_ATTEMPTS):
+            if write(params, floats, exchange, exchange_floats, pointers, 0.0, ns, 0.0, enable) == 0:
+                break
     ints[w.W_ENABLED] = w.DISABLED
 
 
@@ -105,7 +109,7 @@ def write_current(
     """Write ``floats[V_REQUESTED]`` after T_V: at once, or whatever of the waiting commands falls due in this period.
 
     Returns:
-        The driver's worst word, ns spent waiting for due times, and FLAG_SATURATED or 0.
+        The driver's last word, ns spent waiting for due times, and FLAG_SATURATED or 0.
     """
     ints[w.W_ENABLED] = w.ENABLED_WITH_CURRENT
     requested = floats[w.V_REQUESTED]
@@ -124,14 +128,18 @@ def write_current(
         fifo[1, slot] = requested
         ints[w.W_FIFO_HEAD] = head + 1
     waited = 0
-    worst = 0
+    result = 0
     flags = 0
     writes = 0
-    while ints[w.W_FIFO_TAIL] < ints[w.W_FIFO_HEAD]:
+    while ints[w.W_FIFO_TAIL] < ints[w.W_FIFO_HEAD] and (result == 0 or result == 1):
         slot = ints[w.W_FIFO_TAIL] & _FIFO_MASK
         due_in = (fifo_ns[slot] - ns) + (fifo[0, slot] - frac)
         if due_in >= params[w.P_PERIOD_NS] - _HALF_NS:
             break
+        ints[w.W_FIFO_TAIL] += 1
+        following = ints[w.W_FIFO_TAIL] & _FIFO_MASK
+        if ints[w.W_FIFO_TAIL] < ints[w.W_FIFO_HEAD] and (fifo_ns[following] - ns) + (fifo[0, following] - frac) <= 0.0:
+            continue  # after missed periods: a later command is overdue too, this one has had its day
         at, at_frac = fifo_ns[slot], fifo[0, slot]
         if real_time:
             begin = now_ns(timespec)
@@ -144,13 +152,11 @@ def write_current(
         result = write(params, floats, exchange, exchange_floats, pointers, fifo[1, slot], at, at_frac, 1)
         if abs(floats[w.V_CURRENT] - fifo[1, slot]) > params[w.P_DAC_STEP]:
             flags = FLAG_SATURATED
-        worst = result if result != 0 else worst
-        ints[w.W_FIFO_TAIL] += 1
         writes += 1
     if writes == 0:
         # Nothing is due, but a device with a watchdog wants to hear from us every tick.
         at = now_ns(timespec) if real_time else ns
-        worst = write(
+        result = write(
             params, floats, exchange, exchange_floats, pointers, floats[w.V_CURRENT], at, 0.0 if real_time else frac, 1
         )
-    return worst, waited, flags
+    return result, waited, flags

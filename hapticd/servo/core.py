@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 @njit("void(float64[:,::1], int64[::1], float64[::1])", counted=False)
 def _publish(mailbox: NDArray[Any], control: NDArray[Any], params: NDArray[Any]) -> None:
     sequence = control[w.C_SEQUENCE] + 1
+    fence_release()  # the number of the set before must be out before its slot is written again
     for word in range(w.PARAMETERS):
         mailbox[sequence & 1, word] = params[word]
     fence_release()
@@ -62,6 +63,18 @@ def _limit(value: float | None) -> float:
     return math.inf if value is None or value == 0 else float(value)
 
 
+def i2t_limit(config: Config) -> float:
+    """What the motor may take above its continuous current before ``over_current`` trips, A² s.
+
+    ``(peak² - continuous²) peak_time``; without a peak current, three times the continuous one stands in for it.
+    """
+    amplifier = config.amplifier
+    if not amplifier.continuous_current:
+        return math.inf
+    peak = amplifier.peak_current or 3.0 * amplifier.continuous_current
+    return float((peak**2 - amplifier.continuous_current**2) * (amplifier.peak_time_s or 0.0))
+
+
 def parameters(config: Config, request: Request, *, safety: bool = True) -> NDArray[np.float64]:
     """One whole parameter set for the mailbox, shape (PARAMETERS,); units as the P_* comments say."""
     p = np.zeros(w.PARAMETERS)
@@ -83,14 +96,17 @@ def parameters(config: Config, request: Request, *, safety: bool = True) -> NDAr
     p[w.P_DITHER_FREQUENCY] = config.dither.frequency_hz
     p[w.P_DITHER_SEED] = config.dither.seed
     p[w.P_DELAY_NS] = config.delay.computation_s * 1e9
-    p[w.P_PEAK_CURRENT] = _limit(amplifier.peak_current)
     p[w.P_CONTINUOUS_CURRENT] = _limit(amplifier.continuous_current)
-    p[w.P_PEAK_TIME_S] = amplifier.peak_time_s or 0.0
+    p[w.P_I2T_LIMIT] = i2t_limit(config)
     bits = amplifier.dac_bits or 0
     full_scale = amplifier.dac_full_scale or 0.0
     p[w.P_DAC_BITS] = bits if full_scale else 0
     p[w.P_DAC_FULL_SCALE] = full_scale if bits else 0.0
-    p[w.P_DAC_STEP] = 2.0 * full_scale / 2**bits if bits and full_scale else 0.0
+    step = 2.0 * full_scale / 2**bits if bits and full_scale else 0.0
+    p[w.P_DAC_STEP] = step
+    peak = _limit(amplifier.peak_current)
+    # The DAC rounds; a clamp that is not on its grid could be rounded up, beyond the peak.
+    p[w.P_PEAK_CURRENT] = math.floor(peak / step) * step if step and math.isfinite(peak) else peak
     p[w.P_SAFETY] = float(safety)
     p[w.P_MAX_SPEED] = _limit(limits.max_velocity) / raw
     p[w.P_MAX_EXCURSION] = _limit(limits.max_excursion) / raw
@@ -133,6 +149,8 @@ class ServoCore:
         self.ring = np.zeros(ring_rows, ROW)
         self.truth = np.zeros((ring_rows if keep_truth else 0, 2))
         self.excitation = np.zeros((2, excitation_rows))
+        for block in (self._fifo_ns, self._fifo, self.ring, self.truth, self.excitation):
+            block.fill(0)  # zeroed memory is not there until it is touched, and the loop must not be the one to do it
         self.exchange = new_exchange()
         self._timespec = np.zeros(2, np.int64)
         addresses = (driver.read_address, driver.write_address, driver.state_address, self.exchange.ctypes.data)
@@ -196,9 +214,12 @@ class ServoCore:
         """Rows that are waiting and the simulated device's true (position, velocity) beside them."""
         tail = int(self.control[w.C_RING_TAIL])
         head = self.load(w.C_RING_HEAD)
-        index = np.arange(tail, head) & (len(self.ring) - 1)
-        rows = self.ring[index]
-        truth = self.truth[index] if len(self.truth) else np.empty((0, 2))
+        begin, end = tail & (len(self.ring) - 1), head & (len(self.ring) - 1)
+        if head > tail and end <= begin:
+            rows = np.concatenate([self.ring[begin:], self.ring[:end]])
+            truth = np.concatenate([self.truth[begin:], self.truth[:end]])
+        else:
+            rows, truth = self.ring[begin:end].copy(), self.truth[begin:end].copy()
         self.store(w.C_RING_TAIL, head)
         return rows, truth
 

@@ -27,14 +27,13 @@ from hapticd.servo.layout import (
     P_ENABLE_TIMEOUT_NS,
     P_ENCODER_JUMP,
     P_HEARTBEAT_NS,
+    P_I2T_LIMIT,
     P_MAX_EXCURSION,
     P_MAX_SPEED,
     P_MISSED_EXCHANGES,
     P_ORIGIN,
     P_OVERRUN_FAULT_AFTER,
     P_OVERRUN_POLICY,
-    P_PEAK_CURRENT,
-    P_PEAK_TIME_S,
     P_PERIOD_NS,
     P_RAW_RESOLUTION,
     P_REQUEST,
@@ -181,7 +180,7 @@ def check_load(
         seconds = params[P_PERIOD_NS] * 1e-9 * (1 + missed)
         floats[V_I2T] = max(0.0, floats[V_I2T] + (floats[V_CURRENT] ** 2 - continuous**2) * seconds)
         snapshot[S_I2T] = floats[V_I2T]
-        limit = (params[P_PEAK_CURRENT] ** 2 - continuous**2) * params[P_PEAK_TIME_S]
+        limit = params[P_I2T_LIMIT]
         if floats[V_I2T] > limit:
             raise_fault(control, snapshot, ints, tick, _OVER_CURRENT, floats[V_I2T], limit)
 
@@ -198,7 +197,7 @@ def forget_motion(ints: NDArray[Any], floats: NDArray[Any]) -> None:
 
 
 @njit(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64, int64, boolean, boolean)",
+    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64, int64, boolean, boolean, boolean)",
     inline=True,
     counted=False,
 )
@@ -211,6 +210,7 @@ def step_state(
     tick: int,
     now_ns: int,
     enabled: bool,
+    fresh: bool,
     real_time: bool,
 ) -> None:
     """One step of the state machine: clear, estop, heartbeat, then what the supervisor requests.
@@ -218,7 +218,7 @@ def step_state(
     Args:
         params, control, snapshot, ints, floats: the loop's shared words (see :mod:`hapticd.servo.layout`).
         tick: present tick. now_ns: present time in ns.
-        enabled: the amplifier's own word, from the last good exchange.
+        enabled: the amplifier's own word, from the last good exchange. fresh: whether that is this tick's.
         real_time: False in virtual time, where no supervisor is alive.
     """
     clear = int(params[P_CLEAR])
@@ -226,7 +226,6 @@ def step_state(
         ints[W_CLEAR] = clear
         if ints[W_STATE] == FAULT:
             ints[W_STATE] = OFF
-            floats[V_I2T] = 0.0
             forget_motion(ints, floats)
             atomic_store(control, C_FAULT_CODE, 0)
     stops = atomic_load(control, C_ESTOP)
@@ -247,7 +246,7 @@ def step_state(
         state = READY
         ints[W_REQUEST_NS] = now_ns
     elif state == READY:
-        if enabled and request == RUNNING:
+        if enabled and fresh and request == RUNNING:
             state = RUNNING
             forget_motion(ints, floats)
         elif not enabled and now_ns - ints[W_REQUEST_NS] > params[P_ENABLE_TIMEOUT_NS]:

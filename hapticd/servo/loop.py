@@ -195,7 +195,7 @@ def run(
         check_exchange(control, snapshot, ints, tick, result, exchange[X_DEVICE_CODE])
         flags = FLAG_MISSED_PERIOD if missed > 0 else 0
         enabled = (exchange[X_STATUS] & STATUS_ENABLED) != 0
-        step_state(params, control, snapshot, ints, floats, tick, woke, enabled, real_time)
+        step_state(params, control, snapshot, ints, floats, tick, woke, enabled, result == 0, real_time)
         if result == 0:
             counts = -exchange[X_COUNTS] if params[w.P_INVERT] > 0.0 else exchange[X_COUNTS]
             take_counts(params, control, snapshot, ints, floats, tick, woke, counts, missed)
@@ -227,7 +227,8 @@ def run(
             flags &= ~FLAG_RUNNING
             if floats[w.V_CURRENT] != 0.0:
                 # The write itself failed: try zero again at once, before anything else happens.
-                write_zero(params, ints, floats, exchange, exchange_floats, pointers, woke)
+                at = now_ns(timespec) if real_time else ns
+                write_zero(params, ints, floats, exchange, exchange_floats, pointers, at)
         if result == 0 and written == 0:
             ints[w.W_MISSED_IN_A_ROW] = 0
         else:

@@ -91,12 +91,14 @@ class ServoThread:
         return not self._thread.is_alive()
 
     def _body(self) -> None:
-        name_thread("hapticd-servo")
-        block_signals()
-        servo = self._config.servo
-        affinity = set_affinity(servo.cpu)
-        self.grants += [grant for grant in (set_scheduler(servo.priority), affinity) if grant is not None]
-        self._granted.set()
+        try:
+            name_thread("hapticd-servo")
+            block_signals()
+            servo = self._config.servo
+            affinity = set_affinity(servo.cpu)
+            self.grants += [grant for grant in (set_scheduler(servo.priority), affinity) if grant is not None]
+        finally:
+            self._granted.set()
         self.core.run(real_time=True)
 
 

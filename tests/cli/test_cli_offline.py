@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -33,6 +35,7 @@ class Simulator:
     report: dict[str, Any] = field(default_factory=lambda: REPORT)
     asked: dict[str, Any] = field(default_factory=dict)
     fails_with: BaseException | None = None
+    during: Callable[[], None] = lambda: None
 
     def simulate(
         self,
@@ -47,6 +50,7 @@ class Simulator:
         if on_rows is not None:
             on_rows(np.zeros(10, dtype=ROW))
         progress(0.5)
+        self.during()
         if self.fails_with is not None:
             raise self.fails_with
         return self
@@ -76,6 +80,12 @@ def test_simulate_passes_its_options_on(hapticd: Run, simulator: Simulator) -> N
     assert outcome.out.splitlines()[:2] == ["outcome   decaying", "final     -0.7251 ticks, - ticks/period"]
 
 
+def test_simulate_needs_a_whole_period(hapticd: Run, simulator: Simulator) -> None:
+    outcome = hapticd("simulate", "--duration", "0.0001")
+    message = "hapticd: --duration 0.0001 s is shorter than one servo period (0.001 s)\n"
+    assert (outcome.code, outcome.err, simulator.asked) == (2, message, {})
+
+
 def test_simulate_json_has_no_nan(hapticd: Run, simulator: Simulator) -> None:
     outcome = hapticd("simulate", "--duration", "1", "--json")
     assert outcome.document == {**REPORT, "final": {"position_ticks": -0.7251, "velocity_ticks_per_period": None}}
@@ -103,6 +113,26 @@ def test_simulate_that_is_cut_short_leaves_no_file(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_simulate_that_is_terminated_leaves_no_file(hapticd: Run, simulator: Simulator, tmp_path: Path) -> None:
+    simulator.during = lambda: os.kill(os.getpid(), signal.SIGTERM)
+    with pytest.raises(SystemExit) as ending:
+        hapticd("simulate", "--duration", "1", "-o", str(tmp_path / "run.arrow"))
+    assert ending.value.code == 128 + signal.SIGTERM
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(signal.SIGTERM) == signal.SIG_DFL
+
+
+def test_progress_goes_to_a_terminal_and_never_to_stdout(
+    hapticd: Run, simulator: Simulator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TERM", "xterm")
+    assert "simulating" not in hapticd("simulate", "--duration", "1").err
+    monkeypatch.setattr(sys.stderr, "isatty", lambda: True)
+    outcome = hapticd("simulate", "--duration", "1", "--json")
+    assert outcome.document["outcome"] == "decaying"
+    assert "simulating" in outcome.err
+
+
 def test_simulate_into_a_missing_folder_is_a_usage_error(hapticd: Run, simulator: Simulator, tmp_path: Path) -> None:
     outcome = hapticd("simulate", "--duration", "1", "-o", str(tmp_path / "none" / "run.arrow"))
     assert outcome.code == 2
@@ -116,12 +146,13 @@ def test_run_hands_over_the_resolved_config_and_returns_its_code(hapticd: Run, m
         asked.update(options, rate_hz=config.servo.rate_hz)
         return 5
 
-    module = ModuleType("hapticd.service.daemon")
+    module = ModuleType("hapticd.service.foreground")
     module.run_foreground = run_foreground  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "hapticd.service.daemon", module)
-    outcome = hapticd("run", "--start", "--set", "servo.rate_hz=250", "--socket", "/tmp/x.sock")
+    monkeypatch.setitem(sys.modules, "hapticd.service.foreground", module)
+    outcome = hapticd("run", "phantom", "--start", "--set", "servo.rate_hz=250", "--socket", "/tmp/x.sock")
     assert outcome.code == 5
-    assert (asked["rate_hz"], asked["autostart"], asked["socket"]) == (250, True, Path("/tmp/x.sock"))
+    assert (asked["rate_hz"], asked["source"]) == (250, "phantom")
+    assert (asked["autostart"], asked["socket"]) == (True, Path("/tmp/x.sock"))
 
 
 @pytest.mark.parametrize("command", [("run",), ("simulate", "--duration", "1"), ("config", "show")])
@@ -193,14 +224,17 @@ def test_export_replaces_only_when_told(hapticd: Run, recorded: Path, tmp_path: 
     out.write_text("precious")
     refused = hapticd("export", str(recorded), "--to", "csv", "-o", str(out))
     assert (refused.code, out.read_text()) == (2, "precious")
-    assert refused.err == f"hapticd: {out} exists: choose another name with -o, or replace it with --force\n"
+    assert refused.err == f"hapticd: {out} exists; give another name, or --force to replace it\n"
     assert hapticd("export", str(recorded), "--to", "csv", "-o", str(out), "--force").code == 0
-    assert out.read_text().startswith("tick,time_s")
+    assert out.read_text().startswith("# hapticd config:")
 
 
 def test_export_never_replaces_the_run_itself(hapticd: Run, recorded: Path) -> None:
     outcome = hapticd("export", str(recorded), "--to", "csv", "-o", str(recorded), "--force")
-    assert (outcome.code, outcome.err) == (2, f"hapticd: {recorded} exists: choose another name with -o\n")
+    assert (outcome.code, outcome.err) == (
+        2,
+        f"hapticd: {recorded} is the run file itself: choose another name with -o\n",
+    )
     assert not read_run(recorded).truncated
 
 

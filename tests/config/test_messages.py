@@ -42,7 +42,7 @@ WRONG = [
     ("plant: {coulomb: 1e400}", "plant.coulomb = .inf: must be finite"),
     ("hand: {damping: -1}", "hand.damping = -1: must be at least 0 N m s/rad"),
     ("safety: {max_velocity: -3}", "safety.max_velocity = -3: must be at least 0 rad/s (0 or null: no limit)"),
-    ("safety: {heartbeat_timeout_s: 0}", "safety.heartbeat_timeout_s = 0: must be at least 0.05 s"),
+    ("safety: {heartbeat_timeout_s: 0}", "safety.heartbeat_timeout_s = 0: must be at least 0.2 s"),
     # names, switches, text
     (
         "servo: {overrun: {policy: skp}}",
@@ -146,8 +146,9 @@ WRONG = [
     ),
     ("{}\n---\n{}", "line 2, column 1: a second document starts here; one file holds one configuration"),
     ("servo: {cpu: \0}", "line 1: character U+0000 is not allowed in YAML"),
-    ("servo: {cpu: !!binary YQ==}", "servo.cpu: line 1: 'YQ==' cannot be read as binary"),
+    ("servo: {cpu: !!binary YQ==}", 'servo.cpu: line 1: "YQ==" cannot be read as binary'),
     ("servo: &loop {overrun: *loop}", "servo.overrun: an alias that contains itself"),
+    ("servo: !%0A", 'servo: line 1: "" cannot be read as "!\\n"'),
     ("? [a, b]\n: 1", "line 1: a key must be a plain word"),
     ("servo: {<<: 5}", "servo: line 1: << takes a mapping"),
     ("[" * 5000, "is nested too deeply"),

@@ -12,6 +12,7 @@ from hapticd.client import Client
 from hapticd.config import LIVE_KEYS, apply_settings, config_digest, load_config
 from hapticd.service.api import ApiServer
 from hapticd.service.control import DriverFailure, JsonDict, Refused
+from hapticd.service.socket import bind
 from hapticd.servo import excitation
 
 PERCENTILES = {"p50": 18.0, "p99": 40.0, "p999": 380.0, "max": 500.0}
@@ -144,11 +145,10 @@ class FakeControl:
 @contextlib.contextmanager
 def serve(control: FakeControl, path: Path) -> Iterator[Client]:
     """The API of ``control`` on a socket, and a client of it."""
-    server = ApiServer(control, path)
+    server = ApiServer(control, bind(path))
     server.start()
     try:
-        with Client(path) as client:
-            yield client
+        yield Client(path)
     finally:
         control.gate.set()
         server.stop()

@@ -12,7 +12,7 @@ import pytest
 from hapticd.client import Client, DaemonUnreachable, RequestRefused
 from hapticd.service.api import ApiServer
 from hapticd.service.control import Control
-from hapticd.service.socket import SocketError
+from hapticd.service.socket import SocketError, bind
 
 from .fake_control import FakeControl, serve
 
@@ -90,8 +90,7 @@ def test_stops_are_answered_while_everything_else_waits(client: Client, control:
     control.gate.clear()
 
     def ask(number: int) -> str:
-        with Client(tmp_path / "h.sock") as other:
-            return str(other.set({"spring.stiffness": 0.01 + number / 1000})["config_digest"])
+        return str(Client(tmp_path / "h.sock").set({"spring.stiffness": 0.01 + number / 1000})["config_digest"])
 
     with ThreadPoolExecutor(60) as pool:
         waiting = [pool.submit(ask, number) for number in range(60)]
@@ -112,7 +111,7 @@ def test_estop_works_whatever_its_body_says(client: Client, control: FakeControl
     assert control.calls == [("estop",)] * 4
 
 
-def test_commands_run_one_at_a_time_in_order(client: Client, control: FakeControl, tmp_path: Path) -> None:
+def test_commands_run_one_at_a_time(client: Client, control: FakeControl) -> None:
     inside = threading.Semaphore(1)
     overlaps: list[int] = []
     enter = control._enter
@@ -125,51 +124,45 @@ def test_commands_run_one_at_a_time_in_order(client: Client, control: FakeContro
         inside.release()
 
     control._enter = watch  # type: ignore[method-assign]
-    clients = [Client(tmp_path / "h.sock") for _ in range(8)]
     with ThreadPoolExecutor(8) as pool:
-        list(pool.map(lambda each: each.clear(), clients))
-    for each in clients:
-        each.close()
+        list(pool.map(lambda _: client.clear(), range(8)))
     assert overlaps == []
     assert control.calls == [("clear",)] * 8
 
 
 def test_stop_leaves_no_thread_and_no_socket(control: FakeControl, tmp_path: Path) -> None:
     before = set(threading.enumerate())
-    server = ApiServer(control, tmp_path / "h.sock")
+    server = ApiServer(control, bind(tmp_path / "h.sock"))
     server.start()
-    with Client(tmp_path / "h.sock") as client:
-        client.status()
-        client.clear()
+    client = Client(tmp_path / "h.sock")
+    client.status()
+    client.clear()
     server.stop()
     server.stop()
     deadline = time.monotonic() + 5
-    while set(threading.enumerate()) - before and time.monotonic() < deadline:
+    while (left := set(threading.enumerate()) - before) and time.monotonic() < deadline:
         time.sleep(0.01)
-    assert set(threading.enumerate()) == before
+    assert left == set()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_stop_does_not_wait_for_a_request_that_hangs(control: FakeControl, tmp_path: Path) -> None:
     control.gate.clear()
-    server = ApiServer(control, tmp_path / "h.sock")
+    server = ApiServer(control, bind(tmp_path / "h.sock"))
     server.start()
     with ThreadPoolExecutor(1) as pool:
-        with Client(tmp_path / "h.sock") as client:
-            hanging = pool.submit(client.start)
-            assert control.waiting.wait(5)
-            server.stop()
-            with pytest.raises((DaemonUnreachable, RequestRefused)):
-                hanging.result(5)
+        hanging = pool.submit(Client(tmp_path / "h.sock").start)
+        assert control.waiting.wait(5)
+        server.stop()
+        with pytest.raises((DaemonUnreachable, RequestRefused)):
+            hanging.result(5)
         control.gate.set()
     assert list(tmp_path.iterdir()) == []
 
 
 def test_second_server_on_the_same_socket_is_refused(client: Client, tmp_path: Path) -> None:
-    second = ApiServer(FakeControl(), tmp_path / "h.sock")
     with pytest.raises(SocketError, match="another daemon answers"):
-        second.start()
-    second.stop()
+        bind(tmp_path / "h.sock")
     assert client.status()["state"] == "off"
 
 

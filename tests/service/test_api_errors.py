@@ -76,7 +76,8 @@ WRONG = [
         '{"deflction": 1}',
         422,
         "request",
-        "missing field 'deflection'; unknown field 'deflction'; did you mean 'deflection'? (fields: deflection, duration_s)",
+        "missing field 'deflection'; "
+        "unknown field 'deflction'; did you mean 'deflection'? (fields: deflection, duration_s)",
     ),
     (
         "POST",
@@ -253,7 +254,7 @@ def test_what_answers_but_is_no_daemon_is_said_to_be_none(tmp_path: Path) -> Non
 
         thread = threading.Thread(target=greet)
         thread.start()
-        with Client(path) as client, pytest.raises(DaemonUnreachable) as failure:
-            client.status()
+        with pytest.raises(DaemonUnreachable) as failure:
+            Client(path).status()
         thread.join()
     assert str(failure.value) == f"what answers on {path} is not hapticd (HTTP 200)"

@@ -77,7 +77,10 @@ def test_daemon_with_a_full_queue_still_counts_as_alive(path: Path, monkeypatch:
 
 
 def test_stale_socket_of_a_killed_daemon_is_replaced(path: Path) -> None:
-    code = f"from hapticd.service.socket import bind; from pathlib import Path; import os; bind(Path({str(path)!r})); os._exit(9)"
+    code = (
+        "import os; from pathlib import Path; from hapticd.service.socket import bind; "
+        f"bind(Path({str(path)!r})); os._exit(9)"
+    )
     subprocess.run([sys.executable, "-c", code], check=False)
     assert path.is_socket()
     assert not connects(path)

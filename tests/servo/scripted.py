@@ -33,6 +33,8 @@ class Scripted(PythonDriver):
         self.fail_write_at: int | None = None
         self.obedient = True
         self.closed = False
+        self.read_result: int | None = None
+        """What ``read`` returns instead of its own word, from now on."""
 
     def connect(self) -> None:
         """Nothing to connect."""
@@ -51,6 +53,10 @@ class Scripted(PythonDriver):
         self.commands.append((current, enable))
         if self.fail_write_at is not None and len(self.commands) == self.fail_write_at:
             raise OSError("the cable is out")
+
+    def _read(self, state: int, exchange: int) -> int:
+        result = super()._read(state, exchange)
+        return result if self.read_result is None else self.read_result
 
     def _write(self, state: int, exchange: int) -> int:
         result = super()._write(state, exchange)

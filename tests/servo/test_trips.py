@@ -6,8 +6,11 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+import numpy as np
 import pytest
 
+from drivers import DEVICE_FAULT, LOST
+from drivers.interface import X_DEVICE_CODE
 from hapticd.record.schema import FLAG_CLAMPED, FLAG_FAULT, FLAG_RUNNING
 from hapticd.servo import faults
 from hapticd.servo import layout as w
@@ -60,6 +63,70 @@ def test_trip_latches_and_ends_at_zero(code: str, sections: dict[str, Any], scri
     else:
         assert abs(value) > limit
         assert f"{limit:.4g}" in described["cause"]
+
+
+@pytest.mark.parametrize(
+    ("result", "code", "words"),
+    [
+        (LOST, "driver_lost", "the device is gone (driver returned -2)"),
+        (DEVICE_FAULT, "device_fault", "code 66 (0x42)"),
+    ],
+)
+def test_device_that_goes_or_complains(result: int, code: str, words: str) -> None:
+    driver = Scripted(config(), lambda n: 100)
+    core = core_for(driver, driver.config)
+    rows_of(core, 20)
+    core.exchange[X_DEVICE_CODE] = 0x42
+    driver.read_result = result
+    rows_of(core, 5)
+    assert fault_code(core) == code
+    ends_at_zero(driver)
+    value, limit = float(core.snapshot[w.S_FAULT_VALUE]), float(core.snapshot[w.S_FAULT_LIMIT])
+    assert words in faults.describe(faults.NUMBERS[code], value, limit, is_linear=False)["cause"]
+
+
+def test_no_motion_before_the_first_sample() -> None:
+    """An amplifier that is on, an encoder that has not spoken yet: the loop waits, it does not guess."""
+    driver = Scripted(config(safety={"missed_exchanges": None}), lambda n: None if n < 30 else 100)
+    core = core_for(driver, driver.config)
+    rows_of(core, 30)
+    assert core.load(w.C_STATE) == w.READY
+    assert {current for current, _ in driver.commands} == {0.0}
+    rows_of(core, 5)
+    assert core.load(w.C_STATE) == w.RUNNING
+
+
+def test_clearing_does_not_forget_the_heat_of_the_winding() -> None:
+    driver = Scripted(config(spring={"stiffness": 10.0}, safety={"max_excursion": None}), lambda n: 1000)
+    core = core_for(driver, driver.config)
+    core.run(real_time=False, ticks=1100)
+    assert fault_code(core) == "over_current"
+    core.publish(parameters(driver.config, Request(state=w.OFF, clear=1)))
+    rows_of(core, 2)
+    core.publish(parameters(driver.config, Request(state=w.RUNNING, clear=1)))
+    core.run(real_time=False, ticks=50)
+    assert fault_code(core) == "over_current"
+
+
+def test_continuous_limit_without_a_peak_still_trips() -> None:
+    driver = Scripted(
+        config(spring={"stiffness": 10.0}, safety={"max_excursion": None}, amplifier={"peak_current": None}),
+        lambda n: 500,
+    )
+    core = core_for(driver, driver.config)
+    core.run(real_time=False, ticks=1000)
+    assert fault_code(core) == "over_current"
+
+
+def test_clamp_at_a_peak_off_the_dac_grid_never_exceeds_it() -> None:
+    amplifier = {"dac_bits": 14, "peak_current": 2.0, "continuous_current": 2.0}
+    driver = Scripted(
+        config(spring={"stiffness": 10.0}, safety={"max_excursion": None}, amplifier=amplifier), lambda n: 1000
+    )
+    core = core_for(driver, driver.config)
+    rows = rows_of(core, 300)
+    assert fault_code(core) is None
+    assert 1.999 < np.abs(rows["current_command_A"]).max() <= 2.0
 
 
 def test_trip_that_just_does_not_happen() -> None:

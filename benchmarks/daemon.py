@@ -1,0 +1,135 @@
+"""A daemon to measure: a process of its own, driven through its socket like by any client."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from types import TracebackType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from benchmarks.report import BenchmarkError
+from hapticd.client import Client, DaemonUnreachable
+from hapticd.record import Run, read_run
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_START_S = 180.0
+"""The first start on a machine compiles the loop."""
+
+
+class MeasuredDaemon:
+    """``hapticd run`` with the given settings, from ``with`` to its end; rendering, and recording only on request.
+
+    Args:
+        settings: dotted config keys and their values.
+        busy: keep one Python thread of the daemon's process computing without end.
+
+    Raises:
+        BenchmarkError: the daemon does not start; its last words are in the text.
+    """
+
+    def __init__(self, settings: dict[str, str], busy: bool = False) -> None:
+        self._folder = tempfile.TemporaryDirectory(prefix="hapticd-benchmark-")
+        self.folder = Path(self._folder.name)
+        self.socket = self.folder / "s.sock"
+        self.client = Client(self.socket)
+        arguments = ["run", "--socket", str(self.socket)]
+        for key, value in {"record.enabled": "false", **settings}.items():
+            arguments += ["--set", f"{key}={value}"]
+        self._log = self.folder / "log"
+        self._threads = self.folder / "threads.json"
+        self._command = [sys.executable, "-m", "benchmarks.daemon_process", str(self._threads)]
+        self._command += ["busy" if busy else "calm", *arguments]
+
+    def __enter__(self) -> MeasuredDaemon:
+        environment = {**os.environ, "XDG_STATE_HOME": str(self.folder)}
+        with self._log.open("wb") as log:
+            self._process = subprocess.Popen(
+                self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment
+            )
+        try:
+            self._wait_for_answer()
+            self.client.start()
+        except BaseException:
+            self._end()
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end()
+
+    def set_rate(self, rate_hz: float) -> None:
+        """Change the servo rate live."""
+        self.client.set({"servo.rate_hz": rate_hz})
+
+    def new_path(self) -> Path:
+        """Where a recording may go; it lives as long as the daemon."""
+        return self.folder / f"{time.monotonic_ns()}.arrow"
+
+    def record(self, seconds: float) -> Run:
+        """Record for so long."""
+        path = self.new_path()
+        self.client.record_start(path)
+        time.sleep(seconds)
+        self.client.record_stop()
+        run = read_run(path)
+        path.unlink()
+        return run
+
+    def thread_cpu_s(self, name: str) -> float:
+        """CPU time that one thread has used so far, s."""
+        while not self._threads.exists():
+            time.sleep(0.05)
+        thread = json.loads(self._threads.read_text())[name]
+        text = Path(f"/proc/{self._process.pid}/task/{thread}/schedstat").read_text()
+        return int(text.split()[0]) * 1e-9
+
+    def require_healthy(self) -> dict[str, Any]:
+        """The status, when the loop still renders.
+
+        Raises:
+            BenchmarkError: it faulted, so what was measured is not what was meant.
+        """
+        status = self.client.status()
+        if status["state"] != "running":
+            raise BenchmarkError(f"the daemon left 'running': state {status['state']}, fault {status['fault']}")
+        return status
+
+    def _wait_for_answer(self) -> None:
+        deadline = time.monotonic() + _START_S
+        while True:
+            try:
+                self.client.status()
+                return
+            except DaemonUnreachable:
+                if self._process.poll() is not None or time.monotonic() > deadline:
+                    words = self._log.read_text(errors="replace")[-2000:]
+                    raise BenchmarkError(f"the daemon did not start; its last words:\n{words}") from None
+                time.sleep(0.1)
+
+    def _end(self) -> None:
+        self._process.send_signal(signal.SIGTERM)
+        try:
+            self._process.wait(20.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+        self._folder.cleanup()
+
+
+def lateness_ns(run: Run, rate_hz: float) -> NDArray[np.float64]:
+    """How late each tick woke, ns; a row keeps the part beyond whole missed periods, which the tick numbers give back."""
+    late = np.asarray(run.columns["wake_late_ns"], dtype=np.float64)
+    missed = np.diff(run.columns["tick"], prepend=run.columns["tick"][:1] - 1) - 1
+    return late + missed * (1e9 / rate_hz)

@@ -1,0 +1,67 @@
+"""A daemon on a device that writes down what it is told, in a state folder of its own."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import drivers
+from hapticd.service.daemon import Daemon
+from hapticd.service.latch import FaultLatch
+from tests.servo.scripted import Scripted, config
+
+SOCKET = Path("test.sock")
+
+
+def wait_until(condition: Callable[[], bool], what: str, timeout_s: float = 20.0) -> None:
+    """Poll; the time-out is only there so that a broken test ends."""
+    deadline = time.monotonic() + timeout_s
+    while not condition():
+        if time.monotonic() > deadline:
+            pytest.fail(f"never happened: {what}")
+        time.sleep(0.01)
+
+
+def wait_for_state(daemon: Daemon, state: str) -> dict[str, Any]:
+    """Wait for a state and return the status."""
+    wait_until(lambda: daemon.status()["state"] == state, f"state {state}")
+    return daemon.status()
+
+
+@pytest.fixture(autouse=True)
+def state_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Faults and recordings of a test stay in its own folder."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    return tmp_path
+
+
+@contextmanager
+def daemon_on(
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+    script: Callable[[int], int | Exception | None] | None = None,
+    **sections: Any,
+) -> Iterator[tuple[Daemon, list[Scripted]]]:
+    """A daemon and the list of devices it has opened (more than one after a reload); no script: the loopback."""
+    opened: list[Scripted] = []
+
+    def create(cfg: Any) -> Scripted:
+        assert script is not None
+        opened.append(Scripted(cfg, script))
+        return opened[-1]
+
+    if script is not None:
+        monkeypatch.setattr(drivers, "create", create)
+    sections.setdefault("record", {})["directory"] = str(tmp_path / "runs")
+    sections["servo"] = {"overrun": {"fault_after": None}, **sections.get("servo", {})}
+    daemon = Daemon(config(**sections), None, FaultLatch(SOCKET))
+    try:
+        yield daemon, opened
+    finally:
+        daemon.shutdown()

@@ -1,0 +1,284 @@
+"""The daemon in real time: states, every way out as the device sees it, faults that outlive a restart, live changes."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import drivers
+from drivers import DriverError
+from hapticd.config import ConfigError, config_to_yaml
+from hapticd.record import read_run
+from hapticd.service.control import DriverFailure, Refused
+from hapticd.service.daemon import Daemon
+from hapticd.service.latch import FaultLatch
+from hapticd.servo import layout as w
+from hapticd.servo import thread as servo_thread
+from hapticd.servo.excitation import ExcitationError
+from tests.service.daemons import SOCKET, daemon_on, state_home, wait_for_state, wait_until
+from tests.servo.scripted import Scripted, config
+
+__all__ = ["state_home"]
+
+pytestmark = pytest.mark.realtime
+
+
+def ends_at_zero(device: Scripted) -> None:
+    """After the last current: zero with the amplifier on, then only zero with it off."""
+    commands = list(device.commands)
+    last = max(index for index, (current, _) in enumerate(commands) if current != 0.0)
+    after = commands[last + 1 :]
+    assert after[0] == (0.0, True)
+    assert len(after) > 1
+    assert set(after[1:]) == {(0.0, False)}
+
+
+def run_for(daemon: Daemon, device: Scripted, commands: int = 20) -> None:
+    """Render until the device has seen some currents."""
+    daemon.start()
+    wait_until(lambda: sum(current != 0.0 for current, _ in list(device.commands)) > commands, "currents")
+
+
+def test_nothing_moves_before_start_and_stop_ends_at_zero(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, (device,)):
+        wait_until(lambda: len(device.commands) > 20, "ticks in off")
+        assert set(device.commands) == {(0.0, False)}
+        run_for(daemon, device)
+        assert daemon.status()["state"] == "running"
+        assert daemon.stop()["state"] == "off"
+        wait_until(lambda: device.commands[-1] == (0.0, False), "amplifier off")
+        ends_at_zero(device)
+
+
+def test_shutdown_while_running_ends_at_zero(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, (device,)):
+        run_for(daemon, device)
+        daemon.shutdown()
+        ends_at_zero(device)
+        assert device.closed
+
+
+def test_estop_latches_and_survives_a_restart(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, (device,)):
+        run_for(daemon, device)
+        assert daemon.estop()["fault"]["code"] == "estop"
+        wait_until(lambda: device.commands[-1] == (0.0, False), "amplifier off")
+        ends_at_zero(device)
+        wait_until(FaultLatch(SOCKET).path.exists, "the latch on disk")
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, (device,)):
+        status = daemon.status()
+        assert status["state"] == "fault"
+        assert status["fault"]["code"] == "estop"
+        with pytest.raises(Refused, match=r"a fault is latched \(estop: .*\); look at the rig, then 'hapticd clear'"):
+            daemon.start()
+        assert daemon.clear()["state"] == "off"
+        assert set(device.commands) == {(0.0, False)}
+    assert not FaultLatch(SOCKET).path.exists()
+
+
+def test_an_unreadable_latch_is_a_fault_too(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    latch = FaultLatch(SOCKET)
+    latch.path.parent.mkdir(parents=True)
+    latch.path.write_text("{")
+    with daemon_on(monkeypatch, tmp_path, lambda n: 0) as (daemon, _):
+        assert daemon.status()["state"] == "fault"
+        assert "cannot be read" in daemon.status()["fault"]["cause"]
+
+
+def test_exception_in_the_driver_is_quoted(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bad = [False]
+    script = lambda n: RuntimeError("checksum of frame 7") if bad[0] else 100  # noqa: E731
+    with daemon_on(monkeypatch, tmp_path, script) as (daemon, (device,)):
+        run_for(daemon, device)
+        bad[0] = True
+        fault = wait_for_state(daemon, "fault")["fault"]
+        wait_until(lambda: device.commands[-1] == (0.0, False), "amplifier off")
+        ends_at_zero(device)
+        assert fault["code"] == "driver_error"
+        assert fault["cause"].endswith("RuntimeError: checksum of frame 7")
+        assert Path(fault["help"]).exists()
+        with pytest.raises(Refused, match=r"the fault is still there"):
+            daemon.clear()
+        bad[0] = False
+        assert daemon.clear()["state"] == "off"
+
+
+def test_lost_heartbeat(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, (device,)):
+        run_for(daemon, device)
+        monkeypatch.setattr(servo_thread.ServoThread, "beat", lambda self: None)
+        fault = wait_for_state(daemon, "fault")["fault"]
+        assert fault["code"] == "heartbeat_lost"
+        wait_until(lambda: device.commands[-1] == (0.0, False), "amplifier off")
+        ends_at_zero(device)
+
+
+def test_overrun_fault(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    slow = [False]
+
+    def script(n: int) -> int:
+        if slow[0]:
+            time.sleep(0.01)
+        return 100
+
+    sections: dict[str, Any] = {"servo": {"overrun": {"policy": "skip", "fault_after": 5}}}
+    with daemon_on(monkeypatch, tmp_path, script, **sections) as (daemon, (device,)):
+        run_for(daemon, device)
+        slow[0] = True
+        fault = wait_for_state(daemon, "fault")["fault"]
+        slow[0] = False
+        assert fault["code"] == "overrun"
+        assert daemon.status()["timing"]["missed"] >= 5
+        wait_until(lambda: device.commands[-1] == (0.0, False), "amplifier off")
+        ends_at_zero(device)
+
+
+def test_the_ten_seconds_before_a_fault_are_kept_without_a_recording(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100, record={"enabled": False}) as (daemon, (device,)):
+        run_for(daemon, device, 300)
+        tripped = daemon.estop()
+        assert tripped["recorder"]["path"] is None
+        wait_until(lambda: bool(list((tmp_path / "runs").glob("fault-*-estop.arrow"))), "the history on disk")
+        daemon.shutdown()
+        run = read_run(next((tmp_path / "runs").glob("fault-*-estop.arrow")))
+        assert len(run.columns["tick"]) > 300
+        assert (run.columns["current_command_A"] != 0.0).sum() > 300
+        assert run.columns["current_command_A"][-1] == 0.0
+
+
+def test_runs_are_recorded_from_start_to_stop(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, (device,)):
+        assert daemon.status()["recorder"]["path"] is None
+        run_for(daemon, device)
+        path = daemon.status()["recorder"]["path"]
+        daemon.stop()
+        assert daemon.status()["recorder"]["path"] is None
+        run = read_run(Path(path))
+        assert not run.truncated
+        assert run.metadata["config"]["spring"]["stiffness"] == 0.012
+        assert run.columns["current_command_A"][-1] == 0.0
+
+
+def test_live_settings_are_applied_and_others_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 5000) as (daemon, (device,)):
+        run_for(daemon, device)
+        reply = daemon.set({"servo.rate_hz": "500", "encoder.decimation": "217"})
+        assert reply["applied"] == {"servo.rate_hz": 500, "encoder.decimation": 217}
+        status = daemon.status()
+        assert status["timing"]["rate_hz"] == 500
+        assert status["position_ticks"] == pytest.approx(5000 / 217)
+        with pytest.raises(Refused, match=r"amplifier.torque_constant: cannot change while the daemon runs"):
+            daemon.set({"amplifier.torque_constant": "0.05"})
+        with pytest.raises(ConfigError, match=r"spring.stifness: unknown key; did you mean spring.stiffness"):
+            daemon.set({"spring.stifness": "1"})
+        with pytest.raises(ConfigError):
+            daemon.set({"encoder.decimation": "2.5", "servo.rate_hz": "100"})
+        assert daemon.status()["timing"]["rate_hz"] == 500
+
+
+def test_bad_reload_is_refused_and_the_old_config_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    bad = tmp_path / "bad.yaml"
+    bad.write_text("spring: {stiffness: -1}\n")
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, (device,)):
+        run_for(daemon, device)
+        with pytest.raises(ConfigError, match=r"spring.stiffness = -1"):
+            daemon.reload(str(bad))
+        assert daemon.status()["state"] == "running"
+        other = tmp_path / "other.yaml"
+        other.write_text(config_to_yaml(config(plant={"inertia": 1e-5}, record={"directory": str(tmp_path / "runs")})))
+        with pytest.raises(Refused, match=r"plant.inertia: cannot change while the spring is rendered"):
+            daemon.reload(str(other))
+        assert daemon.status()["state"] == "running"
+        daemon.stop()
+        ends_at_zero(device)
+
+
+def test_reload_whose_driver_fails_ends_at_zero_with_a_latched_fault(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, opened):
+        run_for(daemon, opened[0])
+        daemon.stop()
+        good_create = drivers.create
+
+        def failing(cfg: Any) -> Any:
+            if cfg.plant.inertia == 1e-5:
+                raise DriverError("no such port /dev/ttyX")
+            return good_create(cfg)
+
+        monkeypatch.setattr(drivers, "create", failing)
+        other = tmp_path / "other.yaml"
+        other.write_text(config_to_yaml(config(plant={"inertia": 1e-5}, record={"directory": str(tmp_path / "runs")})))
+        with pytest.raises(DriverFailure, match=r"no such port"):
+            daemon.reload(str(other))
+        ends_at_zero(opened[0])
+        assert opened[0].closed
+        status = daemon.status()
+        assert status["state"] == "fault"
+        assert status["fault"]["code"] == "reload_failed"
+        assert "no such port /dev/ttyX" in status["fault"]["cause"]
+        assert json.loads(FaultLatch(SOCKET).path.read_text())["code"] == "reload_failed"
+        assert set(opened[1].commands) <= {(0.0, False)}
+        daemon.clear()
+        assert daemon.status()["state"] == "off"
+
+
+def test_a_driver_that_cannot_be_opened_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    class Broken(Scripted):
+        def connect(self) -> None:
+            raise DriverError("nobody answers")
+
+    made: list[Broken] = []
+
+    def create(cfg: Any) -> Broken:
+        made.append(Broken(cfg))
+        return made[-1]
+
+    monkeypatch.setattr(drivers, "create", create)
+    with pytest.raises(DriverError, match=r"nobody answers"):
+        Daemon(config(record={"directory": str(tmp_path / "runs")}), None, FaultLatch(SOCKET))
+    assert made[0].closed
+    assert not (tmp_path / "runs").exists()
+
+
+def test_excite_plays_records_and_ends_off(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path) as (daemon, _):
+        reply = daemon.excite("chirp", {"amplitude": 0.3, "duration_s": 1.0})
+        with pytest.raises(Refused, match=r"is running; 'hapticd stop' ends it"):
+            daemon.excite("chirp", {})
+        wait_until(lambda: daemon.experiment()["state"] != "running", "the end of the experiment")
+        assert daemon.experiment()["state"] == "done"
+        assert daemon.status()["state"] == "off"
+        run = read_run(Path(reply["run"]))
+        assert run.columns["current_command_A"].max() > 0.25
+        assert run.columns["current_command_A"][-1] == 0.0
+        with pytest.raises(
+            ExcitationError, match=r"amplitude = 3: must be at most 2 A \(amplifier.continuous_current\)"
+        ):
+            daemon.excite("chirp", {"amplitude": 3.0})
+        with pytest.raises(ExcitationError, match=r"'chrip' is unknown"):
+            daemon.excite("chrip", {})
+
+
+def test_stop_aborts_an_experiment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path) as (daemon, _):
+        daemon.release(100.3, 30.0)
+        daemon.stop()
+        assert daemon.experiment()["state"] == "aborted"
+        assert daemon.status()["state"] == "off"
+        assert daemon.rig.core.snapshot[w.S_CURRENT] == 0.0
+
+
+def test_release_beyond_the_excursion_is_refused_before_anything_moves(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with daemon_on(monkeypatch, tmp_path, encoder={"decimation": 217}) as (daemon, _):
+        with pytest.raises(Refused, match=r"beyond safety.max_excursion = 10 rad"):
+            daemon.release(100.0, None)
+        assert daemon.status()["state"] == "off"

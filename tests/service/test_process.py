@@ -1,0 +1,209 @@
+"""The daemon as a process: what the device sees when signals end it, what is left behind, and who may take over."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from hapticd.client import Client, DaemonUnreachable
+from hapticd.record import read_run
+from tests.service.daemons import wait_until
+
+pytestmark = pytest.mark.realtime
+
+CONFIG: dict[str, Any] = {
+    "driver": {"name": "witness"},
+    "servo": {"overrun": {"fault_after": None}},
+    "amplifier": {"bandwidth_hz": 0, "dac_bits": 0},
+}
+
+
+class Rig:
+    """One daemon process on the witness driver, in a folder of its own."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.socket = folder / "h.sock"
+        self.log = folder / "witness.log"
+        self.config = folder / "rig.yaml"
+        self.config.write_text(yaml.safe_dump({**CONFIG, "record": {"directory": str(folder / "runs")}}))
+        plugin = folder / "plugin" / "witness-1.dist-info"
+        plugin.mkdir(parents=True)
+        (plugin / "METADATA").write_text("Metadata-Version: 2.1\nName: witness\nVersion: 1\n")
+        (plugin / "entry_points.txt").write_text("[hapticd.drivers]\nwitness = tests.service.witness:Witness\n")
+        root = Path(__file__).parents[2]
+        self.environment = {
+            **os.environ,
+            "PYTHONPATH": f"{folder / 'plugin'}:{root}",
+            "XDG_STATE_HOME": str(folder / "state"),
+            "WITNESS": str(self.log),
+        }
+        self.environment.pop("HAPTICD_SOCKET", None)
+        self.client = Client(self.socket)
+        self.processes: list[subprocess.Popen[str]] = []
+
+    def command(self, *words: str) -> subprocess.CompletedProcess[str]:
+        """A command line against this daemon."""
+        line = [sys.executable, "-m", "hapticd.cli", *words]
+        return subprocess.run(line, env=self.environment, capture_output=True, text=True, timeout=120, check=False)
+
+    def launch(self) -> subprocess.Popen[str]:
+        """Start the daemon and wait until it answers."""
+        line = [sys.executable, "-m", "hapticd.cli", "run", str(self.config), "--socket", str(self.socket)]
+        pipe = subprocess.PIPE
+        process = subprocess.Popen(line, env=self.environment, stdout=pipe, stderr=subprocess.STDOUT, text=True)
+        self.processes.append(process)
+        wait_until(lambda: process.poll() is not None or self.answers(), "an answering daemon", 120)
+        if process.poll() is not None:
+            pytest.fail(f"the daemon ended: {process.communicate()[0]}")
+        return process
+
+    def answers(self) -> bool:
+        """Whether somebody answers on the socket."""
+        try:
+            self.client.status()
+        except DaemonUnreachable:
+            return False
+        return True
+
+    def commands(self) -> list[str]:
+        """What the device was told, one line each."""
+        return self.log.read_text().splitlines()
+
+    def render(self) -> None:
+        """Start the spring and wait for currents."""
+        self.client.start()
+        wait_until(lambda: sum(line[0] == "-" for line in self.commands()) > 20, "currents at the device")
+
+    def ended_at_zero(self) -> bool:
+        """After the last current: zero with the amplifier on, zero with it off, closed."""
+        lines = self.commands()
+        last = max(index for index, line in enumerate(lines) if line[0] == "-")
+        after = lines[last + 1 :]
+        return after[0] == "0.0 1" and set(after[1:-1]) == {"0.0 0"} and after[-1] == "closed"
+
+
+@pytest.fixture
+def rig(tmp_path: Path) -> Iterator[Rig]:
+    made = Rig(tmp_path)
+    yield made
+    for process in made.processes:
+        if process.poll() is None:
+            process.send_signal(signal.SIGCONT)
+            process.kill()
+            process.communicate()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signal_ends_at_zero_current(rig: Rig, number: int) -> None:
+    process = rig.launch()
+    rig.render()
+    process.send_signal(number)
+    output, _ = process.communicate(timeout=30)
+    assert process.returncode == 0, output
+    assert rig.ended_at_zero()
+    assert not rig.socket.exists()
+    for part in ("device      a test's witness", "missed periods", "late        p50", "recorded    ", "region "):
+        assert part in output
+    run = read_run(next((rig.folder / "runs").glob("run-*.arrow")))
+    assert not run.truncated
+
+
+def test_a_latched_fault_ends_in_5_and_outlives_the_process(rig: Rig) -> None:
+    process = rig.launch()
+    rig.render()
+    assert rig.command("estop", "--socket", str(rig.socket)).returncode == 0
+    process.terminate()
+    process.communicate(timeout=30)
+    assert process.returncode == 5
+    assert rig.ended_at_zero()
+    rig.launch()
+    status = rig.command("status", "--json", "--socket", str(rig.socket))
+    assert status.returncode == 1
+    assert json.loads(status.stdout)["fault"]["code"] == "estop"
+    assert rig.command("start", "--socket", str(rig.socket)).returncode == 1
+    assert rig.command("clear", "--socket", str(rig.socket)).returncode == 0
+    assert rig.client.status()["state"] == "off"
+
+
+def test_hangup_reloads_and_refuses_a_bad_config_while_it_keeps_rendering(rig: Rig) -> None:
+    process = rig.launch()
+    rig.render()
+    good = rig.config.read_text()
+    rig.config.write_text(good + "spring: {stiffness: 0.02}\n")
+    process.send_signal(signal.SIGHUP)
+    wait_until(lambda: rig.client.config()["spring"]["stiffness"] == 0.02, "the new stiffness")
+    rig.config.write_text(good + "spring: {stiffnes: 0.03}\n")
+    process.send_signal(signal.SIGHUP)
+    time.sleep(0.5)
+    assert rig.client.status()["state"] == "running"
+    assert rig.client.config()["spring"]["stiffness"] == 0.02
+    process.terminate()
+    output, _ = process.communicate(timeout=30)
+    assert "reload refused, the old configuration stays in force" in output
+    assert "spring.stiffnes: unknown key; did you mean spring.stiffness?" in output
+    assert rig.ended_at_zero()
+
+
+def test_second_daemon_is_refused_before_it_touches_the_device(rig: Rig) -> None:
+    rig.launch()
+    opened = len(rig.commands())
+    second = rig.command("run", str(rig.config), "--socket", str(rig.socket))
+    assert second.returncode == 2
+    assert f"another daemon answers on {rig.socket}" in second.stderr
+    assert "closed" not in rig.commands()[opened:]
+    assert rig.answers()
+
+
+def test_after_sigkill_the_socket_is_taken_over_and_the_recording_reads(rig: Rig) -> None:
+    process = rig.launch()
+    rig.render()
+    wait_until(lambda: rig.client.status()["recorder"]["rows"] > 400, "recorded rows")
+    rows = rig.client.status()["recorder"]["rows"]
+    process.kill()
+    process.communicate()
+    assert rig.socket.exists()
+    run = read_run(next((rig.folder / "runs").glob("run-*.arrow")))
+    assert len(run.columns["tick"]) >= rows - 500
+    rig.launch()
+    assert rig.client.status()["state"] == "off"
+
+
+def test_a_frozen_daemon_faults_when_it_thaws(rig: Rig) -> None:
+    process = rig.launch()
+    rig.render()
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(1.0)
+    process.send_signal(signal.SIGCONT)
+    wait_until(lambda: rig.client.status()["state"] == "fault", "a fault")
+    status = rig.client.status()
+    assert status["fault"]["code"] == "heartbeat_lost"
+    assert status["timing"]["missed"] > 500
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "message"),
+    [
+        ("driver: {name: witnes}", 4, "driver.name = 'witnes': no such driver; did you mean 'witness'?"),
+        ("servo: {rate_hz: 0}", 2, "servo.rate_hz = 0: must be at least 1 Hz"),
+        ("driver: {name: loopback, speed: 3}", 4, "driver.speed: the loopback driver has no options"),
+    ],
+)
+def test_a_daemon_that_cannot_start_leaves_nothing_behind(rig: Rig, text: str, code: int, message: str) -> None:
+    rig.config.write_text(text + "\n")
+    before = sorted(rig.folder.rglob("*"))
+    refused = rig.command("run", str(rig.config), "--socket", str(rig.socket))
+    assert refused.returncode == code
+    assert message in refused.stderr
+    assert "Traceback" not in refused.stderr
+    assert sorted(rig.folder.rglob("*")) == before

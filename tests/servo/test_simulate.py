@@ -1,0 +1,101 @@
+"""``simulate``: the four cases of Fig. 8, bit-identical rows, and what it does without and with safety."""
+
+from __future__ import annotations
+
+import hashlib
+import threading
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticd.servo.simulate import simulate
+from tests.servo.scripted import config
+
+CASES = {
+    "a": ({"servo": {"rate_hz": 1000}, "encoder": {"decimation": 217}}, 20.3, 3.0, "monotone"),
+    "b": ({"servo": {"rate_hz": 1000}, "encoder": {"decimation": 2172}}, 3.3, 20.0, "persistent"),
+    "c": ({"servo": {"rate_hz": 100}, "encoder": {"decimation": 217}}, 2.3, 3.0, "monotone"),
+    "d": ({"servo": {"rate_hz": 100}, "encoder": {"decimation": 217}}, 10.3, 60.0, "growing"),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_fig_8(case: str) -> None:
+    sections, deflection, duration_s, outcome = CASES[case]
+    report = simulate(config(**sections), duration_s, deflection=deflection).report
+    assert report["outcome"] == outcome
+    if case == "a":
+        assert report["final"]["position_ticks"] == pytest.approx(-0.7251, abs=5e-5)
+        assert report["final"]["velocity_ticks_per_period"] == 0.0
+    if case == "c":
+        assert report["final"]["position_ticks"] == pytest.approx(-0.9322, abs=5e-5)
+    if case == "d":
+        assert abs(report["final"]["position_ticks"]) > 1e9
+        assert report["ticks"] < 6000
+
+
+def test_case_d_with_safety_ends_in_a_latched_fault() -> None:
+    sections, deflection, duration_s, _ = CASES["d"]
+    report = simulate(config(**sections), duration_s, deflection=deflection, safety=True).report
+    assert report["fault"]["code"] in {"over_speed", "excursion"}
+    assert report["peak_current_A"] <= 6.0
+
+
+@pytest.mark.parametrize("case", ["a", "b", "c"])
+def test_default_safety_limits_admit_the_other_cases(case: str) -> None:
+    sections, deflection, duration_s, _ = CASES[case]
+    assert simulate(config(**sections), duration_s, deflection=deflection, safety=True).report["fault"] is None
+
+
+def fingerprint(**dither: Any) -> str:
+    cfg = config(encoder={"decimation": 50}, dither={"target": "position", "amplitude": 0.4, **dither})
+    digest = hashlib.sha256()
+    simulate(cfg, 5.0, deflection=8.2, on_rows=lambda rows: digest.update(rows.tobytes()))
+    return digest.hexdigest()
+
+
+def test_same_seed_gives_bit_identical_rows_whatever_else_runs() -> None:
+    quiet = fingerprint(waveform="uniform", seed=5)
+    stop = threading.Event()
+
+    def burn() -> None:
+        while not stop.is_set():
+            np.linalg.eigvals(np.random.default_rng(0).random((60, 60)))
+
+    noise = [threading.Thread(target=burn) for _ in range(3)]
+    for thread in noise:
+        thread.start()
+    try:
+        assert [fingerprint(waveform="uniform", seed=5) for _ in range(3)] == [quiet] * 3
+    finally:
+        stop.set()
+        for thread in noise:
+            thread.join()
+    assert fingerprint(waveform="uniform", seed=6) != quiet
+
+
+def test_deflection_and_velocity_are_exact_and_relative_to_a_snapped_origin() -> None:
+    cfg = config(spring={"origin": 0.7}, encoder={"decimation": 217})
+    first: list[Any] = []
+    result = simulate(cfg, 0.001, deflection=20.3, velocity=0.0, on_rows=lambda rows: first.append(rows.copy()))
+    assert result.report["ticks"] == 1
+    row = first[0][0]
+    assert row["ticks"] == 20
+    assert row["encoder_counts"] == round(0.7 * 8192 / (2 * np.pi)) + int(20.3 * 217)
+    moving = simulate(
+        config(plant={"viscous": 0.0, "coulomb": 0.0}, spring={"half_tick_bias": False}), 0.003, velocity=0.2
+    )
+    assert moving.report["final"]["position_ticks"] == pytest.approx(0.6, rel=1e-12)
+
+
+@pytest.mark.parametrize("rate_hz", [3000, 640, 997, 1e4 / 3])
+def test_odd_rates_keep_their_grid(rate_hz: float) -> None:
+    times: list[float] = []
+    simulate(config(servo={"rate_hz": rate_hz}), 2.0, on_rows=lambda rows: times.extend(rows["time_s"]))
+    assert np.array(times) == pytest.approx(np.arange(len(times)) / rate_hz, abs=2e-15 * 2e9 * 1e-6)
+
+
+def test_too_short_a_duration_is_refused() -> None:
+    with pytest.raises(ValueError, match="shorter than one servo period"):
+        simulate(config(), 1e-5)
