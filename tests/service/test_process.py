@@ -85,12 +85,16 @@ class Rig:
         self.client.start()
         wait_until(lambda: sum(line[0] == "-" for line in self.commands()) > 20, "currents at the device")
 
-    def ended_at_zero(self) -> bool:
+    def check_end(self) -> None:
         """After the last current: zero with the amplifier on, zero with it off, closed."""
         lines = self.commands()
         last = max(index for index, line in enumerate(lines) if line[0] == "-")
         after = lines[last + 1 :]
-        return after[0] == "0.0 1" and set(after[1:-1]) == {"0.0 0"} and after[-1] == "closed"
+        on = after.index("0.0 0")
+        assert on >= 1, after[:5]
+        assert set(after[:on]) == {"0.0 1"}, after[:5]
+        assert set(after[on:-1]) == {"0.0 0"}, after[:5]
+        assert after[-1] == "closed", after[-5:]
 
 
 @pytest.fixture
@@ -111,7 +115,7 @@ def test_signal_ends_at_zero_current(rig: Rig, number: int) -> None:
     process.send_signal(number)
     output, _ = process.communicate(timeout=30)
     assert process.returncode == 0, output
-    assert rig.ended_at_zero()
+    rig.check_end()
     assert not rig.socket.exists()
     for part in ("device      a test's witness", "missed periods", "late        p50", "recorded    ", "region "):
         assert part in output
@@ -126,7 +130,7 @@ def test_a_latched_fault_ends_in_5_and_outlives_the_process(rig: Rig) -> None:
     process.terminate()
     process.communicate(timeout=30)
     assert process.returncode == 5
-    assert rig.ended_at_zero()
+    rig.check_end()
     rig.launch()
     status = rig.command("status", "--json", "--socket", str(rig.socket))
     assert status.returncode == 1
@@ -152,7 +156,7 @@ def test_hangup_reloads_and_refuses_a_bad_config_while_it_keeps_rendering(rig: R
     output, _ = process.communicate(timeout=30)
     assert "reload refused, the old configuration stays in force" in output
     assert "spring.stiffnes: unknown key; did you mean spring.stiffness?" in output
-    assert rig.ended_at_zero()
+    rig.check_end()
 
 
 def test_second_daemon_is_refused_before_it_touches_the_device(rig: Rig) -> None:
