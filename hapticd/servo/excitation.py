@@ -46,6 +46,8 @@ class Shape:
     moves_origin: bool
     duration_s: float
     build: Callable[[Plan, NDArray[np.float64]], NDArray[np.float64]]
+    effort: float = 4.0
+    """Default amplitude of a current shape, in multiples of the break-away current."""
 
 
 def _ramps(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -94,7 +96,7 @@ SHAPES: dict[str, Shape] = {
             20.0,
             _sweeps,
         ),
-        Shape("chirp", "current sine of rising frequency: inertia, delay, resonances", False, 20.0, _chirp),
+        Shape("chirp", "current sine of rising frequency: inertia, delay, resonances", False, 20.0, _chirp, 2.0),
         Shape("steps", "current steps of many heights to both sides: inertia, lag, saturation", False, 20.0, _steps),
         Shape(
             "release",
@@ -116,7 +118,7 @@ def default_plan(config: Config, shape: Shape) -> Plan:
         if config.safety.max_excursion:
             amplitude = min(amplitude, 0.4 * config.safety.max_excursion)
     else:
-        amplitude = max(4.0 * breakaway, 0.05)
+        amplitude = max(shape.effort * breakaway, 0.05)
         if config.amplifier.continuous_current:
             amplitude = min(amplitude, 0.8 * config.amplifier.continuous_current)
     high = min(40.0, config.servo.rate_hz / 10.0)

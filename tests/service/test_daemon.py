@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import drivers
 from drivers import DriverError
 from hapticd.config import ConfigError, config_to_yaml
 from hapticd.record import read_run
+from hapticd.record.schema import FLAG_HELD
 from hapticd.service.control import DriverFailure, Refused
 from hapticd.service.daemon import Daemon
 from hapticd.service.latch import FaultLatch
@@ -283,3 +286,31 @@ def test_release_beyond_the_excursion_is_refused_before_anything_moves(
         with pytest.raises(Refused, match=r"beyond safety.max_excursion = 10 rad"):
             daemon.release(100.0, None)
         assert daemon.status()["state"] == "off"
+
+
+def test_hold_keeps_the_last_command_in_a_late_tick_and_fault_does_not_wait(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def script(n: int) -> int:
+        if n % 50 == 0:
+            time.sleep(0.004)
+        return 100 + n % 7
+
+    sections: dict[str, Any] = {"servo": {"overrun": {"policy": "hold", "fault_after": None}}}
+    with daemon_on(monkeypatch, tmp_path, script, **sections) as (daemon, (device,)):
+        run_for(daemon, device, 500)
+        path = daemon.status()["recorder"]["path"]
+        daemon.stop()
+        columns = read_run(Path(path)).columns
+        held = np.flatnonzero(columns["flags"] & FLAG_HELD)
+        assert len(held) > 3
+        current = columns["current_command_A"]
+        assert (current[held[held > 0]] == current[held[held > 0] - 1]).all()
+        assert (np.diff(columns["tick"])[held[held > 0] - 1] > 1).all()
+    sections = {"servo": {"overrun": {"policy": "fault"}}}
+    with daemon_on(monkeypatch, tmp_path, script, **sections) as (daemon, _):
+        with contextlib.suppress(Refused):
+            daemon.start()
+        fault = wait_for_state(daemon, "fault")["fault"]
+        assert fault["code"] == "overrun"
+        assert fault["cause"].startswith("1 ticks in a row")
