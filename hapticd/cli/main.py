@@ -12,8 +12,10 @@ import typer
 from typer.core import TyperGroup
 
 from hapticd.cli import (
+    check,
     config,
     drivers,
+    energy,
     exits,
     experiments,
     export,
@@ -43,7 +45,7 @@ EPILOG = epilog(
     codes=tuple(exits.MEANING),
 )
 
-GROUPS = (run, status, state, settings, experiments, record, export, simulate, config, drivers)
+GROUPS = (run, status, state, settings, experiments, record, export, check, simulate, energy, config, drivers)
 
 
 class PipeGroup(TyperGroup):

@@ -66,6 +66,7 @@ def describe(report: dict[str, Any], socket: Path) -> str:
             f"{number(report['position'])} {units['position']} = {number(report['position_ticks'])} ticks   "
             f"{number(report['velocity'])} {units['velocity']}   {number(report['current'])} {units['current']}",
         ),
+        ("energy", _energy(report["energy"])),
         ("recording", _recorder(report["recorder"])),
     ]
     experiment = report.get("experiment") or {"state": "idle"}
@@ -74,6 +75,11 @@ def describe(report: dict[str, Any], socket: Path) -> str:
             ("experiment", f"{experiment['kind']}: {experiment['state']}, {100 * experiment['progress']:.0f} %")
         )
     return "\n".join(f"{name:14}{value}" for name, value in rows)
+
+
+def _energy(energy: dict[str, Any]) -> str:
+    parts = (f"{name} {number(energy[f'{name}_J'])} J" for name in ("stored", "dissipated", "generated"))
+    return f"{'   '.join(parts)}   ({energy['estimate']}, since the start)"
 
 
 def _percentiles(found: dict[str, Any]) -> str:

@@ -111,6 +111,7 @@ class Daemon:
             "encoder_counts": rig.counts,
             "origin_counts": rig.origin_counts,
             "units": _units(config),
+            "energy": rig.energy.status(),
             "exchanges_missed": rig.core.load(w.C_EXCHANGES_MISSED),
             "commands_clamped": rig.core.load(w.C_CLAMPED),
             "recorder": recorder,

@@ -20,6 +20,7 @@ from hapticd.record.schema import FLAG_RUNNING
 from hapticd.service.control import Refused
 from hapticd.servo import faults
 from hapticd.servo import layout as w
+from hapticd.stability.outcome import STRETCHES, decide
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -142,17 +143,14 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     moving = np.flatnonzero(np.diff(counts) != 0)
     last_move = int(moving[-1]) + 1 if len(moving) else 0
     at_rest = time_s[-1] - time_s[last_move] >= max(REST_S, 0.1 * (time_s[-1] - time_s[0]))
-    quarter = len(counts) // 4
-    tail = counts[-quarter:]
-    swing, swing_before = _swing(tail), _swing(counts[-2 * quarter : -quarter])
+    tail = counts[-(len(counts) // 4) :]
     if fault_number in _RUNAWAY:
-        outcome = "growing"
-    elif at_rest or swing < 0.8 * swing_before:
-        outcome = "decaying"
+        outcome: str = "growing"
     else:
-        # Growth is judged against the whole run: a buzz that late ticks make wax and wane is persistent.
-        largest = max(_swing(part) for part in np.array_split(counts[:-quarter], 3))
-        outcome = "growing" if swing > 1.1 * largest else "persistent"
+        # The rules of `simulate`, on the squared swing of each stretch in place of its energy. What the encoder shows
+        # cannot tell a monotone fall of energy from one with rises.
+        stretches = np.array_split(counts[len(counts) // 2 :], STRETCHES)
+        outcome = decide(True, np.array([_swing(part) ** 2 for part in stretches]), at_rest, False)
     rest = None
     if at_rest:
         rest = {"after_periods": int(tick[last_move] - tick[0]), "after_s": float(time_s[last_move] - time_s[0])}
@@ -160,7 +158,7 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
         "outcome": outcome,
         "final": {"position_ticks": float(xi[-1])},
         "rest": rest,
-        "oscillation": None if at_rest else _oscillation(tail, time_s[-quarter:], swing, decimation),
+        "oscillation": None if at_rest else _oscillation(tail, time_s[-len(tail) :], _swing(tail), decimation),
     }
 
 

@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Any
 import drivers
 from hapticd.config import config_digest
 from hapticd.record import Recorder, run_metadata
+from hapticd.record.schema import Rows
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, parameters
 from hapticd.servo.thread import ServoThread
+from hapticd.stability.energy_estimate import EnergyEstimate
 
 if TYPE_CHECKING:
     from drivers.interface import Driver
@@ -55,8 +57,10 @@ class Rig:
         self._asking = threading.Lock()
         self._halts = 0
         # Before the servo: once that runs, nothing slow may stand between it and the supervisor's heartbeat.
+        self.energy = EnergyEstimate(config, self.driver.latency_s, self.origin_counts)
+        self._energy_settings = (config, self.origin_counts)
         self.recorder = Recorder(
-            self.core.drain,
+            self._drain,
             self.core.dropped,
             lambda: self.config.servo.rate_hz,
             self._metadata,
@@ -68,6 +72,16 @@ class Rig:
             self.recorder.shutdown()
             self.driver.close()
             raise
+
+    def _drain(self) -> Rows:
+        """Rows for the recorder; on their way the energies are booked, to within one drain of a changed setting."""
+        rows = self.core.drain()
+        settings = (self.config, self.origin_counts)
+        if settings != self._energy_settings:
+            self._energy_settings = settings
+            self.energy.configure(self.config, self.driver.latency_s, self.origin_counts)
+        self.energy.update(rows)
+        return rows
 
     def _metadata(self) -> dict[str, Any]:
         return run_metadata(

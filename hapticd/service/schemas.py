@@ -174,6 +174,18 @@ class Experiment(Reply):
     result: dict[str, Any] | None
 
 
+class Energy(Reply):
+    """Energies since the last start, J, estimated through the plant model; ``unexplained`` is a hand's or the model's."""
+
+    estimate: str
+    stored_J: float
+    stored_at_start_J: float
+    dissipated_J: float
+    generated_J: float
+    settings_J: float
+    unexplained_J: float
+
+
 class Status(Reply):
     """The daemon's state."""
 
@@ -189,6 +201,7 @@ class Status(Reply):
     current_measured: float | None = Field(description="As the device reports it, A; null where it does not.")
     force: float | None = Field(description="Rendered by the spring, N m or N.")
     units: dict[str, str] = Field(description="Units of position, velocity, current and force.")
+    energy: Energy
     recorder: RecorderStatus
     experiment: Experiment | None
 

@@ -58,6 +58,13 @@ class FakeControl:
             "current_measured": None,
             "force": 0.01,
             "units": {"position": "rad", "velocity": "rad/s", "current": "A", "force": "N m"},
+            "energy": {
+                "estimate": "through the model",
+                **{
+                    f"{name}_J": 1e-6
+                    for name in ("stored", "stored_at_start", "dissipated", "generated", "settings", "unexplained")
+                },
+            },
             "recorder": {"path": None, "rows": 0, "dropped": 0, "state": "off", "error": None},
             "experiment": self.job,
         }

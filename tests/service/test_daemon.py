@@ -314,3 +314,19 @@ def test_hold_keeps_the_last_command_in_a_late_tick_and_fault_does_not_wait(
         fault = wait_for_state(daemon, "fault")["fault"]
         assert fault["code"] == "overrun"
         assert fault["cause"].startswith("1 ticks in a row")
+
+
+def test_status_books_energies_through_the_model(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, encoder={"decimation": 217}) as (daemon, _):
+        daemon.release(20.3, 1.5)
+        wait_until(lambda: daemon.experiment()["state"] != "running", "the end of the release")
+        energy = daemon.status()["energy"]
+        assert energy["estimate"] == "through the model"
+        released = 0.5 * 0.012 * (20.3 * 217 * 2 * np.pi / 8192) ** 2
+        assert energy["stored_at_start_J"] == pytest.approx(released, rel=0.02)
+        assert energy["dissipated_J"] > 0.9 * released
+        closing = energy["stored_at_start_J"] - energy["dissipated_J"] + energy["generated_J"]
+        assert energy["stored_J"] == pytest.approx(
+            closing + energy["settings_J"] + energy["unexplained_J"], abs=1e-9 * released
+        )
+        assert abs(energy["unexplained_J"]) < 0.1 * released

@@ -1,0 +1,152 @@
+"""``hapticd check``: what the theory says of a config, before anything moves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.energy import check_figure_name
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import JsonOption, SettingsOption, finite, register, resolve_config
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from hapticd.stability.devices import Device
+
+SourceArgument = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="CONFIG|DEVICE",
+        show_default=False,
+        help="A YAML file, a preset, or a device of the paper's Table II by its name (omega, 'Phantom 1.0', …). "
+        "Default: re35, simulated.",
+    ),
+]
+VelocityOption = Annotated[
+    float | None,
+    typer.Option(
+        "--velocity",
+        parser=finite,
+        metavar="TICKS_PER_PERIOD",
+        show_default=False,
+        help="Ask about a motion that passes the spring's origin at this velocity, in coarse ticks per servo period.",
+    ),
+]
+DeflectionOption = Annotated[
+    float | None,
+    typer.Option(
+        "--deflection",
+        parser=finite,
+        metavar="TICKS",
+        show_default=False,
+        help="Ask about a release at rest from this deflection, in coarse ticks from the spring's origin.",
+    ),
+]
+FigureOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FIG",
+        show_default=False,
+        help="Draw the operating point, the critical lines and the regions into this file (.png, .svg or .pdf).",
+    ),
+]
+
+
+def check(
+    source: SourceArgument = None,
+    velocity: VelocityOption = None,
+    deflection: DeflectionOption = None,
+    out: FigureOption = None,
+    assignments: SettingsOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Say what the theory says of a config before anything moves: stable, buzzing or unstable, why, and what would help.
+
+    Names the region of the paper's Fig. 3 (Fig. 5 with a delay) and, where it is not stable, every single change that
+    would make it so, each solved for and checked again. Where the speed decides (region D|E), give a velocity or a
+    deflection; without one the answer is the speed limit, and counts as done.
+
+    Exit code 1 means: not stable (regions B, C and D).
+    """
+    if deflection is not None and velocity is not None:
+        raise UsageError("--deflection and --velocity exclude each other: a motion begins at rest or at the origin")
+    check_figure_name(out)
+    name, device = _named(source)
+    config = resolve_config(name, assignments)
+    from hapticd.stability.advice import advise
+    from hapticd.stability.assessment import assess
+    from hapticd.stability.report import report
+
+    latency, doubts = _latency(config)
+    found = assess(config, velocity=velocity, deflection=deflection, latency_s=latency)
+    changes = advise(found)
+    document = found.document
+    document["warnings"] += doubts
+    document["changes"] = [change.document for change in changes]
+    if device is not None:
+        document["table_ii"] = _table_ii(device)
+    title = device.name if device is not None else (source or "re35")
+    if out is not None:
+        from hapticd.stability.check_figure import check_figure
+
+        if found.loop.stiffness == 0.0:
+            raise UsageError("spring.stiffness is 0: there is no operating point to draw")
+        check_figure(found, changes, out, title)
+        document["figure"] = out
+    # a device's own text is about the row as printed; with settings changed it would be about something else
+    text = report(found, changes, title, None if assignments else device)
+    text += "".join(f"\n\nwarning: {doubt}" for doubt in doubts) + (f"\n\nfigure: {out}" if out else "")
+    output.emit(document, as_json, text)
+    return exits.NO if found.verdict in ("buzzes", "unstable") else exits.DONE
+
+
+def _named(source: str | None) -> tuple[str | None, Device | None]:
+    """The preset behind a device's name as the paper prints it, and its row; anything else is passed on."""
+    if source is None:
+        return None, None
+    from hapticd.stability.devices import TABLE_II
+
+    wanted = _plain(source)
+    for device in TABLE_II:
+        if wanted in (_plain(device.name), _plain(device.slug)) and not Path(source).exists():
+            return device.slug, device
+    return source, None
+
+
+def _plain(name: str) -> str:
+    return "".join(letter for letter in name.lower() if letter.isalnum())
+
+
+def _latency(config: Config) -> tuple[float, list[str]]:
+    """What the config's driver declares from sample to current, in s, without opening it."""
+    from drivers import discover
+
+    name = config.driver.name
+    driver = next((driver for driver in discover() if driver.name == name), None)
+    if driver is None or driver.error is not None:
+        why = "is not installed" if driver is None else f"cannot be loaded ({driver.error})"
+        return 0.0, [f"driver {name!r} {why}: its latency is not known and is taken as 0"]
+    return driver.latency_s, []
+
+
+def _table_ii(device: Device) -> list[dict[str, Any]]:
+    from dataclasses import asdict
+
+    from hapticd.stability.devices import compare
+
+    return [{**asdict(row), "difference": row.difference} for row in compare(device)]
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd check rig.yaml",
+        "hapticd check --set servo.rate_hz=100 --set encoder.decimation=217 --deflection 10.3 -o plane.png",
+        "hapticd check omega --velocity 0.5 --json",
+    )
+    register(app, check, *examples, codes=(exits.DONE, exits.NO, exits.USAGE))

@@ -1,0 +1,223 @@
+"""Which one change would move a configuration to safety: solved for, rounded to the safe side, and checked again.
+
+Every change is of one number and enough by itself. The criterion is solved with the motion held fixed in SI units; the
+result is rounded to few digits on its safe side, put into the configuration, and kept only if the configuration is valid
+and its region then is one of the safe ones. All searches are for the one place where the answer changes (`tuning` shows
+why there is one); in the decimation, where a release makes ripples, the nearest that holds is taken from a scan.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+from hapticd.config import ConfigError, apply_settings
+from hapticd.config.sections import Servo
+from hapticd.stability.assessment import VERDICTS, Assessment, assess
+from hapticd.stability.cautions import rate_limit
+from hapticd.stability.criterion import criterion_margin
+from hapticd.stability.devices import HUMAN_OPERATOR
+from hapticd.stability.numbers import Loop
+from hapticd.stability.regions import region
+from hapticd.stability.tuning import Start, grip_damping
+
+#: Decimations up to here are tried one by one; beyond, by bisection.
+_SCANNED: Final = 5000
+_DIGITS: Final = range(2, 15)
+#: How far rounding may move a value, as a share of it.
+_SLACK: Final = 0.03
+
+
+@dataclass(frozen=True)
+class Change:
+    """One number of the configuration, or of the motion, that is enough to change.
+
+    Attributes:
+        key: dotted config key; ``deflection`` or ``velocity`` for the motion.
+        before: its value now. after: the value that is safe.
+        unit: its unit.
+        region: the region then. margin: the paper's margin then, in ticks of force.
+    """
+
+    key: str
+    before: float
+    after: float
+    unit: str
+    region: str
+    margin: float
+
+    @property
+    def size(self) -> float:
+        """How large the change is: |log(after/before)|; infinite for what was zero."""
+        return abs(math.log(self.after / self.before)) if self.before > 0.0 < self.after else math.inf
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """It as data."""
+        return {
+            "key": self.key,
+            "before": self.before,
+            "after": self.after,
+            "unit": self.unit,
+            "region_after": self.region,
+            "margin_after": self.margin,
+        }
+
+
+def advise(found: Assessment) -> list[Change]:
+    """The single changes that make it stable, the smallest first; none where it is stable, or where none will do.
+
+    Without a motion the aim is stability at every speed.
+    """
+    if found.verdict == "stable":
+        return []
+    changes = [_stiffness(found), _decimation(found), _rate(found), _delay(found), _motion(found)]
+    changes.sort(key=lambda change: change.size if change else math.inf)
+    return [change for change in [*changes, _grip(found)] if change is not None]
+
+
+def _safe(loop: Loop, start: Start | None) -> bool:
+    return VERDICTS[region(loop.numbers, None if start is None else start.xi_dot_max(loop))] == "stable"
+
+
+def _solve(safe: Callable[[float], bool], bad: float, good: float) -> float | None:
+    """The value nearest to `bad` that is safe, between it and the farthest that is allowed; None if that is not safe."""
+    if not safe(good):
+        return None
+    while (middle := 0.5 * (bad + good)) not in (bad, good):
+        bad, good = (bad, middle) if safe(middle) else (middle, good)
+    return good
+
+
+def _rounded(safe: Callable[[float], bool], value: float, towards: float) -> float:
+    """A value of few digits on the safe side of a solution, or the solution itself."""
+    for digits in _DIGITS:
+        power = 10.0 ** (digits - 1 - math.floor(math.log10(value)))
+        short = (math.ceil if towards > value else math.floor)(value * power) / power
+        if abs(short - value) <= _SLACK * value and short > 0.0 and safe(short):
+            return short
+    return value
+
+
+def _apply(found: Assessment, key: str, before: float, after: float, unit: str) -> Change | None:
+    """The change if the configuration allows it and it does what it should."""
+    try:
+        config = apply_settings(found.config, {key: after})
+    except ConfigError:
+        return None
+    then = assess(config, latency_s=found.latency_s)
+    xi_dot_max = None if found.start is None else found.start.xi_dot_max(then.loop)
+    where = region(then.numbers, xi_dot_max)
+    if VERDICTS[where] != "stable":
+        return None
+    return Change(key, before, after, unit, where, criterion_margin(then.numbers, xi_dot_max))
+
+
+def _stiffness(found: Assessment) -> Change | None:
+    loop, start = found.loop, found.start
+    K = loop.stiffness
+
+    def safe(stiffness: float) -> bool:
+        return _safe(replace(loop, stiffness=stiffness), start)
+
+    solved = _solve(safe, K, K * 1e-6)
+    if solved is None:
+        return None
+    unit = "N/m" if found.config.is_linear else "N m/rad"
+    return _apply(found, "spring.stiffness", K, _rounded(safe, solved, 0.0), unit)
+
+
+def _decimation(found: Assessment) -> Change | None:
+    loop, start, present = found.loop, found.start, found.config.encoder.decimation
+    raw = loop.resolution / present
+
+    def safe(decimation: float) -> bool:
+        return _safe(replace(loop, resolution=math.floor(decimation) * raw), start)
+
+    if present <= _SCANNED:
+        after = next((n for n in range(present - 1, 0, -1) if safe(n)), None)
+    else:
+        solved = _solve(safe, present, 1.0)
+        after = None if solved is None else math.floor(solved)
+    return None if after is None else _apply(found, "encoder.decimation", present, after, "counts a tick")
+
+
+def _rate(found: Assessment) -> Change | None:
+    loop, start, present = found.loop, found.start, found.config.servo.rate_hz
+    highest = min(_upper_limit("rate_hz"), rate_limit(found.config))
+    if present >= highest:
+        return None
+
+    def safe(rate: float) -> bool:
+        return rate <= highest and _safe(replace(loop, period=1.0 / rate), start)
+
+    solved = _solve(safe, present, highest)
+    if solved is None:
+        return None
+    return _apply(found, "servo.rate_hz", present, _rounded(safe, solved, math.inf), "Hz")
+
+
+def _upper_limit(key: str) -> float:
+    """The largest value that the schema of the servo section allows."""
+    limits = [rule.le for rule in Servo.model_fields[key].metadata if hasattr(rule, "le")]
+    return float(min(limits, default=math.inf))
+
+
+def _delay(found: Assessment) -> Change | None:
+    """Less computation delay; the amplifier's lag and the driver's latency stay."""
+    present = found.config.delay.computation_s
+    if present == 0.0:
+        return None
+    loop, start = found.loop, found.start
+
+    def safe(computation: float) -> bool:
+        return _safe(replace(loop, delay=loop.delay - present + computation), start)
+
+    solved = _solve(safe, present, 0.0)
+    if solved is None:
+        return None
+    after = _rounded(safe, solved, 0.0) if solved > 0.0 else 0.0
+    return _apply(found, "delay.computation_s", present, after, "s")
+
+
+def _motion(found: Assessment) -> Change | None:
+    """A gentler motion: a release from less far, or a lower velocity."""
+    key = "velocity" if found.velocity is not None else "deflection"
+    asked = found.velocity if found.velocity is not None else found.deflection
+    if not asked:
+        return None
+    loop, size = found.loop, abs(asked)
+
+    def safe(value: float) -> bool:
+        return _safe(loop, Start.in_ticks(loop, **{key: math.copysign(value, asked)}))
+
+    solved = _solve(safe, size, 0.0)
+    if solved is None or solved <= 0.0:
+        return None
+    after = _rounded(safe, solved, 0.0)
+    then = assess(found.config, latency_s=found.latency_s, **{key: math.copysign(after, asked)})
+    unit = "ticks/period" if key == "velocity" else "ticks"
+    margin = criterion_margin(then.numbers, then.xi_dot_max)
+    return Change(key, asked, math.copysign(after, asked), unit, then.region, margin)
+
+
+def _grip(found: Assessment) -> Change | None:
+    """A hand's damping in parallel (Sec. III-B), if a linear device asks no more of it than the paper's operator has.
+
+    For a rotary device the paper gives no hand, and what a grip adds depends on the handle.
+    """
+    loop, start, present = found.loop, found.start, found.config.hand.damping
+    missing = grip_damping(loop)
+    if missing == 0.0 or (found.config.is_linear and present + missing > HUMAN_OPERATOR.damping):
+        return None
+
+    def safe(damping: float) -> bool:
+        return _safe(replace(loop, viscous=loop.viscous - present + damping), start)
+
+    solved = _solve(safe, present, present + missing * (1.0 + 1e-9))
+    if solved is None:
+        return None
+    unit = "N s/m" if found.config.is_linear else "N m s/rad"
+    return _apply(found, "hand.damping", present, _rounded(safe, solved, math.inf), unit)

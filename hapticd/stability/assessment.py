@@ -1,0 +1,164 @@
+"""What the theory says of a configuration and a motion: everything behind ``hapticd check``, in one place.
+
+The motion is a release at rest from a deflection, or a velocity at the spring's origin; without either, the answer is for
+every speed, and where the speed decides it is ``depends``.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Final, Literal, get_args
+
+from hapticd.config import Config
+from hapticd.stability.cautions import cautions
+from hapticd.stability.criterion import Law, criterion_margin, sampling_bound_ok, velocity_limit
+from hapticd.stability.limit_cycle import LimitCycle, predicted_cycle, settled_cycle
+from hapticd.stability.locked_cycle import LockedCycle, locked_cycles
+from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
+from hapticd.stability.regions import MEANING, region
+from hapticd.stability.storage import equivalent_deflection
+from hapticd.stability.tuning import Start, stiffness_max_dissipating, stiffness_max_passive
+
+Verdict = Literal["stable", "depends", "buzzes", "unstable"]
+
+VERDICTS: Final[dict[str, Verdict]] = {
+    "A": "stable",
+    "E": "stable",
+    "F1": "stable",
+    "F2": "stable",
+    "F1|F2": "stable",
+    "D|E": "depends",
+    "B": "buzzes",
+    "C": "unstable",
+    "D": "unstable",
+}
+
+#: Inertia up to which the locked cycles are looked for: there are about √μ of them.
+_LOCKED_UP_TO: Final = 1e6
+#: Below this many ticks a motion is as good as the smallest disturbance.
+_SMALLEST_AMPLITUDE: Final = 1e-9
+
+
+@dataclass(frozen=True)
+class Assessment:
+    """A configuration and a motion as the theory sees them.
+
+    Attributes:
+        config: the configuration. latency_s: the driver's declared latency in it.
+        loop: it in SI units. numbers: its operating point.
+        start: the motion; None for every motion. deflection, velocity: as asked for, in ticks and ticks per period.
+        xi_dot_max: velocity bound (13) of the motion; None without one.
+        region: region of Fig. 3 or 5.
+        proven: whether the sharp criterion proves that this motion loses energy all the time, whatever the region.
+        verdict: what all that means in one word.
+        velocity_limit: largest ξ̇_max that dissipates (15), in ticks per period.
+        stiffness_passive, stiffness_dissipating: largest K; None where there is none to name.
+        cycle: the self-sustained oscillation that the motion ends in (describing function); None if it ends in none.
+        locked: the cycles below one tick that the sampled loop can really lock into, if it ends in a cycle.
+        warnings: what the theory leaves out here, in words.
+    """
+
+    config: Config
+    latency_s: float
+    loop: Loop
+    numbers: Dimensionless
+    start: Start | None
+    deflection: float | None
+    velocity: float | None
+    xi_dot_max: float | None
+    region: str
+    proven: bool
+    verdict: Verdict
+    velocity_limit: float
+    stiffness_passive: float | None
+    stiffness_dissipating: float | None
+    cycle: LimitCycle | None
+    locked: tuple[LockedCycle, ...]
+    warnings: tuple[str, ...]
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The JSON keys of ``hapticd check``, without the advice; numbers may be infinite."""
+        n = self.numbers
+        hertz = self.loop.scales.omega_to_hz
+        return {
+            "mu": n.mu,
+            "beta": n.beta,
+            "sigma": n.sigma,
+            "tau_d": n.tau_d,
+            "kappa": n.kappa,
+            "region": self.region,
+            "meaning": MEANING[self.region],
+            "verdict": self.verdict,
+            "proven": self.proven,
+            "xi_dot_max": self.xi_dot_max,
+            "velocity_limit": self.velocity_limit,
+            "criterion_margin": {law: criterion_margin(n, self.xi_dot_max, law) for law in get_args(Law)},
+            "stiffness_max": {"passive": self.stiffness_passive, "dissipating": self.stiffness_dissipating},
+            "limit_cycle": {
+                "predicted": self.cycle is not None,
+                "amplitude_ticks": self.cycle and self.cycle.amplitude,
+                "frequency_hz": self.cycle and hertz(self.cycle.omega),
+                "locked": [{"amplitude_ticks": c.amplitude, "frequency_hz": hertz(c.omega)} for c in self.locked],
+            },
+            "sampling_bound_ok": math.isinf(n.mu) or sampling_bound_ok(n),
+            "warnings": list(self.warnings),
+        }
+
+
+def assess(
+    config: Config, *, velocity: float | None = None, deflection: float | None = None, latency_s: float = 0.0
+) -> Assessment:
+    """Ask the theory about a configuration.
+
+    Args:
+        config: a resolved configuration.
+        velocity: initial velocity at the origin, in coarse ticks per period.
+        deflection: release at rest from here, in coarse ticks from the origin.
+        latency_s: the driver's declared sample-to-current latency in s.
+
+    Raises:
+        ValueError: both a velocity and a deflection.
+    """
+    if velocity is not None and deflection is not None:
+        raise ValueError("a motion begins with a velocity or with a deflection, not with both")
+    loop = loop_from_config(config, latency_s)
+    numbers = loop.numbers
+    start = None
+    if velocity is not None or deflection is not None:
+        # in SI units, so that it stays the same motion when the loop is changed
+        start = Start.in_ticks(loop, deflection=deflection or 0.0, velocity=velocity or 0.0)
+    xi_dot_max = None if start is None else start.xi_dot_max(loop)
+    where = region(numbers, xi_dot_max)
+    # with delay it can hold where the paper's (19) does not: that charges the acceleration in full even at top speed
+    proven = xi_dot_max is not None and criterion_margin(numbers, xi_dot_max, "sharp") >= 0.0
+    cycle = _cycle(numbers, deflection, velocity)
+    return Assessment(
+        config=config,
+        latency_s=latency_s,
+        loop=loop,
+        numbers=numbers,
+        start=start,
+        deflection=deflection,
+        velocity=velocity,
+        xi_dot_max=xi_dot_max,
+        region=where,
+        proven=proven,
+        verdict="stable" if proven else VERDICTS[where],
+        velocity_limit=velocity_limit(numbers),
+        stiffness_passive=stiffness_max_passive(loop, start=start),
+        stiffness_dissipating=None if start is None else stiffness_max_dissipating(loop, start),
+        cycle=cycle,
+        locked=() if cycle is None or numbers.mu > _LOCKED_UP_TO else tuple(locked_cycles(numbers)),
+        warnings=cautions(config, loop, xi_dot_max, deflection),
+    )
+
+
+def _cycle(numbers: Dimensionless, deflection: float | None, velocity: float | None) -> LimitCycle | None:
+    if math.isinf(numbers.mu):
+        return None
+    amplitude = abs(deflection or 0.0)
+    if velocity:
+        amplitude = float(equivalent_deflection(velocity, numbers.mu))
+    return settled_cycle(numbers, amplitude) if amplitude > _SMALLEST_AMPLITUDE else predicted_cycle(numbers)

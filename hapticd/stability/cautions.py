@@ -1,0 +1,125 @@
+"""What a configuration has that the theory leaves out, or that will get in the way of what it predicts."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Final
+
+from hapticd.config import Config
+from hapticd.stability.criterion import QUANTUM, criterion_margin, sampling_bound_ok, sampling_ratio
+from hapticd.stability.numbers import Loop
+from hapticd.stability.regions import region
+
+#: Where a bus of 1 Mbit/s is full: SYNC, RPDO and TPDO take 250–300 µs of it.
+CLASSIC_CAN_RATE_HZ: Final = 3000.0
+CAN_DRIVERS: Final = frozenset({"canopen"})
+
+
+def rate_limit(config: Config) -> float:
+    """Highest servo rate in Hz that the driver's bus can carry; infinite where none is known."""
+    return CLASSIC_CAN_RATE_HZ if config.driver.name in CAN_DRIVERS else math.inf
+
+
+def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: float | None) -> tuple[str, ...]:
+    """Warnings, each a sentence with the numbers behind it.
+
+    Args:
+        config: the configuration. loop: it in SI units, the driver's latency included.
+        xi_dot_max: velocity bound of the motion in ticks per period. deflection: where it is released, in ticks.
+    """
+    found = [*_outside_the_theory(config), *_interface(config, loop)]
+    if loop.stiffness > 0.0:
+        found += [*_theory(loop, xi_dot_max), *_motion(config, loop, xi_dot_max, deflection)]
+    return tuple(found)
+
+
+def _outside_the_theory(config: Config) -> Iterator[str]:
+    spring = config.spring
+    if spring.stiffness == 0.0:
+        yield "spring.stiffness is 0: no spring is rendered, so there is nothing that could become unstable"
+    if spring.side != "both":
+        yield (
+            f"spring.side is {spring.side}: a one-sided wall is outside the theory, which is for motion inside the wall; "
+            "bouncing on its surface is not covered"
+        )
+    if not spring.half_tick_bias:
+        yield (
+            "spring.half_tick_bias is false: the spring is then not symmetric about its origin and has a place without "
+            "force, and the theory (2) does not cover it"
+        )
+    if config.dither.target != "none":
+        yield "dither is on: the theory knows none; it blurs the encoder's ticks, and its own force adds energy"
+    if config.plant.effects:
+        names = ", ".join(effect.name for effect in config.plant.effects)
+        yield f"plant.effects ({names}) are outside the theory, which knows inertia, viscous and Coulomb friction only"
+
+
+def _interface(config: Config, loop: Loop) -> Iterator[str]:
+    limit, rate = rate_limit(config), config.servo.rate_hz
+    if rate > limit:
+        yield (
+            f"servo.rate_hz is {rate:g} Hz, but classic CAN at 1 Mbit/s ends near {limit:g} Hz: SYNC, command and reply "
+            "take 250 to 300 µs on the wire"
+        )
+    amplifier = config.amplifier
+    if amplifier.dac_bits and amplifier.dac_full_scale and loop.stiffness > 0.0:
+        step = math.ldexp(amplifier.dac_full_scale, 1 - amplifier.dac_bits) * amplifier.torque_constant
+        if step > loop.scales.force:
+            unit = "N" if config.is_linear else "N m"
+            yield (
+                f"one step of the {amplifier.dac_bits}-bit converter is {step:.3g} {unit}, more than the "
+                f"{loop.scales.force:.3g} {unit} of one encoder tick: the command is coarser than the encoder, and the real "
+                f"quantum is {step / loop.scales.force:.3g} ticks"
+            )
+
+
+def _theory(loop: Loop, xi_dot_max: float | None) -> Iterator[str]:
+    n = loop.numbers
+    if not sampling_bound_ok(n):
+        yield (
+            f"the sampling bound (11) is violated: the servo samples only {sampling_ratio(n):.3g} times as fast as twice "
+            f"the spring's own oscillation (μ = {n.mu:.3g}, should be at least 1); sample faster or make the spring softer"
+        )
+    if n.mu <= n.tau_d**2 + n.tau_d:
+        yield "the delay is so long for this inertia that the criterion (19) cannot hold with any friction"
+    if QUANTUM["paper"] <= n.sigma < QUANTUM["sharp"] and region(n, xi_dot_max) in ("A", "E", "F1", "F1|F2"):
+        yield (
+            f"σ = {n.sigma:.3g} is between ½ and 1: the motion comes to rest as the paper says, but energy may rise within "
+            "single periods that begin beside an encoder edge; only σ ≥ 1 is proven against that"
+        )
+    elif xi_dot_max is not None and criterion_margin(n, xi_dot_max) >= 0.0 > criterion_margin(n, xi_dot_max, "sharp"):
+        yield "the paper's criterion holds, but not the sharp one that is proven: single periods may gain energy"
+
+
+def _motion(config: Config, loop: Loop, xi_dot_max: float | None, deflection: float | None) -> Iterator[str]:
+    scales, safety, linear = loop.scales, config.safety, config.is_linear
+    speed_unit, unit = ("m/s", "m") if linear else ("rad/s", "rad")
+    if xi_dot_max is not None and safety.max_velocity:
+        speed = float(scales.xi_dot_to_velocity(xi_dot_max))
+        if speed > safety.max_velocity:
+            yield (
+                f"this motion reaches {speed:.3g} {speed_unit}: the daemon would trip on safety.max_velocity = "
+                f"{safety.max_velocity:g} {speed_unit}"
+            )
+    if deflection is None:
+        return
+    way = abs(float(scales.xi_to_position(deflection)))
+    if safety.max_excursion and way > safety.max_excursion:
+        yield f"the deflection is {way:.3g} {unit}, beyond safety.max_excursion = {safety.max_excursion:g} {unit}"
+    pull = abs(math.floor(deflection) + 0.5) * scales.force + loop.hand_stiffness * way
+    if pull <= loop.coulomb:
+        yield (
+            f"a release from {deflection:g} ticks does not move at all: the spring pulls with "
+            f"{abs(math.floor(deflection) + 0.5):g} ticks of force, and Coulomb friction holds {loop.numbers.sigma:.4g}"
+        )
+    amplifier = config.amplifier
+    limits = [amplifier.peak_current or math.inf]
+    if amplifier.dac_bits and amplifier.dac_full_scale:
+        limits.append(amplifier.dac_full_scale)
+    current = abs(math.floor(deflection) + 0.5) * scales.force / amplifier.torque_constant
+    if current > min(limits):
+        yield (
+            f"the spring asks for {current:.3g} A there, but the amplifier ends at {min(limits):g} A: the pull is weaker "
+            "than the theory's"
+        )

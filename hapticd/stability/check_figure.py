@@ -1,0 +1,166 @@
+"""The picture of ``hapticd check``: operating point, critical line and regions on the (β, σ) plane (left of Fig. 8)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from hapticd.config import apply_settings
+from hapticd.stability.advice import Change
+from hapticd.stability.assessment import Assessment, assess
+from hapticd.stability.criterion import xi_ddot_bound
+from hapticd.stability.regions import critical_sigma
+from hapticd.stability.sharp import sharp_requirement
+from hapticd.stability.storage import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+STABLE, LOCAL, BUZZ, UNSTABLE, POINT = "#cfe8cf", "#e4f2d5", "#fdebc8", "#f6d0cc", "#0b5fa5"
+_MARKERS: Final = {"spring.stiffness": "D", "servo.rate_hz": ">", "encoder.decimation": "^", "hand.damping": "s"}
+# Beyond this ratio of the point to the plane's corner a linear axis shows nothing of the boundaries.
+_LINEAR_UP_TO: Final = 6.0
+_SMALLEST: Final = 0.02
+
+
+def check_figure(found: Assessment, changes: Sequence[Change], path: Path, title: str) -> None:
+    """Draw a configuration into a file; its suffix (.png, .svg, .pdf) is the format.
+
+    Args:
+        found: what the theory says. changes: the advice, drawn as arrows.
+        path: the file, replaced if it exists. title: name of the configuration.
+
+    Raises:
+        ValueError: there is no spring, and so no point to draw.
+    """
+    from matplotlib.figure import Figure
+
+    if found.loop.stiffness == 0.0:
+        raise ValueError("spring.stiffness is 0: there is no operating point to draw")
+    figure = Figure(figsize=(7.2, 5.6), layout="constrained")
+    axis = figure.subplots()
+    targets = _targets(found, changes)
+    beta, sigma = _scales(axis, found, [(then.numbers.beta, then.numbers.sigma) for then in targets.values()])
+    _regions(axis, found, beta, sigma)
+    _lines(axis, found, beta)
+    for change in changes:
+        if change.key in targets:
+            _arrow(axis, found, change, targets[change.key], beta)
+    axis.plot(found.numbers.beta, found.numbers.sigma, "o", color=POINT, ms=10, label="operating point", zorder=5)
+    axis.set_xlim(beta[0], beta[-1])
+    axis.set_ylim(sigma[0], sigma[-1])
+    axis.set_xlabel("viscous friction β = b/(KT)")
+    axis.set_ylabel("Coulomb friction σ = c/(KΔ)")
+    axis.set_title(f"{title}: region {found.region}", loc="left", fontsize=12)
+    axis.legend(fontsize=8, frameon=True, framealpha=0.9, loc="best")
+    figure.savefig(path, dpi=130)
+
+
+def _targets(found: Assessment, changes: Sequence[Change]) -> dict[str, Assessment]:
+    """What each change of a setting makes of the configuration."""
+    return {
+        change.key: assess(apply_settings(found.config, {change.key: change.after}), latency_s=found.latency_s)
+        for change in changes
+        if "." in change.key
+    }
+
+
+def _arrow(axis: Any, found: Assessment, change: Change, then: Assessment, beta: FloatArray) -> None:
+    """The way of the operating point under a change, and where the critical line of the same motion goes with it."""
+    x, y = then.numbers.beta, then.numbers.sigma
+    style = {"arrowstyle": "->", "color": POINT, "lw": 1.2}
+    axis.annotate("", (x, y), (found.numbers.beta, found.numbers.sigma), arrowprops=style)
+    label = f"{change.key} {change.before:g} → {change.after:g}, with its critical line"
+    if found.start is None:
+        label = label.removesuffix(", with its critical line")
+    else:
+        speed = found.start.xi_dot_max(then.loop)
+        axis.plot(beta, [critical_sigma(then.numbers, speed, b) for b in beta], ":", color=POINT, lw=1.0, alpha=0.8)
+    axis.plot(x, y, _MARKERS.get(change.key, "o"), color="white", mec=POINT, ms=7, label=label, zorder=4)
+
+
+def _scales(axis: Axes, found: Assessment, targets: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:
+    """Both axes from near zero to beyond everything that is shown, logarithmic where linear ones would hide it."""
+    n = found.numbers
+    ranges = []
+    for value, others, least, corner, setter in (
+        (n.beta, [p[0] for p in targets], 1.5, 0.5 + n.tau_d, axis.set_xscale),
+        (n.sigma, [p[1] for p in targets], 2.0, 0.5, axis.set_yscale),
+    ):
+        top = max(least, 2.0 * corner, 1.25 * value, *(1.15 * other for other in others))
+        if top <= _LINEAR_UP_TO * max(1.0, corner):
+            ranges.append(np.linspace(0.0, top, 600))
+        else:
+            setter("log")
+            low = min([v for v in (value, *others) if v > 0.0] + [corner]) / 3.0
+            ranges.append(np.geomspace(max(low, _SMALLEST * corner), 3.0 * top, 600))
+    return ranges[0], ranges[1]
+
+
+def _regions(axis: Any, found: Assessment, beta: FloatArray, sigma: FloatArray) -> None:
+    """Shade and name the regions of this motion, or those that hold for every motion."""
+    n = found.numbers
+    corner, top = 0.5 + n.tau_d, sigma[-1]
+    low, half = sigma[0], 0.5
+    left, right = beta <= corner, beta >= corner
+    delayed = n.tau_d > 0.0
+    axis.fill_between([beta[0], corner], low, half, color=UNSTABLE, lw=0)
+    axis.fill_between([corner, beta[-1]], low, half, color=BUZZ, lw=0)
+    names = [("C", beta[0], corner, low, half), ("B", corner, beta[-1], low, half)]
+    if found.xi_dot_max is None:
+        axis.fill_between([beta[0], corner], half, top, color=LOCAL, lw=0)
+        axis.fill_between([corner, beta[-1]], half, top, color=STABLE, lw=0)
+        names += [("D | E", beta[0], corner, half, top), ("F1 | F2" if delayed else "A", corner, beta[-1], half, top)]
+    else:
+        line = np.minimum(_critical(found, beta), top)
+        axis.fill_between(beta[left], half, line[left], color=UNSTABLE, lw=0)
+        axis.fill_between(beta[left], line[left], top, color=LOCAL, lw=0)
+        axis.fill_between(beta[right], half, line[right], color=LOCAL, lw=0)
+        axis.fill_between(beta[right], line[right], top, color=STABLE, lw=0)
+        edge = float(np.interp(_middle(beta[0], corner, axis.get_xscale()), beta, line))
+        names += [("D", beta[0], corner, half, edge), ("E", beta[0], corner, edge, top)]
+        after = float(np.interp(_middle(corner, beta[-1], axis.get_xscale()), beta, line)) if delayed else half
+        names += [("F2", corner, beta[-1], half, after)] if delayed else []
+        names += [("F1" if delayed else "A", corner, beta[-1], after, top)]
+    axis.axhline(half, color="#777777", lw=0.8)
+    axis.axvline(corner, color="#777777", lw=0.8)
+    for name, x0, x1, y0, y1 in names:
+        x, y = _middle(x0, x1, axis.get_xscale()), _middle(y0, y1, axis.get_yscale())
+        if _share(y0, y1, low, top, axis.get_yscale()) > 0.06:
+            axis.text(x, y, name, ha="center", va="center", fontsize=15, color="#555555", alpha=0.8)
+
+
+def _middle(a: float, b: float, scale: str) -> float:
+    return float(np.sqrt(max(a, 1e-12) * b)) if scale == "log" else 0.5 * (a + b)
+
+
+def _share(a: float, b: float, low: float, high: float, scale: str) -> float:
+    """How much of an axis a stretch takes."""
+    if scale == "log":
+        return float(np.log(max(b, low) / max(a, low)) / np.log(high / low))
+    return (b - a) / (high - low)
+
+
+def _critical(found: Assessment, beta: FloatArray, xi_dot: float | None = None) -> FloatArray:
+    speed = found.xi_dot_max if xi_dot is None else xi_dot
+    assert speed is not None
+    return np.array([critical_sigma(found.numbers, speed, b) for b in beta])
+
+
+def _lines(axis: Any, found: Assessment, beta: FloatArray) -> None:
+    """The paper's critical line of the motion and the sharp one; without a motion the line of the speed limit."""
+    n = found.numbers
+    if found.xi_dot_max is None:
+        if found.verdict == "depends" and np.isfinite(found.velocity_limit):
+            line = _critical(found, beta, found.velocity_limit)
+            label = f"critical line at the speed limit, {found.velocity_limit:.3g} ticks/period"
+            axis.plot(beta, line, color="#8a1c12", lw=1.6, label=label)
+        return
+    label = f"critical line (paper) at {found.xi_dot_max:.3g} ticks/period"
+    axis.plot(beta, _critical(found, beta), color="#8a1c12", lw=1.8, label=label)
+    acceleration = xi_ddot_bound(n.mu, beta, n.sigma, found.xi_dot_max, n.kappa)
+    sharp = sharp_requirement(beta, found.xi_dot_max, n.tau_d, acceleration)
+    axis.plot(beta, sharp, color="#2e7d32", lw=1.3, ls="--", label="above it energy falls in every period (sharp)")

@@ -1,0 +1,186 @@
+"""The text of ``hapticd check``: what the theory says of a configuration, for someone who has not read the paper."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Sequence
+from typing import Final
+
+from hapticd.stability.advice import Change
+from hapticd.stability.assessment import VERDICTS, Assessment, Verdict
+from hapticd.stability.criterion import criterion_margin
+from hapticd.stability.devices import HUMAN_OPERATOR, Device, compare, grip_share
+from hapticd.stability.regions import MEANING
+
+HEADLINES: Final[dict[Verdict, str]] = {
+    "stable": "stable",
+    "depends": "stable for slow motions only",
+    "buzzes": "not stable: it will buzz",
+    "unstable": "not stable: it will shake",
+}
+
+#: Why, in the student's words: what takes energy out, what puts it in, and which wins.
+WHY: Final[dict[str, str]] = {
+    "A": "Viscous friction takes out more than the sampled spring puts in (β ≥ ½), and Coulomb friction can hold the step "
+    "of one encoder tick (σ ≥ ½). Nothing the hand does can change that.",
+    "B": "Viscous friction stops fast motion (β is large enough), but Coulomb friction cannot hold the step of one encoder "
+    "tick (σ < ½). So the spring pushes the device back and forth over a tick for ever.",
+    "C": "Neither friction is enough: β is too small for fast motion, and σ < ½ cannot hold one tick. Each swing gains "
+    "energy; a light touch is enough to begin.",
+    "D": "Viscous friction is too small (β), so all rests on Coulomb friction, and this motion is too fast for it: each "
+    "swing can put in more than friction takes out. Slower motions die out; so may some faster ones than the limit below, "
+    "which is for the worst case.",
+    "E": "Viscous friction alone is too small (β), but at this speed Coulomb friction makes up for it. A faster motion than "
+    "the limit below would grow.",
+    "F1": "Both frictions are large enough even with the delay in the loop, and energy falls all the time.",
+    "F2": "Both frictions are large enough in the end, but right after a fast change the late force can put energy in.",
+    "D|E": "Viscous friction alone is too small (β), so all rests on Coulomb friction, which takes out the same at any "
+    "speed while the spring puts in more the faster it goes. There is a speed limit, given below.",
+    "F1|F2": "Both frictions are large enough even with the delay in the loop. After fast changes energy may rise briefly.",
+}  # fmt: skip
+
+_LABELS: Final = {
+    "spring.stiffness": "a softer spring",
+    "encoder.decimation": "finer ticks",
+    "servo.rate_hz": "a faster servo",
+    "delay.computation_s": "a shorter computation",
+    "hand.damping": "a firmer grip",
+    "deflection": "a release from less far",
+    "velocity": "a slower motion",
+}
+_WIDTH = 100
+_INDENT = "  "
+
+
+def report(found: Assessment, changes: Sequence[Change], name: str, device: Device | None = None) -> str:
+    """The whole text.
+
+    Args:
+        found: what the theory says. changes: what would make it stable.
+        name: what to call the configuration. device: its row of Table II, if it is one of these.
+    """
+    sections = [
+        f"{name}{_motion(found)}: {HEADLINES[found.verdict]}",
+        "\n".join(_paragraph(_why(found))),
+        "\n".join(_numbers(found)),
+    ]
+    if changes:
+        sections.append("\n".join(_advice(found, changes)))
+    elif found.verdict != "stable":
+        sections.append(
+            "No single change of one setting makes this stable; change two, or take a device with friction."
+        )
+    if device is not None:
+        sections.append("\n".join(_table_ii(device)))
+    if found.warnings:
+        sections.append("\n".join(line for text in found.warnings for line in _paragraph(f"warning: {text}", "  ")))
+    return "\n\n".join(sections)
+
+
+def _why(found: Assessment) -> str:
+    text = f"Region {found.region}: {MEANING[found.region]}. {WHY[found.region]}"
+    if found.proven and VERDICTS[found.region] != "stable":
+        text += (
+            " But that is the paper's criterion, and here it is too strict: the sharp one, which is proven, holds, and "
+        )
+        text += "this motion loses energy all the time."
+    elif found.region == "C" and found.cycle is not None:
+        text += " From this motion the describing function expects no growth but the small limit cycle below."
+    return text
+
+
+def number(value: float | None, digits: int = 3) -> str:
+    """A number with few digits; a dash where there is none, ∞ where it is infinite."""
+    if value is None or math.isnan(value):
+        return "–"
+    if math.isinf(value):
+        return "∞" if value > 0 else "−∞"
+    if value != 0.0 and not 1e-3 <= abs(value) < 1e5:
+        return f"{value:.{digits}g}".replace("e-0", "e-").replace("e+0", "e")
+    return f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}" if value else "0"
+
+
+def shortest(value: float) -> str:
+    """A number as it would stand in the config."""
+    return f"{value:.12g}"
+
+
+def _paragraph(text: str, hanging: str = "") -> list[str]:
+    return textwrap.wrap(text, _WIDTH, subsequent_indent=hanging, break_long_words=False)
+
+
+def _motion(found: Assessment) -> str:
+    if found.deflection is not None:
+        return f", released at rest from {found.deflection:g} ticks"
+    if found.velocity is not None:
+        return f", moving at {found.velocity:g} ticks per period"
+    return ", at any speed"
+
+
+def _numbers(found: Assessment) -> Iterator[str]:
+    n, scales = found.numbers, found.loop.scales
+    speed_unit, stiffness_unit = ("m/s", "N/m") if found.config.is_linear else ("rad/s", "N m/rad")
+
+    def speed(xi_dot: float) -> str:
+        if math.isinf(xi_dot):
+            return "any"
+        return f"{number(xi_dot)} ticks per period = {number(float(scales.xi_dot_to_velocity(xi_dot)))} {speed_unit}"
+
+    yield f"inertia           μ = {number(n.mu)}"
+    yield f"viscous friction  β = {number(n.beta)}, enough at every speed from {number(0.5 + n.tau_d)}"
+    yield f"Coulomb friction  σ = {number(n.sigma)} ticks, enough to hold a tick from 0.5"
+    if n.tau_d:
+        yield f"delay             τ_D = {number(n.tau_d)} periods = {number(found.loop.delay * 1e6)} µs"
+    if n.kappa:
+        yield f"hand's stiffness  κ = {number(n.kappa)} of the spring's"
+    if found.xi_dot_max is not None:
+        yield f"top speed         {speed(found.xi_dot_max)}"
+    yield f"speed limit       {speed(found.velocity_limit)}"
+    margins = [
+        f"{law} {number(criterion_margin(n, found.xi_dot_max, law), 2)}" for law in ("paper", "corrected", "sharp")
+    ]
+    yield f"margin            {', '.join(margins)} ticks of force (≥ 0: energy falls)"
+    limits = [("whatever the motion" if not found.loop.delay else "passive", found.stiffness_passive)]
+    limits.append(("for this motion", found.stiffness_dissipating))
+    known = [f"{number(K)} {stiffness_unit} {label}" for label, K in limits if K is not None]
+    if known:
+        yield f"stiffness up to   {', '.join(known)} (now {shortest(found.loop.stiffness)})"
+    if found.cycle is not None:
+        hertz = float(scales.omega_to_hz(found.cycle.omega))
+        amplitude = number(found.cycle.amplitude)
+        yield f"limit cycle       amplitude {amplitude} ticks at {number(hertz)} Hz (describing function)"
+    if len(found.locked) > 1:
+        fast, slow = found.locked[0], found.locked[-1]
+        high, low = float(scales.omega_to_hz(fast.omega)), float(scales.omega_to_hz(slow.omega))
+        yield f"                  locked to whole periods, by how it starts: {number(fast.amplitude)} at {number(high)} Hz"
+        yield f"                  to {number(slow.amplitude)} at {number(low)} Hz"
+
+
+def _advice(found: Assessment, changes: Sequence[Change]) -> Iterator[str]:
+    every = "" if found.start is not None else " at every speed"
+    yield f"One of these changes is enough to make it stable{every}:"
+    for change in changes:
+        what = change.key if "." in change.key else f"--{change.key}"
+        values = f"{shortest(change.before)} → {shortest(change.after)} {change.unit}"
+        harsh = ", hardly a wall any more" if change.key == "spring.stiffness" and change.size > math.log(10.0) else ""
+        yield f"{_INDENT}{what:<20} {values:<32} {_LABELS[change.key]}{harsh} (region {change.region})"
+    if found.verdict == "depends":
+        yield "Or keep below the speed limit; ask about a motion of yours with --velocity or --deflection."
+
+
+def _table_ii(device: Device) -> Iterator[str]:
+    yield f"Table II, {device.name}: printed and recomputed from the row's own columns"
+    notes = []
+    for row in compare(device):
+        symbol = {"mu": "μ", "beta": "β", "sigma": "σ"}[row.quantity]
+        yield f"{_INDENT}{symbol}  {row.printed:<8g} {number(row.recomputed, 4):<8} {100 * row.difference:+.1f} %"
+        if row.note:
+            notes.append(row.note)
+    for note in dict.fromkeys(notes):
+        yield from _paragraph(f"{_INDENT}{note}", _INDENT)
+    share = grip_share(device.loop)
+    yield (
+        f"{_INDENT}a hand with {100.0 * share:.0f} % of the table's human operator ({HUMAN_OPERATOR.damping:g} N s/m) "
+        "in parallel makes it passive"
+    )
