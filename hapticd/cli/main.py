@@ -19,6 +19,7 @@ from hapticd.cli import (
     exits,
     experiments,
     export,
+    map,  # noqa: A004 - named as the command
     output,
     record,
     run,
@@ -45,7 +46,7 @@ EPILOG = epilog(
     codes=tuple(exits.MEANING),
 )
 
-GROUPS = (run, status, state, settings, experiments, record, export, check, simulate, energy, config, drivers)
+GROUPS = (run, status, state, settings, experiments, record, export, check, simulate, energy, map, config, drivers)
 
 
 class PipeGroup(TyperGroup):

@@ -1,0 +1,109 @@
+"""When growth is certain: the set of states from which a run can never come back.
+
+Between two samples the loop of eq. 7–9 is linear but for two bounded disturbances: the quantiser's error in the command,
+−⌊ξ⌋ − ½ = −ξ + q with |q| ≤ ½, and Coulomb friction, a force f(τ) with |f| ≤ σ whether the mass slides or sticks. With
+z = (ξ, ξ̇, commands under way) at a sample and w a left eigenvector of the linear part, wᵀA = λwᵀ,
+
+    |wᵀz(h+1)| ≥ |λ| |wᵀz(h)| − d,      d = ½|wᵀb| + σ(|w_ξ| φ₂ + |w_ξ̇| φ₁)/μ,
+
+where φ₁, φ₂ are those of −β/μ (`hapticd.plant.exact`) and b is the way of a command into the state. If |λ| > 1 and once
+|wᵀz| > d/(|λ| − 1), it rises in every later period, without bound. If no |λ| exceeds 1, no run can grow for ever.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticd.plant.exact import phi_functions
+
+FloatArray = NDArray[np.float64]
+
+# the bound is compared in floating point; a state this little outside is not called certain
+_MARGIN = 1e-6
+
+
+@dataclass(frozen=True)
+class Escape:
+    """The certain growth of one linear loop.
+
+    Attributes:
+        gain: largest |λ| of the linear loop, a period.
+        real: (2 + pending,) real part of its left eigenvector over (ξ, ξ̇, oldest command … newest).
+        imaginary: (2 + pending,) imaginary part.
+        command: |wᵀb|.
+        friction: |w_ξ|φ₂/μ + |w_ξ̇|φ₁/μ.
+    """
+
+    gain: float
+    real: FloatArray
+    imaginary: FloatArray
+    command: float
+    friction: float
+
+    def threshold(self, sigma: float) -> float:
+        """What |wᵀz| must exceed for growth to be certain; infinite where the linear loop is stable."""
+        if self.gain <= 1.0:
+            return math.inf
+        return (0.5 * self.command + sigma * self.friction) / (self.gain - 1.0) * (1.0 + _MARGIN)
+
+
+def pending_commands(tau_d: float) -> int:
+    """How many commands are under way at a sample: ⌊τ_D⌋ + 1, the one that ends within the period included."""
+    return math.floor(tau_d) + 1
+
+
+def escape(mu: float, beta: float, tau_d: float) -> Escape:
+    """Eigenvalue, eigenvector and disturbance bound of the loop without quantiser and Coulomb friction."""
+    A, b = linear_loop(mu, beta, tau_d)
+    values, vectors = np.linalg.eig(A.T)
+    k = int(np.argmax(np.abs(values)))
+    w = vectors[:, k]
+    _, phi1, phi2 = phi_functions(-beta / mu)
+    return Escape(
+        gain=float(np.abs(values[k])),
+        real=np.ascontiguousarray(w.real),
+        imaginary=np.ascontiguousarray(w.imag),
+        command=float(np.abs(w @ b)),
+        friction=float((np.abs(w[0]) * phi2 + np.abs(w[1]) * phi1) / mu),
+    )
+
+
+def linear_loop(mu: float, beta: float, tau_d: float) -> tuple[FloatArray, FloatArray]:
+    """The loop from sample to sample without quantiser and Coulomb friction, z(h+1) = A z(h) + b q(h).
+
+    Args:
+        mu: inertia μ.
+        beta: viscous friction β.
+        tau_d: delay τ_D.
+
+    Returns:
+        A, (2 + p, 2 + p), and b, (2 + p,), with z = (ξ, ξ̇, φ_C(h − p), …, φ_C(h − 1)), p = ⌊τ_D⌋ + 1; the new command is
+        φ_C(h) = −ξ(h) + q(h).
+    """
+    pending = pending_commands(tau_d)
+    fraction = tau_d - math.floor(tau_d)
+    size = 2 + pending
+    A, b = np.zeros((size, size)), np.zeros(size)
+    free_first, force_first = _piece(mu, beta, fraction)
+    free_second, force_second = _piece(mu, beta, 1.0 - fraction)
+    A[:2, :2] = free_second @ free_first
+    A[:2, 2] = free_second @ force_first
+    if pending > 1:
+        A[:2, 3] += force_second
+    else:
+        b[:2] = force_second
+    for k in range(pending - 1):
+        A[2 + k, 3 + k] = 1.0
+    b[-1] = 1.0
+    A[:, 0] -= b
+    return A, b
+
+
+def _piece(mu: float, beta: float, dt: float) -> tuple[FloatArray, FloatArray]:
+    """Free motion and response to a unit force over dt ≤ 1."""
+    e, phi1, phi2 = phi_functions(-beta * dt / mu)
+    return np.array([[1.0, dt * phi1], [0.0, e]]), np.array([dt * dt * phi2, dt * phi1]) / mu

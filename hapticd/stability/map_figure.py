@@ -1,0 +1,114 @@
+"""The figure of Fig. 6 and 7: outcomes in four shades, the theoretical boundaries drawn over them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from hapticd.stability.map_report import regions_of
+from hapticd.stability.maps import OUTCOMES, Maps
+from hapticd.stability.numbers import Dimensionless
+from hapticd.stability.regions import critical_sigma
+from hapticd.stability.storage import FloatArray, velocity_bound
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+#: The paper's shades: dark growing, medium persistent, light non-monotonically decaying, white monotone.
+SHADES: Final = {"monotone": "#ffffff", "decaying": "#d9d9d9", "persistent": "#9a9a9a", "growing": "#4a4a4a"}
+_NOT_DONE: Final = "#fff3c4"
+_LINE: Final = "#c0392b"
+_LABEL: Final = {
+    "monotone": "comes to rest, energy falls all the time",
+    "decaying": "comes to rest, energy rises on the way",
+    "persistent": "persistent oscillation",
+    "growing": "growing",
+}
+
+
+def boundaries(mu: float, tau_d: float, xi_dot_0: float, beta: FloatArray) -> dict[str, FloatArray]:
+    """The lines between regions: each (n, 2) of (β, σ), in the paper's criterion.
+
+    Returns:
+        ``viscous`` β = ½ + τ_D (17), ``coulomb`` σ = ½ (18), ``critical`` the line of (12) or of both conditions of (19).
+    """
+    numbers = Dimensionless(mu, 0.0, 0.0, tau_d)
+    bound = float(velocity_bound(0.0, xi_dot_0, mu, tau_d))
+    line = 0.5 + tau_d
+    # up to the corner on the left, and on to the right only where it is the border between F1 and F2
+    critical_beta = np.unique(np.append(beta[beta < line] if tau_d == 0.0 else beta, line))
+    return {
+        "viscous": np.array([[line, 0.0], [line, 1e6]]),
+        "coulomb": np.array([[0.0, 0.5], [1e6, 0.5]]),
+        "critical": np.array([[b, critical_sigma(numbers, bound, b)] for b in critical_beta.tolist()]),
+    }
+
+
+def draw(maps: Maps) -> Figure:
+    """One panel a map: rows by delay, columns by initial velocity."""
+    from matplotlib.figure import Figure
+    from matplotlib.patches import Patch
+
+    study = maps.study
+    rows, columns = len(study.delays), len(study.velocities)
+    figure = Figure(figsize=(3.1 * columns + 0.6, 3.0 * rows + 1.0), layout="constrained")
+    panels = figure.subplots(rows, columns, squeeze=False)
+    for d, tau_d in enumerate(study.delays):
+        for v, velocity in enumerate(study.velocities):
+            axes = panels[d, v]
+            _panel(axes, maps, d, v)
+            axes.set_title(f"$\\tau_D$ = {tau_d:g}, $\\dot\\xi_0$ = {velocity:g}", fontsize=10)
+            if d == rows - 1:
+                axes.set_xlabel("$\\beta$")
+            if v == 0:
+                axes.set_ylabel("$\\sigma$")
+    handles: list[Any] = [Patch(facecolor=SHADES[name], edgecolor="0.4", label=_LABEL[name]) for name in OUTCOMES]
+    if not maps.done.all():
+        handles.append(Patch(facecolor=_NOT_DONE, edgecolor="0.4", label="not done"))
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles) if columns > 2 else 1, fontsize=9)
+    figure.suptitle(
+        f"Outcome of {study.periods} periods at $\\mu$ = {study.mu:g}, with the boundaries of theory", fontsize=11
+    )
+    return figure
+
+
+def _panel(axes: Axes, maps: Maps, delay: int, velocity: int) -> None:
+    from matplotlib.colors import ListedColormap
+
+    study = maps.study
+    tau_d = study.delays[delay]
+    beta, sigma = study.betas(tau_d), study.sigmas
+    shade = np.where(maps.done[delay, velocity], maps.points["outcome"][delay, velocity], len(OUTCOMES))
+    colours = ListedColormap([*SHADES.values(), _NOT_DONE])
+    axes.pcolormesh(
+        _edges(beta), _edges(sigma), shade.T, cmap=colours, vmin=-0.5, vmax=len(OUTCOMES) + 0.5, rasterized=True
+    )
+    lines = boundaries(study.mu, tau_d, study.velocities[velocity], np.linspace(0.0, _edges(beta)[-1], 301))
+    for name, line in lines.items():
+        axes.plot(line[:, 0], line[:, 1], color=_LINE, lw=1.4 if name == "critical" else 0.9)
+    axes.set_xlim(0.0, _edges(beta)[-1])
+    axes.set_ylim(0.0, _edges(sigma)[-1])
+    names = regions_of(maps, delay, velocity)
+    for name in sorted(set(names.ravel().tolist())):
+        i, j = np.argwhere(names == name).mean(axis=0)
+        place = float(np.interp(i, np.arange(beta.size), beta)), float(np.interp(j, np.arange(sigma.size), sigma))
+        box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
+        axes.text(*place, name, color=_LINE, weight="bold", ha="center", va="center", fontsize=9, bbox=box)
+
+
+def _edges(centres: FloatArray) -> FloatArray:
+    """Borders of the cells around evenly spaced centres, the first of which lies one step from zero."""
+    step = centres[0]
+    return np.asarray(np.append(centres - 0.5 * step, centres[-1] + 0.5 * step))
+
+
+def save(maps: Maps, path: Path) -> None:
+    """Write the figure in the format that the path's suffix names (png, svg, pdf).
+
+    Raises:
+        ValueError: matplotlib knows no such format.
+    """
+    draw(maps).savefig(path, dpi=130)

@@ -1,0 +1,147 @@
+"""Region maps on disk: one ``.npz`` that describes itself, grows while the maps are made and lets a later run go on.
+
+Arrays: ``beta`` (delays, β), ``sigma`` (σ,), ``tau_d`` (delays,), ``xi_dot_0`` (velocities,), and of shape (delays,
+velocities, β, σ): ``done`` and the fields of `maps.POINT`. ``metadata`` is a JSON text. Nothing in it is pickled.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import time
+import zipfile
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from hapticd.record.metadata import versions
+from hapticd.stability import map_kernel
+from hapticd.stability.map_engines import Results
+from hapticd.stability.maps import OUTCOMES, POINT, Chunk, Maps, Study
+
+#: Changes when the meaning of a stored number does; maps of another format are not continued.
+FORMAT: Final = 1
+
+_REASONS = {"rest": map_kernel.REST, "recurred": map_kernel.RECURRED, "escaped": map_kernel.ESCAPED}
+_REASONS |= {"left": map_kernel.LEFT, "horizon": map_kernel.HORIZON}
+# A study is written whole each time: so many seconds of work, or times the writing itself takes, can be lost to a power
+# cut (nothing to Ctrl-C).
+_SAVE_EVERY_S: Final = 5.0
+_SAVE_SHARE: Final = 20.0
+
+
+class MapFileError(Exception):
+    """A file of maps cannot be read, or holds other maps than those asked for."""
+
+
+def metadata(study: Study) -> dict[str, Any]:
+    """What the file says of itself."""
+    return {
+        "what": "hapticd region maps",
+        "format": FORMAT,
+        "study": asdict(study),
+        "outcomes": list(OUTCOMES),
+        "reasons": _REASONS,
+        "units": {"xi": "ticks", "xi_dot": "ticks/period", "amplitude": "ticks", "omega": "rad/period"},
+        "versions": versions(),
+    }
+
+
+def save(path: Path, maps: Maps) -> None:
+    """Write the maps through a temporary file beside the path, so that it is whole or as it was before."""
+    study = maps.study
+    arrays = {
+        "beta": np.array([study.betas(tau_d) for tau_d in study.delays]),
+        "sigma": study.sigmas,
+        "tau_d": np.array(study.delays),
+        "xi_dot_0": np.array(study.velocities),
+        "done": maps.done,
+        "metadata": np.array(json.dumps(metadata(study), ensure_ascii=False)),
+        **{name: maps.points[name] for name in POINT.names or ()},
+    }
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        with part.open("wb") as file:
+            np.savez_compressed(file, allow_pickle=False, **arrays)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def load(path: Path) -> Maps:
+    """Read maps, finished or not.
+
+    Raises:
+        MapFileError: it is no file of maps, or one of another format.
+        OSError: it cannot be read.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            found = json.loads(str(file["metadata"]))
+            if found["format"] != FORMAT:
+                raise MapFileError(f"{path} has maps of format {found['format']}, this version reads {FORMAT}")
+            text = found["study"]
+            study = Study(**{**text, "delays": tuple(text["delays"]), "velocities": tuple(text["velocities"])})
+            maps = Maps(study)
+            maps.done[...] = file["done"]
+            for name in POINT.names or ():
+                maps.points[name] = file[name]
+    except (KeyError, ValueError, TypeError, EOFError, zipfile.BadZipFile) as error:
+        raise MapFileError(f"{path} is not a file of region maps") from error
+    return maps
+
+
+def begin(path: Path, study: Study, *, force: bool = False) -> Maps:
+    """The maps to work on: those of the file if they are of this study, else new ones.
+
+    Raises:
+        MapFileError: the file holds something else, and ``force`` does not allow to replace it.
+    """
+    if force or not path.exists():
+        return Maps(study)
+    maps = load(path)
+    if maps.study != study:
+        asked, has = asdict(study), asdict(maps.study)
+        different = ", ".join(f"{name} {has[name]}" for name in asked if asked[name] != has[name])
+        raise MapFileError(f"{path} holds maps made with other options ({different})")
+    return maps
+
+
+def fill(
+    maps: Maps,
+    engine: Callable[[list[Chunk]], Results],
+    path: Path | None,
+    progress: Callable[[float], None] | None = None,
+) -> None:
+    """Compute what is missing and keep the file up to date; whatever ends it, finished chunks are in the file.
+
+    Args:
+        maps: what is known already; filled in place.
+        engine: takes the missing chunks and yields their results as they come.
+        path: the file; None keeps the maps in memory only.
+        progress: called with the fraction done.
+    """
+    missing = maps.missing()
+    if not missing:
+        return
+    left = sum(chunk.stop - chunk.start for chunk in missing)
+    due, unsaved = time.monotonic() + _SAVE_EVERY_S, False
+    try:
+        with contextlib.closing(engine(missing)) as results:
+            for chunk, points in results:
+                maps.put(chunk, points)
+                unsaved = True
+                left -= chunk.stop - chunk.start
+                if progress is not None:
+                    progress(1.0 - left / maps.study.size)
+                if path is not None and (begun := time.monotonic()) > due:
+                    save(path, maps)
+                    ended = time.monotonic()
+                    due, unsaved = ended + max(_SAVE_EVERY_S, _SAVE_SHARE * (ended - begun)), False
+    finally:
+        if path is not None and unsaved:
+            save(path, maps)

@@ -1,0 +1,273 @@
+"""Region maps (Sec. IV, Fig. 6 and 7): what becomes of a motion at every point of a (β, σ) grid, by exact simulation.
+
+Outcome of a point, by rules that have no scale of their own:
+
+1. ``growing`` if the run reached a state from which growth is certain (`hapticd.stability.escape`).
+2. At rest, every force to come held by stiction: ``monotone`` if the energy never rose, else ``decaying``.
+3. Its state recurred bit for bit: ``persistent``.
+4. Still undecided at the horizon: the trend of the energy over the second half decides (`outcome.decide`), except where
+   it would contradict what is certain: a run cannot grow for ever where the linear loop is stable, nor vanish where σ < ½,
+   because then no position holds the mass against a force that is never below ½. Both are then ``persistent``.
+
+Only rule 4 knows the horizon. With a delay, energies are compared at h + τ_D, where the theorem does.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticd.stability import map_kernel as kernel
+from hapticd.stability.escape import Escape, escape
+from hapticd.stability.outcome import TREND_TOLERANCE, decide
+from hapticd.stability.storage import FloatArray
+
+#: Outcomes in the order of their codes.
+OUTCOMES: Final = ("monotone", "decaying", "persistent", "growing")
+MONOTONE, DECAYING, PERSISTENT, GROWING = range(4)
+
+#: What is kept of a point. ``reason`` is one of `map_kernel`'s; ``cycle`` is 0 where no exact recurrence was found;
+#: ``amplitude`` is half of peak to peak in ticks, 0 at rest, infinite when growing; ``omega`` is in rad per period;
+#: ``settled`` tells whether it has stopped changing: at rest, recurring, or energy constant over the tail within 1 %.
+POINT: Final = np.dtype(
+    [
+        ("outcome", np.int8),
+        ("reason", np.int8),
+        ("settled", np.bool_),
+        ("periods", np.int64),
+        ("cycle", np.int64),
+        ("xi", np.float64),
+        ("xi_dot", np.float64),
+        ("amplitude", np.float64),
+        ("omega", np.float64),
+    ],
+    align=True,
+)
+
+PointArray = NDArray[Any]
+
+# A chunk is what is lost by an interrupt and what a worker takes at a time: a few milliseconds for the eight maps, more
+# points in a finer study, and never more periods than this, as far as possible.
+_CHUNK_POINTS: Final = 84
+_CHUNKS: Final = 1000
+_CHUNK_PERIODS: Final = 1 << 26
+
+
+@dataclass(frozen=True)
+class Study:
+    """Which maps to make: one for every delay and initial velocity, each over the same number of points.
+
+    Attributes:
+        mu: inertia μ.
+        delays: τ_D of each row of maps.
+        velocities: ξ̇₀ of each column in ticks per period; motions start at ξ₀ = 0.
+        beta_count: points along β, evenly over (0, beta_max].
+        beta_max: largest β; None for 1.5 + τ_D, so that the boundary ½ + τ_D stands where it does without delay.
+        sigma_count: points along σ, evenly over (0, sigma_max].
+        sigma_max: largest σ.
+        periods: horizon in sampling periods.
+
+    Raises:
+        ValueError: a number is out of its range; the text names it.
+    """
+
+    mu: float = 100.0
+    delays: tuple[float, ...] = (0.0, 1.25)
+    velocities: tuple[float, ...] = (1.0, 5.0, 10.0, 50.0)
+    beta_count: int = 34
+    beta_max: float | None = None
+    sigma_count: int = 21
+    sigma_max: float = 3.0
+    periods: int = 50_000
+
+    def __post_init__(self) -> None:
+        positive = {
+            "mu": self.mu,
+            "sigma_max": self.sigma_max,
+            "beta_max": 1.0 if self.beta_max is None else self.beta_max,
+        }
+        for name, value in positive.items():
+            if not 0.0 < value < math.inf:
+                raise ValueError(f"{name} must be above zero, got {value!r}")
+        for name, least in (("beta_count", 1), ("sigma_count", 1), ("periods", 2 * kernel.STRETCHES)):
+            if getattr(self, name) < least:
+                raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
+        for name in ("delays", "velocities"):
+            values = getattr(self, name)
+            if not values or not all(0.0 <= value < math.inf for value in values):
+                raise ValueError(f"{name} must be one or more numbers of at least 0, got {list(values)!r}")
+            if len(set(values)) < len(values):
+                raise ValueError(f"{name} has a number twice: {list(values)!r}")
+
+    @property
+    def shape(self) -> tuple[int, int, int, int]:
+        """Delays, velocities, β, σ."""
+        return len(self.delays), len(self.velocities), self.beta_count, self.sigma_count
+
+    @property
+    def size(self) -> int:
+        """Number of points in all maps."""
+        return math.prod(self.shape)
+
+    def betas(self, tau_d: float) -> FloatArray:
+        """(beta_count,) the β of a map with this delay."""
+        largest = 1.5 + tau_d if self.beta_max is None else self.beta_max
+        return np.asarray(largest * np.arange(1, self.beta_count + 1) / self.beta_count)
+
+    @property
+    def sigmas(self) -> FloatArray:
+        """(sigma_count,) the σ of every map."""
+        return np.asarray(self.sigma_max * np.arange(1, self.sigma_count + 1) / self.sigma_count)
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Some neighbouring points of one map, the unit of work; carries all it needs to be computed anywhere.
+
+    Attributes:
+        study: the maps it belongs to.
+        delay: index into ``study.delays``.
+        velocity: index into ``study.velocities``.
+        start: first point of the map, β varying slowest.
+        stop: one past the last.
+    """
+
+    study: Study
+    delay: int
+    velocity: int
+    start: int
+    stop: int
+
+
+@dataclass
+class Maps:
+    """A study and what is known of it.
+
+    Attributes:
+        study: which maps.
+        points: `POINT` of shape ``study.shape``; zero where not done.
+        done: bool of the same shape.
+    """
+
+    study: Study
+    points: PointArray = field(default_factory=lambda: np.empty(0, POINT))
+    done: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
+
+    def __post_init__(self) -> None:
+        if self.points.size == 0:
+            self.points = np.zeros(self.study.shape, POINT)
+            self.done = np.zeros(self.study.shape, np.bool_)
+
+    @property
+    def fraction(self) -> float:
+        """Share of the points that are done."""
+        return float(self.done.mean())
+
+    def missing(self) -> list[Chunk]:
+        """The chunks that hold a point not yet done."""
+        return [chunk for chunk in chunks(self.study) if not self.done[_place(chunk)].all()]
+
+    def put(self, chunk: Chunk, points: PointArray) -> None:
+        """Take in the points of a chunk."""
+        self.points[_place(chunk)] = points
+        self.done[_place(chunk)] = True
+
+
+def chunks(study: Study) -> list[Chunk]:
+    """All chunks of a study, each within one map."""
+    points = study.beta_count * study.sigma_count
+    step = max(1, min(max(_CHUNK_POINTS, study.size // _CHUNKS), _CHUNK_PERIODS // study.periods))
+    return [
+        Chunk(study, d, v, start, min(start + step, points))
+        for d in range(len(study.delays))
+        for v in range(len(study.velocities))
+        for start in range(0, points, step)
+    ]
+
+
+def _place(chunk: Chunk) -> tuple[int, int, NDArray[np.int64], NDArray[np.int64]]:
+    beta, sigma = np.divmod(np.arange(chunk.start, chunk.stop), chunk.study.sigma_count)
+    return chunk.delay, chunk.velocity, beta, sigma
+
+
+def run_chunk(chunk: Chunk) -> PointArray:
+    """Compute the points of a chunk; (stop − start,) of `POINT`. Takes no lock and holds no GIL while it simulates."""
+    study = chunk.study
+    _, _, beta, sigma = _place(chunk)
+    tau_d = study.delays[chunk.delay]
+    velocity = np.full(beta.size, study.velocities[chunk.velocity])
+    return run_points(study.mu, study.betas(tau_d)[beta], study.sigmas[sigma], tau_d, velocity, study.periods)
+
+
+def run_points(
+    mu: float,
+    beta: FloatArray,
+    sigma: FloatArray,
+    tau_d: float,
+    xi_dot: FloatArray,
+    periods: int,
+    *,
+    xi: FloatArray | None = None,
+    early: bool = True,
+) -> PointArray:
+    """Simulate and classify points of one μ and τ_D.
+
+    Args:
+        mu: inertia μ.
+        beta: (n,) viscous friction β.
+        sigma: (n,) Coulomb friction σ.
+        tau_d: delay τ_D.
+        xi_dot: (n,) initial velocity in ticks per period.
+        periods: horizon, at least 12.
+        xi: (n,) initial position in ticks; 0 when left out.
+        early: end a run when its fate is certain. False goes on to the horizon (or 10⁹ ticks), where rule 4 decides what
+            is not at rest; it is there to check that the early ends change nothing.
+
+    Returns:
+        (n,) of `POINT`.
+    """
+    # neighbours share β: the linear loop behind the escape test does not depend on σ
+    loops: dict[float, Escape] = {}
+    for value in beta.tolist():
+        if value not in loops:
+            loops[value] = escape(mu, value, tau_d)
+    linear = [loops[value] for value in beta.tolist()]
+    threshold = np.array([loop.threshold(s) for loop, s in zip(linear, sigma.tolist(), strict=True)])
+    whole = np.zeros((beta.size, 4), np.int64)
+    real = np.zeros((beta.size, 4))
+    peaks = np.zeros((beta.size, kernel.STRETCHES))
+    kernel.run_points(
+        mu,
+        tau_d,
+        np.zeros(beta.size) if xi is None else xi,
+        xi_dot,
+        beta,
+        sigma,
+        periods,
+        early,
+        threshold,
+        np.array([loop.real for loop in linear]).reshape(beta.size, -1),
+        np.array([loop.imaginary for loop in linear]).reshape(beta.size, -1),
+        whole,
+        real,
+        peaks,
+    )
+    points = np.zeros(beta.size, POINT)
+    points["reason"], points["periods"], points["cycle"] = whole[:, 0], whole[:, 1], whole[:, 2]
+    points["xi"], points["xi_dot"], points["amplitude"], points["omega"] = real.T
+    rose, reason = whole[:, 3], whole[:, 0]
+    points["outcome"] = np.select(
+        [reason == kernel.REST, reason == kernel.RECURRED], [np.where(rose, DECAYING, MONOTONE), PERSISTENT], GROWING
+    )
+    spread = np.abs(peaks[:, -1] - peaks[:, 0]) <= TREND_TOLERANCE * np.maximum(peaks[:, 0], peaks[:, -1])
+    points["settled"] = np.where(reason == kernel.HORIZON, spread, np.isin(reason, (kernel.REST, kernel.RECURRED)))
+    for k in np.flatnonzero(reason == kernel.HORIZON):
+        outcome = OUTCOMES.index(decide(bool(rose[k]), peaks[k], at_rest=False, grew_past_limit=False))
+        if (outcome == GROWING and linear[k].gain <= 1.0) or (outcome in (MONOTONE, DECAYING) and sigma[k] < 0.5):
+            outcome = PERSISTENT
+        points["outcome"][k] = outcome
+    return points
