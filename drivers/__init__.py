@@ -13,7 +13,7 @@ from drivers.interface import (
     new_exchange,
 )
 from drivers.python_driver import PythonDriver
-from drivers.registry import DriverInfo, create, discover
+from drivers.registry import DriverInfo, create, declared_latency, discover
 
 __all__ = [
     "DEVICE_FAULT",
@@ -27,6 +27,7 @@ __all__ = [
     "DriverInfo",
     "PythonDriver",
     "create",
+    "declared_latency",
     "discover",
     "driver_options",
     "new_exchange",

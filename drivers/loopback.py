@@ -84,6 +84,7 @@ class LoopbackDriver(Driver):
         position: true initial position, rad or m. velocity: rad/s or m/s.
         enabled: start with the amplifier on (virtual time only).
         limited: whether the amplifier clips at its peak current.
+        latency_s: sample-to-current latency of the device that is stood in for, added to the amplifier's lag.
 
     Raises:
         DriverError: the config gives the driver an option; it has none.
@@ -99,17 +100,20 @@ class LoopbackDriver(Driver):
         velocity: float = 0.0,
         enabled: bool = False,
         limited: bool = True,
+        latency_s: float = 0.0,
     ) -> None:
         super().__init__(config)
         if options := driver_options(config):
             raise DriverError(f"driver.{next(iter(options))}: the loopback driver has no options")
         self._initial = (position, velocity, enabled, limited)
+        self._stood_in_latency_s = latency_s
         self._buffer: NDArray[np.int64] = np.zeros(0, np.int64)
 
     def open(self) -> None:
         """Put the shaft at its initial state; amplifier off unless asked otherwise."""
         position, velocity, enabled, limited = self._initial
         plant = kernel.init_plant(self.config, position, velocity)
+        plant[kernel.LAG_NS] += self._stood_in_latency_s * 1e9
         if not limited:
             plant[kernel.SATURATION] = np.inf
         self._buffer = np.concatenate([np.zeros(_WORDS, np.int64), plant.view(np.int64)])

@@ -54,6 +54,17 @@ def discover() -> list[DriverInfo]:
     return found
 
 
+def declared_latency(config: Config) -> tuple[float, str | None]:
+    """Declared sample-to-current latency of the config's driver in s, and a doubt in words when it is not known (0 then)."""
+    name = config.driver.name
+    for driver in discover():
+        if driver.name == name:
+            if driver.error is not None:
+                return 0.0, f"driver {name!r} cannot be loaded: its latency is not known and is taken as 0"
+            return driver.latency_s, None
+    return 0.0, f"driver {name!r} is not installed: its latency is not known and is taken as 0"
+
+
 def create(config: Config) -> Driver:
     """The driver that the config names, not yet open.
 

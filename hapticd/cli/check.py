@@ -13,7 +13,6 @@ from hapticd.cli.exits import UsageError
 from hapticd.cli.options import JsonOption, SettingsOption, finite, register, resolve_config
 
 if TYPE_CHECKING:
-    from hapticd.config import Config
     from hapticd.stability.devices import Device
 
 SourceArgument = Annotated[
@@ -78,11 +77,13 @@ def check(
     check_figure_name(out)
     name, device = _named(source)
     config = resolve_config(name, assignments)
+    from drivers import declared_latency
     from hapticd.stability.advice import advise
     from hapticd.stability.assessment import assess
     from hapticd.stability.report import report
 
-    latency, doubts = _latency(config)
+    latency, doubt = declared_latency(config)
+    doubts = [doubt] if doubt else []
     found = assess(config, velocity=velocity, deflection=deflection, latency_s=latency)
     changes = advise(found)
     document = found.document
@@ -120,18 +121,6 @@ def _named(source: str | None) -> tuple[str | None, Device | None]:
 
 def _plain(name: str) -> str:
     return "".join(letter for letter in name.lower() if letter.isalnum())
-
-
-def _latency(config: Config) -> tuple[float, list[str]]:
-    """What the config's driver declares from sample to current, in s, without opening it."""
-    from drivers import discover
-
-    name = config.driver.name
-    driver = next((driver for driver in discover() if driver.name == name), None)
-    if driver is None or driver.error is not None:
-        why = "is not installed" if driver is None else f"cannot be loaded ({driver.error})"
-        return 0.0, [f"driver {name!r} {why}: its latency is not known and is taken as 0"]
-    return driver.latency_s, []
 
 
 def _table_ii(device: Device) -> list[dict[str, Any]]:

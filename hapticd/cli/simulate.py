@@ -99,6 +99,8 @@ def simulate(
         )
     report = {**result.report, **({"run": out} if out else {})}
     output.emit(report, as_json, describe(report))
+    for warning in report["warnings"]:
+        output.note(f"warning: {warning}")
     return exits.DONE
 
 

@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from drivers import declared_latency
 from drivers.loopback import LoopbackDriver
+from hapticd.config import Driver
 from hapticd.servo import faults
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
@@ -49,7 +51,7 @@ def simulate(
     """Simulate ``duration_s`` of the running loop on the config's own plant model.
 
     Args:
-        config: any configuration; its driver is replaced by the loopback.
+        config: any configuration; the loopback stands in for its driver, with that one's declared latency.
         duration_s: virtual time in s, rounded to whole periods.
         deflection: true initial position in coarse ticks from the spring's origin (default 0).
         velocity: true initial velocity in coarse ticks per period (default 0).
@@ -68,12 +70,14 @@ def simulate(
         config = config.model_copy(update={"dither": config.dither.model_copy(update={"seed": seed})})
     resolution, period = config.resolution, config.period
     origin = config.origin_counts * config.raw_resolution
+    latency_s, doubt = declared_latency(config)
     driver = LoopbackDriver(
-        config,
+        config.model_copy(update={"driver": Driver(name="loopback")}),
         position=origin + (deflection or 0.0) * resolution,
         velocity=(velocity or 0.0) * resolution / period,
         enabled=True,
         limited=safety,
+        latency_s=latency_s,
     )
     driver.open()
     core = ServoCore(driver, ring_rows=_CHUNK, keep_truth=True, excitation_rows=1)
@@ -105,6 +109,13 @@ def simulate(
     position, speed = driver.true_state(final_ns, final_frac)
     at_rest = driver.stays_at_rest()
     number = core.load(w.C_FAULT_CODE)
+    warnings = [doubt] if doubt else []
+    limit = config.amplifier.peak_current
+    if limit and peak > limit:
+        warnings.append(
+            f"the current asked for reached {peak:.4g} A, above amplifier.peak_current = {limit:g} A; "
+            "--safety shows what the amplifier makes of it"
+        )
     report: dict[str, Any] = {
         "ticks": done,
         "wall_s": time.perf_counter() - wall,
@@ -116,6 +127,7 @@ def simulate(
         },
         "at_rest": at_rest,
         "peak_current_A": peak,
+        "warnings": warnings,
         "fault": _fault(core, config, number) if number else None,
     }
     return SimulationResult(report, position, speed)

@@ -100,13 +100,13 @@ def test_a_file_is_not_mistaken_for_a_device(hapticd: Run, tmp_path: Path) -> No
 
 
 def test_the_drivers_declared_latency_is_added(hapticd: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivers.discover", lambda: [DriverInfo("board", "lab.board:Board", "", 2e-4)])
+    monkeypatch.setattr("drivers.registry.discover", lambda: [DriverInfo("board", "lab.board:Board", "", 2e-4)])
     found = hapticd("check", *RIG, "--set", "driver.name=board", "--json").document
     assert found["tau_d"] == pytest.approx(0.2)
     missing = hapticd("check", *RIG, "--set", "driver.name=bord", "--json").document
     assert missing["tau_d"] == 0.0
     assert "driver 'bord' is not installed" in missing["warnings"][-1]
-    monkeypatch.setattr("drivers.discover", lambda: [DriverInfo("board", "x:y", "", 0.0, "ImportError: no lab")])
+    monkeypatch.setattr("drivers.registry.discover", lambda: [DriverInfo("board", "x:y", "", 0.0, "ImportError: no lab")])
     assert "cannot be loaded (ImportError: no lab)" in hapticd("check", *RIG, "--set", "driver.name=board").out
 
 

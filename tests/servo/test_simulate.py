@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from drivers import DriverInfo
 from hapticd.servo.simulate import simulate
 from tests.servo.scripted import config
 
@@ -99,3 +100,16 @@ def test_odd_rates_keep_their_grid(rate_hz: float) -> None:
 def test_too_short_a_duration_is_refused() -> None:
     with pytest.raises(ValueError, match="shorter than one servo period"):
         simulate(config(), 1e-5)
+
+
+def test_the_loopback_stands_in_for_any_driver_with_its_declared_latency(monkeypatch: pytest.MonkeyPatch) -> None:
+    case_c: dict[str, Any] = {"servo": {"rate_hz": 100}, "encoder": {"decimation": 217}}
+    absent = config(**case_c, driver={"name": "board", "port": "/dev/ttyUSB0"})
+    report = simulate(absent, 3.0, deflection=2.3).report
+    assert report["final"]["position_ticks"] == pytest.approx(-0.9322, abs=5e-5)
+    assert report["warnings"] == ["driver 'board' is not installed: its latency is not known and is taken as 0"]
+    slow = [DriverInfo("board", "test", "", 0.01)]
+    monkeypatch.setattr("drivers.registry.discover", lambda: slow)
+    late = simulate(absent, 60.0, deflection=2.3).report
+    assert late["outcome"] == "growing"
+    assert late["warnings"] == []
