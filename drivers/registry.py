@@ -60,7 +60,10 @@ def declared_latency(config: Config) -> tuple[float, str | None]:
     for driver in discover():
         if driver.name == name:
             if driver.error is not None:
-                return 0.0, f"driver {name!r} cannot be loaded: its latency is not known and is taken as 0"
+                return (
+                    0.0,
+                    f"driver {name!r} cannot be loaded ({driver.error}): its latency is not known and is taken as 0",
+                )
             return driver.latency_s, None
     return 0.0, f"driver {name!r} is not installed: its latency is not known and is taken as 0"
 

@@ -23,6 +23,7 @@ REPORT = {
     "ticks": 1000,
     "wall_s": 0.001,
     "ticks_per_s": 1e6,
+    "warnings": [],
     "outcome": "decaying",
     "final": {"position_ticks": -0.7251, "velocity_ticks_per_period": float("nan")},
 }

@@ -112,4 +112,4 @@ def test_the_loopback_stands_in_for_any_driver_with_its_declared_latency(monkeyp
     monkeypatch.setattr("drivers.registry.discover", lambda: slow)
     late = simulate(absent, 60.0, deflection=2.3).report
     assert late["outcome"] == "growing"
-    assert late["warnings"] == []
+    assert not any("latency" in warning for warning in late["warnings"])
