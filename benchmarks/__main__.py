@@ -14,7 +14,7 @@ from pathlib import Path
 
 from benchmarks.report import print_table, progress
 
-NAMES = ("lateness", "flood", "tick", "simulate", "plant_propagation", "maps", "theorem", "recorder")
+NAMES = ("lateness", "flood", "tick", "simulate", "plant_propagation", "maps", "theorem", "cycles", "recorder")
 
 
 def main() -> int:
