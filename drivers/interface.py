@@ -68,6 +68,10 @@ class DriverError(Exception):
     """A driver cannot be opened or used; the text says which device, what was found and how to repair it."""
 
 
+class DriverConfigError(DriverError):
+    """The config names a driver that is not there, or gives it an option that it does not have: nothing was opened."""
+
+
 class Driver(abc.ABC):
     """Base of every driver. The servo loop keeps the object alive for as long as it uses its pointers.
 

@@ -24,7 +24,7 @@ from drivers.interface import (
     X_TRUE_POSITION,
     X_TRUE_VELOCITY,
     Driver,
-    DriverError,
+    DriverConfigError,
     driver_options,
 )
 from hapticd.jit import carray, cfunc
@@ -87,7 +87,7 @@ class LoopbackDriver(Driver):
         latency_s: sample-to-current latency of the device that is stood in for, added to the amplifier's lag.
 
     Raises:
-        DriverError: the config gives the driver an option; it has none.
+        DriverConfigError: the config gives the driver an option; it has none.
     """
 
     summary = "simulated testbed: the exact plant inside the daemon, in real or virtual time"
@@ -104,7 +104,7 @@ class LoopbackDriver(Driver):
     ) -> None:
         super().__init__(config)
         if options := driver_options(config):
-            raise DriverError(f"driver.{next(iter(options))}: the loopback driver has no options")
+            raise DriverConfigError(f"driver.{next(iter(options))}: the loopback driver has no options")
         self._initial = (position, velocity, enabled, limited)
         self._stood_in_latency_s = latency_s
         self._buffer: NDArray[np.int64] = np.zeros(0, np.int64)

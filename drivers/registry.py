@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
 
-from drivers.interface import Driver, DriverError
+from drivers.interface import Driver, DriverConfigError, DriverError
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -79,7 +79,9 @@ def create(config: Config) -> Driver:
     if name not in entries:
         nearest = difflib.get_close_matches(name, entries, n=1)
         hint = f"; did you mean {nearest[0]!r}?" if nearest else ""
-        raise DriverError(f"driver.name = {name!r}: no such driver{hint} (installed: {', '.join(sorted(entries))})")
+        raise DriverConfigError(
+            f"driver.name = {name!r}: no such driver{hint} (installed: {', '.join(sorted(entries))})"
+        )
     try:
         driver = _load(entries[name])
     except DriverError:

@@ -70,7 +70,7 @@ def check(
     would make it so, each solved for and checked again. Where the speed decides (region D|E), give a velocity or a
     deflection; without one the answer is the speed limit, and counts as done.
 
-    Exit code 1 means: not stable (regions B, C and D).
+    Exit code 1 means: not stable (regions B, C and D, unless the sharp criterion proves this motion stable all the same).
     """
     if deflection is not None and velocity is not None:
         raise UsageError("--deflection and --velocity exclude each other: a motion begins at rest or at the origin")
@@ -84,7 +84,10 @@ def check(
 
     latency, doubt = declared_latency(config)
     doubts = [doubt] if doubt else []
-    found = assess(config, velocity=velocity, deflection=deflection, latency_s=latency)
+    try:
+        found = assess(config, velocity=velocity, deflection=deflection, latency_s=latency)
+    except ValueError as error:
+        raise UsageError(str(error)) from error
     changes = advise(found)
     document = found.document
     document["warnings"] += doubts

@@ -89,6 +89,7 @@ _KNOWN: Final[tuple[tuple[str, str, Callable[[Any], Failure]], ...]] = (
     ("hapticd.service.socket", "SocketError", _plain(USAGE, "socket")),
     ("hapticd.service.control", "DriverFailure", _plain(DEVICE, "driver")),
     ("hapticd.service.control", "Refused", lambda error: Failure(NO, error.code, error.message)),
+    ("drivers", "DriverConfigError", _plain(USAGE, "config")),
     ("drivers", "DriverError", _plain(DEVICE, "driver")),
     ("hapticd.servo.realtime", "RealtimeError", _plain(DEVICE, "realtime")),
     ("hapticd.servo.realtime", "RealtimeError", _plain(DEVICE, "realtime")),

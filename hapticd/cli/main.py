@@ -22,6 +22,7 @@ from hapticd.cli import (
     map,  # noqa: A004 - named as the command
     output,
     record,
+    reproduce,
     run,
     settings,
     simulate,
@@ -46,7 +47,22 @@ EPILOG = epilog(
     codes=tuple(exits.MEANING),
 )
 
-GROUPS = (run, status, state, settings, experiments, record, export, check, simulate, energy, map, config, drivers)
+GROUPS = (
+    run,
+    status,
+    state,
+    settings,
+    experiments,
+    record,
+    export,
+    check,
+    simulate,
+    energy,
+    map,
+    reproduce,
+    config,
+    drivers,
+)
 
 
 class PipeGroup(TyperGroup):

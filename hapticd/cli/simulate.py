@@ -55,10 +55,17 @@ OutOption = Annotated[
     ),
 ]
 SafetyOption = Annotated[
-    bool, typer.Option("--safety", help="Apply the safety trips of the config, as the daemon does.")
+    bool,
+    typer.Option(
+        "--safety",
+        help="Apply the safety trips of the config, as the daemon does; a run that ends in a fault exits with 1.",
+    ),
 ]
 SeedOption = Annotated[
-    int | None, typer.Option("--seed", show_default=False, help="Seed of everything random. Default: dither.seed.")
+    int | None,
+    typer.Option(
+        "--seed", min=0, max=2**63 - 1, show_default=False, help="Seed of everything random. Default: dither.seed."
+    ),
 ]
 
 
@@ -101,6 +108,9 @@ def simulate(
     output.emit(report, as_json, describe(report))
     for warning in report["warnings"]:
         output.note(f"warning: {warning}")
+    if fault := report["fault"]:
+        output.note(f"fault {fault['code']} in tick {fault['tick']}: {fault['cause']}")
+        return exits.NO
     return exits.DONE
 
 

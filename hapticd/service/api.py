@@ -39,7 +39,6 @@ ERRORS: dict[int | str, dict[str, Any]] = {
 
 BODIES: dict[str, type[schemas.Request]] = {
     "/start": schemas.EmptyBody,
-    "/stop": schemas.EmptyBody,
     "/clear": schemas.EmptyBody,
     "/set": schemas.SetBody,
     "/release": schemas.ReleaseBody,
@@ -144,9 +143,9 @@ def _add_commands(app: FastAPI, control: Control, desks: Desks) -> None:
         """Enable the amplifier and render the spring."""
         return await desks.commands.ask(control.start)
 
-    @app.post("/stop", **refusable)
-    async def stop(body: schemas.EmptyBody | None = None) -> Response:
-        """Zero current, then disable; ends a running experiment."""
+    @app.post("/stop", **_documented(schemas.Status, 502))
+    async def stop() -> Response:
+        """Zero current, then disable; ends a running experiment. Whatever the body says is ignored."""
         return await desks.stops.ask(control.stop)
 
     @app.post("/estop", **_documented(schemas.Status))

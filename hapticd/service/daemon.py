@@ -15,6 +15,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import drivers
+from drivers import DriverError
 from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, load_config
 from hapticd.record import RecordingError
 from hapticd.service import experiments
@@ -128,6 +130,7 @@ class Daemon:
             permit = self._rig.permit()
             self._refuse_fault()
             self._refuse_experiment()
+            self._refuse_far_start()
             if self._rig.state != w.RUNNING:
                 self._begin_recording("run")
                 try:
@@ -170,6 +173,10 @@ class Daemon:
             self._rig.wait(self._rig.applied, _ANSWER_S)
             self._rig.wait_ticks(int(self._rig.config.safety.missed_exchanges or 0) + 3)
             if self._rig.state == w.FAULT:
+                with self._fault_lock:
+                    # It may be another one by now.
+                    self._fault = None
+                    self._note_fault()
                 cause = self._fault["cause"] if self._fault else faults.KINDS[before].code
                 raise Refused("fault_persists", f"the fault is still there: {cause}")
             with self._fault_lock:
@@ -189,14 +196,13 @@ class Daemon:
     def release(self, deflection: float, duration_s: float | None) -> JsonDict:
         """The Fig. 8 experiment: the origin is moved, never the shaft; from rest, at zero current."""
         with self._lock:
-            self._prepare_experiment()
             rig = self._rig
-            permit = rig.permit()
             decimation = rig.config.encoder.decimation
+            self._check_deflection(round(deflection * decimation))
+            permit = self._prepare_experiment()
             counts = experiments.wait_for_rest(rig, permit)
             origin = counts - round(deflection * decimation)
             achieved = (counts - origin) / decimation
-            self._check_deflection(counts - origin)
             experiment = Experiment("release", duration_s or experiments.RELEASE_DURATION_S)
             rig.ask(origin_counts=origin)
             path = experiments.start_recording(rig, "release")
@@ -222,8 +228,7 @@ class Daemon:
             if ticks > rig.core.excitation.shape[1]:
                 longest = rig.core.excitation.shape[1] / rig.config.servo.rate_hz
                 raise excitation.ExcitationError(f"{name} would last too long at this rate: at most {longest:.0f} s")
-            self._prepare_experiment()
-            permit = rig.permit()
+            permit = self._prepare_experiment()
             counts = experiments.wait_for_rest(rig, permit)
             experiment = Experiment(f"excite {name}", ticks / rig.config.servo.rate_hz)
             rig.core.excitation[:, :ticks] = table
@@ -276,9 +281,13 @@ class Daemon:
         log.info("configuration %s reloaded", source or "re35 (built in)")
         return self.status()
 
+    def quench(self) -> None:
+        """Zero current and amplifier off at once, and nobody can start it again: the first step of every end."""
+        self._rig.halt(for_good=True)
+
     def shutdown(self) -> None:
         """Zero current, amplifier off, everything released. Safe to call twice."""
-        self._rig.halt()
+        self.quench()
         with self._lock:
             self._cancel_experiment()
             self._ending.set()
@@ -352,10 +361,10 @@ class Daemon:
         try:
             path = self._rig.recorder.dump_history(code)
             log.info("the 10 s before the fault are in %s", path)
-            if self._auto_recording:
-                self._end_recording()
         except RecordingError as error:
             log.error("the 10 s before the fault could not be kept: %s", error)
+        finally:
+            self._end_recording()
 
     def _refuse_fault(self) -> None:
         if self._rig.state == w.FAULT:
@@ -369,13 +378,15 @@ class Daemon:
                 "busy", f"experiment {self._experiment.id} ({self._experiment.kind}) is running; 'hapticd stop' ends it"
             )
 
-    def _prepare_experiment(self) -> None:
+    def _prepare_experiment(self) -> int:
+        """Off, at rest as far as the loop is concerned, no recording of its own; returns a permit to run."""
         self._refuse_fault()
         self._refuse_experiment()
         rig = self._rig
-        rig.halt()
+        permit = rig.halt()
         rig.wait(lambda: rig.state == w.OFF, _ANSWER_S)
-        self._auto_recording = False
+        self._end_recording()
+        return permit
 
     def _launch(
         self,
@@ -421,6 +432,19 @@ class Daemon:
             experiment.cancelled.set()
             experiment.thread.join(5.0)
 
+    def _refuse_far_start(self) -> None:
+        rig = self._rig
+        limit = rig.config.safety.max_excursion
+        unit = "m" if rig.config.is_linear else "rad"
+        away = (rig.counts - rig.origin_counts) * rig.config.raw_resolution
+        if limit and abs(away) > limit:
+            here = rig.counts * rig.config.raw_resolution
+            raise Refused(
+                "excursion",
+                f"the shaft is {away:.4g} {unit} from the spring's origin, beyond safety.max_excursion = {limit:g} {unit}; "
+                f"bring it back, or move the origin to it: 'hapticd set spring.origin={here:.4g}'",
+            )
+
     def _check_deflection(self, counts: int) -> None:
         config = self._rig.config
         limit, unit = config.safety.max_excursion, "m" if config.is_linear else "rad"
@@ -456,6 +480,12 @@ class Daemon:
                 f"{', '.join(fixed)}: cannot change while the spring is rendered; 'hapticd stop' first",
             )
         self._cancel_experiment()
+        if any(key.startswith("api.") for key in fixed):
+            raise Refused("restart_needed", f"{', '.join(fixed)}: cannot change without a restart of the daemon")
+        try:
+            drivers.create(config)
+        except DriverError as error:
+            raise Refused("driver", f"{error}; the configuration in force stays") from error
         old, estops = self._rig, self._estops
         old.close()
         try:

@@ -18,6 +18,7 @@ from rich.live import Live
 from rich.logging import RichHandler
 from rich.text import Text
 
+from drivers import DriverConfigError
 from hapticd.config import ConfigError
 from hapticd.service.api import ApiServer
 from hapticd.service.control import DriverFailure, Refused
@@ -167,6 +168,9 @@ def run_foreground(
     bound = bind(path, int(config.api.mode, 8), config.api.group)
     try:
         daemon = Daemon(config, source, FaultLatch(path))
+    except DriverConfigError as error:
+        bound.close()
+        raise DriverConfigError(f"{source}: {error}" if source else str(error)) from error
     except BaseException:
         bound.close()
         raise
@@ -182,6 +186,7 @@ def run_foreground(
                 log.error("cannot start: %s", error)
         _watch(daemon, signals, console)
     finally:
+        daemon.quench()
         server.stop()
         daemon.shutdown()
     status = daemon.status()

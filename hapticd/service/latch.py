@@ -30,12 +30,13 @@ class FaultLatch:
 
         A file that cannot be understood counts as a fault too: it says that something happened.
         """
-        if not self.path.exists():
-            return None
         try:
-            fault = json.loads(self.path.read_text())
+            if not self.path.exists():
+                return None
+            fault = {key: str(value) for key, value in json.loads(self.path.read_text()).items()}
+            fault = {key: fault[key] for key in ("code", "cause", "help")}
             return {**fault, "number": faults.NUMBERS[fault["code"]]}
-        except (ValueError, KeyError, TypeError, OSError):
+        except (ValueError, KeyError, TypeError, AttributeError, OSError):
             cause = f"{self.path} holds a latched fault that cannot be read; look at the machine, then 'hapticd clear'"
             return {"code": "estop", "cause": cause, "help": "docs/faults/estop.md", "number": faults.ESTOP}
 

@@ -24,8 +24,8 @@ from hapticd.service.control import DriverFailure, Refused
 from hapticd.servo.excitation import ExcitationError
 
 MAX_BODY_BYTES = 64 * 1024
-UNLIMITED_PATHS = frozenset({"/estop"})
-"""An emergency stop is never refused for its form; its body is not even read."""
+UNLIMITED_PATHS = frozenset({"/estop", "/stop"})
+"""A stop is never refused for its form; its body is not even read."""
 
 ANSWERS = (Refused, ConfigError, ExcitationError, DriverFailure)
 """Exceptions of the daemon that are answers to the request; every other one is a failure inside the daemon."""

@@ -56,6 +56,7 @@ class Rig:
         self.core = self.servo.core
         self._asking = threading.Lock()
         self._halts = 0
+        self._ended = False
         # Before the servo: once that runs, nothing slow may stand between it and the supervisor's heartbeat.
         self.energy = EnergyEstimate(config, self.driver.latency_s, self.origin_counts)
         self._energy_settings = (config, self.origin_counts)
@@ -119,11 +120,20 @@ class Rig:
         with self._asking:
             self._publish(config, changes)
 
-    def halt(self) -> None:
-        """Ask for ``off``, and make every attempt to run that has already begun fail. Waits for nobody."""
+    def halt(self, *, for_good: bool = False) -> int:
+        """Ask for ``off``, and make every attempt to run that has already begun fail. Waits for nobody.
+
+        Args:
+            for_good: no permit is good any more; the rig is about to be closed.
+
+        Returns:
+            A permit to run, as :meth:`permit` gives.
+        """
         with self._asking:
             self._halts += 1
+            self._ended = self._ended or for_good
             self._publish(None, {"state": w.OFF, "excitation_id": 0, "excitation_length": 0})
+            return self._halts
 
     def permit(self) -> int:
         """A permit to run, void as soon as somebody calls :meth:`halt`."""
@@ -131,12 +141,12 @@ class Rig:
 
     def halted_since(self, permit: int) -> bool:
         """Whether the permit is void."""
-        return self._halts != permit
+        return self._ended or self._halts != permit
 
     def run(self, permit: int) -> bool:
         """Ask for ``running``; False, and nothing asked, when the permit is void."""
         with self._asking:
-            if self._halts != permit:
+            if self.halted_since(permit):
                 return False
             self._publish(None, {"state": w.RUNNING})
             return True

@@ -10,8 +10,10 @@ import math
 from dataclasses import dataclass
 from typing import Any, Final, Literal, get_args
 
+import numpy as np
+
 from hapticd.config import Config
-from hapticd.stability.cautions import cautions
+from hapticd.stability.cautions import cautions, proof_applies
 from hapticd.stability.criterion import Law, criterion_margin, sampling_bound_ok, velocity_limit
 from hapticd.stability.limit_cycle import LimitCycle, predicted_cycle, settled_cycle
 from hapticd.stability.locked_cycle import LockedCycle, locked_cycles
@@ -36,6 +38,8 @@ VERDICTS: Final[dict[str, Verdict]] = {
 
 #: Inertia up to which the locked cycles are looked for: there are about √μ of them.
 _LOCKED_UP_TO: Final = 1e6
+#: Top speed in ticks per period up to which energies are finite with room to spare.
+_FASTEST: Final = 1e100
 #: Below this many ticks a motion is as good as the smallest disturbance.
 _SMALLEST_AMPLITUDE: Final = 1e-9
 
@@ -50,7 +54,8 @@ class Assessment:
         start: the motion; None for every motion. deflection, velocity: as asked for, in ticks and ticks per period.
         xi_dot_max: velocity bound (13) of the motion; None without one.
         region: region of Fig. 3 or 5.
-        proven: whether the sharp criterion proves that this motion loses energy all the time, whatever the region.
+        proven: whether the sharp criterion proves that this motion loses energy all the time, whatever the region; for the
+            ideal loop (amplifier a pure delay, no converter), and never where the config is outside the theory.
         verdict: what all that means in one word.
         velocity_limit: largest ξ̇_max that dissipates (15), in ticks per period.
         stiffness_passive, stiffness_dissipating: largest K; None where there is none to name.
@@ -119,7 +124,7 @@ def assess(
         latency_s: the driver's declared sample-to-current latency in s.
 
     Raises:
-        ValueError: both a velocity and a deflection.
+        ValueError: both a velocity and a deflection, or a motion beyond what floating point can hold.
     """
     if velocity is not None and deflection is not None:
         raise ValueError("a motion begins with a velocity or with a deflection, not with both")
@@ -129,10 +134,13 @@ def assess(
     if velocity is not None or deflection is not None:
         # in SI units, so that it stays the same motion when the loop is changed
         start = Start.in_ticks(loop, deflection=deflection or 0.0, velocity=velocity or 0.0)
-    xi_dot_max = None if start is None else start.xi_dot_max(loop)
+    with np.errstate(over="ignore", invalid="ignore"):
+        xi_dot_max = None if start is None else start.xi_dot_max(loop)
+    if xi_dot_max is not None and not xi_dot_max < _FASTEST:
+        raise ValueError(f"a motion of {xi_dot_max:g} ticks per period is beyond anything that can be worked out")
     where = region(numbers, xi_dot_max)
     # with delay it can hold where the paper's (19) does not: that charges the acceleration in full even at top speed
-    proven = xi_dot_max is not None and criterion_margin(numbers, xi_dot_max, "sharp") >= 0.0
+    proven = xi_dot_max is not None and proof_applies(config) and criterion_margin(numbers, xi_dot_max, "sharp") >= 0.0
     cycle = _cycle(numbers, deflection, velocity)
     return Assessment(
         config=config,

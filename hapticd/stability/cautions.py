@@ -34,6 +34,14 @@ def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: f
     return tuple(found)
 
 
+def proof_applies(config: Config) -> bool:
+    """Whether the loop is the one that the proof is about: eq. 2 with its bias, both ways, no dither, no further effects.
+
+    The amplifier counts as a pure delay and the converter as ideal, as in the paper.
+    """
+    return next(_outside_the_theory(config), None) is None
+
+
 def _outside_the_theory(config: Config) -> Iterator[str]:
     spring = config.spring
     if spring.stiffness == 0.0:

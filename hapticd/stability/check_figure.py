@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 STABLE, LOCAL, BUZZ, UNSTABLE, POINT = "#cfe8cf", "#e4f2d5", "#fdebc8", "#f6d0cc", "#0b5fa5"
+BRIEF = "#d5ebe9"
 _MARKERS: Final = {"spring.stiffness": "D", "servo.rate_hz": ">", "encoder.decimation": "^", "hand.damping": "s"}
 # Beyond this ratio of the point to the plane's corner a linear axis shows nothing of the boundaries.
 _LINEAR_UP_TO: Final = 6.0
@@ -118,7 +119,7 @@ def _regions(axis: Any, found: Assessment, beta: FloatArray, sigma: FloatArray) 
         line = np.minimum(_critical(found, beta), top)
         axis.fill_between(beta[left], half, line[left], color=UNSTABLE, lw=0)
         axis.fill_between(beta[left], line[left], top, color=LOCAL, lw=0)
-        axis.fill_between(beta[right], half, line[right], color=LOCAL, lw=0)
+        axis.fill_between(beta[right], half, line[right], color=BRIEF if delayed else LOCAL, lw=0)
         axis.fill_between(beta[right], line[right], top, color=STABLE, lw=0)
         edge = float(np.interp(_middle(beta[0], corner, axis.get_xscale()), beta, line))
         names += [("D", beta[0], corner, half, edge), ("E", beta[0], corner, edge, top)]

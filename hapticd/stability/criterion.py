@@ -72,7 +72,7 @@ def velocity_margin(
     With τ_D = 0 it is (12) times ξ̇_max; with ``quantum=0`` the unquantised form (16); with ``quantum=1`` corrected.
     """
     b, v, t = (np.asarray(a, dtype=np.float64) for a in (beta, xi_dot_max, tau_d))
-    return np.asarray(rest_margin(sigma, t, xi_ddot_max, quantum) + v * (b - 0.5 - t))
+    return np.asarray(rest_margin(sigma, t, xi_ddot_max, quantum) + v * (b - (0.5 + t)))
 
 
 def rest_margin(
@@ -134,7 +134,8 @@ def criterion_margin(numbers: Dimensionless, xi_dot_max: float | None, law: Law 
 
 def viscous_margin(numbers: Dimensionless) -> float:
     """β − ½ − τ_D: viscous friction alone against sampling and delay (eq. 17; b ≥ KT/2 without delay)."""
-    return numbers.beta - 0.5 - numbers.tau_d
+    # Grouped so that a β computed as ½ + τ_D is on the boundary, not a rounding below it.
+    return numbers.beta - (0.5 + numbers.tau_d)
 
 
 def coulomb_margin(numbers: Dimensionless) -> float:

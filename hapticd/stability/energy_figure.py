@@ -104,7 +104,7 @@ def _draw_bounds(axis: Any, bounds: Bounds) -> None:
     D = distance[moved]
     error = bounds.generated[moved] / D - 0.5 * D - np.abs(bounds.late[moved])
     broken = np.isin(moved, bounds.violations("paper"))
-    count = f"a period that exceeds the paper's bound at its end or on the way ({broken.sum()} of {D.size})"
+    count = f"a period that exceeds the paper's bound at its end or on the way ({broken.sum()} of {D.size} drawn)"
     axis.plot(D[~broken], error[~broken], ".", ms=4, color="#5a5a5a", alpha=0.6, label="a period within it")
     axis.plot(D[broken], error[broken], "o", ms=4.5, color="#c0504d", label=count)
     grid = np.geomspace(D.min() / 1.15, D.max() * 1.15, 800)

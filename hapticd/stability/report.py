@@ -23,7 +23,7 @@ HEADLINES: Final[dict[Verdict, str]] = {
 #: Why, in the student's words: what takes energy out, what puts it in, and which wins.
 WHY: Final[dict[str, str]] = {
     "A": "Viscous friction takes out more than the sampled spring puts in (β ≥ ½), and Coulomb friction can hold the step "
-    "of one encoder tick (σ ≥ ½). Nothing the hand does can change that.",
+    "of one encoder tick (σ ≥ ½). No passive hand can change that.",
     "B": "Viscous friction stops fast motion (β is large enough), but Coulomb friction cannot hold the step of one encoder "
     "tick (σ < ½). So the spring pushes the device back and forth over a tick for ever.",
     "C": "Neither friction is enough: β is too small for fast motion, and σ < ½ cannot hold one tick. Each swing gains "
@@ -153,7 +153,10 @@ def _numbers(found: Assessment) -> Iterator[str]:
     if len(found.locked) > 1:
         fast, slow = found.locked[0], found.locked[-1]
         high, low = float(scales.omega_to_hz(fast.omega)), float(scales.omega_to_hz(slow.omega))
-        yield f"                  locked to whole periods, by how it starts: {number(fast.amplitude)} at {number(high)} Hz"
+        yield (
+            "                  locks to whole periods or wanders between them, by how it starts: "
+            f"{number(fast.amplitude)} at {number(high)} Hz"
+        )
         yield f"                  to {number(slow.amplitude)} at {number(low)} Hz"
 
 

@@ -60,7 +60,8 @@ def velocity_bound(
 
     Without delay this is √(2H_T/μ), which is |ξ̇₀| when ξ₀ = 0 (eq. 14). With delay no force acts before τ_D: the mass
     coasts at most |ξ̇₀|τ_D, and the energy of the quantised spring may rise that far before the argument of Sec. VI-D
-    starts. That rise is included.
+    starts. That rise is included; with κ > 0 only for a start at rest or at the origin, because a hand's spring could carry
+    the mass further than it coasts.
     """
     start = np.asarray(xi_0, dtype=np.float64)
     velocity = np.asarray(xi_dot_0, dtype=np.float64)

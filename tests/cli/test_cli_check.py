@@ -106,7 +106,9 @@ def test_the_drivers_declared_latency_is_added(hapticd: Run, monkeypatch: pytest
     missing = hapticd("check", *RIG, "--set", "driver.name=bord", "--json").document
     assert missing["tau_d"] == 0.0
     assert "driver 'bord' is not installed" in missing["warnings"][-1]
-    monkeypatch.setattr("drivers.registry.discover", lambda: [DriverInfo("board", "x:y", "", 0.0, "ImportError: no lab")])
+    monkeypatch.setattr(
+        "drivers.registry.discover", lambda: [DriverInfo("board", "x:y", "", 0.0, "ImportError: no lab")]
+    )
     assert "cannot be loaded (ImportError: no lab)" in hapticd("check", *RIG, "--set", "driver.name=board").out
 
 
@@ -134,3 +136,16 @@ def test_what_cannot_be_meant_exits_2(hapticd: Run, words: tuple[str, ...], said
     outcome = hapticd("check", *words)
     assert (outcome.code, outcome.out) == (2, "")
     assert said in outcome.err
+
+
+def test_nothing_is_proven_outside_the_theory(hapticd: Run) -> None:
+    motion = (*RIG, "--deflection", "20.3", "--json")
+    assert hapticd("check", *motion).document["proven"]
+    assert not hapticd("check", *motion, "--set", "spring.side=positive").document["proven"]
+    assert not hapticd("check", *motion, "--set", "spring.half_tick_bias=false").document["proven"]
+
+
+def test_a_motion_beyond_floating_point_is_refused(hapticd: Run) -> None:
+    refused = hapticd("check", *RIG, "--deflection", "1e200")
+    assert refused.code == 2
+    assert "is beyond anything that can be worked out" in refused.err

@@ -24,6 +24,7 @@ REPORT = {
     "wall_s": 0.001,
     "ticks_per_s": 1e6,
     "warnings": [],
+    "fault": None,
     "outcome": "decaying",
     "final": {"position_ticks": -0.7251, "velocity_ticks_per_period": float("nan")},
 }

@@ -209,14 +209,12 @@ def test_reload_whose_driver_fails_ends_at_zero_with_a_latched_fault(
     with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, opened):
         run_for(daemon, opened[0])
         daemon.stop()
-        good_create = drivers.create
 
-        def failing(cfg: Any) -> Any:
-            if cfg.plant.inertia == 1e-5:
+        def failing(self: Scripted) -> None:
+            if self.config.plant.inertia == 1e-5:
                 raise DriverError("no such port /dev/ttyX")
-            return good_create(cfg)
 
-        monkeypatch.setattr(drivers, "create", failing)
+        monkeypatch.setattr(Scripted, "connect", failing)
         other = tmp_path / "other.yaml"
         other.write_text(config_to_yaml(config(plant={"inertia": 1e-5}, record={"directory": str(tmp_path / "runs")})))
         with pytest.raises(DriverFailure, match=r"no such port"):
@@ -228,9 +226,63 @@ def test_reload_whose_driver_fails_ends_at_zero_with_a_latched_fault(
         assert status["fault"]["code"] == "reload_failed"
         assert "no such port /dev/ttyX" in status["fault"]["cause"]
         assert json.loads(FaultLatch(SOCKET).path.read_text())["code"] == "reload_failed"
-        assert set(opened[1].commands) <= {(0.0, False)}
+        assert set(opened[-1].commands) <= {(0.0, False)}
         daemon.clear()
         assert daemon.status()["state"] == "off"
+
+
+def test_reload_that_names_no_driver_leaves_everything_in_force(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with daemon_on(monkeypatch, tmp_path) as (daemon, _):
+        other = tmp_path / "other.yaml"
+        record = {"directory": str(tmp_path / "runs")}
+        other.write_text(config_to_yaml(config(driver={"name": "loopbak"}, record=record)))
+        with pytest.raises(Refused, match=r"did you mean 'loopback'.*the configuration in force stays"):
+            daemon.reload(str(other))
+        assert daemon.status()["state"] == "off"
+        other.write_text(config_to_yaml(config(api={"socket": "/tmp/elsewhere.sock"}, record=record)))
+        with pytest.raises(Refused, match=r"api.socket.*cannot change without a restart"):
+            daemon.reload(str(other))
+
+
+def test_refused_release_leaves_the_spring_and_its_recording_alone(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with daemon_on(monkeypatch, tmp_path, encoder={"decimation": 217}) as (daemon, _):
+        daemon.start()
+        with pytest.raises(Refused, match=r"beyond safety.max_excursion"):
+            daemon.release(100.0, None)
+        assert daemon.status()["state"] == "running"
+        daemon.stop()
+        assert daemon.status()["recorder"]["path"] is None
+
+
+def test_quench_stops_the_motor_for_good(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, (device,)):
+        run_for(daemon, device)
+        daemon.quench()
+        wait_until(lambda: device.commands[-1] == (0.0, False), "amplifier off")
+        with pytest.raises(Refused):
+            daemon.start()
+        ends_at_zero(device)
+
+
+def test_start_far_from_the_origin_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 20_000) as (daemon, _):
+        wait_until(lambda: daemon.status()["encoder_counts"] == 20_000, "a sample")
+        with pytest.raises(Refused, match=r"hapticd set spring.origin=15.34"):
+            daemon.start()
+        daemon.set({"spring.origin": "15.34"})
+        assert daemon.start()["state"] == "running"
+
+
+def test_a_damaged_latch_is_a_fault_and_no_crash(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    latch = FaultLatch(SOCKET)
+    latch.path.parent.mkdir(parents=True)
+    latch.path.write_text('{"code": "estop"}')
+    with daemon_on(monkeypatch, tmp_path, lambda n: 0) as (daemon, _):
+        assert "cannot be read" in daemon.status()["fault"]["cause"]
 
 
 def test_a_driver_that_cannot_be_opened_leaves_nothing_behind(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -123,6 +124,22 @@ def test_signal_ends_at_zero_current(rig: Rig, number: int) -> None:
     assert not run.truncated
 
 
+def test_a_request_that_never_ends_does_not_keep_the_motor_alive(rig: Rig) -> None:
+    """Zero current comes before the API is asked to end, which may take it a second."""
+    process = rig.launch()
+    rig.render()
+    with socket.socket(socket.AF_UNIX) as half_sent:
+        half_sent.connect(str(rig.socket))
+        half_sent.sendall(b"POST /set HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\n\r\n{")
+        process.terminate()
+        process.communicate(timeout=30)
+    rig.check_end()
+    lines = rig.commands()
+    last = max(index for index, line in enumerate(lines) if line[0] == "-")
+    # With the API ended first there would be hundreds of currents and hardly a zero at the end.
+    assert sum(line == "0.0 0" for line in lines[last:]) > 300
+
+
 def test_a_latched_fault_ends_in_5_and_outlives_the_process(rig: Rig) -> None:
     process = rig.launch()
     rig.render()
@@ -198,9 +215,9 @@ def test_a_frozen_daemon_faults_when_it_thaws(rig: Rig) -> None:
 @pytest.mark.parametrize(
     ("text", "code", "message"),
     [
-        ("driver: {name: witnes}", 4, "driver.name = 'witnes': no such driver; did you mean 'witness'?"),
+        ("driver: {name: witnes}", 2, "driver.name = 'witnes': no such driver; did you mean 'witness'?"),
         ("servo: {rate_hz: 0}", 2, "servo.rate_hz = 0: must be at least 1 Hz"),
-        ("driver: {name: loopback, speed: 3}", 4, "driver.speed: the loopback driver has no options"),
+        ("driver: {name: loopback, speed: 3}", 2, "driver.speed: the loopback driver has no options"),
     ],
 )
 def test_a_daemon_that_cannot_start_leaves_nothing_behind(rig: Rig, text: str, code: int, message: str) -> None:

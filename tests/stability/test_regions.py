@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 
 from hapticd.stability.criterion import dissipation_margin
@@ -89,3 +90,8 @@ def test_no_sigma_is_enough_when_the_delay_is_too_long() -> None:
 
 def test_every_name_is_explained() -> None:
     assert set(MEANING) == {"A", "B", "C", "D", "E", "F1", "F2", "D|E", "F1|F2"}
+
+
+def test_the_viscous_boundary_with_delay_is_not_decided_by_rounding() -> None:
+    for tau_d in np.random.default_rng(1).uniform(0.01, 2.0, 2000):
+        assert region(Dimensionless(100.0, 0.5 + tau_d, 2.0, tau_d)) == "F1|F2"

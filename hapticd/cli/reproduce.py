@@ -1,0 +1,77 @@
+"""``hapticd reproduce``: every table and figure of the paper, computed here, on one page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import JsonOption, register
+from hapticd.cli.output import number
+
+OutOption = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        show_default=False,
+        help="Folder for page, figures and numbers; made if missing.",
+    ),
+]
+QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser maps and shorter runs, for a first look.")]
+OnlyOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--only",
+        metavar="NAME",
+        show_default=False,
+        help="Only this: table1, table2, fig3 to fig9, fig11 or fig12. Repeatable.",
+    ),
+]
+
+
+def reproduce(out: OutOption, quick: QuickOption = False, only: OnlyOption = None, as_json: JsonOption = False) -> int:
+    """Compute every table and figure of the paper and put them on one page beside its printed numbers.
+
+    Written into DIR: index.html, which holds everything and needs nothing else; each figure as .png and .svg; and
+    numbers.json. Fig. 8 is run by the servo loop itself, Fig. 6 and 7 are simulated exactly. Where the paper and this
+    code differ, both numbers are shown, with the reason.
+
+    Files appear when all are finished: Ctrl-C leaves DIR as it was.
+    """
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out} is a file; -o takes a folder")
+    from hapticd.reproduce.build import PAGE
+    from hapticd.reproduce.build import reproduce as run
+
+    try:
+        with output.progress_bar("reproducing") as progress:
+            document = run(out, quick=quick, only=only or (), progress=progress)
+    except ValueError as error:
+        raise UsageError(str(error)) from None
+    output.emit({**document, "page": out / PAGE}, as_json, describe(document, out / PAGE))
+    return exits.DONE
+
+
+def describe(document: dict[str, Any], page: Path) -> str:
+    """What was found, in a few lines."""
+    lines = [f"{document['agree']} of {document['comparisons']} printed numbers and statements agree"]
+    for row in document["differ"]:
+        printed, ours = (value if isinstance(value, str) else number(value) for value in (row["printed"], row["ours"]))
+        lines.append(f"  {row['item']:6}  {row['what']}: {printed} there, {ours} here")
+    lines.append(f"page    {page}")
+    return "\n".join(lines)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd reproduce -o paper",
+        "hapticd reproduce -o look --quick",
+        "hapticd reproduce -o fig8 --only fig8 --json",
+    )
+    register(app, reproduce, *examples, codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED))

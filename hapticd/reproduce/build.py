@@ -1,0 +1,109 @@
+"""Make the items, write their files and the page: all of it, or nothing."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, Final
+
+from hapticd.reproduce import fig_03, fig_04, fig_05, fig_08, fig_09, fig_11, fig_12, maps, table_1, table_2
+from hapticd.reproduce.items import Item, Options, Progress, plain
+from hapticd.reproduce.page import page
+from hapticd.reproduce.style import save, style
+
+#: Name → its builder and its share of the work, in the order of the paper.
+BUILDERS: Final[dict[str, tuple[Callable[[Options, Progress], Item], float]]] = {
+    "table1": (table_1.build, 0.1),
+    "table2": (table_2.build, 0.1),
+    "fig3": (fig_03.build, 1.0),
+    "fig4": (fig_04.build, 1.0),
+    "fig5": (fig_05.build, 1.0),
+    "fig6": (maps.fig_6, 4.0),
+    "fig7": (maps.fig_7, 4.0),
+    "fig8": (fig_08.build, 2.0),
+    "fig9": (fig_09.build, 1.0),
+    "fig11": (fig_11.build, 1.0),
+    "fig12": (fig_12.build, 2.0),
+}
+PAGE: Final = "index.html"
+NUMBERS: Final = "numbers.json"
+# the share of a builder; the rest is drawing its figure into files
+_MAKING: Final = 0.6
+
+
+def reproduce(
+    folder: Path, *, quick: bool = False, only: Sequence[str] = (), progress: Progress = lambda fraction: None
+) -> dict[str, Any]:
+    """Reproduce the paper into a folder, which is made if it does not exist.
+
+    Files are made in a temporary folder and moved when all are whole, the page last; whatever ends the work
+    before that leaves the folder as it was.
+
+    Args:
+        folder: where to.
+        quick: coarser maps and shorter horizons.
+        only: names out of `BUILDERS`; all when empty.
+        progress: called with the fraction done.
+
+    Returns:
+        What ``numbers.json`` holds.
+
+    Raises:
+        ValueError: a name that is not in `BUILDERS`.
+        OSError: the folder cannot be written.
+    """
+    if unknown := set(only) - set(BUILDERS):
+        raise ValueError(f"no such table or figure: {', '.join(sorted(unknown))}; there are {', '.join(BUILDERS)}")
+    names = [name for name in BUILDERS if not only or name in only]
+    # on the file system that the files are for, so that moving them is one step each
+    near = folder if folder.is_dir() else folder.absolute().parent
+    near.mkdir(parents=True, exist_ok=True)
+    work = Path(tempfile.mkdtemp(prefix=".reproduce.", dir=near))
+    try:
+        with style():
+            items = _build(names, Options(quick), work, progress)
+        document = _document(items, quick)
+        (work / NUMBERS).write_text(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+        (work / PAGE).write_text(page(items, work, version("hapticd"), quick))
+        folder.mkdir(exist_ok=True)
+        for path in sorted(work.iterdir(), key=lambda path: path.name == PAGE):
+            path.replace(folder / path.name)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    return document
+
+
+def _build(names: Sequence[str], options: Options, folder: Path, progress: Progress) -> list[Item]:
+    total = sum(BUILDERS[name][1] for name in names)
+    done, items = 0.0, []
+    for name in names:
+        builder, share = BUILDERS[name]
+        item = builder(options, partial(_share, progress, done / total, _MAKING * share / total))
+        if item.figure is not None:
+            save(item.figure, folder / name)
+        done += share
+        progress(done / total)
+        items.append(item)
+    return items
+
+
+def _share(progress: Progress, start: float, share: float, fraction: float) -> None:
+    progress(start + share * fraction)
+
+
+def _document(items: Sequence[Item], quick: bool) -> dict[str, Any]:
+    comparisons = [(item.name, comparison) for item in items for comparison in item.comparisons]
+    document = {
+        "hapticd": version("hapticd"),
+        "quick": quick,
+        "comparisons": len(comparisons),
+        "agree": sum(comparison.agrees for _, comparison in comparisons),
+        "differ": [{"item": name, **comparison.document} for name, comparison in comparisons if not comparison.agrees],
+        "items": {item.name: item.document for item in items},
+    }
+    return {key: plain(value) for key, value in document.items()}

@@ -1,0 +1,90 @@
+"""The (β, σ) plane with its regions, as Fig. 3, 5 and the left half of Fig. 8 show it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Final
+
+import numpy as np
+
+from hapticd.reproduce.style import INK, RED, REGION
+from hapticd.stability.numbers import Dimensionless
+from hapticd.stability.regions import critical_sigma, region
+from hapticd.stability.storage import FloatArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+_POINTS: Final = 200
+_LABEL_GRID: Final = 72
+# a region that covers less of the plane than this has no room for its name
+_LEAST_SHARE: Final = 0.012
+
+
+def critical_line(mu: float, tau_d: float, xi_dot_max: float, beta: FloatArray) -> FloatArray:
+    """(n,) σ of the paper's critical line, (12) or both conditions of (19), at each β."""
+    numbers = Dimensionless(mu, 0.0, 0.0, tau_d)
+    return np.array([critical_sigma(numbers, xi_dot_max, b) for b in beta.tolist()])
+
+
+def draw_plane(
+    axes: Axes,
+    mu: float,
+    tau_d: float,
+    xi_dot_max: float,
+    beta_max: float,
+    sigma_max: float,
+    names: Mapping[str, str] | None = None,
+) -> dict[str, tuple[float, float]]:
+    """Shade the regions of one velocity bound, draw their borders, and write their names.
+
+    Args:
+        axes: where.
+        mu: inertia μ; it matters with delay only.
+        tau_d: delay τ_D.
+        xi_dot_max: velocity bound in ticks per period.
+        beta_max: right end of the plane.
+        sigma_max: upper end.
+        names: text for each region; its letter where none is given.
+
+    Returns:
+        region → (β, σ) of a point in its middle.
+    """
+    corner = 0.5 + tau_d
+    left, right = np.linspace(0.0, corner, _POINTS), np.linspace(corner, beta_max, _POINTS)
+    line_left = np.minimum(critical_line(mu, tau_d, xi_dot_max, left), sigma_max)
+    line_right = np.minimum(critical_line(mu, tau_d, xi_dot_max, right), sigma_max)
+    axes.fill_between(left, 0.0, 0.5, color=REGION["C"], lw=0)
+    axes.fill_between(right, 0.0, 0.5, color=REGION["B"], lw=0)
+    axes.fill_between(left, 0.5, line_left, color=REGION["D"], lw=0, alpha=0.65)
+    axes.fill_between(left, line_left, sigma_max, color=REGION["E"], lw=0)
+    axes.fill_between(right, 0.5, line_right, color=REGION["F2"], lw=0)
+    axes.fill_between(right, line_right, sigma_max, color=REGION["A"], lw=0)
+    axes.plot([corner, corner], [0.0, sigma_max], color=INK, lw=0.9)
+    axes.plot([0.0, beta_max], [0.5, 0.5], color=INK, lw=0.9)
+    axes.plot(left, critical_line(mu, tau_d, xi_dot_max, left), color=RED, lw=1.8)
+    if tau_d > 0.0:
+        axes.plot(right, critical_line(mu, tau_d, xi_dot_max, right), color=RED, lw=1.8, ls="--")
+    axes.set_xlim(0.0, beta_max)
+    axes.set_ylim(0.0, sigma_max)
+    axes.set_xlabel(r"viscous friction $\beta$")
+    axes.set_ylabel(r"Coulomb friction $\sigma$")
+    middles = _middles(mu, tau_d, xi_dot_max, beta_max, sigma_max)
+    for name, (beta, sigma) in middles.items():
+        text = (names or {}).get(name, name)
+        axes.text(beta, sigma, text, ha="center", va="center", fontsize=9, weight="bold" if text == name else None)
+    return middles
+
+
+def _middles(
+    mu: float, tau_d: float, xi_dot_max: float, beta_max: float, sigma_max: float
+) -> dict[str, tuple[float, float]]:
+    """The middle of each region, asked of `region` itself and not of the lines drawn."""
+    steps = (np.arange(_LABEL_GRID) + 0.5) / _LABEL_GRID
+    found: dict[str, list[tuple[float, float]]] = {}
+    for beta in (steps * beta_max).tolist():
+        for sigma in (steps * sigma_max).tolist():
+            found.setdefault(region(Dimensionless(mu, beta, sigma, tau_d), xi_dot_max), []).append((beta, sigma))
+    least = _LEAST_SHARE * _LABEL_GRID**2
+    middles = {name: np.mean(points, axis=0) for name, points in sorted(found.items()) if len(points) >= least}
+    return {name: (float(middle[0]), float(middle[1])) for name, middle in middles.items()}
