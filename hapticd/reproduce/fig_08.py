@@ -101,7 +101,8 @@ def _comparisons(runs: list[Release], amplifier: list[Release], b: dict[str, Any
         )
     real = (
         f"δ_A is not given: 0.7 here; δ_A = 0.5 ends at {show(round(final[5], 3))} and δ_A = 1 at "
-        f"{show(round(final[6], 3))}: the end is that sensitive, and the reference does not say its δ_A"
+        f"{show(round(final[6], 3))}. The reference's numbers come out to the digit when the motor already carries the "
+        "release's own current during the first T_A; here no current flows before the first command arrives"
     )
     eighteen = next(cycle["amplitude_ticks"] for cycle in b["locked_cycles"] if cycle["periods"] == _REFERENCE_CYCLE)
     low, high = b["neighbours_amplitude_ticks"]
