@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import threading
 import time
 from collections.abc import Callable
@@ -17,46 +16,21 @@ from typing import Any
 
 import drivers
 from drivers import DriverError
-from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, load_config
+from hapticd.config import Config, apply_settings, config_digest, load_config
 from hapticd.record import RecordingError
-from hapticd.service import experiments
+from hapticd.service import experiments, report
 from hapticd.service.control import DriverFailure, JsonDict, Refused
 from hapticd.service.experiments import Experiment
 from hapticd.service.latch import FaultLatch
 from hapticd.service.rig import Rig
+from hapticd.service.settings import changed_keys, is_live
 from hapticd.servo import excitation, faults
 from hapticd.servo import layout as w
-from hapticd.stability import numbers, regions
 
 log = logging.getLogger(__name__)
 
 _BEAT_S = 0.05
 _ANSWER_S = 1.0
-
-
-def changed_keys(old: Config, new: Config) -> dict[str, Any]:
-    """Dotted keys whose values differ, with the new values."""
-    before, after = _flat(old.model_dump(mode="json")), _flat(new.model_dump(mode="json"))
-    return {key: after.get(key) for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
-
-
-def _flat(section: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in section.items():
-        if isinstance(value, dict):
-            flat |= _flat(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _units(config: Config) -> JsonDict:
-    length, force = ("m", "N") if config.is_linear else ("rad", "N m")
-    return {"position": length, "velocity": f"{length}/s", "current": "A", "force": force}
 
 
 class Daemon:
@@ -94,31 +68,8 @@ class Daemon:
         return self._rig
 
     def status(self) -> JsonDict:
-        """State, fault, timing, operating point, motion, recorder, experiment."""
-        rig, config = self._rig, self._rig.config
-        snapshot = rig.core.snapshot
-        recorder = rig.recorder.status()
-        return {
-            "state": w.STATE_NAMES[rig.state],
-            "fault": self._fault_now(),
-            "config_digest": config_digest(config),
-            "timing": {"rate_hz": config.servo.rate_hz, **rig.core.timing()},
-            "operating_point": self._operating_point(),
-            "position": (rig.counts - rig.origin_counts) * config.raw_resolution,
-            "velocity": float(snapshot[w.S_VELOCITY]),
-            "current": float(snapshot[w.S_CURRENT]),
-            "current_measured": _finite(float(snapshot[w.S_CURRENT_MEASURED])),
-            "force": float(snapshot[w.S_FORCE]),
-            "position_ticks": float(snapshot[w.S_POSITION]),
-            "encoder_counts": rig.counts,
-            "origin_counts": rig.origin_counts,
-            "units": _units(config),
-            "energy": rig.energy.status(),
-            "exchanges_missed": rig.core.load(w.C_EXCHANGES_MISSED),
-            "commands_clamped": rig.core.load(w.C_CLAMPED),
-            "recorder": recorder,
-            "experiment": self.experiment(),
-        }
+        """State, fault, timing, operating point, motion, energies, recorder, experiment."""
+        return report.status(self._rig, self._fault_now(), self.experiment())
 
     def config(self) -> JsonDict:
         """The config in force."""
@@ -272,7 +223,7 @@ class Daemon:
         source = path or self._source
         config = load_config(source)
         with self._lock:
-            fixed = sorted(key for key in changed_keys(self._rig.config, config) if not _is_live(key))
+            fixed = sorted(key for key in changed_keys(self._rig.config, config) if not is_live(key))
             if not fixed:
                 self._apply_live(config, moves_origin=False)
             else:
@@ -294,13 +245,6 @@ class Daemon:
             self._note_fault()
             self._rig.close()
         self._supervisor.join(2.0)
-
-    def _operating_point(self) -> JsonDict:
-        point = numbers.from_config(self._rig.config, self._rig.driver.latency_s)
-        return {
-            **{name: _finite(getattr(point, name)) for name in ("mu", "beta", "sigma", "tau_d")},
-            "region": regions.region(point),
-        }
 
     def _fault_now(self) -> JsonDict | None:
         if self._rig.state != w.FAULT:
@@ -456,7 +400,7 @@ class Daemon:
 
     def _apply_live(self, config: Config, *, moves_origin: bool) -> dict[str, Any]:
         changed = changed_keys(self._rig.config, config)
-        fixed = sorted(key for key in changed if not _is_live(key))
+        fixed = sorted(key for key in changed if not is_live(key))
         if fixed:
             raise Refused(
                 "restart_needed",
@@ -517,7 +461,3 @@ class Daemon:
             self._auto_recording = False
             with contextlib.suppress(RecordingError):
                 self._rig.recorder.stop()
-
-
-def _is_live(key: str) -> bool:
-    return key in LIVE_KEYS or any(pattern.endswith(".*") and key.startswith(pattern[:-1]) for pattern in LIVE_KEYS)

@@ -1,0 +1,59 @@
+"""The daemon's status: what the loop's words, the recorder and the theory say, in one document."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from hapticd.config import Config, config_digest
+from hapticd.service.control import JsonDict
+from hapticd.servo import layout as w
+from hapticd.stability import numbers, regions
+
+if TYPE_CHECKING:
+    from hapticd.service.rig import Rig
+
+
+def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
+    """The daemon's state as JSON-ready values, keys as interface.md's ``status``; waits for nothing."""
+    config = rig.config
+    snapshot = rig.core.snapshot
+    recorder = rig.recorder.status()
+    return {
+        "state": w.STATE_NAMES[rig.state],
+        "fault": fault,
+        "config_digest": config_digest(config),
+        "timing": {"rate_hz": config.servo.rate_hz, **rig.core.timing()},
+        "operating_point": _operating_point(rig),
+        "position": (rig.counts - rig.origin_counts) * config.raw_resolution,
+        "velocity": float(snapshot[w.S_VELOCITY]),
+        "current": float(snapshot[w.S_CURRENT]),
+        "current_measured": _finite(float(snapshot[w.S_CURRENT_MEASURED])),
+        "force": float(snapshot[w.S_FORCE]),
+        "position_ticks": float(snapshot[w.S_POSITION]),
+        "encoder_counts": rig.counts,
+        "origin_counts": rig.origin_counts,
+        "units": _units(config),
+        "energy": rig.energy.status(),
+        "exchanges_missed": rig.core.load(w.C_EXCHANGES_MISSED),
+        "commands_clamped": rig.core.load(w.C_CLAMPED),
+        "recorder": recorder,
+        "experiment": experiment,
+    }
+
+
+def _operating_point(rig: Rig) -> JsonDict:
+    point = numbers.from_config(rig.config, rig.driver.latency_s)
+    return {
+        **{name: _finite(getattr(point, name)) for name in ("mu", "beta", "sigma", "tau_d")},
+        "region": regions.region(point),
+    }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _units(config: Config) -> JsonDict:
+    length, force = ("m", "N") if config.is_linear else ("rad", "N m")
+    return {"position": length, "velocity": f"{length}/s", "current": "A", "force": force}
