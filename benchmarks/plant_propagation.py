@@ -60,6 +60,7 @@ def _at_rest(t: float, y: NDArray[np.float64], *_: float) -> float:
     return float(y[1])
 
 
+# solve_ivp reads an event's options from attributes of the function; a type checker knows no such attributes.
 _at_rest.terminal = True  # type: ignore[attr-defined]
 
 
