@@ -4,15 +4,17 @@ Everything compiled in hapticd goes through here, for three reasons:
 
 * strict type checking: Numba ships no type stubs, so the decorators are wrapped once;
 * caching: Numba's own on-disk cache does not notice that a *called* function in another file has changed, so the cache
-  folder is keyed by a digest of every compiled source file;
+  folder is keyed by a digest of every compiled source file that can be called;
 * the servo thread's contract (no Python, no exceptions, ``error_model='numpy'``, GIL released) is stated in one place.
 """
 
 from __future__ import annotations
 
+import contextlib
+import functools
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -24,29 +26,48 @@ from numba.extending import intrinsic
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_COMPILED_FOLDERS = ("hapticd/plant", "hapticd/record", "hapticd/servo", "hapticd/stability", "drivers")
+_DAEMON_FOLDERS = ("hapticd/plant", "hapticd/record", "hapticd/servo", "hapticd/stability", "drivers")
+# The simulated hardware compiles against the plant alone: an edit on one side leaves the other side's code as it is.
+_FOLDERS = {"sim_hw": ("hapticd/plant", "sim_hw")}
+_COMPILED_IN = ("hapticd/config/effect_parameters.py",)
+"""Sources outside those folders whose constants end up in compiled code."""
 
 
-def _source_digest() -> str:
+@functools.cache
+def _source_digest(folders: tuple[str, ...]) -> str:
     root = Path(__file__).parent.parent
     digest = hashlib.sha256(f"{numba.__version__}".encode())
     digest.update(Path(__file__).read_bytes())
-    for folder in _COMPILED_FOLDERS:
+    for source in _COMPILED_IN:
+        digest.update((root / source).read_bytes())
+    for folder in folders:
         for path in sorted((root / folder).rglob("*.py")):
             digest.update(path.read_bytes())
     return digest.hexdigest()[:16]
 
 
-def _cache_folder() -> Path:
-    """Folder of compiled code: ``$NUMBA_CACHE_DIR``, systemd's ``$CACHE_DIRECTORY``, or the user's cache."""
+def _cache_folder(package: str = "") -> Path:
+    """Folder of a package's compiled code: in ``$NUMBA_CACHE_DIR``, systemd's ``$CACHE_DIRECTORY``, or the user's cache."""
+    digest = _source_digest(_FOLDERS.get(package, _DAEMON_FOLDERS))
     for variable in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
         if value := os.environ.get(variable):
-            return Path(value.split(":")[0]) / f"hapticd-{_source_digest()}"
+            return Path(value.split(":")[0]) / f"hapticd-{digest}"
     base = os.environ.get("XDG_CACHE_HOME") or str(Path.home() / ".cache")
-    return Path(base) / "hapticd" / _source_digest()
+    return Path(base) / "hapticd" / digest
 
 
 numba.config.CACHE_DIR = str(_cache_folder())
+
+
+@contextlib.contextmanager
+def _cached(function: Callable[..., Any]) -> Iterator[None]:
+    """Numba asks for its cache's folder once, when it decorates a function."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_cache_folder(function.__module__.partition(".")[0]))
+    try:
+        yield
+    finally:
+        numba.config.CACHE_DIR = before
 
 
 def njit(*signature: Any, inline: bool = False, counted: bool = True, parallel: bool = False) -> Callable[[F], F]:
@@ -68,7 +89,8 @@ def njit(*signature: Any, inline: bool = False, counted: bool = True, parallel: 
         options["parallel"] = True
 
     def decorate(function: F) -> F:
-        return cast(F, numba.njit(*signature, **options)(function))
+        with _cached(function):
+            return cast(F, numba.njit(*signature, **options)(function))
 
     return decorate
 
@@ -77,7 +99,8 @@ def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function to a C callback; ``.address`` is what a driver hands to the servo loop."""
 
     def decorate(function: Callable[..., Any]) -> Any:
-        return numba.cfunc(signature, nopython=True, cache=True, error_model="numpy")(function)
+        with _cached(function):
+            return numba.cfunc(signature, nopython=True, cache=True, error_model="numpy")(function)
 
     return decorate
 

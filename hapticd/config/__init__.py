@@ -3,7 +3,8 @@
 See ``docs/reference/config.md`` for every key. Nothing here imports the compiled code.
 """
 
-from hapticd.config.effects import EFFECT_SLUGS, SUPPORTED_EFFECTS, Effect
+from hapticd.config.effect_parameters import EFFECT_SLUGS
+from hapticd.config.effects import Effect
 from hapticd.config.host import Api, Driver, Record
 from hapticd.config.keys import LIVE_KEYS, unit_of
 from hapticd.config.loading import apply_settings, load_config, parse_config, parse_yaml
@@ -27,7 +28,6 @@ from hapticd.config.writing import config_digest, config_schema, config_to_yaml
 __all__ = [
     "EFFECT_SLUGS",
     "LIVE_KEYS",
-    "SUPPORTED_EFFECTS",
     "Amplifier",
     "Api",
     "Config",

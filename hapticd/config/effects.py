@@ -1,47 +1,20 @@
-"""Names of the effects that a plant model may list, and their check.
-
-The catalogue of effects registers here what this version can compute; a slug that is known but not registered is
-refused clearly rather than ignored.
-"""
+"""The effects that a plant model lists, and their check against `hapticd.config.effect_parameters`."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
+from numbers import Real
+from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from hapticd.config.effect_parameters import EFFECT_PARAMETERS, EFFECT_SLUGS, Parameter
 from hapticd.config.nearest import nearest_name
 from hapticd.config.problems import NO_VALUE, Finding
+from hapticd.config.text import bound_text
 
-EFFECT_SLUGS: tuple[str, ...] = (
-    "inertia_error",
-    "viscous_friction",
-    "coulomb_friction",
-    "asymmetric_coulomb",
-    "asymmetric_viscous",
-    "stribeck",
-    "presliding",
-    "quadratic_drag",
-    "load_dependent_friction",
-    "constant_bias",
-    "gravity",
-    "torque_ripple",
-    "return_spring",
-    "torque_constant_error",
-    "transport_delay",
-    "amplifier_lag",
-    "current_saturation",
-    "dac_quantization",
-    "backlash",
-    "flexible_coupling",
-    "encoder_eccentricity",
-    "dropped_samples",
-    "thermal_drift",
-    "hand_impedance",
-)
-
-SUPPORTED_EFFECTS: dict[str, tuple[str, ...]] = {}
-"""Slug to parameter names of the effects that this version can compute."""
+_EITHER = frozenset({"backlash", "flexible_coupling"})
 
 
 class Effect(BaseModel):
@@ -52,33 +25,124 @@ class Effect(BaseModel):
     name: str = Field(description="Slug of the effect", json_schema_extra={"enum": list(EFFECT_SLUGS)})
 
 
+def checked_effects(effects: list[Any] | tuple[Any, ...]) -> tuple[dict[str, Any], ...]:
+    """Effects without findings in the form in which a configuration holds them: floats, and tuples of floats."""
+    return tuple({key: _plain(value) for key, value in _fields(effect).items()} for effect in effects)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, str):
+        return value
+    return tuple(float(item) + 0.0 for item in value) if isinstance(value, list | tuple) else float(value) + 0.0
+
+
+def _fields(effect: Any) -> Mapping[str, Any]:
+    return effect.model_dump() if isinstance(effect, Effect) else effect
+
+
 def effect_findings(effects: object) -> Iterator[Finding]:
     """What is wrong with the value of ``plant.effects``; keys are relative to it (``[0].name``)."""
     if not isinstance(effects, list | tuple):
-        yield Finding("", effects, "must be a list of effects, such as [{name: stribeck}]")
+        yield Finding("", effects, "must be a list of effects, such as [{name: stribeck, s: 0.4, omega_s: 3}]")
         return
-    for index, effect in enumerate(effects):
-        if isinstance(effect, Effect):
-            effect = effect.model_dump()
-        if isinstance(effect, Mapping) and isinstance(effect.get("name"), str):
-            yield from _effect_findings(f"[{index}]", effect)
-        else:
-            yield Finding(f"[{index}]", effect, "must be a mapping with the effect's name, such as {name: stribeck}")
+    seen: dict[str, int] = {}
+    for index, given in enumerate(effects):
+        effect, key = _fields(given), f"[{index}]"
+        if not (isinstance(effect, Mapping) and isinstance(effect.get("name"), str)):
+            yield Finding(key, given, "must be a mapping with the effect's name, such as {name: stribeck}")
+            continue
+        slug = effect["name"]
+        if slug not in EFFECT_PARAMETERS:
+            close = nearest_name(slug, EFFECT_SLUGS)
+            hint = f"did you mean {close}?" if close else "known effects: " + ", ".join(EFFECT_SLUGS)
+            yield Finding(f"{key}.name", slug, f"unknown effect; {hint}", EFFECT_SLUGS, close)
+            continue
+        if slug in seen:
+            yield Finding(f"{key}.name", slug, f"given twice, here and as plant.effects[{seen[slug]}]")
+        elif slug in _EITHER and (other := next(iter((_EITHER - {slug}) & seen.keys()), None)):
+            yield Finding(
+                f"{key}.name", slug, f"does not go with {other}, plant.effects[{seen[other]}]; give one of them"
+            )
+        seen.setdefault(slug, index)
+        yield from _parameter_findings(key, slug, effect)
 
 
-def _effect_findings(key: str, effect: Mapping[str, object]) -> Iterator[Finding]:
-    slug = str(effect["name"])
-    if slug not in EFFECT_SLUGS:
-        close = nearest_name(slug, EFFECT_SLUGS)
-        hint = f"did you mean {close}?" if close else "known effects: " + ", ".join(EFFECT_SLUGS)
-        yield Finding(f"{key}.name", slug, f"unknown effect; {hint}", EFFECT_SLUGS, close)
-        return
-    if slug not in SUPPORTED_EFFECTS:
-        yield Finding(f"{key}.name", slug, "known effect, not available in this version")
-        return
-    parameters = SUPPORTED_EFFECTS[slug]
-    for name in effect:
-        if name != "name" and name not in parameters:
+def _parameter_findings(key: str, slug: str, effect: Mapping[str, object]) -> Iterator[Finding]:
+    parameters = {parameter.name: parameter for parameter in EFFECT_PARAMETERS[slug]}
+    wrong = False
+    for name, value in effect.items():
+        if name == "name":
+            continue
+        if name not in parameters:
             close = nearest_name(str(name), parameters)
             hint = f"did you mean {close}?" if close else "valid: " + ", ".join(parameters)
-            yield Finding(f"{key}.{name}", NO_VALUE, f"unknown parameter of {slug}; {hint}", parameters, close)
+            yield Finding(f"{key}.{name}", NO_VALUE, f"unknown parameter of {slug}; {hint}", tuple(parameters), close)
+            continue
+        for finding in _value_findings(f"{key}.{name}", parameters[name], value):
+            wrong = True
+            yield finding
+    for name, parameter in parameters.items():
+        if parameter.required and name not in effect:
+            wrong = True
+            needed = ", ".join(other.name for other in parameters.values() if other.required)
+            yield Finding(f"{key}.{name}", NO_VALUE, f"is missing; {slug} needs {needed}")
+    if not wrong:
+        yield from _joint_findings(key, slug, effect)
+
+
+def _value_findings(key: str, parameter: Parameter, value: object) -> Iterator[Finding]:
+    if parameter.length == 1:
+        yield from _number_findings(key, parameter, value)
+    elif not isinstance(value, list | tuple):
+        yield Finding(key, value, f"must be a list of up to {parameter.length} numbers{_in(parameter)}")
+    elif not 1 <= len(value) <= parameter.length:
+        message = f"has {len(value)} numbers; must have 1 to {parameter.length}"
+        yield Finding(key, NO_VALUE, message, float(parameter.length))
+    else:
+        for index, item in enumerate(value):
+            yield from _number_findings(f"{key}[{index}]", parameter, item)
+
+
+def _number_findings(key: str, parameter: Parameter, value: object) -> Iterator[Finding]:
+    unit = parameter.unit or None
+    if isinstance(value, bool) or not isinstance(value, Real):
+        yield Finding(key, value, f"must be a number{_in(parameter)}", unit=unit)
+        return
+    number = _finite(value)
+    if number is None:
+        yield Finding(key, value, "must be finite", unit=unit)
+    elif number < parameter.lower:
+        message = f"must be at least {bound_text(parameter.lower)} {_unit(parameter)}".rstrip()
+        yield Finding(key, value, message, parameter.lower, unit=unit)
+    elif number > parameter.upper:
+        message = f"must be at most {bound_text(parameter.upper)} {_unit(parameter)}".rstrip()
+        yield Finding(key, value, message, parameter.upper, unit=unit)
+
+
+def _finite(value: Real) -> float | None:
+    try:
+        number = float(value)
+    except OverflowError:
+        return None
+    return number if math.isfinite(number) else None
+
+
+def _unit(parameter: Parameter) -> str:
+    if parameter.unit == parameter.unit_linear:
+        return parameter.unit
+    return f"{parameter.unit} ({parameter.unit_linear} on a linear device)"
+
+
+def _in(parameter: Parameter) -> str:
+    return f" in {_unit(parameter)}" if parameter.unit else ""
+
+
+def _joint_findings(key: str, slug: str, effect: Mapping[str, Any]) -> Iterator[Finding]:
+    if slug == "torque_ripple":
+        orders = len(effect["orders"])
+        for name in ("amplitudes", "phases"):
+            if name in effect and len(effect[name]) != orders:
+                yield Finding(f"{key}.{name}", NO_VALUE, f"has {len(effect[name])} numbers for {orders} orders")
+    if slug == "hand_impedance" and effect.get("on_s", 0.0) >= effect.get("off_s", math.inf):
+        message = f"must be above {bound_text(float(effect['on_s']))} s, the hand's on_s"
+        yield Finding(f"{key}.off_s", effect["off_s"], message, float(effect["on_s"]), unit="s")

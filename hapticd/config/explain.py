@@ -70,7 +70,8 @@ def _from_finding(finding: Finding, key: str, file: str, linear: bool) -> Proble
     joint = "" if not key or not finding.key or finding.key.startswith("[") else "."
     full = f"{key}{joint}{finding.key}"
     value = None if finding.value is NO_VALUE else shown(finding.value)
-    return Problem(file, full, value, finding.message, finding.limit, unit_of(full, linear) or None, finding.nearest)
+    unit = finding.unit or unit_of(full, linear) or None
+    return Problem(file, full, value, finding.message, finding.limit, unit, finding.nearest)
 
 
 def _section_message(key: str, value: object) -> str:

@@ -14,8 +14,13 @@ def default_socket() -> str:
     if runtime := _absolute("XDG_RUNTIME_DIR"):
         return str(runtime / "hapticd.sock")
     if os.access(_SERVICE_RUNTIME, os.W_OK):
-        return str(_SERVICE_RUNTIME / "hapticd.sock")
+        return str(service_socket())
     return f"/tmp/hapticd-{os.getuid()}/hapticd.sock"
+
+
+def service_socket() -> Path:
+    """Where ``hapticd.service`` listens."""
+    return _SERVICE_RUNTIME / "hapticd.sock"
 
 
 def default_directory() -> str:

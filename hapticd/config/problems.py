@@ -67,6 +67,7 @@ class Finding:
         value: the offending value, or ``NO_VALUE``.
         message: as in :class:`Problem`; limit and nearest alike.
         involves: dotted keys that the finding depends on; when one of them is itself wrong, this is not reported.
+        unit: of value and limit, where the key is not one of the schema's own.
     """
 
     key: str
@@ -75,6 +76,7 @@ class Finding:
     limit: Limit = None
     nearest: str | None = None
     involves: frozenset[str] = field(default_factory=frozenset)
+    unit: str | None = None
 
 
 NO_VALUE = object()

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, model_validator
 
-from hapticd.config.effects import Effect, effect_findings
+from hapticd.config.effects import Effect, checked_effects, effect_findings
 from hapticd.config.fields import (
     Flag,
     Ideal,
@@ -160,7 +160,7 @@ def _checked_effects(value: Any) -> Any:
     findings = list(effect_findings(value))
     if findings:
         raise findings_error(findings)
-    return tuple(value)
+    return checked_effects(value)
 
 
 class Plant(Section):
@@ -195,7 +195,7 @@ class Safety(Section):
         8192, "Largest change of the raw encoder between two ticks", "counts", zero="no limit", ge=0, le=2**31 - 1
     )
     missed_exchanges: WholeLimit = quantity(
-        3,
+        2,
         "Consecutive failed exchanges with the driver that are tolerated; one more is a fault",
         "exchanges",
         zero="never",

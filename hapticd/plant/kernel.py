@@ -5,7 +5,9 @@ below are its layout, so that the loopback driver, the simulated hardware and th
 
 Instants are (ns, fraction of a ns): an int64 and a float64 in [0, 1), so that a period such as 1/3 ms loses nothing over
 any number of ticks. A commanded current takes effect T_A = 2 δ_A/ω_A later (eq. 5); between two such switches the force is
-constant and the motion is exact (:mod:`hapticd.plant.exact`, with a hand's stiffness :mod:`hapticd.plant.spring`).
+constant and the motion is exact (:mod:`hapticd.plant.exact`, with a hand's stiffness :mod:`hapticd.plant.spring`). Effects
+of the catalogue that are edits of that model (another inertia, a bias, a delay) leave it exact; with the others the motion
+is that of :mod:`hapticd.plant.closed_loop`.
 """
 
 from __future__ import annotations
@@ -17,7 +19,14 @@ import numpy as np
 
 from hapticd.jit import njit
 from hapticd.plant.amplifier import quantise_current
+from hapticd.plant.closed_loop import advance_with_effects, stays_with_effects
+from hapticd.plant.effects import layout as effects
+from hapticd.plant.effects.dropped_samples import is_lost
+from hapticd.plant.electrical import delivered
 from hapticd.plant.exact import propagate
+from hapticd.plant.noise import next_uniform
+from hapticd.plant.numeric import edited_base, measured, needs_laws
+from hapticd.plant.resolution import substeps_for
 from hapticd.plant.spring import propagate_with_stiffness
 
 if TYPE_CHECKING:
@@ -67,18 +76,39 @@ QUEUE_TAIL = 19
 """i64: commands taken out."""
 QUEUE_OVERFLOWS = 20
 """i64: commands that found the queue full and took the place of the newest one waiting."""
+BIAS = 21
+"""Constant torque or force of the device itself, N m or N."""
+AIM = 22
+"""Current that the amplifier aims at now, A; CURRENT follows it at once but for a current loop of its own."""
+AGE = 23
+"""Time for which the plant has moved, s: what effects that begin or drift in time go by."""
+HAS_LAWS = 24
+"""i64: 1 when an effect is on that the closed form does not cover."""
+LONGEST_STEP = 25
+"""Longest substep of such effects, s."""
+LINK = 26
+"""i64: state of the random numbers by which a link loses commands."""
 HEADER_WORDS = 32
 
 QUEUE_LENGTH = 4096
 """Commands that can wait inside T_A; a power of two."""
 _MASK = QUEUE_LENGTH - 1
+# The dither draws from the same seed, and the two must not fall together.
+_OF_LINK = 0x6C696E6B
+_EXTERNAL = effects.word("external_force")
+_TRANSPORT_DELAY = effects.word("transport_delay.t_d")
+_LOSS = effects.word("dropped_samples.p")
+_LAG = effects.word("amplifier_lag.f_a")
 # Divided by, not multiplied with 1e-9, which no double holds: 10⁶ ns are then the very double 0.001 s.
 _NS_PER_SECOND = 1e9
 _COUNT_LIMIT = 2.0**62
 _DUE_NS = HEADER_WORDS
 _DUE_FRAC = _DUE_NS + QUEUE_LENGTH
 _DUE_CURRENT = _DUE_FRAC + QUEUE_LENGTH
-PLANT_SIZE = _DUE_CURRENT + QUEUE_LENGTH
+DEVICE = _DUE_CURRENT + QUEUE_LENGTH
+"""First word of the device vector (`hapticd.plant.effects.layout`)."""
+_STATE = DEVICE + effects.SIZE
+PLANT_SIZE = _STATE + effects.STATE
 """Words of the block."""
 
 
@@ -114,12 +144,50 @@ def init_plant(config: Config, position: float = 0.0, velocity: float = 0.0) -> 
     f[SATURATION] = amplifier.peak_current or math.inf
     f[RAW_RESOLUTION] = config.raw_resolution
     i[INVERT] = int(config.encoder.invert)
+    f[DEVICE:_STATE] = effects.neutral_vector()
+    f[_STATE:] = effects.initial_state(position, velocity)
+    if config.plant.effects:
+        _add_effects(f, i, config)
     return f
 
 
+def _add_effects(f: NDArray[np.float64], i: NDArray[np.int64], config: Config) -> None:
+    """Put a config's effects into a block: into the base model's words where one is an edit of it, as laws otherwise."""
+    p = f[DEVICE:_STATE]
+    p[:] = effects.device_vector(config)
+    (
+        f[INERTIA],
+        f[VISCOUS],
+        f[COULOMB],
+        f[TORQUE_CONSTANT],
+        f[BIAS],
+        f[STIFFNESS],
+        f[HAND_REST],
+    ) = edited_base(p)
+    f[LAG_NS] += p[_TRANSPORT_DELAY] * 1e9
+    i[HAS_LAWS] = int(needs_laws(p))
+    f[LONGEST_STEP] = config.period / substeps_for(p, config.period)
+    i[LINK] = config.dither.seed ^ _OF_LINK
+
+
 @njit("void(float64[::1], float64)", counted=False)
-def _move(f: NDArray[Any], dt: float) -> None:
-    force = f[CURRENT] * f[TORQUE_CONSTANT] + f[HAND_FORCE]
+def _move_with_laws(f: NDArray[Any], dt: float) -> None:
+    p = f[DEVICE:_STATE]
+    state = f[_STATE:PLANT_SIZE]
+    p[_EXTERNAL] = f[HAND_FORCE]
+    state[effects.THETA], state[effects.OMEGA] = f[POSITION], f[VELOCITY]
+    advance_with_effects(p, state, f[AGE], dt, f[LONGEST_STEP], f[AIM])
+    f[POSITION], f[VELOCITY] = state[effects.THETA], state[effects.OMEGA]
+    f[CURRENT] = state[effects.MOTOR_CURRENT]
+    f[AGE] += dt
+
+
+@njit("void(float64[::1], int64[::1], float64)", counted=False)
+def _move(f: NDArray[Any], i: NDArray[Any], dt: float) -> None:
+    if i[HAS_LAWS] != 0:
+        _move_with_laws(f, dt)
+        return
+    force = f[CURRENT] * f[TORQUE_CONSTANT] + f[HAND_FORCE] + f[BIAS]
     if f[STIFFNESS] == 0.0:
         f[POSITION], f[VELOCITY] = propagate(f[POSITION], f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB])
     else:
@@ -142,21 +210,25 @@ def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> Non
             break
         dt = (due_ns - i[TIME_NS]) + (due_frac - f[TIME_FRAC])
         if dt > 0.0:
-            _move(f, dt / _NS_PER_SECOND)
+            _move(f, i, dt / _NS_PER_SECOND)
             i[TIME_NS] = due_ns
             f[TIME_FRAC] = due_frac
-        f[CURRENT] = f[_DUE_CURRENT + slot]
+        f[AIM] = f[_DUE_CURRENT + slot]
+        if f[DEVICE + _LAG] == math.inf:
+            f[CURRENT] = f[AIM]
         i[QUEUE_TAIL] += 1
     dt = (ns - i[TIME_NS]) + (frac - f[TIME_FRAC])
     if dt > 0.0:
-        _move(f, dt / _NS_PER_SECOND)
+        _move(f, i, dt / _NS_PER_SECOND)
         i[TIME_NS] = ns
         f[TIME_FRAC] = frac
 
 
 @njit("void(float64[::1], int64[::1], int64, float64, float64)", counted=False)
-def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
-    """Command a current (A) at an instant: onto the DAC's grid, into saturation, and into the motor T_A later.
+def plant_current(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
+    """Have the amplifier deliver a current (A): onto the DAC's grid, into saturation, and into the motor T_A later.
+
+    An amplifier that is switched off is given 0 A here: no link loses that.
 
     Commands take effect in the order in which they were given. One whose effect is already past takes effect as soon as
     the shaft next moves; not-a-number is zero current.
@@ -165,7 +237,7 @@ def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, curren
         current = 0.0
     if f[DAC_STEP] > 0.0:
         current, _ = quantise_current(current, f[DAC_STEP], i[DAC_MAX_CODE])
-    current = min(max(current, -f[SATURATION]), f[SATURATION])
+    current = delivered(f[DEVICE:_STATE], min(max(current, -f[SATURATION]), f[SATURATION]))
     head = i[QUEUE_HEAD]
     if head - i[QUEUE_TAIL] == QUEUE_LENGTH:
         i[QUEUE_OVERFLOWS] += 1
@@ -181,6 +253,27 @@ def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, curren
         plant_advance(f, i, ns, frac)
 
 
+@njit("void(float64[::1], int64[::1], int64, float64, float64)", counted=False)
+def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
+    """Command a current (A) at an instant, over a link that may lose it; otherwise as :func:`plant_current`."""
+    if f[DEVICE + _LOSS] > 0.0:
+        i[LINK], draw = next_uniform(i[LINK])
+        if is_lost(draw, f[DEVICE + _LOSS]):
+            return
+    plant_current(f, i, ns, frac, current)
+
+
+@njit("UniTuple(int64, 2)(float64[::1], int64[::1])", counted=False)
+def plant_next_switch(f: NDArray[Any], i: NDArray[Any]) -> tuple[int, int]:
+    """Instant (whole ns, rounded up) at which the next waiting command takes effect, and how many wait; 0, 0 for none."""
+    waiting = i[QUEUE_HEAD] - i[QUEUE_TAIL]
+    if waiting == 0:
+        return 0, 0
+    slot = i[QUEUE_TAIL] & _MASK
+    due = i[_DUE_NS + slot]
+    return due + 1 if f[_DUE_FRAC + slot] > 0.0 else due, waiting
+
+
 @njit("int64(float64[::1], int64[::1])", counted=False)
 def plant_counts(f: NDArray[Any], i: NDArray[Any]) -> int:
     """What the encoder counts: ⌊x/δ⌋, negated when it is mounted the other way round.
@@ -188,7 +281,7 @@ def plant_counts(f: NDArray[Any], i: NDArray[Any]) -> int:
     Negating the floor, not the position, makes a loop that undoes the sign see the same counts as without it. The count
     ends at ±2⁶², and is −2⁶² for not-a-number: a jump that no loop takes for a movement.
     """
-    level = np.floor(f[POSITION] / f[RAW_RESOLUTION])
+    level = np.floor(measured(f[DEVICE:_STATE], f[POSITION]) / f[RAW_RESOLUTION])
     if level > _COUNT_LIMIT:
         level = _COUNT_LIMIT
     elif not level >= -_COUNT_LIMIT:
@@ -200,5 +293,9 @@ def plant_counts(f: NDArray[Any], i: NDArray[Any]) -> int:
 @njit("boolean(float64[::1], int64[::1])", counted=False)
 def plant_stays(f: NDArray[Any], i: NDArray[Any]) -> bool:
     """Whether the shaft is at rest and stiction holds it for as long as the current stays as it is."""
-    force = f[CURRENT] * f[TORQUE_CONSTANT] + f[HAND_FORCE] - f[STIFFNESS] * (f[POSITION] - f[HAND_REST])
+    if i[HAS_LAWS] != 0:
+        f[DEVICE + _EXTERNAL] = f[HAND_FORCE]
+        f[_STATE + effects.THETA], f[_STATE + effects.OMEGA] = f[POSITION], f[VELOCITY]
+        return stays_with_effects(f[DEVICE:_STATE], f[_STATE:PLANT_SIZE], f[AGE], f[AIM])
+    force = f[CURRENT] * f[TORQUE_CONSTANT] + f[HAND_FORCE] + f[BIAS] - f[STIFFNESS] * (f[POSITION] - f[HAND_REST])
     return f[VELOCITY] == 0.0 and abs(force) <= f[COULOMB]

@@ -64,7 +64,7 @@ def spring_functions(t: float, alpha: float, omega2: float) -> tuple[float, floa
 
 
 @njit(_f8(_f8, _f8, _f8, _f8))
-def _time_to_rest(speed: float, a: float, alpha: float, omega2: float) -> float:
+def time_to_rest(speed: float, a: float, alpha: float, omega2: float) -> float:
     """Time until speed·S′ + a·S, positive just after the start, is zero again; infinite if it never is."""
     kappa2 = (alpha - math.sqrt(omega2)) * (alpha + math.sqrt(omega2))
     if kappa2 < 0.0:
@@ -147,7 +147,7 @@ def propagate_with_stiffness(
         speed = abs(v)
         a = (sign * pull - coulomb) / inertia
         # Without Coulomb friction a reversal changes nothing in the equation of motion: no need to stop at it.
-        rest = _time_to_rest(speed, a, alpha, omega2) if coulomb > 0.0 else math.inf
+        rest = time_to_rest(speed, a, alpha, omega2) if coulomb > 0.0 else math.inf
         if not rest < remaining:
             rate, s, p = spring_functions(remaining, alpha, omega2)
             return x + sign * (speed * s + a * p), sign * (speed * rate + a * s)
@@ -155,3 +155,10 @@ def propagate_with_stiffness(
         x += sign * (speed * s + a * p)
         v = 0.0
         remaining -= rest
+
+
+@njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8))
+def springs_together(stiffness: float, rest: float, more: float, more_rest: float) -> tuple[float, float]:
+    """Return stiffness and rest position of two springs in parallel; `more` > 0 is the second one's stiffness."""
+    total = stiffness + more
+    return total, (stiffness * rest + more * more_rest) / total

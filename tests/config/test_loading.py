@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.config import Config, Effect, load_config, parse_config, parse_yaml
-from hapticd.config import effects as effects_module
+from hapticd.config import Config, Effect, config_to_yaml, load_config, parse_config, parse_yaml
+from hapticd.config.effect_parameters import EFFECT_PARAMETERS
 from hapticd.config.problems import ConfigError
 
 
@@ -142,13 +142,37 @@ def test_socket_without_a_runtime_directory(monkeypatch: pytest.MonkeyPatch, tmp
     assert Config().api.socket.startswith("/tmp/hapticd-")
 
 
-def test_registered_effects_are_accepted(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(effects_module.SUPPORTED_EFFECTS, "stribeck", ("s", "omega_s"))
-    config = parse_yaml("plant: {effects: [{name: stribeck, s: 0.4, omega_s: 2}]}", "x")
-    assert config.plant.effects == (Effect.model_validate({"name": "stribeck", "s": 0.4, "omega_s": 2}),)
-    with pytest.raises(ConfigError) as raised:
-        parse_yaml("plant: {effects: [{name: stribeck, omega: 2}]}", "x")
-    assert str(raised.value) == ("x: plant.effects[0].omega: unknown parameter of stribeck; did you mean omega_s?")
+def test_effects_are_accepted_as_floats_and_tuples() -> None:
+    text = (
+        "plant: {effects: [{name: stribeck, s: 0.4, omega_s: 2}, {name: torque_ripple, orders: [7], amplitudes: [1]}]}"
+    )
+    config = parse_yaml(text, "x")
+    stribeck, ripple = config.plant.effects
+    assert stribeck == Effect.model_validate({"name": "stribeck", "s": 0.4, "omega_s": 2.0})
+    assert ripple.model_extra == {"orders": (7.0,), "amplitudes": (1.0,)}
+    assert hash(config) == hash(parse_yaml(config_to_yaml(config), "y"))
+    assert parse_config(config.model_dump(), "z") == config
+
+
+@pytest.mark.parametrize("slug", EFFECT_PARAMETERS)
+def test_every_effect_is_accepted_at_its_bounds_and_refused_beyond(slug: str) -> None:
+    parameters = [p for p in EFFECT_PARAMETERS[slug] if p.name not in ("on_s", "off_s")]
+    for bound, beyond in [("lower", -1.0), ("upper", 1.0)]:
+        values = {p.name: getattr(p, bound) for p in parameters}
+        wrong = {
+            p.name: value + beyond * (1.0 + abs(value)) for p, value in zip(parameters, values.values(), strict=True)
+        }
+        listed = {p.name: [values[p.name]] if p.length > 1 else values[p.name] for p in parameters}
+        config = parse_config({"plant": {"effects": [{"name": slug, **listed}]}}, "x")
+        assert config.plant.effects[0].name == slug
+        for p in parameters:
+            value = [wrong[p.name]] if p.length > 1 else wrong[p.name]
+            with pytest.raises(ConfigError) as raised:
+                parse_config({"plant": {"effects": [{"name": slug, **listed, p.name: value}]}}, "x")
+            (problem,) = raised.value.problems
+            assert problem.limit == values[p.name]
+            assert problem.unit == (p.unit or None)
+            assert problem.key == f"plant.effects[0].{p.name}" + ("[0]" if p.length > 1 else "")
 
 
 def test_configurations_are_frozen_and_hashable() -> None:

@@ -115,8 +115,45 @@ WRONG = [
     ("driver: {name: x, gains: [1, .inf]}", "driver.gains[1] = .inf: must be finite"),
     ("driver: loopback", "driver = loopback: must be a section of keys, such as driver: {name: …}"),
     (
-        "plant: {effects: [{name: stribeck}]}",
-        "plant.effects[0].name = stribeck: known effect, not available in this version",
+        "plant: {effects: [{name: stribeck, omega_s: 3}]}",
+        "plant.effects[0].s: is missing; stribeck needs s, omega_s",
+    ),
+    (
+        "plant: {effects: [{name: stribeck, s: 0.4, omega_s: 3, omega: 2}]}",
+        "plant.effects[0].omega: unknown parameter of stribeck; did you mean omega_s?",
+    ),
+    (
+        "plant: {effects: [{name: stribeck, s: 11, omega_s: 3}]}",
+        "plant.effects[0].s = 11: must be at most 10",
+    ),
+    (
+        "plant: {effects: [{name: backlash, gap: -0.1}]}",
+        "plant.effects[0].gap = -0.1: must be at least 0 rad (m on a linear device)",
+    ),
+    (
+        "plant: {effects: [{name: transport_delay, t_d: soon}]}",
+        "plant.effects[0].t_d = soon: must be a number in s",
+    ),
+    ("plant: {effects: [{name: gravity, m_g_l: .inf}]}", "plant.effects[0].m_g_l = .inf: must be finite"),
+    (
+        "plant: {effects: [{name: dropped_samples, p: 0.1}, {name: dropped_samples, p: 0.2}]}",
+        "plant.effects[1].name = dropped_samples: given twice, here and as plant.effects[0]",
+    ),
+    (
+        "plant: {effects: [{name: backlash, gap: 0.1}, {name: flexible_coupling, f_r: 20}]}",
+        "plant.effects[1].name = flexible_coupling: does not go with backlash, plant.effects[0]; give one of them",
+    ),
+    (
+        "plant: {effects: [{name: torque_ripple, orders: 7, amplitudes: [1]}]}",
+        "plant.effects[0].orders = 7: must be a list of up to 8 numbers in 1/rev (rad/m on a linear device)",
+    ),
+    (
+        "plant: {effects: [{name: torque_ripple, orders: [7, 14], amplitudes: [1]}]}",
+        "plant.effects[0].amplitudes: has 1 numbers for 2 orders",
+    ),
+    (
+        "plant: {effects: [{name: hand_impedance, k_h: 1, on_s: 3, off_s: 2}]}",
+        "plant.effects[0].off_s = 2: must be above 3 s, the hand's on_s",
     ),
     (
         "plant: {effects: [{name: stribek}]}",
@@ -128,7 +165,7 @@ WRONG = [
     ),
     (
         "plant: {effects: {name: stribeck}}",
-        "plant.effects = {name: stribeck}: must be a list of effects, such as [{name: stribeck}]",
+        "plant.effects = {name: stribeck}: must be a list of effects, such as [{name: stribeck, s: 0.4, omega_s: 3}]",
     ),
     # YAML itself
     ("", "is empty; write {} for the built-in defaults"),

@@ -46,7 +46,7 @@ amplifier:  {torque_constant: 0.0292, continuous_current: 2.0, peak_current: 6.0
 plant:      {inertia: 6.28e-6, viscous: 9.0e-6, coulomb: 2.0e-3, effects: []}
 hand:       {inertia: 0.0, damping: 0.0, stiffness: 0.0}
 driver:     {name: loopback}
-safety:     {max_velocity: 400, max_excursion: 10, encoder_jump: 8192, missed_exchanges: 3, enable_timeout_s: 2.0,
+safety:     {max_velocity: 400, max_excursion: 10, encoder_jump: 8192, missed_exchanges: 2, enable_timeout_s: 2.0,
              heartbeat_timeout_s: 0.5}
 record:     {enabled: true}
 api:        {mode: "0660", group: null}

@@ -18,7 +18,7 @@ State = tuple[float, float]
 def device_config(**changes: Any) -> SimpleNamespace:
     """What `init_plant` reads of a config, for the RE35 with an ideal amplifier; changes are dotted with ``__``."""
     config = SimpleNamespace(
-        plant=SimpleNamespace(inertia=6.28e-6, viscous=9.0e-6, coulomb=2.0e-3),
+        plant=SimpleNamespace(inertia=6.28e-6, viscous=9.0e-6, coulomb=2.0e-3, effects=()),
         hand=SimpleNamespace(inertia=0.0, damping=0.0, stiffness=0.0),
         amplifier=SimpleNamespace(torque_constant=0.0292, delay=0.0, dac_bits=0, dac_full_scale=6.0, peak_current=None),
         encoder=SimpleNamespace(invert=False),

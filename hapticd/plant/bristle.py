@@ -1,0 +1,80 @@
+"""One phase of the shaft on the LuGre bristle (`presliding`): to its next stop, or as far as is accurate."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from numba import types
+
+from hapticd.jit import njit
+from hapticd.plant.effects.layout import word
+from hapticd.plant.effects.presliding import bristle_after
+from hapticd.plant.exact import phi_functions
+from hapticd.plant.laws import coulomb_level, damping_at, field_torque, friction_level
+from hapticd.plant.slide import ACTIONS, Actions, glide
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_f8 = types.float64
+_p = types.Array(_f8, 1, "C")
+_BREAKAWAY = word("presliding.breakaway")
+_SIGMA_1 = word("presliding.sigma_1")
+
+# A bristle phase covers a quarter of the breakaway displacement, and more the nearer the bristle is to steady sliding.
+_BRISTLE_WAY = 0.25
+_SMALLEST = 1e-300
+
+
+@njit(types.UniTuple(_f8, 4)(_p, _f8, _f8, _f8, _f8, ACTIONS), counted=False)
+def slide_on_bristle(
+    p: NDArray[Any], x: float, v: float, z: float, span: float, on: Actions
+) -> tuple[float, float, float, float]:
+    """Move the shaft through one phase of LuGre friction; arguments as in `hapticd.plant.slide.slide`.
+
+    Over the way the bristle's law is linear and solved exactly. In the equation of motion the bristle is a spring of the
+    chord's stiffness over the way of the phase, which is kept short while the bristle is far from steady sliding; a
+    swing in the elastic range is one phase from turn to turn however stiff the bristle is. The deflection `z` of the
+    bristle is in rad or m.
+
+    Returns:
+        Position, velocity, bristle deflection and time taken.
+    """
+    sigma_0 = coulomb_level(p) / p[_BREAKAWAY]
+    pull = on.drive + field_torque(p, x, x, on.current) - on.stiffness * (x - on.rest) - sigma_0 * z
+    if v == 0.0 and pull == 0.0:
+        return x, 0.0, z, span
+    sign = math.copysign(1.0, v if v != 0.0 else pull)
+    speed = abs(v)
+    strain = sign * z
+    limit = span
+    way, end, time = 0.0, speed, span
+    steady = p[_BREAKAWAY]
+    for attempt in range(2):
+        mean_speed = 0.5 * (speed + end)
+        level, total = damping_at(p, mean_speed, sign, friction_level(p, mean_speed, on.motor, on.warm), on.viscous)
+        steady = max(level / sigma_0, 1e-6 * p[_BREAKAWAY])
+        slack = 1.0 - strain / steady
+        if attempt == 0:
+            reach = _BRISTLE_WAY * steady / math.sqrt(abs(slack) + _SMALLEST)
+            push = abs(pull) / on.inertia
+            limit = min(span, 2.0 * reach / (speed + math.sqrt(speed * speed + 2.0 * push * reach) + _SMALLEST))
+        # Mean over the way of the share 1 − z/steady that still stretches the bristle; its chord's stiffness likewise.
+        _, mean, of_mean = phi_functions(-way / steady)
+        stretch = slack * mean
+        pull = sign * (
+            on.drive + field_torque(p, x, x + sign * way, on.current) - on.stiffness * (x - on.rest) - sigma_0 * z
+        )
+        spring = sigma_0 * stretch
+        if spring < 0.0:
+            # Beyond steady sliding the bristle slackens: no spring, but a force that falls along the way.
+            pull -= sigma_0 * way * slack * of_mean
+            spring = 0.0
+        total += on.damping + p[_SIGMA_1] * max(stretch, 0.0)
+        way, end, time = glide(
+            speed, pull / on.inertia, limit, total / on.inertia, (spring + on.stiffness) / on.inertia
+        )
+    if time == 0.0 and v == 0.0:
+        return x, 0.0, z, span
+    return x + sign * way, sign * end if end > 0.0 else 0.0, sign * bristle_after(strain, steady, way), time

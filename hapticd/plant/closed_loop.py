@@ -1,0 +1,108 @@
+"""The catalogue's effects where commands come one by one: in the loopback, in the simulated hardware.
+
+The kernels of a whole record (`hapticd.plant.numeric`) work on whole ticks; here the plant is asked for any instant, and a
+step is divided so that no part is longer than the loop's period over its substeps.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from numba import types
+
+from hapticd.jit import njit
+from hapticd.plant.effects.layout import (
+    BRISTLE,
+    LOAD_OMEGA,
+    LOAD_THETA,
+    MOTOR_CURRENT,
+    MOTOR_CURRENT_RATE,
+    OMEGA,
+    THETA,
+    word,
+)
+from hapticd.plant.electrical import lagged
+from hapticd.plant.laws import coulomb_level, has_bristle
+from hapticd.plant.numeric import holding, substep
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_f8 = types.float64
+_a = types.Array(_f8, 1, "C")
+
+_LAG = word("amplifier_lag.f_a")
+_BREAKAWAY = word("presliding.breakaway")
+_GAP = word("backlash.gap")
+_GAP_SHARE = word("backlash.load_share")
+_RESONANCE = word("flexible_coupling.f_r")
+_RESONANCE_SHARE = word("flexible_coupling.load_share")
+_INERTIA = word("inertia")
+_INERTIA_ERROR = word("inertia_error.r")
+_HAND_INERTIA = word("hand_impedance.m_h")
+_HAND_DAMPING = word("hand_impedance.b_h")
+_HAND_STIFFNESS = word("hand_impedance.k_h")
+_HAND_OFF = word("hand_impedance.off_s")
+
+# A span that exceeds a whole number of longest steps by rounding only is not divided once more.
+_ROUNDING = 1e-9
+
+
+@njit(types.void(_a, _a, _f8, _f8, _f8, _f8), counted=False)
+def advance_with_effects(
+    p: NDArray[Any], state: NDArray[Any], time: float, span: float, longest: float, aim: float
+) -> None:
+    """Move a device through a time of constant command.
+
+    Args:
+        p: device vector, shape (SIZE,).
+        state: mechanical state, shape (STATE,), with the motor current; changed in place.
+        time: the plant's time at the start [s].
+        span: duration [s].
+        longest: longest substep [s].
+        aim: current that the amplifier aims at [A].
+    """
+    count = max(math.ceil(span / longest - _ROUNDING), 1)
+    h = span / count
+    for k in range(count):
+        current = aim
+        if p[_LAG] < math.inf:
+            state[MOTOR_CURRENT], state[MOTOR_CURRENT_RATE], charge = lagged(
+                p, state[MOTOR_CURRENT], state[MOTOR_CURRENT_RATE], aim, h
+            )
+            current = charge / h
+        else:
+            state[MOTOR_CURRENT] = aim
+        substep(p, state, time + k * h, h, current)
+
+
+@njit(types.boolean(_a, _a, _f8, _f8), counted=False)
+def stays_with_effects(p: NDArray[Any], state: NDArray[Any], time: float, aim: float) -> bool:
+    """Whether friction holds a device for as long as the command stays as it is.
+
+    A bristle or a load on a flexible coupling may still swing: friction holds if it does against the largest torque that
+    the energy in the swing can give. A load that coasts in its play does not stay, nor does a device that a hand is yet
+    to take or to leave.
+    """
+    if time < p[_HAND_OFF] and (p[_HAND_INERTIA] != 0.0 or p[_HAND_DAMPING] != 0.0 or p[_HAND_STIFFNESS] != 0.0):
+        return False
+    inertia = p[_INERTIA] * (1.0 + p[_INERTIA_ERROR])
+    pull, level = holding(p, state[THETA], time, aim)
+    if p[_LAG] < math.inf:
+        pull_now, _ = holding(p, state[THETA], time, state[MOTOR_CURRENT])
+        if abs(pull_now) > abs(pull):
+            pull = pull_now
+    if p[_GAP] > 0.0 and state[LOAD_OMEGA] != 0.0:
+        return False
+    if p[_RESONANCE] < math.inf and not p[_GAP] > 0.0:
+        natural = 2.0 * math.pi * p[_RESONANCE]
+        twist = state[LOAD_THETA] - state[THETA]
+        swing = math.sqrt(twist * twist + (state[LOAD_OMEGA] - state[OMEGA]) ** 2 / (natural * natural))
+        level -= p[_RESONANCE_SHARE] * inertia * natural * natural * swing
+    if has_bristle(p):
+        stiffness = coulomb_level(p) / p[_BREAKAWAY]
+        off = pull / stiffness - state[BRISTLE]
+        swing = math.sqrt(off * off + inertia * state[OMEGA] * state[OMEGA] / stiffness)
+        return abs(pull) + stiffness * swing < level
+    return state[OMEGA] == 0.0 and abs(pull) <= level

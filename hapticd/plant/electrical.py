@@ -1,0 +1,123 @@
+"""From the commands of a record to the current in the motor: link, converter, limit, delay, current loop."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from numba import types
+
+from hapticd.jit import njit
+from hapticd.plant.effects.current_saturation import saturate
+from hapticd.plant.effects.dac_quantization import on_grid
+from hapticd.plant.effects.layout import word
+from hapticd.plant.spring import spring_functions
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_f8 = types.float64
+_a = types.Array(_f8, 1, "C")
+
+_DELAY = word("delay_s")
+_TRANSPORT_DELAY = word("transport_delay.t_d")
+_LAG = word("amplifier_lag.f_a")
+_LAG_DAMPING = word("amplifier_lag.delta")
+_LIMIT = word("current_saturation.i_max")
+_GRID = word("dac_quantization.q")
+
+
+@njit(_f8(_a, _f8), counted=False, inline=True)
+def delivered(p: NDArray[Any], command: float) -> float:
+    """Return the current that the amplifier aims at for a command that has arrived: on the grid, then limited."""
+    return saturate(on_grid(command, p[_GRID]), p[_LIMIT])
+
+
+@njit(types.UniTuple(_f8, 3)(_a, _f8, _f8, _f8, _f8), counted=False)
+def lagged(p: NDArray[Any], current: float, rate: float, aim: float, span: float) -> tuple[float, float, float]:
+    """Move the current loop exactly through a time of constant aim.
+
+    Args:
+        p: device vector.
+        current: motor current [A].
+        rate: its derivative [A/s].
+        aim: current aimed at [A].
+        span: duration [s].
+
+    Returns:
+        Current and derivative after `span`, and the current's integral over it [A s].
+    """
+    natural = 2.0 * math.pi * p[_LAG]
+    damping = p[_LAG_DAMPING]
+    end_rate, s, c = spring_functions(span, damping * natural, natural * natural)
+    pull = natural * natural * (aim - current)
+    change = rate * s + pull * c
+    new_rate = rate * end_rate + pull * s
+    charge = aim * span - ((new_rate - rate) / natural + 2.0 * damping * change) / natural
+    return current + change, new_rate, charge
+
+
+@njit(types.void(_a, _a, _a, types.Array(types.uint8, 1, "C"), types.int64, types.Array(_f8, 2, "C")), counted=False)
+def electrical(
+    p: NDArray[Any],
+    time_s: NDArray[Any],
+    current: NDArray[Any],
+    lost: NDArray[Any],
+    substeps: int,
+    out: NDArray[Any],
+) -> None:
+    """Find the motor current of a whole record, as its mean over each substep.
+
+    Commands switch the current at their time plus the delay, wherever that falls inside a substep; the current loop is
+    exact. Before the first command takes effect its value is assumed to have been there for long.
+
+    Args:
+        p: device vector, shape (SIZE,).
+        time_s: times of the commands [s], shape (n,), strictly rising; row k covers [t_k, t_(k+1)), the last one as long
+            as the one before.
+        current: commands [A], shape (n,).
+        lost: 1 where the command did not arrive and the one before stays, shape (n,).
+        substeps: equal parts of each row.
+        out: mean current [A], shape (n, substeps).
+    """
+    count = len(time_s)
+    delay = p[_DELAY] + p[_TRANSPORT_DELAY]
+    has_lag = p[_LAG] < math.inf
+    command = current[0]
+    aim = delivered(p, command)
+    motor, rate = aim, 0.0
+    following = 0
+    for k in range(count):
+        begin = time_s[k]
+        if k + 1 < count:
+            h = (time_s[k + 1] - begin) / substeps
+        elif k > 0:
+            h = (begin - time_s[k - 1]) / substeps
+        else:
+            h = 0.0
+        for j in range(substeps):
+            now = begin + j * h
+            end = begin + (j + 1) * h
+            charge = 0.0
+            whole = True
+            while following < count and time_s[following] + delay < end:
+                due = time_s[following] + delay
+                if due > now:
+                    whole = False
+                    if has_lag:
+                        motor, rate, part = lagged(p, motor, rate, aim, due - now)
+                        charge += part
+                    else:
+                        charge += aim * (due - now)
+                    now = due
+                if lost[following] == 0:
+                    command = current[following]
+                aim = delivered(p, command)
+                following += 1
+            if has_lag:
+                motor, rate, part = lagged(p, motor, rate, aim, end - now)
+                out[k, j] = (charge + part) / h if h > 0.0 else motor
+            elif whole:
+                out[k, j] = aim
+            else:
+                out[k, j] = (charge + aim * (end - now)) / h

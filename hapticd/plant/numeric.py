@@ -1,0 +1,273 @@
+"""Motion of a device with any effects of the catalogue, as compiled kernels on its vector and state.
+
+A signal's way: command → `hapticd.plant.electrical` → motor current → :func:`mechanical`, tick by tick → :func:`measured`.
+The layouts of device vector and state are in `hapticd.plant.effects.layout`. With the effects at their neutral values
+the result is that of `hapticd.plant.exact`, to the bit.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from numba import prange, types
+
+from hapticd.jit import njit
+from hapticd.plant.effects.asymmetric_coulomb import asymmetry_torque
+from hapticd.plant.effects.encoder_eccentricity import measured_angle
+from hapticd.plant.effects.hand_impedance import is_gripped, until_switch
+from hapticd.plant.effects.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, word
+from hapticd.plant.effects.thermal_drift import warming_factor
+from hapticd.plant.exact import propagate
+from hapticd.plant.laws import coulomb_level, field_torque, friction_level, has_bristle, has_smooth_laws
+from hapticd.plant.phases import move
+from hapticd.plant.resolution import substeps_for
+from hapticd.plant.slide import ACTIONS, Actions
+from hapticd.plant.spring import propagate_with_stiffness, springs_together
+from hapticd.plant.two_masses import move_with_coupling, move_with_play
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+__all__ = ["STATE", "measured", "mechanical", "simulate_windows", "simulate_windows_serial", "substep", "substeps_for"]
+
+_f8 = types.float64
+_i8 = types.int64
+_a = types.Array(_f8, 1, "C")
+_m = types.Array(_f8, 2, "C")
+
+_INERTIA = word("inertia")
+_INERTIA_ERROR = word("inertia_error.r")
+_VISCOUS = word("viscous")
+_VISCOUS_ERROR = word("viscous_friction.r")
+_TORQUE_CONSTANT = word("torque_constant")
+_TORQUE_CONSTANT_ERROR = word("torque_constant_error.r")
+_GRIP_INERTIA = word("grip_inertia")
+_GRIP_DAMPING = word("grip_damping")
+_GRIP_STIFFNESS = word("grip_stiffness")
+_GRIP_REST = word("grip_rest")
+_EXTERNAL = word("external_force")
+_BIAS = word("constant_bias.tau_0")
+_ASYMMETRIC_COULOMB = word("asymmetric_coulomb.a")
+_SPRING = word("return_spring.k_s")
+_SPRING_REST = word("return_spring.theta_0")
+_KAPPA = word("load_dependent_friction.kappa")
+_LAG = word("amplifier_lag.f_a")
+_WARMING = word("thermal_drift.r")
+_WARMING_TIME = word("thermal_drift.t_w")
+_HAND_INERTIA = word("hand_impedance.m_h")
+_HAND_DAMPING = word("hand_impedance.b_h")
+_HAND_STIFFNESS = word("hand_impedance.k_h")
+_HAND_ON = word("hand_impedance.on_s")
+_HAND_OFF = word("hand_impedance.off_s")
+_HAND_REST = word("hand_impedance.rest")
+_GAP = word("backlash.gap")
+_GAP_SHARE = word("backlash.load_share")
+_RESONANCE = word("flexible_coupling.f_r")
+_RESONANCE_SHARE = word("flexible_coupling.load_share")
+_RESONANCE_DAMPING = word("flexible_coupling.damping")
+_ECCENTRICITY = word("encoder_eccentricity.e")
+_ECCENTRICITY_PHASE = word("encoder_eccentricity.phi")
+
+
+@njit(ACTIONS(_a, _f8, _f8), counted=False, inline=True)
+def _actions(p: NDArray[Any], time: float, current: float) -> Actions:
+    """Return what acts on a device, taken as one mass, at a time [s] under a motor current [A]."""
+    motor = current * (p[_TORQUE_CONSTANT] * (1.0 + p[_TORQUE_CONSTANT_ERROR]))
+    drive = motor + p[_EXTERNAL] + p[_BIAS]
+    if p[_ASYMMETRIC_COULOMB] != 0.0:
+        drive += asymmetry_torque(coulomb_level(p), p[_ASYMMETRIC_COULOMB])
+    warm = warming_factor(time, p[_WARMING], p[_WARMING_TIME]) if p[_WARMING] != 0.0 else 1.0
+    inertia = p[_INERTIA] * (1.0 + p[_INERTIA_ERROR]) + p[_GRIP_INERTIA]
+    viscous = p[_VISCOUS] * (1.0 + p[_VISCOUS_ERROR])
+    damping = p[_GRIP_DAMPING]
+    stiffness, rest = p[_GRIP_STIFFNESS], p[_GRIP_REST]
+    if p[_SPRING] != 0.0:
+        stiffness, rest = springs_together(stiffness, rest, p[_SPRING], p[_SPRING_REST])
+    if is_gripped(time, p[_HAND_ON], p[_HAND_OFF]):
+        inertia += p[_HAND_INERTIA]
+        damping += p[_HAND_DAMPING]
+        if p[_HAND_STIFFNESS] != 0.0:
+            stiffness, rest = springs_together(stiffness, rest, p[_HAND_STIFFNESS], p[_HAND_REST])
+    return Actions(drive, motor, current, inertia, viscous, damping, stiffness, rest, warm)
+
+
+@njit(types.void(_a, _a, _f8, _f8, _f8), counted=False)
+def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, current: float) -> None:
+    """Move through a time of constant current in which no hand takes hold or lets go."""
+    on = _actions(p, time + 0.5 * span, current)
+    if p[_GAP] > 0.0:
+        load_inertia = p[_GAP_SHARE] * p[_INERTIA] * (1.0 + p[_INERTIA_ERROR])
+        move_with_play(p, state, span, on, load_inertia, 0.5 * p[_GAP])
+        return
+    if p[_RESONANCE] < math.inf:
+        load_inertia = p[_RESONANCE_SHARE] * p[_INERTIA] * (1.0 + p[_INERTIA_ERROR])
+        natural = 2.0 * math.pi * p[_RESONANCE]
+        move_with_coupling(p, state, span, on, load_inertia, natural, p[_RESONANCE_DAMPING])
+        return
+    if has_smooth_laws(p) or has_bristle(p):
+        state[THETA], state[OMEGA], state[BRISTLE] = move(p, state[THETA], state[OMEGA], state[BRISTLE], span, on)
+    else:
+        level = friction_level(p, 0.0, on.motor, on.warm)
+        viscous = on.viscous + on.damping
+        if on.stiffness == 0.0:
+            state[THETA], state[OMEGA] = propagate(
+                state[THETA], state[OMEGA], span, on.drive, on.inertia, viscous, level
+            )
+        else:
+            before = state[THETA] - on.rest
+            after, state[OMEGA] = propagate_with_stiffness(
+                before, state[OMEGA], span, on.drive, on.inertia, viscous, level, on.stiffness
+            )
+            # A shaft that stiction holds keeps its position to the bit: it may lie on an edge of the encoder.
+            if after != before:
+                state[THETA] = after + on.rest
+    state[LOAD_THETA], state[LOAD_OMEGA] = state[THETA], state[OMEGA]
+
+
+@njit(types.boolean(_a), counted=False)
+def needs_laws(p: NDArray[Any]) -> bool:
+    """Whether a device has an effect that is more than an edit of the base model (`edited_base`) or of its signals."""
+    return (
+        has_smooth_laws(p)
+        or has_bristle(p)
+        or p[_GAP] > 0.0
+        or p[_RESONANCE] < math.inf
+        or p[_KAPPA] != 0.0
+        or p[_WARMING] != 0.0
+        or p[_LAG] < math.inf
+        or p[_HAND_INERTIA] != 0.0
+        or p[_HAND_DAMPING] != 0.0
+        or p[_HAND_STIFFNESS] != 0.0
+    )
+
+
+@njit(types.UniTuple(_f8, 7)(_a), counted=False)
+def edited_base(p: NDArray[Any]) -> tuple[float, float, float, float, float, float, float]:
+    """Return the base model with the effects that only edit it.
+
+    Returns:
+        Inertia, viscous friction, Coulomb friction, torque constant, bias, stiffness and rest position.
+    """
+    on = _actions(p, -1.0, 0.0)
+    return (
+        on.inertia,
+        on.viscous + on.damping,
+        coulomb_level(p),
+        p[_TORQUE_CONSTANT] * (1.0 + p[_TORQUE_CONSTANT_ERROR]),
+        on.drive,
+        on.stiffness,
+        on.rest,
+    )
+
+
+@njit(types.UniTuple(_f8, 2)(_a, _f8, _f8, _f8), counted=False)
+def holding(p: NDArray[Any], theta: float, time: float, current: float) -> tuple[float, float]:
+    """Return the torque that pulls at a device at rest, and the stiction that holds it."""
+    on = _actions(p, time, current)
+    pull = on.drive + field_torque(p, theta, theta, current) - on.stiffness * (theta - on.rest)
+    return pull, friction_level(p, 0.0, on.motor, on.warm)
+
+
+@njit(types.void(_a, _a, _f8, _f8, _f8), counted=False)
+def substep(p: NDArray[Any], state: NDArray[Any], time: float, span: float, current: float) -> None:
+    """Move the device through a substep of constant motor current; arguments as in :func:`mechanical`."""
+    if p[_HAND_INERTIA] != 0.0 or p[_HAND_DAMPING] != 0.0 or p[_HAND_STIFFNESS] != 0.0:
+        for _ in range(2):
+            part = until_switch(time, span, p[_HAND_ON], p[_HAND_OFF])
+            if part < span:
+                _move(p, state, time, part, current)
+                time += part
+                span -= part
+    _move(p, state, time, span, current)
+
+
+@njit(types.void(_a, _a, _f8, _f8, _a), counted=False)
+def mechanical(p: NDArray[Any], state: NDArray[Any], t0: float, dt: float, i_sub: NDArray[Any]) -> None:
+    """Move the device through one tick.
+
+    Laws that vary within a substep are second-order accurate in it; stops, breakaway, impacts and a hand's taking hold
+    are located, not stepped over.
+
+    Args:
+        p: device vector, shape (SIZE,).
+        state: mechanical state, shape (STATE,), changed in place.
+        t0: the plant's time at the start of the tick [s].
+        dt: duration of the tick [s].
+        i_sub: motor current of each of the equal substeps [A], shape (substeps,).
+    """
+    h = dt / len(i_sub)
+    for k in range(len(i_sub)):
+        substep(p, state, t0 + k * h, h, i_sub[k])
+
+
+@njit(_f8(_a, _f8), counted=False)
+def measured(p: NDArray[Any], theta: float) -> float:
+    """Return what the encoder sees of a true position [rad or m], before quantisation."""
+    return measured_angle(theta, p[_ECCENTRICITY], p[_ECCENTRICITY_PHASE])
+
+
+@njit(types.void(_a, _a, _m, _i8, _i8, _a, _a), counted=False)
+def _simulate_window(
+    p: NDArray[Any],
+    time_s: NDArray[Any],
+    i_sub: NDArray[Any],
+    start: int,
+    length: int,
+    state: NDArray[Any],
+    position: NDArray[Any],
+) -> None:
+    for j in range(length):
+        k = start + j
+        mechanical(p, state, time_s[k], time_s[k + 1] - time_s[k], i_sub[k])
+        position[j] = measured(p, state[THETA])
+
+
+_WINDOWS = types.void(_a, _a, _m, types.Array(_i8, 1, "C"), _i8, _m, _m, _m)
+
+
+@njit(_WINDOWS)
+def simulate_windows_serial(
+    p: NDArray[Any],
+    time_s: NDArray[Any],
+    i_sub: NDArray[Any],
+    start: NDArray[Any],
+    length: int,
+    state0: NDArray[Any],
+    out_position: NDArray[Any],
+    out_end: NDArray[Any],
+) -> None:
+    """As :func:`simulate_windows`, on the calling thread alone: for callers that use threads of their own."""
+    for w in range(len(start)):
+        out_end[w] = state0[w]
+        _simulate_window(p, time_s, i_sub, start[w], length, out_end[w], out_position[w])
+
+
+@njit(_WINDOWS, parallel=True)
+def simulate_windows(
+    p: NDArray[Any],
+    time_s: NDArray[Any],
+    i_sub: NDArray[Any],
+    start: NDArray[Any],
+    length: int,
+    state0: NDArray[Any],
+    out_position: NDArray[Any],
+    out_end: NDArray[Any],
+) -> None:
+    """Predict the measured position over many windows of a record, each from its own state.
+
+    Not to be called from two threads at once (Numba's fallback thread pool ends the process on that).
+
+    Args:
+        p: device vector, shape (SIZE,).
+        time_s: times of the record's n rows [s], strictly rising.
+        i_sub: motor current of every row's substeps [A], shape (n, substeps), from `electrical`.
+        start: first row of each of the w windows; ``start + length < n``.
+        length: ticks of a window.
+        state0: mechanical state at each window's first row, shape (w, STATE).
+        out_position: measured position at rows start + 1 … start + length, shape (w, length).
+        out_end: state after each window, shape (w, STATE).
+    """
+    for w in prange(len(start)):
+        out_end[w] = state0[w]
+        _simulate_window(p, time_s, i_sub, start[w], length, out_end[w], out_position[w])

@@ -1,0 +1,124 @@
+"""One phase of the shaft's motion under the catalogue's laws: from where it is to its next stop, or to the end of a step.
+
+Within a phase the direction does not change. Laws that vary with position or speed are taken as their mean over the way
+and at the mean speed of the phase, found by prediction and correction (second order in the step); what remains, constant
+force, viscous friction and springs, is in closed form, so that the instant of a stop is not a matter of the step size.
+With constant laws a phase is exact.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from numba import types
+
+from hapticd.jit import njit
+from hapticd.plant.exact import phi_functions, time_and_way_to_rest
+from hapticd.plant.laws import damping_at, field_torque, friction_level
+from hapticd.plant.spring import spring_functions, time_to_rest
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+class Actions(NamedTuple):
+    """What acts on the shaft during one step, besides the laws that change within it; SI units, rotary or linear."""
+
+    drive: float
+    """All constant torques together."""
+    motor: float
+    """The motor's torque among them."""
+    current: float
+    """The motor's current [A]."""
+    inertia: float
+    """What moves."""
+    viscous: float
+    """Viscous friction of the device."""
+    damping: float
+    """Viscous friction of hands."""
+    stiffness: float
+    """All springs together."""
+    rest: float
+    """Position at which they are relaxed together."""
+    warm: float
+    """Factor on the Coulomb friction."""
+
+
+_f8 = types.float64
+_p = types.Array(_f8, 1, "C")
+ACTIONS = types.NamedUniTuple(_f8, 9, Actions)
+"""Numba type of `Actions`."""
+
+
+@njit(types.UniTuple(_f8, 3)(_f8, _f8, _f8, _f8, _f8))
+def glide(speed: float, a: float, span: float, rate: float, omega2: float) -> tuple[float, float, float]:
+    """Move by speed′ = a − rate·speed − omega2·way, until the speed is zero or `span` is over.
+
+    Args:
+        speed: initial speed, ≥ 0.
+        a: initial acceleration without the viscous part.
+        span: duration [s].
+        rate: b/m ≥ 0 [1/s].
+        omega2: k/m ≥ 0 [1/s²].
+
+    Returns:
+        Way ≥ 0, final speed ≥ 0 and time taken; at once zero for a mass at rest that nothing moves forwards.
+    """
+    if speed == 0.0 and not a > 0.0:
+        return 0.0, 0.0, 0.0
+    if omega2 == 0.0:
+        exponential, phi1, phi2 = phi_functions(-rate * span)
+        end = speed * exponential + a * span * phi1
+        if a >= 0.0 or end > 0.0:
+            return span * (speed * phi1 + a * span * phi2), end, span
+        time, way = time_and_way_to_rest(speed, -a, rate)
+        return way, 0.0, min(time, span)
+    time = time_to_rest(speed, a, 0.5 * rate, omega2)
+    if time < span:
+        _, s, p = spring_functions(time, 0.5 * rate, omega2)
+        return max(speed * s + a * p, 0.0), 0.0, time
+    end_rate, s, p = spring_functions(span, 0.5 * rate, omega2)
+    return speed * s + a * p, max(speed * end_rate + a * s, 0.0), span
+
+
+@njit(types.UniTuple(_f8, 3)(_p, _f8, _f8, _f8, ACTIONS), counted=False)
+def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tuple[float, float, float]:
+    """Move the shaft with stiction through one phase.
+
+    Args:
+        p: device vector.
+        x: position [rad or m].
+        v: velocity [rad/s or m/s].
+        span: longest duration [s].
+        on: what acts on the shaft.
+
+    Returns:
+        Position, velocity and time taken: `span`, or less when the shaft stops before.
+    """
+    if v == 0.0:
+        pull = on.drive + field_torque(p, x, x, on.current) - on.stiffness * (x - on.rest)
+        if abs(pull) <= friction_level(p, 0.0, on.motor, on.warm):
+            return x, 0.0, span
+        sign = math.copysign(1.0, pull)
+    else:
+        sign = math.copysign(1.0, v)
+    speed = abs(v)
+    way, end, time = 0.0, speed, span
+    for attempt in range(3):
+        mean_speed = 0.5 * (speed + end)
+        level, total = damping_at(p, mean_speed, sign, friction_level(p, mean_speed, on.motor, on.warm), on.viscous)
+        pull = on.drive + field_torque(p, x, x + sign * way, on.current) - on.stiffness * (x - on.rest)
+        way, end, time = glide(
+            speed,
+            (sign * pull - level) / on.inertia,
+            span,
+            (total + on.damping) / on.inertia,
+            on.stiffness / on.inertia,
+        )
+        # A stop shortens the way over which the laws are averaged: once more.
+        if attempt == 1 and time == span:
+            break
+    if time == 0.0 and v == 0.0:
+        return x, 0.0, span
+    return x + sign * way, sign * end if end > 0.0 else 0.0, time

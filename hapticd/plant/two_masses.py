@@ -1,0 +1,157 @@
+"""Motor and load as two masses: with play between them, or joined by a spring and a damper.
+
+The motor has the encoder, the friction, the springs and the hand; the load has nothing but its inertia.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from numba import types
+
+from hapticd.jit import njit
+from hapticd.plant.effects.backlash import common_velocity
+from hapticd.plant.effects.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
+from hapticd.plant.phases import MOST_PHASES, move, phase
+from hapticd.plant.slide import ACTIONS, Actions
+from hapticd.plant.spring import spring_functions
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_f8 = types.float64
+_a = types.Array(_f8, 1, "C")
+_HALVINGS = 80
+
+
+@njit(ACTIONS(ACTIONS, _f8, _f8), inline=True)
+def _with_torque(on: Actions, inertia: float, torque: float) -> Actions:
+    return Actions(
+        on.drive + torque, on.motor, on.current, inertia, on.viscous, on.damping, on.stiffness, on.rest, on.warm
+    )
+
+
+@njit(_f8(_a, _a, _f8, _f8, _f8, ACTIONS), counted=False)
+def _time_of_contact(
+    p: NDArray[Any], state: NDArray[Any], latest: float, side: float, half_gap: float, motor: Actions
+) -> float:
+    """Return when, within a phase in which it happens, the motor reaches one side of the play (regula falsi, Illinois)."""
+    early, late = 0.0, latest
+    gap_early = side * (state[THETA] - state[LOAD_THETA]) - half_gap
+    if gap_early >= 0.0:
+        return 0.0
+    x, _, _, _ = phase(p, state[THETA], state[OMEGA], state[BRISTLE], latest, motor)
+    gap_late = side * (x - state[LOAD_THETA] - state[LOAD_OMEGA] * latest) - half_gap
+    kept = 0
+    for _ in range(_HALVINGS):
+        if not (late - early > 1e-13 * latest and gap_late > 0.0 > gap_early):
+            break
+        time = (early * gap_late - late * gap_early) / (gap_late - gap_early)
+        time = min(max(time, early), late)
+        x, _, _, taken = phase(p, state[THETA], state[OMEGA], state[BRISTLE], time, motor)
+        gap = side * (x - state[LOAD_THETA] - state[LOAD_OMEGA] * taken) - half_gap
+        if gap >= 0.0:
+            late, gap_late = time, gap
+            if kept == 1:
+                gap_early *= 0.5
+            kept = 1
+        else:
+            early, gap_early = time, gap
+            if kept == -1:
+                gap_late *= 0.5
+            kept = -1
+    return late
+
+
+@njit(types.void(_a, _a, _f8, ACTIONS, _f8, _f8), counted=False)
+def move_with_play(
+    p: NDArray[Any], state: NDArray[Any], span: float, joined: Actions, load_inertia: float, half_gap: float
+) -> None:
+    """Move motor and load, with play between them, through a step of constant action.
+
+    In contact the two move as one for as long as the contact pushes the load; then the load coasts until the motor is at
+    one side of the play again, where an inelastic impact gives both the velocity that keeps the momentum.
+
+    Args:
+        p: device vector.
+        state: mechanical state, changed in place.
+        span: duration [s].
+        joined: what acts on the motor; the inertia is that of both.
+        load_inertia: of the load in it [kg m² or kg].
+        half_gap: half the play [rad or m].
+    """
+    motor = _with_torque(joined, joined.inertia - load_inertia, 0.0)
+    apart = state[THETA] - state[LOAD_THETA]
+    if abs(apart) > half_gap:
+        state[LOAD_THETA] = state[THETA] - (half_gap if apart > 0.0 else -half_gap)
+    remaining = span
+    parted = False
+    for _ in range(MOST_PHASES):
+        if not remaining > 0.0:
+            break
+        side = state[CONTACT]
+        if side != 0.0:
+            x, v, z, time = phase(p, state[THETA], state[OMEGA], state[BRISTLE], remaining, joined)
+            # Masses that part and meet again at once, by rounding, stay together.
+            if side * (v - state[OMEGA]) >= 0.0 or parted:
+                state[THETA], state[OMEGA], state[BRISTLE] = x, v, z
+                state[LOAD_THETA], state[LOAD_OMEGA] = x - side * half_gap, v
+                remaining -= time
+                parted = False
+                continue
+            state[CONTACT] = 0.0
+            parted = True
+        x, v, z, time = phase(p, state[THETA], state[OMEGA], state[BRISTLE], remaining, motor)
+        load = state[LOAD_THETA] + state[LOAD_OMEGA] * time
+        hit = 0.0
+        if abs(x - load) > half_gap:
+            hit = 1.0 if x > load else -1.0
+            time = _time_of_contact(p, state, time, hit, half_gap, motor)
+            x, v, z, _ = phase(p, state[THETA], state[OMEGA], state[BRISTLE], time, motor)
+            load = x - hit * half_gap
+            v = common_velocity(motor.inertia, v, load_inertia, state[LOAD_OMEGA])
+            state[LOAD_OMEGA] = v
+        state[THETA], state[OMEGA], state[BRISTLE] = x, v, z
+        state[LOAD_THETA] = load
+        state[CONTACT] = hit
+        remaining -= time
+        parted = parted and time == 0.0
+
+
+@njit(types.void(_a, _a, _f8, ACTIONS, _f8, _f8, _f8), counted=False)
+def move_with_coupling(
+    p: NDArray[Any],
+    state: NDArray[Any],
+    span: float,
+    joined: Actions,
+    load_inertia: float,
+    natural: float,
+    damping: float,
+) -> None:
+    """Move motor and load, joined by a spring and a damper, through a step of constant action.
+
+    The load's motion behind a motor of constant acceleration is exact, whatever the step; the motor feels the mean torque of
+    the coupling during the step, the part that depends on its own acceleration as an inertia. No step is unstable, and
+    momentum is kept to rounding.
+
+    Args:
+        p: device vector.
+        state: mechanical state, changed in place.
+        span: duration [s]; accurate well below the period of the two masses' oscillation (`substeps_for`).
+        joined: what acts on the motor; the inertia is that of both.
+        load_inertia: of the load in it [kg m² or kg].
+        natural: angular anti-resonance frequency 2π f_r [rad/s].
+        damping: damping ratio of the load on its spring.
+    """
+    rate, s, c = spring_functions(span, damping * natural, natural * natural)
+    x, v, z = state[THETA], state[OMEGA], state[BRISTLE]
+    twist, twist_rate = state[LOAD_THETA] - x, state[LOAD_OMEGA] - v
+    # The load's mean acceleration is linear in the motor's: a part that the present twist gives, and a share of the motor's.
+    given = (twist_rate * (rate - 1.0) - natural * natural * twist * s) / span
+    share = 1.0 - s / span
+    on = _with_torque(joined, joined.inertia - load_inertia * (1.0 - share), -load_inertia * given)
+    end_x, end_v, end_z = move(p, x, v, z, span, on)
+    acceleration = (end_v - v) / span
+    state[THETA], state[OMEGA], state[BRISTLE] = end_x, end_v, end_z
+    state[LOAD_THETA] = end_x + twist + twist_rate * s - (acceleration + natural * natural * twist) * c
+    state[LOAD_OMEGA] += (given + share * acceleration) * span

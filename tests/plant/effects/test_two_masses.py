@@ -1,0 +1,147 @@
+"""Backlash and flexible coupling: against solve_ivp, momentum, energy, and the frequencies that name them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_ivp
+
+from hapticd.plant.effects.layout import CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, initial_state
+from tests.plant.effects.independent import KT, PERIOD, B, C, Floats, J, apart, excitation, simulated, stiff, vector
+
+
+def _smooth_sign(v: float) -> float:
+    return math.tanh(v / 1e-3)
+
+
+@pytest.mark.parametrize(("f_r", "share", "damping"), [(40.0, 0.5, 0.02), (120.0, 0.3, 0.1), (60.0, 0.8, 0.0)])
+def test_flexible_coupling_is_that_of_an_independent_integrator(f_r: float, share: float, damping: float) -> None:
+    natural, load = 2 * math.pi * f_r, share * J
+    k, d = load * natural**2, 2 * damping * load * natural
+
+    def motion(t: float, y: Floats, current: float) -> tuple[float, float, float, float]:
+        x, v, load_x, load_v = y
+        torque = k * (load_x - x) + d * (load_v - v)
+        friction = C * _smooth_sign(v) + B * v
+        return v, (KT * current + torque - friction) / (J - load), load_v, -torque / load
+
+    currents = excitation(80)
+    p = vector(flexible_coupling__f_r=f_r, flexible_coupling__load_share=share, flexible_coupling__damping=damping)
+    got, _ = simulated(p, currents)
+    assert apart(got, stiff(motion, currents, (0.0, 0.0, 0.0, 0.0), 1e-8)) < 5e-3
+    finer, _ = simulated(p, currents, substeps=64)
+    assert apart(finer, stiff(motion, currents, (0.0, 0.0, 0.0, 0.0), 1e-8)) < 2e-3
+
+
+def test_coupling_keeps_momentum_and_loses_no_more_energy_than_its_damper_takes() -> None:
+    f_r, share = 50.0, 0.4
+    p = vector(
+        coulomb=0.0,
+        viscous=0.0,
+        flexible_coupling__f_r=f_r,
+        flexible_coupling__load_share=share,
+        flexible_coupling__damping=0.0,
+    )
+    state = initial_state(0.0, 0.0)
+    state[LOAD_OMEGA] = 4.0
+    load, k = share * J, share * J * (2 * math.pi * f_r) ** 2
+    energies, momenta, motor = [], [], []
+    for _ in range(400):
+        _, state = simulated(p, np.zeros(1), state)
+        twist = state[LOAD_THETA] - state[THETA]
+        momenta.append((J - load) * state[OMEGA] + load * state[LOAD_OMEGA])
+        energies.append(0.5 * (J - load) * state[OMEGA] ** 2 + 0.5 * load * state[LOAD_OMEGA] ** 2 + 0.5 * k * twist**2)
+        motor.append(state[OMEGA])
+    assert np.abs(np.array(momenta) / (load * 4.0) - 1).max() < 1e-11
+    assert np.ptp(energies) / energies[0] < 0.02
+    spectrum = np.abs(np.fft.rfft(motor - np.mean(motor), 1 << 16))
+    found = np.argmax(spectrum) / ((1 << 16) * PERIOD)
+    assert found == pytest.approx(f_r / math.sqrt(1 - share), rel=0.01)
+
+
+def test_the_motor_stands_still_at_the_anti_resonance() -> None:
+    def gain(frequency: float) -> float:
+        p = vector(coulomb=0.0, viscous=2e-5, flexible_coupling__f_r=50.0, flexible_coupling__damping=0.005)
+        t = np.arange(6000) * PERIOD
+        positions, _ = simulated(p, 0.1 * np.sin(2 * np.pi * frequency * t), substeps=8)
+        late = positions[4000:] - positions[4000:].mean()
+        wave = np.exp(-2j * np.pi * frequency * t[4000:])
+        return float(abs(np.mean(late * wave)))
+
+    assert gain(50.0) < 0.1 * min(gain(40.0), gain(60.0))
+
+
+def test_backlash_is_the_limit_of_a_stiff_damped_contact() -> None:
+    gap, share = 0.02, 0.4
+    load = share * J
+    reduced = load * (J - load) / J
+    natural = 2 * math.pi * 3000.0
+    k, d = reduced * natural**2, 2.0 * reduced * natural
+
+    def motion(t: float, y: Floats, current: float) -> tuple[float, float, float, float]:
+        x, v, load_x, load_v = y
+        apart = x - load_x
+        torque = 0.0
+        if apart > gap / 2:
+            torque = max(k * (apart - gap / 2) + d * (v - load_v), 0.0)
+        elif apart < -gap / 2:
+            torque = min(k * (apart + gap / 2) + d * (v - load_v), 0.0)
+        return v, (KT * current - torque - C * _smooth_sign(v) - B * v) / (J - load), load_v, torque / load
+
+    t = np.arange(60) * PERIOD
+    currents = 0.25 * np.sin(2 * np.pi * 35 * t)
+    expected = np.empty((60, 4))
+    y = np.zeros(4)
+    for n, current in enumerate(currents):
+        solved = solve_ivp(
+            lambda t, y, current=current: motion(t, y, current),
+            (0, PERIOD),
+            y,
+            method="LSODA",
+            rtol=1e-7,
+            atol=1e-10,
+            max_step=2e-5,
+        )
+        expected[n] = y = solved.y[:, -1]
+    got, end = simulated(vector(backlash__gap=gap, backlash__load_share=share), currents)
+    assert apart(got, expected[:, 0]) < 0.01
+    assert end[LOAD_THETA] == pytest.approx(expected[-1, 2], abs=0.01 * np.ptp(expected[:, 0]))
+    rigid, _ = simulated(vector(), currents)
+    assert apart(rigid, expected[:, 0]) > 0.05
+
+
+def test_an_impact_keeps_momentum_and_play_keeps_its_width() -> None:
+    p = vector(coulomb=0.0, viscous=0.0, backlash__gap=0.02, backlash__load_share=0.3)
+    state = initial_state(0.0, 0.0)
+    state[OMEGA] = 2.0
+    _, state = simulated(p, np.zeros(4), state)
+    assert state[CONTACT] == 0.0
+    assert state[THETA] == pytest.approx(0.008, rel=1e-12)
+    _, state = simulated(p, np.zeros(2), state)
+    assert state[OMEGA] == pytest.approx(0.7 * 2.0, rel=1e-12)
+    assert state[LOAD_OMEGA] == state[OMEGA]
+    # Contact after half the play, at 0.01 rad and 5 ms; then 1 ms together.
+    assert state[THETA] == pytest.approx(0.01 + 1.4e-3, rel=1e-12)
+    assert state[THETA] - state[LOAD_THETA] == pytest.approx(0.01, rel=1e-12)
+
+
+def test_backlash_never_gains_energy() -> None:
+    p = vector(backlash__gap=0.02, backlash__load_share=0.5)
+    state = initial_state(0.0, 0.0)
+    state[OMEGA], state[LOAD_OMEGA] = 15.0, -10.0
+    energies = []
+    for _ in range(80):
+        _, state = simulated(p, np.zeros(1), state)
+        energies.append(0.25 * J * (state[OMEGA] ** 2 + state[LOAD_OMEGA] ** 2))
+        assert abs(state[THETA] - state[LOAD_THETA]) <= 0.01 * (1 + 1e-9)
+    assert np.all(np.diff(energies) <= 1e-12 * energies[0])
+    assert energies[-1] == 0.0
+
+
+def test_load_dragged_behind_the_play_is_a_lighter_motor_between_contacts() -> None:
+    p = vector(coulomb=0.0, viscous=0.0, backlash__gap=0.2, backlash__load_share=0.25)
+    _, state = simulated(p, np.full(1, 0.1))
+    assert state[OMEGA] == pytest.approx(0.1 * KT * PERIOD / (0.75 * J), rel=1e-12)
+    assert state[LOAD_OMEGA] == 0.0
