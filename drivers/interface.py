@@ -64,6 +64,12 @@ LOST = -2
 """The device is gone (unplugged, port closed)."""
 
 
+PROCESSING_S = 40e-6
+"""What host and device need to answer, beside the time on the wire: s from the encoder's sample to the current's change.
+
+Measured with the simulated board and drive on an ordinary PC (``hapticd hil``); a driver's ``latency_s`` overrides it."""
+
+
 class DriverError(Exception):
     """A driver cannot be opened or used; the text says which device, what was found and how to repair it."""
 
@@ -104,6 +110,22 @@ class Driver(abc.ABC):
     @abc.abstractmethod
     def close(self) -> None:
         """Release the device, leaving it at zero current and disabled. Safe to call twice and after a failed open."""
+
+    @classmethod
+    def declared_latency_s(cls, config: Config) -> float:
+        """Sample-to-current latency in s that this driver declares for a config, without opening anything.
+
+        Raises:
+            DriverConfigError: the driver refuses its options.
+        """
+        return cls.latency_s
+
+    def check_rate(self, rate_hz: float) -> str | None:
+        """Why the open device cannot follow a servo rate in Hz, in words for the user; None when it can.
+
+        Asked before ``servo.rate_hz`` changes while the loop runs; the change is refused with the text.
+        """
+        return None
 
     def describe(self) -> str:
         """One line for the banner of ``hapticd run``."""

@@ -71,8 +71,10 @@ def _write(state: int, exchange: int) -> int:
     x = carray(exchange, (EXCHANGE_WORDS,))
     x_float = x.view(np.float64)
     words[_ENABLED] = x[X_ENABLE]
-    current = x_float[X_CURRENT] if x[X_ENABLE] == 1 else 0.0
-    kernel.plant_command(plant_f, plant_i, x[X_TIME_NS], x_float[X_TIME_FRAC], current)
+    if x[X_ENABLE] == 1:
+        kernel.plant_command(plant_f, plant_i, x[X_TIME_NS], x_float[X_TIME_FRAC], x_float[X_CURRENT])
+    else:
+        kernel.plant_current(plant_f, plant_i, x[X_TIME_NS], x_float[X_TIME_FRAC], 0.0)
     return 0
 
 

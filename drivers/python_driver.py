@@ -12,6 +12,8 @@ import math
 import traceback
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from drivers.interface import (
     ERROR,
     EXCHANGE_WORDS,
@@ -29,11 +31,47 @@ from drivers.interface import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from numpy.typing import NDArray
+
     from hapticd.config import Config
 
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p)
 _WORDS = ctypes.c_int64 * EXCHANGE_WORDS
-_FLOATS = ctypes.c_double * EXCHANGE_WORDS
+
+
+class PythonCalls:
+    """Two Python functions as the two C functions of a driver.
+
+    Args:
+        driver: whose ``error`` gets the text of an exception; the loop then faults.
+        read, write: take the exchange's words, shape (16,), int64, and return one of the interface's codes.
+    """
+
+    def __init__(
+        self,
+        driver: Driver,
+        read: Callable[[NDArray[np.int64]], int],
+        write: Callable[[NDArray[np.int64]], int],
+    ) -> None:
+        def guarded(body: Callable[[NDArray[np.int64]], int]) -> Callable[[int, int], int]:
+            def call(_state: int, exchange: int) -> int:
+                try:
+                    return body(np.frombuffer(memoryview(_WORDS.from_address(exchange)), np.int64))
+                except BaseException as exception:
+                    driver.error = "".join(traceback.format_exception_only(exception)).strip()
+                    return ERROR
+
+            return call
+
+        self._driver = driver
+        self._functions = (_FUNCTION(guarded(read)), _FUNCTION(guarded(write)))
+
+    def install(self) -> None:
+        """Hand the addresses to the driver. This object must live as long as they are used."""
+        read, write = (ctypes.cast(function, ctypes.c_void_p).value for function in self._functions)
+        if read is None or write is None:
+            raise RuntimeError("ctypes gave no address for a callback")
+        self._driver.read_address, self._driver.write_address = read, write
 
 
 class PythonDriver(Driver):
@@ -44,15 +82,12 @@ class PythonDriver(Driver):
     def __init__(self, config: Config) -> None:
         super().__init__(config)
         self._enabled = False
-        self._callbacks = (_FUNCTION(self._read), _FUNCTION(self._write))
+        self._calls = PythonCalls(self, self._read, self._write)
 
     def open(self) -> None:
         """Connect, then hand out the callbacks' addresses."""
         self.connect()
-        read, write = (ctypes.cast(callback, ctypes.c_void_p).value for callback in self._callbacks)
-        if read is None or write is None:
-            raise RuntimeError("ctypes gave no address for a callback")
-        self.read_address, self.write_address = read, write
+        self._calls.install()
 
     def close(self) -> None:
         """Disconnect."""
@@ -74,31 +109,17 @@ class PythonDriver(Driver):
     def write_current(self, current: float, enable: bool) -> None:
         """Command a current in A; ``enable`` False means amplifier off."""
 
-    def _guarded(self, body: Callable[[], int]) -> int:
-        try:
-            return body()
-        except BaseException as exception:
-            self.error = "".join(traceback.format_exception_only(exception)).strip()
-            return ERROR
+    def _read(self, words: NDArray[np.int64]) -> int:
+        counts = self.read_counts()
+        words.view(np.float64)[X_CURRENT_MEASURED] = math.nan
+        words[X_STATUS] = STATUS_ENABLED if self._enabled else 0
+        if counts is None:
+            return MISSED
+        words[X_COUNTS] = counts
+        return OK
 
-    def _read(self, _state: int, exchange: int) -> int:
-        def body() -> int:
-            counts = self.read_counts()
-            words, floats = _WORDS.from_address(exchange), _FLOATS.from_address(exchange)
-            floats[X_CURRENT_MEASURED] = math.nan
-            words[X_STATUS] = STATUS_ENABLED if self._enabled else 0
-            if counts is None:
-                return MISSED
-            words[X_COUNTS] = counts
-            return OK
-
-        return self._guarded(body)
-
-    def _write(self, _state: int, exchange: int) -> int:
-        def body() -> int:
-            enable = bool(_WORDS.from_address(exchange)[X_ENABLE])
-            self.write_current(float(_FLOATS.from_address(exchange)[X_CURRENT]), enable)
-            self._enabled = enable
-            return OK
-
-        return self._guarded(body)
+    def _write(self, words: NDArray[np.int64]) -> int:
+        enable = bool(words[X_ENABLE])
+        self.write_current(float(words.view(np.float64)[X_CURRENT]), enable)
+        self._enabled = enable
+        return OK

@@ -27,6 +27,8 @@ class DriverInfo:
     """Declared sample-to-current latency, s (a driver may refine it once it is open)."""
     error: str | None = None
     """Why it cannot be loaded, when it cannot."""
+    driver: type[Driver] | None = None
+    """The class, when it can."""
 
 
 def _entry_points() -> dict[str, EntryPoint]:
@@ -50,7 +52,7 @@ def discover() -> list[DriverInfo]:
         except Exception as exception:
             found.append(DriverInfo(name, origin, "", 0.0, f"{type(exception).__name__}: {exception}"))
         else:
-            found.append(DriverInfo(name, origin, driver.summary, driver.latency_s))
+            found.append(DriverInfo(name, origin, driver.summary, driver.latency_s, driver=driver))
     return found
 
 
@@ -64,7 +66,12 @@ def declared_latency(config: Config) -> tuple[float, str | None]:
                     0.0,
                     f"driver {name!r} cannot be loaded ({driver.error}): its latency is not known and is taken as 0",
                 )
-            return driver.latency_s, None
+            if driver.driver is None:
+                return driver.latency_s, None
+            try:
+                return driver.driver.declared_latency_s(config), None
+            except DriverConfigError as error:
+                return 0.0, f"{error}: the latency of driver {name!r} is not known and is taken as 0"
     return 0.0, f"driver {name!r} is not installed: its latency is not known and is taken as 0"
 
 

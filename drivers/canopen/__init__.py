@@ -1,0 +1,177 @@
+"""A CiA 402 drive on CANopen: Copley by default, any other vendor through a profile of its own.
+
+python-can and canopen bring the drive up (``bring_up.py``); then the exchange runs compiled on the interface's descriptor
+(``cyclic.py``), or through python-can where it has none (``callback.py``). docs/how-to/canopen-drive.md
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivers.canopen import bus_load, cyclic
+from drivers.canopen import layout as w
+from drivers.canopen.options import Options
+from drivers.canopen.profile import load_profile
+from drivers.interface import PROCESSING_S, Driver, DriverConfigError, DriverError, driver_options
+from drivers.python_driver import PythonCalls
+
+if TYPE_CHECKING:
+    import canopen
+
+    from drivers.canopen.bring_up import Drive
+    from drivers.canopen.bus import Monitor
+    from hapticd.config import Config
+
+log = logging.getLogger(__name__)
+
+
+class CanopenDriver(Driver):
+    """One drive on a CAN bus.
+
+    Args:
+        config: the options beside ``driver.name`` (:class:`drivers.canopen.options.Options`), amplifier and servo rate.
+
+    Raises:
+        DriverConfigError: an option, the profile or the servo rate does not fit; nothing is opened.
+    """
+
+    summary = "CiA 402 drive on CANopen (Copley and others), on a SocketCAN interface or any of python-can's"
+    latency_s = bus_load.wire_time_s() + PROCESSING_S
+
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
+        self._options = Options.parse(driver_options(config))
+        self._profile, profile_eds = load_profile(self._options.profile)
+        eds = self._options.eds_path or profile_eds
+        if eds is None or not eds.is_file():
+            named = repr(str(eds)) if eds else "null"
+            raise DriverConfigError(
+                f"driver.eds = {named}: no such file; driver.profile {self._options.profile!r} needs one"
+            )
+        self._eds: Path = eds
+        if problem := self.check_rate(config.servo.rate_hz):
+            raise DriverConfigError(problem)
+        self.latency_s = self._options.declared_latency_s()
+        self.calls_python = not self._options.compiled
+        self._block = np.zeros(w.WORDS, np.int64)
+        self._network: canopen.Network | None = None
+        self._monitor: Monitor | None = None
+        self._drive: Drive | None = None
+        self._calls: PythonCalls | None = None
+        self._exception: str | None = None
+
+    @classmethod
+    def declared_latency_s(cls, config: Config) -> float:
+        """The option ``latency_s``, or what TPDO, RPDO and processing take at the config's bit rate, s."""
+        return Options.parse(driver_options(config)).declared_latency_s()
+
+    def check_rate(self, rate_hz: float) -> str | None:
+        """Why the bus, or the drive's watchdog, does not allow a servo rate in Hz."""
+        return self._options.check_rate(rate_hz)
+
+    @property
+    def error(self) -> str | None:
+        """What stopped the exchange, in words."""
+        from drivers.canopen.reasons import explain
+
+        return explain(self._block) or self._exception
+
+    @error.setter
+    def error(self, text: str | None) -> None:
+        self._exception = text
+
+    def open(self) -> None:
+        """Bring the drive up; it is operational, at zero current and disabled afterwards."""
+        import canopen
+
+        from drivers.canopen.bring_up import bring_up
+        from drivers.canopen.bus import Monitor, deafen, listen, open_bus
+
+        options = self._options
+        bus = open_bus(options)
+        self._network = network = canopen.Network(bus)
+        self._monitor = Monitor(options.node_id)
+        listen(network, self._monitor)
+        try:
+            drive = bring_up(network, self._monitor, options, self._profile, self._eds, self.config.amplifier)
+            if options.compiled and drive.echoes:
+                raise DriverError(
+                    f"{options.interface} {options.channel} gives our own frames back (receive_own_messages): switch that "
+                    "off, or another master cannot be told from ourselves"
+                )
+        except DriverError as error:
+            raise type(error)(f"{options.interface} {options.channel}: {error}") from error
+        finally:
+            deafen(network)
+        self._drive = drive
+        self._prepare(drive)
+        if options.compiled:
+            self._block[w.DESCRIPTOR] = bus.fileno()
+            self.read_address, self.write_address = cyclic.read_function.address, cyclic.write_function.address
+        else:
+            from drivers.canopen.callback import CallbackExchange
+
+            exchange = CallbackExchange(bus, self._block, echoes=drive.echoes)
+            self._calls = PythonCalls(self, exchange.read, exchange.write)
+            self._calls.install()
+        self.state_address = self._block.ctypes.data
+
+    def _prepare(self, drive: Drive) -> None:
+        options, block = self._options, self._block
+        block[:] = 0
+        block[w.NODE] = options.node_id
+        block[w.REPLY_NS] = round(1e9 * (options.reply_timeout_s or 0.0))
+        block[w.GUARD_NS] = 1_000_000 * options.guard_ms
+        block[w.GUARD_TOGGLE] = -1
+        if self._profile.guarding == "heartbeat":
+            block[w.GUARD_LOW] = (w.GUARD + self._profile.master_id) | 1 << 32
+            block[w.GUARD_DATA] = w.NMT_OPERATIONAL
+        else:
+            block[w.GUARD_LOW] = w.GUARD + options.node_id | w.REMOTE
+            block[w.GUARD_ANSWERED] = 1
+        floats = block.view(np.float64)
+        floats[w.COMMAND_PER_AMPERE] = drive.command_per_ampere
+        floats[w.AMPERE_PER_ACTUAL] = drive.ampere_per_actual
+
+    def close(self) -> None:
+        """Zero current, power stage off, node pre-operational, watchdog off; the bus is closed in any case."""
+        network, self._network = self._network, None
+        if network is None:
+            return
+        from drivers.canopen.bring_up import release
+        from drivers.canopen.bus import deafen, listen
+
+        options, drive, self._drive = self._options, self._drive, None
+        try:
+            network.send_message(w.RPDO1 + options.node_id, bytes(w.RPDO1_BYTES))
+            network.send_message(w.NMT, bytes([0x80, options.node_id]))
+            if drive is not None and self._monitor is not None and self._block[w.REASON] == 0:
+                listen(network, self._monitor)
+                release(drive.objects, self._profile, options)
+        except Exception as error:
+            log.warning("closing the CAN drive: %s; its own watchdog has to switch it off", error)
+        finally:
+            with contextlib.suppress(Exception):
+                deafen(network)
+            if network.bus is not None:
+                network.bus.shutdown()
+
+    def describe(self) -> str:
+        """Mode, identity, resolution of the command, and how full the bus is."""
+        options = self._options
+        load = bus_load.bus_load(self.config.servo.rate_hz, options.bitrate, options.watchdog_ms)
+        fastest = bus_load.fastest_rate_hz(options.bitrate, options.watchdog_ms)
+        bus = (
+            f"{options.interface} {options.channel}, node {options.node_id}, {options.bitrate // 1000} kbit/s, bus load "
+            f"{load:.0%} (fastest rate {math.floor(fastest)} Hz)"
+        )
+        if self._drive is None:
+            return f"CANopen drive, profile {self._profile.name}, on {bus}"
+        step = 1e3 / self._drive.command_per_ampere
+        return f"CANopen drive, {self._drive.mode}, {step:.3g} mA a step ({self._drive.identity}), on {bus}"

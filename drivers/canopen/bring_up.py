@@ -1,0 +1,278 @@
+"""Bring-up: from a drive that has just been switched on to one that follows SYNC and RPDO 1, at zero and disabled.
+
+Everything that could bend a command is written *and read back* before the node is started: mode, slopes, limits, fault
+reactions, PDO mapping, watchdog. What the drive says of itself decides the units.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import canopen
+
+from drivers.canopen import layout as w
+from drivers.canopen.bus import (
+    Monitor,
+    listen_for_master,
+    nobody_answers,
+    refuse_other_master,
+    stop_node,
+)
+from drivers.canopen.objects import Objects
+from drivers.canopen.options import Options
+from drivers.canopen.pdo import Entry, map_pdos
+from drivers.canopen.profile import Mode, Profile
+from drivers.canopen.state_machine import (
+    DISABLE_VOLTAGE,
+    FAULT,
+    FAULT_BIT,
+    FAULT_RESET,
+    READY,
+    SWITCH_ON_DISABLED,
+    state_of,
+    transition,
+)
+from drivers.canopen.units import Rated
+from drivers.interface import DriverConfigError, DriverError
+from hapticd.config.sections import Amplifier
+
+_CIA_402: Final = 402
+_WAIT_S: Final = 0.5
+_FIRST_SAMPLE_S: Final = 0.2
+
+
+@dataclass(frozen=True)
+class Drive:
+    """A drive that has been brought up."""
+
+    mode: str
+    identity: str
+    command_per_ampere: float
+    ampere_per_actual: float
+    objects: Objects
+    echoes: bool
+    """The interface gives back the frames that it sends."""
+
+
+def bring_up(
+    network: canopen.Network,
+    monitor: Monitor,
+    options: Options,
+    profile: Profile,
+    eds: Path,
+    amplifier: Amplifier,
+) -> Drive:
+    """Bring the drive up; it ends operational, at zero and disabled.
+
+    Raises:
+        DriverError: another master, no answer, a missing, unmapped or contradictory object, a value that the drive
+            refuses, a transition that does not come; each in words.
+        DriverConfigError: the EDS cannot be read.
+    """
+    node_id = options.node_id
+    dictionary = _load_eds(eds, node_id)
+    node = canopen.RemoteNode(node_id, dictionary)
+    listen_for_master(monitor, node_id)
+    network.add_node(node)
+    echoes = stop_node(network, monitor, node_id)
+    objects = Objects(node, eds.name)
+    identity = _identify(network, monitor, options, objects, dictionary, profile, eds)
+
+    _set_watchdog(objects, profile, options, 0)
+    if objects.known(0x1017):
+        objects.set(0x1017, 0, 0, "heartbeat producer time (ms)")
+    _disable(objects, profile)
+    objects.apply(profile.reactions)
+    mode = _choose_mode(objects, profile)
+    _set_mode(objects, mode)
+    objects.apply(profile.slopes)
+    rated = _rated(objects, profile, amplifier)
+    _set_limits(objects, profile, rated, amplifier)
+    command = rated.command_per_ampere(mode.target.unit, amplifier.peak_current)
+    actual = rated.ampere_per_raw(profile.actual.unit)
+    objects.set(mode.target.object, 0, 0, f"target of {mode.name}")
+    map_pdos(
+        objects,
+        node_id,
+        (
+            Entry(profile.statusword, 16, "statusword"),
+            Entry(profile.position, 32, "position"),
+            Entry(profile.actual.object, 16, "actual current"),
+        ),
+        (Entry(profile.controlword, 16, "controlword"), Entry(mode.target.object, 16, f"target of {mode.name}")),
+    )
+    _set_watchdog(objects, profile, options, options.guard_ms)
+    _start(network, monitor, node_id)
+    if not echoes:
+        refuse_other_master(monitor, node_id)
+    return Drive(mode.name, identity, command, actual, objects, echoes)
+
+
+def release(objects: Objects, profile: Profile, options: Options) -> None:
+    """After the last exchange: watchdog off, power stage off.
+
+    Raises:
+        DriverError: the drive does not answer, or does not switch off.
+    """
+    _set_watchdog(objects, profile, options, 0)
+    if not objects.read(profile.statusword, 0, "statusword") & FAULT_BIT:
+        _disable(objects, profile)
+
+
+def _load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
+    try:
+        return canopen.import_od(str(path), node_id)
+    except Exception as exception:
+        raise DriverConfigError(f"driver.eds = {path}: cannot be read as an EDS: {exception}") from exception
+
+
+def _identify(
+    network: canopen.Network,
+    monitor: Monitor,
+    options: Options,
+    objects: Objects,
+    dictionary: canopen.ObjectDictionary,
+    profile: Profile,
+    eds: Path,
+) -> str:
+    try:
+        device_type = objects.read(0x1000, 0, "device type")
+    except DriverError as error:
+        if isinstance(error.__cause__, canopen.SdoCommunicationError):
+            raise nobody_answers(network, monitor, options) from error
+        raise
+    if device_type & 0xFFFF != _CIA_402:
+        raise DriverError(
+            f"node {options.node_id} is no drive: its device type 0x1000 is 0x{device_type:08x}, profile "
+            f"{device_type & 0xFFFF}; a drive has CiA 402"
+        )
+    vendor, product, revision, serial = (
+        objects.read(0x1018, sub, what) if objects.present(0x1018, sub, what) else 0
+        for sub, what in enumerate(("vendor-ID", "product code", "revision number", "serial number"), start=1)
+    )
+    if profile.vendor_id is not None and vendor != profile.vendor_id:
+        raise DriverError(
+            f"node {options.node_id} has vendor-ID 0x{vendor:08x}, driver.profile {options.profile!r} is for "
+            f"0x{profile.vendor_id:08x} ({profile.name}): choose another profile"
+        )
+    told = dictionary.device_information
+    for what, expected, found in (
+        ("vendor-ID", told.vendor_number, vendor),
+        ("product code", told.product_number, product),
+    ):
+        if expected and expected != found:
+            raise DriverError(
+                f"{what}: the EDS {eds.name} is for 0x{expected:08x}, the drive says 0x{found:08x}: this is not its EDS"
+            )
+    return f"vendor 0x{vendor:x}, product 0x{product:x}, revision 0x{revision:x}, serial number {serial}"
+
+
+def _wait_state(objects: Objects, profile: Profile, wanted: tuple[int, ...]) -> None:
+    begin = time.monotonic()
+    while True:
+        statusword = objects.read(profile.statusword, 0, "statusword")
+        if int(state_of(statusword)) in wanted:
+            return
+        if time.monotonic() - begin > _WAIT_S:
+            raise DriverError(transition(statusword, _WAIT_S, wanted[0]))
+        time.sleep(0.005)
+
+
+def _disable(objects: Objects, profile: Profile) -> None:
+    """Power stage off, whatever the state; a fault is reset by an edge of bit 7, once."""
+
+    def command(word: int) -> None:
+        objects.write(profile.controlword, 0, word, "controlword")
+
+    command(DISABLE_VOLTAGE)
+    _wait_state(objects, profile, (SWITCH_ON_DISABLED, READY, FAULT))
+    if objects.read(profile.statusword, 0, "statusword") & FAULT_BIT:
+        command(FAULT_RESET)
+        _wait_state(objects, profile, (SWITCH_ON_DISABLED, READY))
+        command(DISABLE_VOLTAGE)
+
+
+def _choose_mode(objects: Objects, profile: Profile) -> Mode:
+    what = "supported drive modes"
+    offered = 0
+    if objects.present(profile.supported_modes, 0, what):
+        offered = objects.read(profile.supported_modes, 0, what)
+    for mode in profile.modes:
+        if mode.requires_mode is None or offered >> (mode.requires_mode - 1) & 1:
+            return mode
+    wanted = ", ".join(f"{mode.name} ({mode.requires_mode})" for mode in profile.modes)
+    raise DriverError(
+        f"the drive offers none of the profile's modes: {what} (0x{profile.supported_modes:04x}) is 0x{offered:08x}, "
+        f"wanted {wanted}"
+    )
+
+
+def _set_mode(objects: Objects, mode: Mode) -> None:
+    objects.apply(mode.settings)
+    if mode.display is None or mode.requires_mode is None:
+        return
+    begin = time.monotonic()
+    while (shown := objects.read(mode.display, 0, "mode of operation display")) != mode.requires_mode:
+        if time.monotonic() - begin > _WAIT_S:
+            raise DriverError(
+                f"{mode.name}: the drive shows mode {shown} (0x{mode.display:04x}) though {mode.requires_mode} was set, "
+                f"waited {_WAIT_S:g} s"
+            )
+        time.sleep(0.005)
+
+
+def _rated(objects: Objects, profile: Profile, amplifier: Amplifier) -> Rated:
+    def value(index: int | None, what: str) -> int | None:
+        present = index is not None and objects.present(index, 0, what)
+        return objects.read(index, 0, what) if present and index is not None else None
+
+    current, torque = (
+        value(profile.rated_current, "rated current (mA)"),
+        value(profile.rated_torque, "rated torque (mN m)"),
+    )
+    rated = Rated(current, torque, amplifier.torque_constant)
+    rated.check()
+    return rated
+
+
+def _set_limits(objects: Objects, profile: Profile, rated: Rated, amplifier: Amplifier) -> None:
+    for limit in profile.limits:
+        asked = getattr(amplifier, limit.key)
+        if not asked or (limit.optional and not objects.present(limit.object, 0, limit.what)):
+            continue
+        scale = 1e3 if limit.unit == "ms" else 1.0 / rated.ampere_per_raw(limit.unit)
+        try:
+            objects.set(limit.object, 0, round(asked * scale), limit.what)
+        except DriverError as error:
+            unit = "s" if limit.unit == "ms" else "A"
+            raise DriverError(f"amplifier.{limit.key} = {asked:g} {unit}: {error}") from error
+
+
+def _set_watchdog(objects: Objects, profile: Profile, options: Options, guard_ms: int) -> None:
+    """Node guarding (life time = guard time x factor) or heartbeat consumer; 0: off."""
+    if profile.guarding == "heartbeat":
+        value = profile.master_id << 16 | options.watchdog_ms if guard_ms else 0
+        objects.set(0x1016, 1, value, "consumer heartbeat time")
+        return
+    objects.set(0x100C, 0, guard_ms, "guard time (ms)")
+    objects.set(0x100D, 0, w.GUARD_TRIES if guard_ms else 0, "life time factor")
+
+
+def _start(network: canopen.Network, monitor: Monitor, node_id: int) -> None:
+    """NMT start, and a first SYNC that must bring TPDO 1."""
+    network.send_message(w.NMT, bytes([0x01, node_id]))
+    time.sleep(0.01)
+    before = monitor.samples
+    network.send_message(w.SYNC, b"")
+    sample = monitor.wait_sample(before, _FIRST_SAMPLE_S)
+    if sample is None:
+        raise DriverError(
+            f"node {node_id} sends no TPDO 1 within {_FIRST_SAMPLE_S:g} s of SYNC, though it is mapped and started"
+        )
+    if len(sample) != w.TPDO1_BYTES:
+        raise DriverError(
+            f"TPDO 1 of node {node_id} has {len(sample)} bytes, {w.TPDO1_BYTES} are mapped: is the identifier in use twice?"
+        )

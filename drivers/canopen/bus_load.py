@@ -1,0 +1,60 @@
+"""Bits on a classic CAN bus: how full the servo loop makes it, and the fastest rate that it allows.
+
+Worst-case length of a frame with an 11-bit identifier and n bytes of data, bit stuffing and the interframe space included
+(R. Davis, A. Burns, R. Bril, J. Lukkien, "Controller Area Network (CAN) schedulability analysis: Refuted, revisited and
+revised", Real-Time Systems 35, 2007, eq. 1 with g = 34)::
+
+    C = 34 + 8 n + 13 + floor((34 + 8 n - 1) / 4)   bits
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+DEFAULT_BITRATE: Final = 1_000_000
+DEFAULT_WATCHDOG_MS: Final = 100
+BITRATES: Final = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
+"""Bit rates of CiA 301, bit/s."""
+USABLE: Final = 0.85
+"""Share of the bus that the loop may fill: the rest is for EMCY, and for the time drive and host take to answer."""
+GUARDS_PER_WATCHDOG: Final = 4
+"""Signs of life within the watchdog's time (life time factor, 0x100D)."""
+
+
+def frame_bits(data_bytes: int) -> int:
+    """Worst-case bits of a frame with ``data_bytes`` (0…8) bytes of data, a remote frame being one without."""
+    return 34 + 8 * data_bytes + 13 + (34 + 8 * data_bytes - 1) // 4
+
+
+TICK_BITS: Final = frame_bits(0) + frame_bits(8) + frame_bits(4)
+"""SYNC, TPDO 1 and RPDO 1: 285 bits."""
+GUARD_BITS: Final = frame_bits(0) + frame_bits(1)
+"""A node guarding request and its reply: 120 bits."""
+
+
+def _guard_bits_per_s(watchdog_ms: float) -> float:
+    return GUARD_BITS * GUARDS_PER_WATCHDOG * 1e3 / watchdog_ms
+
+
+def bus_load(rate_hz: float, bitrate: float = DEFAULT_BITRATE, watchdog_ms: float = DEFAULT_WATCHDOG_MS) -> float:
+    """Share of the bus that the loop fills at worst, 1 being all of it.
+
+    Args:
+        rate_hz: servo rate, Hz. bitrate: bit/s. watchdog_ms: the drive's watchdog, ms.
+    """
+    return (TICK_BITS * rate_hz + _guard_bits_per_s(watchdog_ms)) / bitrate
+
+
+def fastest_rate_hz(bitrate: float = DEFAULT_BITRATE, watchdog_ms: float = DEFAULT_WATCHDOG_MS) -> float:
+    """Highest servo rate in Hz that keeps the loop within USABLE of the bus."""
+    return max(0.0, (USABLE * bitrate - _guard_bits_per_s(watchdog_ms)) / TICK_BITS)
+
+
+def slowest_rate_hz(watchdog_ms: float = DEFAULT_WATCHDOG_MS) -> float:
+    """Lowest servo rate in Hz at which the loop can give its sign of life every quarter of the watchdog's time."""
+    return GUARDS_PER_WATCHDOG * 1e3 / watchdog_ms
+
+
+def wire_time_s(bitrate: float = DEFAULT_BITRATE) -> float:
+    """Time in s from the sample (at the end of SYNC) to the command's arrival that the wire takes: TPDO 1 and RPDO 1."""
+    return (frame_bits(8) + frame_bits(4)) / bitrate

@@ -1,0 +1,128 @@
+"""The cyclic exchange on a descriptor, compiled: SYNC, wait for TPDO 1, and later in the same tick RPDO 1.
+
+One message on the descriptor is one 16-byte ``struct can_frame``: a SocketCAN raw socket, or a connection of
+``drivers/seqpacket_bus.py``. The sign of life to the drive goes out behind RPDO 1, where nobody waits for it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numba import types
+from numpy.typing import NDArray
+
+from drivers.canopen import layout as w
+from drivers.canopen.supervision import (
+    answered,
+    asks_error_code,
+    command,
+    lose,
+    may_sync,
+    sign_of_life,
+    take_frame,
+    verdict,
+)
+from drivers.interface import EXCHANGE_WORDS, LOST, MISSED, OK, X_PERIOD_NS
+from drivers.libc import POLLIN, now_ns, receive, send, wait_until
+from hapticd.jit import carray, cfunc, njit
+
+_SIGNATURE = types.int32(types.CPointer(types.int64), types.CPointer(types.int64))
+_EAGAIN, _ENOBUFS, _EINTR = 11, 105, 4
+_BURST = 64
+"""Frames taken in one go: a bus that babbles must not hold the loop."""
+_WORD_BYTES = 8
+
+
+@njit("void(int64[::1])", counted=False)
+def _drain(s: NDArray[Any]) -> None:
+    """Take in what has arrived, without waiting."""
+    for _ in range(_BURST):
+        got = receive(s[w.DESCRIPTOR], s.ctypes.data + _WORD_BYTES * w.FRAME, w.FRAME_BYTES)
+        if got == w.FRAME_BYTES:
+            take_frame(s, s[w.FRAME], s[w.FRAME + 1])
+        elif got == -_EAGAIN:
+            return
+        elif got == 0:
+            lose(s, w.LOST_CLOSED, 0)
+            return
+        elif got > 0:
+            s[w.IGNORED] += 1
+        elif got != -_EINTR:
+            lose(s, w.LOST_SOCKET, -got)
+            return
+
+
+@njit("int64(int64[::1])", counted=False)
+def _send(s: NDArray[Any]) -> int:
+    """Send the frame in OUT: OK, MISSED where there was no room, LOST."""
+    sent = send(s[w.DESCRIPTOR], s.ctypes.data + _WORD_BYTES * w.OUT, w.FRAME_BYTES)
+    if sent == w.FRAME_BYTES:
+        return OK
+    if sent == -_EAGAIN or sent == -_ENOBUFS or sent == -_EINTR:
+        return MISSED
+    lose(s, w.LOST_SOCKET, -sent)
+    return LOST
+
+
+@njit("void(int64[::1], int64)", counted=False)
+def _listen(s: NDArray[Any], deadline: int) -> None:
+    """Take in what comes until a TPDO 1 is there, something ends the tick, or the time is over."""
+    scratch = s[w.SCRATCH :]
+    while not answered(s):
+        if wait_until(scratch, s[w.DESCRIPTOR], POLLIN, deadline) == 0:
+            break
+        _drain(s)
+        if now_ns(scratch) >= deadline:
+            break
+
+
+@njit("int64(int64[::1], int64[::1], float64)")
+def read(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
+    """SYNC and its TPDO 1; see :func:`drivers.canopen.supervision.verdict` for what it returns."""
+    scratch = s[w.SCRATCH :]
+    if s[w.REASON] == 0:
+        _drain(s)
+    deadline = now_ns(scratch) + (s[w.REPLY_NS] if s[w.REPLY_NS] > 0 else int(0.8 * period_ns))
+    if not may_sync(s):
+        _listen(s, deadline)
+        if s[w.FRESH] == 0:
+            return verdict(s, x, now_ns(scratch))
+        may_sync(s)
+    if s[w.REASON] == 0 and s[w.EVENT] == 0:
+        s[w.OUT] = w.SYNC
+        s[w.OUT + 1] = 0
+        if _send(s) == OK:
+            _listen(s, deadline)
+    return verdict(s, x, now_ns(scratch))
+
+
+@njit("int64(int64[::1], int64[::1], float64)")
+def write(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
+    """RPDO 1, then what the drive needs to hear beside it."""
+    now = now_ns(s[w.SCRATCH :])
+    result = command(s, x, now)
+    if s[w.REASON] == w.LOST_CLOSED or s[w.REASON] == w.LOST_SOCKET:
+        return LOST
+    sent = _send(s)
+    if sign_of_life(s, now, period_ns):
+        _send(s)
+    if asks_error_code(s):
+        _send(s)
+    if s[w.REASON] != 0:
+        return LOST
+    return result if result != OK else sent
+
+
+@cfunc(_SIGNATURE)
+def read_function(state: int, exchange: int) -> int:
+    """The driver's ``read``."""
+    x = carray(exchange, (EXCHANGE_WORDS,))
+    return read(carray(state, (w.WORDS,)), x, x.view(np.float64)[X_PERIOD_NS])
+
+
+@cfunc(_SIGNATURE)
+def write_function(state: int, exchange: int) -> int:
+    """The driver's ``write``."""
+    x = carray(exchange, (EXCHANGE_WORDS,))
+    return write(carray(state, (w.WORDS,)), x, x.view(np.float64)[X_PERIOD_NS])

@@ -1,0 +1,121 @@
+"""Memory of one drive's exchange: which word holds what. Shared by the compiled functions and by Python, one writer each.
+
+Eight-byte words; those marked ``f64`` are read through the floating-point view of the same memory.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from drivers.libc import SCRATCH as LIBC_SCRATCH
+
+# Set while the drive is brought up.
+DESCRIPTOR: Final = 0
+NODE: Final = 1
+REPLY_NS: Final = 2
+"""Time that TPDO 1 may take after SYNC; 0: four fifths of a servo period."""
+GUARD_NS: Final = 3
+"""Interval between two signs of life to the drive, watchdog/4."""
+GUARD_LOW: Final = 4
+"""First word of the frame that is the sign of life: a remote frame (node guarding) or a heartbeat."""
+GUARD_DATA: Final = 5
+GUARD_ANSWERED: Final = 6
+"""1: the drive answers each sign of life (node guarding)."""
+COMMAND_PER_AMPERE: Final = 7
+"""f64: raw target per A."""
+AMPERE_PER_ACTUAL: Final = 8
+"""f64: A per raw actual current (or torque)."""
+
+# What the drive said last.
+STATUSWORD: Final = 16
+POSITION: Final = 17
+"""Signed 32-bit position as in the last TPDO 1."""
+ACTUAL: Final = 18
+FRESH: Final = 19
+"""TPDO 1 since the last SYNC."""
+EMCY: Final = 20
+"""Error code of the last EMCY, 0 after an error reset."""
+EMCY_EVENT: Final = 21
+ERROR_CODE: Final = 22
+"""Answer to the question for 0x603F, asked when a fault came without an EMCY."""
+ERROR_CODE_ASKED: Final = 23
+
+# The exchange's own memory.
+COUNTS: Final = 24
+LAST_POSITION: Final = 25
+BEGUN: Final = 26
+OWED: Final = 27
+"""1: the last SYNC had no answer yet. TPDOs carry no number: the next tick listens before it sends a SYNC."""
+WANTED: Final = 29
+"""Enable as asked by the last write."""
+CONTROLWORD: Final = 30
+STATE_SEEN: Final = 31
+STATE_NS: Final = 32
+"""Since when the state machine has stood in STATE_SEEN while it should move on."""
+RESETTING_NS: Final = 33
+"""Instant of the fault reset's edge; 0: none under way."""
+FAULT_REPORTED: Final = 34
+STOPPED: Final = 35
+"""1: this tick ended in a fault; the command is quick stop."""
+GUARD_SENT_NS: Final = 36
+GUARD_OPEN: Final = 37
+"""1: a guarding reply is outstanding; 2: one came with the wrong toggle bit, which counts as none."""
+GUARD_TOGGLE: Final = 38
+"""Toggle bit expected next (0 or 0x80); -1: any."""
+GUARD_MISSED: Final = 39
+REASON: Final = 40
+"""Why the drive is lost, for good: LOST_*."""
+EVENT: Final = 41
+"""What just went wrong and may pass: EVENT_*."""
+EVENT_TOLD: Final = 42
+"""The last EVENT that ended an exchange, for the error's text."""
+DETAIL: Final = 43
+"""Number that goes with REASON or EVENT: errno, identifier, length, NMT state."""
+
+STALE: Final = 44
+"""TPDO 1 that came too late for their SYNC."""
+IGNORED: Final = 45
+"""Frames that are none of this driver's business."""
+
+SCRATCH: Final = 48
+FRAME: Final = SCRATCH + LIBC_SCRATCH
+"""Two words: the frame just received. The words after them: the frame to send."""
+OUT: Final = FRAME + 2
+WORDS: Final = OUT + 2
+
+LOST_CLOSED: Final = 1
+LOST_SOCKET: Final = 2
+LOST_BUS_OFF: Final = 3
+LOST_REBOOTED: Final = 4
+LOST_GUARD: Final = 5
+LOST_STATE: Final = 6
+
+EVENT_MASTER: Final = 1
+EVENT_LENGTH: Final = 2
+EVENT_TRANSITION: Final = 3
+
+# struct can_frame (linux/can.h) as two little-endian words.
+EXTENDED: Final = 0x80000000
+REMOTE: Final = 0x40000000
+ERROR_FRAME: Final = 0x20000000
+ERROR_BUS_OFF: Final = 0x40
+FRAME_BYTES: Final = 16
+
+# Function codes of the predefined connection set (CiA 301, 7.3.3).
+NMT: Final = 0x000
+SYNC: Final = 0x080
+EMCY_BASE: Final = 0x080
+TPDO1: Final = 0x180
+RPDO1: Final = 0x200
+SDO_REPLY: Final = 0x580
+SDO_REQUEST: Final = 0x600
+GUARD: Final = 0x700
+NMT_OPERATIONAL: Final = 5
+
+TPDO1_BYTES: Final = 8
+RPDO1_BYTES: Final = 4
+GUARD_TRIES: Final = 4
+"""Life time factor: so many signs of life may go missing (0x100D)."""
+TRANSITION_NS: Final = 500_000_000
+"""Time that one transition of the state machine may take."""
+FAULT_RESET_NS: Final = 200_000_000

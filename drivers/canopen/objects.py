@@ -1,0 +1,137 @@
+"""The drive's objects by SDO: read, write and verify, with errors that say what the EDS and the drive disagree about."""
+
+from __future__ import annotations
+
+import struct
+from typing import Final
+
+import canopen
+from canopen.objectdictionary import INTEGER_TYPES, ODVariable
+from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+
+from drivers.canopen.profile import Setting
+from drivers.interface import DriverError
+
+ABSENT: Final = frozenset({0x06020000, 0x06090011})
+"""SDO abort codes of an object or sub-index that is not there (CiA 301, table 22)."""
+SDO_TIMEOUT_S: Final = 0.5
+
+
+class Objects:
+    """SDO access to one node.
+
+    Args:
+        node: the remote node with the EDS's object dictionary. eds: the EDS's path, for error texts.
+    """
+
+    def __init__(self, node: canopen.RemoteNode, eds: str) -> None:
+        self._node = node
+        self._eds = eds
+        node.sdo.RESPONSE_TIMEOUT = SDO_TIMEOUT_S
+        node.sdo.MAX_RETRIES = 2
+
+    def known(self, index: int, sub: int = 0) -> bool:
+        """Whether the EDS has the object."""
+        return self._node.object_dictionary.get_variable(index, sub) is not None
+
+    def variable(self, index: int, sub: int, what: str) -> ODVariable:
+        """The object as the EDS describes it.
+
+        Raises:
+            DriverError: the EDS lacks it, or it is no whole number.
+        """
+        variable = self._node.object_dictionary.get_variable(index, sub)
+        if variable is None:
+            raise DriverError(f"{what} ({_name(index, sub)}) is missing in the EDS {self._eds}")
+        if variable.data_type not in INTEGER_TYPES:
+            raise DriverError(f"{what} ({_name(index, sub)}) is no whole number in the EDS {self._eds}")
+        return variable
+
+    def read(self, index: int, sub: int, what: str) -> int:
+        """The object's value.
+
+        Raises:
+            DriverError: no answer, an object that is not there, or a size that is not the EDS's.
+        """
+        variable = self.variable(index, sub, what)
+        try:
+            with self._node.sdo.open(index, sub, "rb", buffering=0) as stream:
+                data = stream.read()
+        except SdoAbortedError as abort:
+            raise self._aborted(abort, index, sub, f"reading {what}") from abort
+        except SdoCommunicationError as error:
+            raise self._silent(index, sub, what) from error
+        if 8 * len(data) != len(variable):
+            raise DriverError(
+                f"{what} ({_name(index, sub)}) has {len(variable) // 8} bytes in the EDS {self._eds}, but the drive "
+                f"answers {len(data)}: this is not the drive's EDS"
+            )
+        return int(variable.decode_raw(data))
+
+    def write(self, index: int, sub: int, value: int, what: str) -> None:
+        """Write the object.
+
+        Raises:
+            DriverError: no answer, an object that is not there, or a value that the drive refuses.
+        """
+        variable = self.variable(index, sub, what)
+        try:
+            data = variable.encode_raw(value)
+        except (struct.error, ValueError) as error:
+            raise DriverError(
+                f"{what} ({_name(index, sub)}): {value} does not fit into the {len(variable)} bits of the EDS {self._eds}"
+            ) from error
+        try:
+            self._node.sdo.download(index, sub, data)
+        except SdoAbortedError as abort:
+            raise self._aborted(abort, index, sub, f"writing {value} to {what}") from abort
+        except SdoCommunicationError as error:
+            raise self._silent(index, sub, what) from error
+
+    def set(self, index: int, sub: int, value: int, what: str) -> None:
+        """Write the object and read it back.
+
+        Raises:
+            DriverError: as :meth:`write`, or the drive keeps another value.
+        """
+        self.write(index, sub, value, what)
+        kept = self.read(index, sub, what)
+        if kept != value:
+            raise DriverError(f"{what} ({_name(index, sub)}): {value} was written, but the drive keeps {kept}")
+
+    def present(self, index: int, sub: int, what: str) -> bool:
+        """Whether both the EDS and the drive have the object."""
+        if not self.known(index, sub):
+            return False
+        try:
+            self.read(index, sub, what)
+        except DriverError as error:
+            if isinstance(error.__cause__, SdoAbortedError) and error.__cause__.code in ABSENT:
+                return False
+            raise
+        return True
+
+    def apply(self, settings: tuple[Setting, ...]) -> None:
+        """Write and verify the settings of a profile, leaving out optional ones that are not there."""
+        for item in settings:
+            if not item.optional or self.present(item.object, item.sub, item.what):
+                self.set(item.object, item.sub, item.value, item.what)
+
+    def _aborted(self, abort: SdoAbortedError, index: int, sub: int, doing: str) -> DriverError:
+        if abort.code in ABSENT:
+            return DriverError(
+                f"{doing}: the drive has no object {_name(index, sub)}, though the EDS {self._eds} has it"
+            )
+        reason = SdoAbortedError.CODES.get(abort.code, "unknown reason")
+        return DriverError(
+            f"{doing} ({_name(index, sub)}): the drive refuses: {reason} (abort code 0x{abort.code:08x})"
+        )
+
+    def _silent(self, index: int, sub: int, what: str) -> DriverError:
+        return DriverError(
+            f"node {self._node.id} gave no answer about {what} ({_name(index, sub)}) within {SDO_TIMEOUT_S:g} s, twice"
+        )
+
+
+def _name(index: int, sub: int) -> str:
+    return f"0x{index:04x}" if sub == 0 else f"0x{index:04x}:{sub}"

@@ -1,0 +1,137 @@
+"""The driver's options: what stands beside ``driver.name`` in the config."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any, Final
+
+from drivers.canopen import bus_load
+from drivers.interface import PROCESSING_S, DriverConfigError
+
+COMPILED_INTERFACES: Final = ("socketcan", "unix_seqpacket")
+"""python-can interfaces with a descriptor that carries ``struct can_frame``; all others go through Python."""
+WIRELESS_INTERFACES: Final = ("unix_seqpacket", "udp_multicast", "virtual")
+"""Interfaces between processes: frames take no time on a wire."""
+_WATCHDOG_MS: Final = (bus_load.GUARDS_PER_WATCHDOG, 60_000)
+_REPLY_SHARE: Final = 0.8
+
+
+@dataclass(frozen=True)
+class Options:
+    """Options of the CANopen driver, checked."""
+
+    interface: str = "socketcan"
+    """python-can interface: socketcan, unix_seqpacket (compiled path); udp_multicast, virtual, slcan, … (through Python)."""
+    channel: str = "can0"
+    bitrate: int = bus_load.DEFAULT_BITRATE
+    """bit/s, one of CiA 301's."""
+    node_id: int = 1
+    profile: str = "copley"
+    """``copley``, ``cia402`` or the path of a YAML file."""
+    eds: str | None = None
+    """Path of an EDS file; None: the profile's."""
+    watchdog_ms: int = bus_load.DEFAULT_WATCHDOG_MS
+    reply_timeout_s: float | None = None
+    """Time that TPDO 1 may take after SYNC, s; None: four fifths of a servo period."""
+    latency_s: float | None = None
+    """Declared sample-to-current latency, s; None: what the wire takes."""
+    bus: dict[str, Any] = field(default_factory=dict)
+    """Further arguments for the python-can interface, such as ``port`` of udp_multicast."""
+
+    @classmethod
+    def parse(cls, options: Mapping[str, Any]) -> Options:
+        """Check the options of a config.
+
+        Raises:
+            DriverConfigError: naming the key, the value, what is allowed, and the nearest key to an unknown one.
+        """
+        known = {item.name for item in fields(cls)}
+        for key in options:
+            if key not in known:
+                near = difflib.get_close_matches(key, known, n=1)
+                hint = f"; did you mean driver.{near[0]}?" if near else f" (known: {', '.join(sorted(known))})"
+                raise DriverConfigError(f"driver.{key}: the canopen driver has no such option{hint}")
+        given = {key: value for key, value in options.items() if value is not None}
+        for key in ("interface", "channel", "profile", "eds"):
+            if key in given and not (isinstance(given[key], str) and given[key]):
+                raise _wrong(key, given[key], "must be text")
+        if given.get("interface", cls.interface) != "socketcan" and "channel" not in given:
+            raise DriverConfigError(f"driver.channel is missing: name the channel of {given['interface']}")
+        if not isinstance(given.get("bus", {}), dict):
+            raise _wrong("bus", given["bus"], "must be a mapping of arguments for the python-can interface")
+        _whole(given, "node_id", 1, 127, "")
+        _whole(given, "watchdog_ms", *_WATCHDOG_MS, " ms")
+        _whole(given, "bitrate", bus_load.BITRATES[0], bus_load.BITRATES[-1], " bit/s")
+        if given.get("bitrate", cls.bitrate) not in bus_load.BITRATES:
+            rates = ", ".join(str(rate) for rate in bus_load.BITRATES)
+            raise _wrong("bitrate", given["bitrate"], f"must be one of CiA 301's: {rates} bit/s")
+        for key in ("reply_timeout_s", "latency_s"):
+            value = given.get(key, 0.0)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 <= value <= 1.0:
+                raise _wrong(key, value, "must be a time from 0 to 1 s")
+            if key in given:
+                given[key] = float(value)
+        if given.get("reply_timeout_s") == 0.0:
+            raise _wrong("reply_timeout_s", 0, "must be above 0 s")
+        return cls(**given)
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the exchange runs compiled on the interface's descriptor."""
+        return self.interface in COMPILED_INTERFACES
+
+    @property
+    def guard_ms(self) -> int:
+        """Guard time (0x100C) in ms: a quarter of the watchdog's time, rounded down."""
+        return self.watchdog_ms // bus_load.GUARDS_PER_WATCHDOG
+
+    @property
+    def eds_path(self) -> Path | None:
+        """The EDS that the config names."""
+        return None if self.eds is None else Path(self.eds).expanduser()
+
+    def check_rate(self, rate_hz: float) -> str | None:
+        """Why a servo rate in Hz cannot be had (bus too slow for it, drive's watchdog too quick); None where it can."""
+        fastest = bus_load.fastest_rate_hz(self.bitrate, self.watchdog_ms)
+        if rate_hz > fastest:
+            load = bus_load.bus_load(rate_hz, self.bitrate, self.watchdog_ms)
+            return (
+                f"servo.rate_hz = {rate_hz:g} Hz: SYNC, TPDO and RPDO would fill {load:.0%} of the bus at driver.bitrate = "
+                f"{self.bitrate} bit/s; the loop may fill {bus_load.USABLE:.0%}, which allows {math.floor(fastest)} Hz"
+            )
+        slowest = 1e3 / self.guard_ms
+        if rate_hz < slowest:
+            needed = bus_load.GUARDS_PER_WATCHDOG * math.ceil(1e3 / rate_hz)
+            return (
+                f"servo.rate_hz = {rate_hz:g} Hz: the loop must give the drive a sign of life every {self.guard_ms} ms "
+                f"(a quarter of driver.watchdog_ms = {self.watchdog_ms}), and one period is {1e3 / rate_hz:g} ms; set "
+                f"driver.watchdog_ms to {needed} or more, or servo.rate_hz to {slowest:g} Hz or more"
+            )
+        longest = _REPLY_SHARE / rate_hz
+        if self.reply_timeout_s is not None and self.reply_timeout_s > longest:
+            return (
+                f"driver.reply_timeout_s = {self.reply_timeout_s:g} s is more than {_REPLY_SHARE:.0%} of the servo period "
+                f"({longest:g} s at servo.rate_hz = {rate_hz:g} Hz): the command must still go out in the same period"
+            )
+        return None
+
+    def declared_latency_s(self) -> float:
+        """Sample-to-current latency in s: the one declared, or TPDO 1 and RPDO 1 on the wire, if any, and processing."""
+        if self.latency_s is not None:
+            return self.latency_s
+        wire_s = 0.0 if self.interface in WIRELESS_INTERFACES else bus_load.wire_time_s(self.bitrate)
+        return wire_s + PROCESSING_S
+
+
+def _wrong(key: str, value: object, rule: str) -> DriverConfigError:
+    return DriverConfigError(f"driver.{key} = {value!r}: {rule}")
+
+
+def _whole(given: Mapping[str, Any], key: str, low: int, high: int, unit: str) -> None:
+    value = given.get(key, low)
+    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+        raise _wrong(key, value, f"must be a whole number from {low} to {high}{unit}")

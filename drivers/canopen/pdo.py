@@ -1,0 +1,80 @@
+"""PDO mapping: TPDO 1 on every SYNC, RPDO 1 applied on receipt, all others off; each written and read back.
+
+The order is that of CiA 301, 7.5.2.36: switch the PDO off, set the number of mapped objects to 0, write the entries, set
+the number, then the transmission type, then switch it on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from drivers.canopen import layout as w
+from drivers.canopen.objects import Objects
+from drivers.interface import DriverError
+
+_INVALID: Final = 0x80000000
+_NO_RTR: Final = 0x40000000
+_PDOS: Final = 4
+_ON_EVERY_SYNC, _ON_RECEIPT = 1, 255
+
+
+@dataclass(frozen=True)
+class Entry:
+    """One object in a PDO."""
+
+    index: int
+    bits: int
+    what: str
+
+
+def map_pdos(objects: Objects, node_id: int, sample: tuple[Entry, ...], command: tuple[Entry, ...]) -> None:
+    """Map both PDOs of the cyclic exchange.
+
+    Args:
+        objects: the drive. node_id: its number. sample, command: the objects of TPDO 1 and RPDO 1, in order.
+
+    Raises:
+        DriverError: an object cannot be mapped, or the drive keeps something else than was written.
+    """
+    _check_entries(objects, sample, "TPDO 1")
+    _check_entries(objects, command, "RPDO 1")
+    for number in range(_PDOS):
+        for base, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
+            index, what = base + number, f"COB-ID of {name} {number + 1}"
+            if number == 0 or objects.known(index, 1):
+                cob_id = objects.read(index, 1, what)
+                if not cob_id & _INVALID:
+                    objects.set(index, 1, cob_id | _INVALID, what)
+    for index, name in ((0x1800, "TPDO 1"),):
+        for sub, what in ((3, "inhibit time"), (5, "event timer")):
+            if objects.known(index, sub):
+                objects.set(index, sub, 0, f"{what} of {name}")
+    _map(objects, 0x1800, w.TPDO1 + node_id, _ON_EVERY_SYNC, sample, "TPDO 1")
+    _map(objects, 0x1400, w.RPDO1 + node_id, _ON_RECEIPT, command, "RPDO 1")
+
+
+def _check_entries(objects: Objects, entries: tuple[Entry, ...], pdo: str) -> None:
+    for entry in entries:
+        variable = objects.variable(entry.index, 0, entry.what)
+        if not variable.pdo_mappable:
+            raise DriverError(
+                f"{entry.what} (0x{entry.index:04x}) cannot be mapped into {pdo}: the EDS does not allow it"
+            )
+        if len(variable) != entry.bits:
+            raise DriverError(
+                f"{entry.what} (0x{entry.index:04x}) has {len(variable)} bits in the EDS; {pdo} has room for {entry.bits}"
+            )
+
+
+def _map(objects: Objects, index: int, cob_id: int, kind: int, entries: tuple[Entry, ...], pdo: str) -> None:
+    mapping = index + 0x200
+    objects.set(mapping, 0, 0, f"number of objects in {pdo}")
+    for sub, entry in enumerate(entries, start=1):
+        value = entry.index << 16 | entry.bits
+        objects.set(mapping, sub, value, f"mapping of {entry.what} (0x{entry.index:04x}) into {pdo}")
+    objects.set(mapping, 0, len(entries), f"number of objects in {pdo}")
+    objects.set(index, 2, kind, f"transmission type of {pdo}")
+    # Whether remote frames may ask for it is the drive's own affair.
+    kept = objects.read(index, 1, f"COB-ID of {pdo}") & _NO_RTR
+    objects.set(index, 1, cob_id | kept, f"COB-ID of {pdo}")

@@ -1,0 +1,76 @@
+"""Why an exchange failed, in words: the memory of the exchange read after the fact."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, Final
+
+from numpy.typing import NDArray
+
+from drivers.canopen import layout as w
+from drivers.canopen.bus import describe_command
+from drivers.canopen.state_machine import FAULT_BIT, name_of, transition
+
+_NMT_STATES: Final = {4: "stopped", 5: "operational", 127: "pre-operational"}
+
+# CiA 301, table 26 and CiA 402-2, annex: the ranges that a drive's user meets.
+_ERROR_CODES: Final = (
+    (0x2310, 0xFFFF, "continuous over-current"),
+    (0x2320, 0xFFFF, "short circuit"),
+    (0x2000, 0xF000, "current"),
+    (0x3210, 0xFFFF, "over-voltage"),
+    (0x3220, 0xFFFF, "under-voltage"),
+    (0x3000, 0xF000, "voltage"),
+    (0x4000, 0xF000, "temperature"),
+    (0x5000, 0xF000, "drive hardware"),
+    (0x6000, 0xF000, "drive software"),
+    (0x7300, 0xFF00, "sensor, such as the encoder"),
+    (0x7000, 0xF000, "additional modules"),
+    (0x8130, 0xFFFF, "life guard or heartbeat: the drive did not hear the loop in time"),
+    (0x8100, 0xFF00, "communication"),
+    (0x8600, 0xFF00, "position controller"),
+    (0xFF00, 0xFF00, "vendor's own"),
+    (0x1000, 0xF000, "generic"),
+)
+
+
+def error_code_text(code: int) -> str:
+    """An EMCY error code in words, by its class."""
+    for value, mask, text in _ERROR_CODES:
+        if code & mask == value:
+            return text
+    return "not in CiA 301"
+
+
+def explain(block: NDArray[Any]) -> str | None:
+    """What stopped the exchange, or None when nothing did."""
+    node, detail = int(block[w.NODE]), int(block[w.DETAIL])
+    lost = {
+        w.LOST_CLOSED: "the other side of the CAN connection has closed it",
+        w.LOST_SOCKET: f"CAN interface: {os.strerror(detail) if detail else 'the interface failed'}",
+        w.LOST_BUS_OFF: "bus-off: the CAN controller has left the bus after too many errors (wiring, termination, bit rate)",
+        w.LOST_REBOOTED: f"node {node} rebooted: it sent its boot-up message and has lost its settings",
+        w.LOST_GUARD: f"node {node} left {detail} guarding requests in a row without a valid answer",
+        w.LOST_STATE: f"node {node} is {_NMT_STATES.get(detail, f'in NMT state {detail}')}, no longer operational",
+    }
+    if block[w.REASON] != 0:
+        emcy = int(block[w.EMCY])
+        before = f"; EMCY 0x{emcy:04x} ({error_code_text(emcy)})" if emcy else ""
+        return lost[int(block[w.REASON])] + before
+    statusword = int(block[w.STATUSWORD])
+    if block[w.FAULT_REPORTED] != 0:
+        code = int(block[w.EMCY] or block[w.ERROR_CODE])
+        said = "EMCY" if block[w.EMCY] else "error code 0x603f"
+        named = f"{said} 0x{code:04x} ({error_code_text(code)})" if code else "no EMCY was heard"
+        state = name_of(statusword) if statusword & FAULT_BIT else f"still {name_of(statusword)}"
+        return f"node {node}: {named}; statusword 0x{statusword:04x}, {state}"
+    if block[w.EVENT_TOLD] == w.EVENT_MASTER:
+        return f"another master is on the bus: it sent {describe_command(detail, node)}"
+    if block[w.EVENT_TOLD] == w.EVENT_LENGTH:
+        return (
+            f"TPDO 1 of node {node} came with {detail} bytes, {w.TPDO1_BYTES} are mapped: another node uses its "
+            "identifier, or somebody changed the mapping"
+        )
+    if block[w.EVENT_TOLD] == w.EVENT_TRANSITION:
+        return transition(detail, 1e-9 * w.TRANSITION_NS)
+    return None

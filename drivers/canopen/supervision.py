@@ -1,0 +1,307 @@
+"""What a frame from the bus means, and what to answer: the compiled part that knows no transport.
+
+Every frame goes through :func:`take_frame`; a tick ends in :func:`verdict` and :func:`command`. The compiled exchange on a
+descriptor (``cyclic.py``) and the one through python-can (``callback.py``) both call these.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.canopen import layout as w
+from drivers.canopen.state_machine import (
+    DISABLE_VOLTAGE,
+    ENABLE_OPERATION,
+    ENABLED,
+    FAULT_BIT,
+    FAULT_RESET,
+    QUICK_STOP,
+    next_controlword,
+    state_of,
+)
+from drivers.interface import (
+    DEVICE_FAULT,
+    ERROR,
+    LOST,
+    MISSED,
+    OK,
+    STATUS_ENABLED,
+    X_COUNTS,
+    X_CURRENT,
+    X_CURRENT_MEASURED,
+    X_DEVICE_CODE,
+    X_ENABLE,
+    X_STATUS,
+)
+from hapticd.jit import njit
+
+_GENERIC_ERROR = 0x1000
+_ERROR_CODE_OBJECT = 0x603F
+_RAW_MAX = 32767.0
+
+
+@njit("int64(int64)", counted=False)
+def _signed16(value: int) -> int:
+    return ((value & 0xFFFF) ^ 0x8000) - 0x8000
+
+
+@njit("int64(int64)", counted=False)
+def _signed32(value: int) -> int:
+    return ((value & 0xFFFFFFFF) ^ 0x80000000) - 0x80000000
+
+
+@njit("void(int64[::1], int64, int64)", counted=False)
+def lose(s: NDArray[Any], reason: int, detail: int) -> None:
+    """The drive is lost for good; the first reason is kept."""
+    if s[w.REASON] == 0:
+        s[w.REASON] = reason
+        s[w.DETAIL] = detail
+
+
+@njit("void(int64[::1], int64, int64)", counted=False)
+def note(s: NDArray[Any], event: int, detail: int) -> None:
+    """Something went wrong that ends this tick, and may pass; the first is kept."""
+    if s[w.EVENT] == 0 and s[w.REASON] == 0:
+        s[w.EVENT] = event
+        s[w.DETAIL] = detail
+
+
+@njit("void(int64[::1], int64, int64)", counted=False)
+def _take_guard(s: NDArray[Any], length: int, data: int) -> None:
+    """Boot-up, guarding reply or heartbeat of our node (CiA 301, 7.2.8.3)."""
+    if length != 1:
+        s[w.IGNORED] += 1
+    elif data & 0xFF == 0:
+        lose(s, w.LOST_REBOOTED, 0)
+    elif data & 0x7F != w.NMT_OPERATIONAL:
+        lose(s, w.LOST_STATE, data & 0x7F)
+    elif s[w.GUARD_OPEN] == 1:
+        toggle = data & 0x80
+        if s[w.GUARD_TOGGLE] < 0 or toggle == s[w.GUARD_TOGGLE]:
+            s[w.GUARD_OPEN] = 0
+            s[w.GUARD_MISSED] = 0
+        else:
+            s[w.GUARD_OPEN] = 2
+        s[w.GUARD_TOGGLE] = toggle ^ 0x80
+    else:
+        s[w.IGNORED] += 1
+
+
+@njit("void(int64[::1], int64, int64)", counted=False)
+def take_frame(s: NDArray[Any], low: int, data: int) -> None:
+    """Take in one frame from the bus, whatever it is.
+
+    Args:
+        s: the exchange's memory. low, data: the two words of a ``struct can_frame``.
+    """
+    identifier = low & 0xFFFFFFFF
+    length = (low >> 32) & 0xFF
+    node = s[w.NODE]
+    cob = identifier & 0x7FF
+    if identifier & w.ERROR_FRAME:
+        if identifier & w.ERROR_BUS_OFF:
+            lose(s, w.LOST_BUS_OFF, 0)
+        s[w.IGNORED] += 1
+    elif identifier & w.EXTENDED or identifier & 0x1FFFF800 or length > 8:
+        s[w.IGNORED] += 1
+    elif identifier & w.REMOTE:
+        if cob == w.GUARD + node:
+            note(s, w.EVENT_MASTER, identifier)
+        s[w.IGNORED] += 1
+    elif cob == w.TPDO1 + node:
+        if length == w.TPDO1_BYTES:
+            s[w.STATUSWORD] = data & 0xFFFF
+            s[w.POSITION] = _signed32(data >> 16)
+            s[w.ACTUAL] = _signed16(data >> 48)
+            s[w.FRESH] += 1
+        else:
+            note(s, w.EVENT_LENGTH, length)
+    elif cob == w.EMCY_BASE + node:
+        if length == 8:
+            s[w.EMCY] = data & 0xFFFF
+            s[w.EMCY_EVENT] = 1 if s[w.EMCY] != 0 else 0
+        else:
+            s[w.IGNORED] += 1
+    elif cob == w.GUARD + node:
+        _take_guard(s, length, data)
+    elif cob == w.SYNC or cob == w.NMT or cob == w.RPDO1 + node:
+        note(s, w.EVENT_MASTER, identifier)
+    elif cob == w.SDO_REPLY + node and length == 8 and s[w.ERROR_CODE_ASKED] == 1:
+        if data & 0xFFFFFFFF == 0x4B | _ERROR_CODE_OBJECT << 8:
+            s[w.ERROR_CODE] = (data >> 32) & 0xFFFF
+    else:
+        s[w.IGNORED] += 1
+
+
+@njit("boolean(int64[::1])", counted=False)
+def may_sync(s: NDArray[Any]) -> bool:
+    """The bus has been emptied: whether SYNC may go out, whose answer nothing that is still on its way could be taken for.
+
+    Whatever came until now belongs to an earlier SYNC. After one without an answer this tick listens first: a drive that
+    is a period late would otherwise answer every SYNC with the sample of the one before, a hidden delay of τ_D = 1.
+    """
+    s[w.STOPPED] = 0
+    if s[w.FRESH] > 0:
+        s[w.STALE] += s[w.FRESH]
+        s[w.FRESH] = 0
+        s[w.OWED] = 0
+    may = s[w.OWED] == 0
+    s[w.OWED] = 1 if may else 0
+    return bool(may)
+
+
+@njit("boolean(int64[::1])", counted=False)
+def answered(s: NDArray[Any]) -> bool:
+    """Whether waiting is over: TPDO 1 is there, or something that ends the tick."""
+    return bool(s[w.FRESH] > 0 or s[w.REASON] != 0 or s[w.EVENT] != 0)
+
+
+@njit("int64(int64[::1], int64[::1])", counted=False)
+def _fault(s: NDArray[Any], x: NDArray[Any]) -> int:
+    code = s[w.EMCY] if s[w.EMCY] != 0 else s[w.ERROR_CODE]
+    x[X_DEVICE_CODE] = code if code != 0 else _GENERIC_ERROR
+    s[w.FAULT_REPORTED] = 1
+    s[w.STOPPED] = 1
+    s[w.RESETTING_NS] = 0
+    return DEVICE_FAULT
+
+
+@njit("int64(int64[::1], int64[::1], int64)", counted=False)
+def verdict(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
+    """The end of a read: the exchange's out words, and its return code.
+
+    A fault of the drive is reported when it comes and for as long as the amplifier is asked for. Once the loop has let go,
+    the fault is left standing in silence, and reset by an edge of its own when the amplifier is asked for again.
+    """
+    xf = x.view(np.float64)
+    f = s.view(np.float64)
+    if s[w.REASON] != 0:
+        s[w.STOPPED] = 1
+        x[X_STATUS] = 0
+        return LOST
+    if s[w.EVENT] != 0:
+        s[w.EVENT_TOLD] = s[w.EVENT]
+        s[w.EVENT] = 0
+        s[w.STOPPED] = 1
+        return ERROR
+    emcy = s[w.EMCY_EVENT] == 1
+    s[w.EMCY_EVENT] = 0
+    fresh = s[w.FRESH]
+    s[w.FRESH] = 0
+    if fresh > 0:
+        s[w.OWED] = 0
+        s[w.STALE] += fresh - 1
+        position = s[w.POSITION]
+        if s[w.BEGUN] == 0:
+            s[w.BEGUN] = 1
+            s[w.COUNTS] = position
+        else:
+            s[w.COUNTS] += _signed32(position - s[w.LAST_POSITION])
+        s[w.LAST_POSITION] = position
+        x[X_COUNTS] = s[w.COUNTS]
+        xf[X_CURRENT_MEASURED] = s[w.ACTUAL] * f[w.AMPERE_PER_ACTUAL]
+        x[X_STATUS] = STATUS_ENABLED if state_of(s[w.STATUSWORD]) == ENABLED else 0
+        if s[w.STATUSWORD] & FAULT_BIT == 0:
+            s[w.FAULT_REPORTED] = 0
+            s[w.ERROR_CODE_ASKED] = 0
+            s[w.ERROR_CODE] = 0
+    if emcy and s[w.RESETTING_NS] == 0:
+        return _fault(s, x)
+    if fresh == 0:
+        return MISSED
+    if s[w.STATUSWORD] & FAULT_BIT:
+        if s[w.RESETTING_NS] != 0:
+            if now_ns - s[w.RESETTING_NS] > w.FAULT_RESET_NS:
+                return _fault(s, x)
+        elif s[w.FAULT_REPORTED] == 0 or s[w.WANTED] == 1:
+            return _fault(s, x)
+    return OK
+
+
+@njit("boolean(int64[::1], int64)", counted=False)
+def _stuck(s: NDArray[Any], now_ns: int) -> bool:
+    """Whether the state machine has stood still for too long on its way to Operation enabled."""
+    state = state_of(s[w.STATUSWORD])
+    if state != s[w.STATE_SEEN] or state == ENABLED:
+        s[w.STATE_SEEN] = state
+        s[w.STATE_NS] = now_ns
+    return bool(now_ns - s[w.STATE_NS] > w.TRANSITION_NS)
+
+
+@njit("int64(int64[::1], int64[::1], int64)", counted=False)
+def command(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
+    """RPDO 1 of this write into OUT: controlword and target. Returns OK, ERROR (a transition that does not come) or LOST.
+
+    The target is other than zero in Operation enabled only.
+    """
+    f = s.view(np.float64)
+    enable = x[X_ENABLE] == 1
+    statusword = s[w.STATUSWORD]
+    if enable and s[w.WANTED] == 0:
+        s[w.STATE_SEEN] = -1
+        s[w.EVENT_TOLD] = 0
+        if statusword & FAULT_BIT and s[w.STOPPED] == 0:
+            s[w.RESETTING_NS] = now_ns
+    if not enable or statusword & FAULT_BIT == 0:
+        s[w.RESETTING_NS] = 0
+    s[w.WANTED] = 1 if enable else 0
+
+    result = OK
+    target = 0
+    if not enable:
+        word = DISABLE_VOLTAGE
+    elif s[w.STOPPED] == 1 or s[w.REASON] != 0:
+        word = QUICK_STOP
+    elif s[w.RESETTING_NS] != 0:
+        word = FAULT_RESET
+    else:
+        word = next_controlword(statusword)
+        if _stuck(s, now_ns):
+            s[w.EVENT_TOLD] = w.EVENT_TRANSITION
+            s[w.DETAIL] = statusword
+            word = QUICK_STOP
+            result = ERROR
+        elif word == ENABLE_OPERATION and state_of(statusword) == ENABLED:
+            raw = np.rint(x.view(np.float64)[X_CURRENT] * f[w.COMMAND_PER_AMPERE])
+            target = int(min(max(raw, -_RAW_MAX), _RAW_MAX))
+    s[w.CONTROLWORD] = word
+    s[w.OUT] = (w.RPDO1 + s[w.NODE]) | w.RPDO1_BYTES << 32
+    s[w.OUT + 1] = word | (target & 0xFFFF) << 16
+    return LOST if s[w.REASON] != 0 else result
+
+
+@njit("boolean(int64[::1], int64, float64)", counted=False)
+def sign_of_life(s: NDArray[Any], now_ns: int, period_ns: float) -> bool:
+    """Whether the frame that keeps the drive's watchdog quiet is due before the next tick; it is then in OUT.
+
+    It is sent by the loop itself, so a loop that hangs falls silent and the drive notices.
+    """
+    if s[w.REASON] != 0 or now_ns + period_ns <= s[w.GUARD_SENT_NS] + s[w.GUARD_NS]:
+        return False
+    if s[w.GUARD_ANSWERED] == 1:
+        if s[w.GUARD_OPEN] != 0:
+            if s[w.GUARD_OPEN] == 1:
+                s[w.GUARD_TOGGLE] = -1
+            s[w.GUARD_MISSED] += 1
+            if s[w.GUARD_MISSED] >= w.GUARD_TRIES:
+                lose(s, w.LOST_GUARD, s[w.GUARD_MISSED])
+                return False
+        s[w.GUARD_OPEN] = 1
+    s[w.GUARD_SENT_NS] = now_ns
+    s[w.OUT] = s[w.GUARD_LOW]
+    s[w.OUT + 1] = s[w.GUARD_DATA]
+    return True
+
+
+@njit("boolean(int64[::1])", counted=False)
+def asks_error_code(s: NDArray[Any]) -> bool:
+    """Whether a fault stands there without an EMCY that names it: the question for 0x603F is then in OUT, once."""
+    if s[w.STATUSWORD] & FAULT_BIT == 0 or s[w.EMCY] != 0 or s[w.ERROR_CODE_ASKED] == 1 or s[w.REASON] != 0:
+        return False
+    s[w.ERROR_CODE_ASKED] = 1
+    s[w.OUT] = (w.SDO_REQUEST + s[w.NODE]) | 8 << 32
+    s[w.OUT + 1] = 0x40 | _ERROR_CODE_OBJECT << 8
+    return True

@@ -1,0 +1,5 @@
+"""Serial DAC board: ``driver: {name: serial_dac, port: /dev/ttyUSB0}``. The protocol is docs/protocols/serial-dac.md."""
+
+from drivers.serial_dac.driver import SerialDacDriver
+
+__all__ = ["SerialDacDriver"]

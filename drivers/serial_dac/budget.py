@@ -1,0 +1,68 @@
+"""How long the line is busy: bytes of one exchange at a baud rate, and the servo rates and time-outs that follow.
+
+One byte is ten bits on the line (start, eight, stop). An exchange is SAMPLE, its reply and COMMAND.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+from drivers.interface import PROCESSING_S
+from drivers.serial_dac.framing import OVERHEAD
+from drivers.serial_dac.messages import COMMAND_LENGTH, SAMPLE_LENGTH, SAMPLE_REPLY_LENGTH
+
+_BITS_PER_BYTE = 10
+SAMPLE_BYTES: Final = SAMPLE_LENGTH + OVERHEAD
+REPLY_BYTES: Final = SAMPLE_REPLY_LENGTH + OVERHEAD
+COMMAND_BYTES: Final = COMMAND_LENGTH + OVERHEAD
+EXCHANGE_BYTES: Final = SAMPLE_BYTES + REPLY_BYTES + COMMAND_BYTES
+
+LINE_SHARE: Final = 0.8
+"""Share of a servo period that the line may be busy; the rest is for the operating system."""
+REPLY_MARGIN: Final = 1.25
+"""The shortest default reply time-out, in wire times of SAMPLE and reply."""
+WATCHDOG_PERIODS: Final = 2
+"""The board's watchdog must outlast one lost COMMAND."""
+
+
+def wire_s(count: int, baud: int) -> float:
+    """Time in s of ``count`` bytes on the line."""
+    return count * _BITS_PER_BYTE / baud
+
+
+def fastest_rate_hz(baud: int) -> float:
+    """The fastest servo rate in Hz that a baud rate carries."""
+    return LINE_SHARE / wire_s(EXCHANGE_BYTES, baud)
+
+
+def slowest_baud(rate_hz: float) -> int:
+    """The slowest baud rate that carries a servo rate."""
+    return -int(-EXCHANGE_BYTES * _BITS_PER_BYTE * rate_hz // LINE_SHARE)
+
+
+def default_latency_s(baud: int) -> float:
+    """Sample-to-current latency in s: reply and COMMAND on the wire, and processing."""
+    return wire_s(REPLY_BYTES + COMMAND_BYTES, baud) + PROCESSING_S
+
+
+def rate_refusal(rate_hz: float, baud: int, watchdog_ms: int, reply_timeout_s: float | None) -> str | None:
+    """Why a servo rate cannot be driven with these options, in words; None when it can."""
+    period = 1.0 / rate_hz
+    if rate_hz > fastest_rate_hz(baud):
+        return (
+            f"an exchange of {EXCHANGE_BYTES} bytes takes {wire_s(EXCHANGE_BYTES, baud) * 1e6:.0f} µs at driver.baud = "
+            f"{baud}, and may take {LINE_SHARE:.0%} of the period of {period * 1e6:.0f} µs: "
+            f"at most {int(fastest_rate_hz(baud))} Hz, or at least {slowest_baud(rate_hz)} baud for {rate_hz:g} Hz"
+        )
+    if watchdog_ms < WATCHDOG_PERIODS * period * 1e3:
+        return (
+            f"driver.watchdog_ms = {watchdog_ms} ms must be at least {WATCHDOG_PERIODS} servo periods, "
+            f"{WATCHDOG_PERIODS * period * 1e3:.4g} ms at {rate_hz:g} Hz"
+        )
+    longest = period - wire_s(COMMAND_BYTES, baud)
+    if reply_timeout_s is not None and reply_timeout_s > longest:
+        return (
+            f"driver.reply_timeout_s = {reply_timeout_s:g} s leaves no time for the command: at most {longest:.3g} s "
+            f"at {rate_hz:g} Hz and {baud} baud"
+        )
+    return None

@@ -1,0 +1,120 @@
+"""The driver object: opens the port, agrees with the board, and hands the compiled exchange to the servo loop."""
+
+from __future__ import annotations
+
+import contextlib
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from drivers.interface import Driver, DriverError
+from drivers.serial_dac import budget, exchange, port, state
+from drivers.serial_dac.options import read_options
+from drivers.serial_dac.session import Session
+
+if TYPE_CHECKING:
+    import serial
+    from numpy.typing import NDArray
+
+    from drivers.serial_dac.messages import Capabilities, SampleReply
+    from hapticd.config import Config
+
+_OFF_COMMANDS = 2
+_LAST_BYTES_S = 0.05
+
+
+class SerialDacDriver(Driver):
+    """A board with DAC and encoder counter on a serial port (``docs/protocols/serial-dac.md``).
+
+    Raises:
+        DriverConfigError: an option is unknown or out of range, or does not fit the servo rate.
+    """
+
+    summary = "serial DAC board: one sample and one command frame a tick (docs/protocols/serial-dac.md)"
+    latency_s = budget.default_latency_s(921_600)
+
+    def __init__(self, config: Config) -> None:
+        super().__init__(config)
+        self._options = read_options(config)
+        self.latency_s = self._options.declared_latency_s
+        self._port: serial.Serial | None = None
+        self._session: Session | None = None
+        self._capabilities: Capabilities | None = None
+        self._state: NDArray[np.int64] = np.zeros(state.STATE_WORDS, np.int64)
+
+    @classmethod
+    def declared_latency_s(cls, config: Config) -> float:
+        """Option ``latency_s``, or the wire time of reply and COMMAND at the baud rate."""
+        return read_options(config).declared_latency_s
+
+    def check_rate(self, rate_hz: float) -> str | None:
+        """Whether baud, watchdog and reply time-out admit the rate."""
+        options = self._options
+        return budget.rate_refusal(rate_hz, options.baud, options.watchdog_ms, options.reply_timeout_s)
+
+    def open(self) -> None:
+        """Open the port, agree with the board, and leave it at zero current and disabled."""
+        options = self._options
+        self._port = port.open_port(options.port, options.baud)
+        self._session = Session(self._port.fileno(), options.port)
+        self._capabilities = found = self._session.hello()
+        self._check(found)
+        self._session.configure(options.watchdog_ms, found)
+        self._state = self._initial_state(self._port.fileno(), found, self._session.prove_off(found.dac_bits))
+        self.read_address, self.write_address = exchange.read.address, exchange.write.address
+        self.state_address = self._state.ctypes.data
+
+    def _check(self, found: Capabilities) -> None:
+        amplifier, name = self.config.amplifier, self._options.port
+        if amplifier.dac_bits != found.dac_bits:
+            raise DriverError(
+                f"{name}: amplifier.dac_bits = {amplifier.dac_bits} bits, but the board's DAC has {found.dac_bits} bits"
+            )
+        if round((amplifier.dac_full_scale or 0.0) * 1e6) != found.full_scale_ua:
+            raise DriverError(
+                f"{name}: amplifier.dac_full_scale = {amplifier.dac_full_scale:g} A, "
+                f"but the board's full scale is {found.full_scale_ua / 1e6:.7g} A"
+            )
+
+    def _initial_state(self, descriptor: int, found: Capabilities, reply: SampleReply) -> NDArray[np.int64]:
+        words = state.new_state(descriptor, self._options.baud, self._options.reply_timeout_s)
+        words[state.S_SEQ] = reply.seq
+        words[state.S_COMMAND_SEQ] = reply.command_seq
+        words[state.S_COUNTER_BITS] = found.counter_bits
+        words[state.S_DAC_BITS] = found.dac_bits
+        words[state.S_COUNTS] = exchange.unwrapped(0, reply.count, found.counter_bits)
+        return words
+
+    def close(self) -> None:
+        """Command zero current and disable as far as the port still takes it, then release the port."""
+        # A loop that still runs finds the port lost from here on, and sends nothing between or after these commands.
+        self._state[state.S_LOST] = 1
+        if self._port is None:
+            return
+        with contextlib.suppress(DriverError, OSError):
+            if self._session is not None and self._capabilities is not None:
+                self._session.flush(int(self._state[state.S_TORN]))
+                for _ in range(_OFF_COMMANDS):
+                    self._session.send_off(int(self._state[state.S_SEQ]), self._capabilities.dac_bits)
+            port.wait_sent(self._port.fileno(), _LAST_BYTES_S)
+        # A call under way must not meet the descriptor's number in another file's hands; none lasts longer than a period.
+        time.sleep(min(self.config.period, _LAST_BYTES_S))
+        self._port.close()
+        self._port = self._session = None
+
+    @property
+    def line_errors(self) -> tuple[int, int]:
+        """Replies that came too late or twice, and bad frames, since :meth:`open`."""
+        return int(self._state[state.S_STALE]), int(self._state[state.S_BAD_FRAMES])
+
+    def describe(self) -> str:
+        """Port, baud, firmware and capabilities."""
+        options, found = self._options, self._capabilities
+        line = f"serial DAC board on {options.port} at {options.baud} baud"
+        if found is None:
+            return f"{line}, not open"
+        return (
+            f"{line}, firmware {found.firmware_text}, serial number {found.serial_number}: {found.dac_bits} bits over "
+            f"± {found.full_scale_ua / 1e6:g} A, {found.counter_bits}-bit counter, watchdog {options.watchdog_ms} ms"
+        )

@@ -1,0 +1,190 @@
+"""The beginning of a session with a board: HELLO, what it can do, CONFIGURE, and the proof that its output is off."""
+
+from __future__ import annotations
+
+import os
+import random
+import select
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+from drivers.interface import DriverError
+from drivers.serial_dac import messages
+from drivers.serial_dac.framing import Decoder, frame
+
+_HELLO_S = 3.0
+_HELLO_EVERY_S = 0.1
+_REPLY_S = 0.25
+_ATTEMPTS = 3
+_CHUNK = 4096
+
+_Found = TypeVar("_Found")
+
+
+@dataclass
+class Session:
+    """Questions and answers over an open descriptor, before and after the compiled exchange has it.
+
+    Attributes:
+        descriptor: of the port, not blocking.
+        name: of the port, for messages.
+    """
+
+    descriptor: int
+    name: str
+    received: int = 0
+    decoder: Decoder = field(default_factory=Decoder)
+
+    def hello(self) -> messages.Capabilities:
+        """Begin a session; the board disables its output.
+
+        Raises:
+            DriverError: no answer, another protocol version, or impossible capabilities.
+        """
+        nonce = random.randrange(0x10000)
+        nonces: set[int] = set()
+        self.flush()
+        deadline = time.monotonic() + _HELLO_S
+
+        def mine(payload: bytes) -> tuple[int, bytes] | None:
+            head = messages.hello_reply_head(payload)
+            return (head[0], payload) if head is not None and head[1] in nonces else None
+
+        while time.monotonic() < deadline:
+            nonce = (nonce + 1) & 0xFFFF
+            nonces.add(nonce)
+            self.send(messages.hello(nonce))
+            if (reply := self.receive(mine, _HELLO_EVERY_S)) is not None:
+                return self._checked(*reply)
+        raise DriverError(f"{self.name}: no board answers within {_HELLO_S:g} s ({self._silence()})")
+
+    def _checked(self, version: int, payload: bytes) -> messages.Capabilities:
+        if version != messages.VERSION:
+            raise DriverError(
+                f"{self.name}: the board speaks version {version} of the protocol, this driver version {messages.VERSION}"
+            )
+        found = messages.capabilities(payload)
+        if found is None:
+            raise DriverError(
+                f"{self.name}: the board's HELLO reply has {len(payload)} bytes, not those of version {version}"
+            )
+        wrong = {
+            f"dac_bits = {found.dac_bits}, not in 8 … 16": not 8 <= found.dac_bits <= 16,
+            "full scale = 0 µA": found.full_scale_ua == 0,
+            f"counter_bits = {found.counter_bits}, not in 16 … 32": not 16 <= found.counter_bits <= 32,
+            f"watchdog range = {found.watchdog_min_ms} … {found.watchdog_max_ms} ms": not (
+                1 <= found.watchdog_min_ms <= found.watchdog_max_ms
+            ),
+        }
+        if said := [text for text, holds in wrong.items() if holds]:
+            raise DriverError(f"{self.name}: the board's HELLO reply makes no sense: {'; '.join(said)}")
+        return found
+
+    def configure(self, watchdog_ms: int, found: messages.Capabilities) -> None:
+        """Set the board's watchdog.
+
+        Raises:
+            DriverError: outside the board's range, refused, or no answer.
+        """
+        if not found.watchdog_min_ms <= watchdog_ms <= found.watchdog_max_ms:
+            raise DriverError(
+                f"{self.name}: driver.watchdog_ms = {watchdog_ms} ms: the board takes "
+                f"{found.watchdog_min_ms} to {found.watchdog_max_ms} ms"
+            )
+        for _ in range(_ATTEMPTS):
+            self.send(messages.configure(watchdog_ms))
+            reply = self.receive(messages.configure_reply, _REPLY_S)
+            if reply is not None:
+                if reply != watchdog_ms:
+                    refused = "refused it" if reply == 0 else f"has set {reply} ms"
+                    raise DriverError(f"{self.name}: driver.watchdog_ms = {watchdog_ms} ms: the board {refused}")
+                return
+        raise DriverError(f"{self.name}: the board does not answer CONFIGURE ({self._silence()})")
+
+    def prove_off(self, dac_bits: int) -> messages.SampleReply:
+        """Command zero current and disable, and see from the board that it has come.
+
+        Raises:
+            DriverError: no answer, or the board does not follow.
+        """
+        reply = None
+        for seq in range(1, _ATTEMPTS + 1):
+            self.send_off(seq, dac_bits)
+            self.send(messages.sample(seq))
+            reply = self.receive(lambda payload, seq=seq: _with_seq(payload, seq), _REPLY_S)  # type: ignore[misc]
+            if reply is not None and reply.command_seq == seq and not reply.status & messages.STATUS_ENABLED:
+                return reply
+        if reply is None:
+            raise DriverError(f"{self.name}: the board does not answer SAMPLE ({self._silence()})")
+        raise DriverError(f"{self.name}: the board does not take zero current and disable (status {reply.status:#04x})")
+
+    def send_off(self, seq: int, dac_bits: int) -> None:
+        """Send COMMAND with mid-scale and enable 0."""
+        self.send(messages.command(seq, 1 << (dac_bits - 1), enable=False))
+
+    def flush(self, spoiler: int = 0) -> None:
+        """End whatever the board has half received; a ``spoiler`` other than 0 first makes sure that it is no good frame.
+
+        Raises:
+            DriverError: the port is gone.
+        """
+        self._write(bytes([spoiler, 0]) if spoiler else b"\0")
+
+    def send(self, payload: bytes) -> None:
+        """Send one frame.
+
+        Raises:
+            DriverError: the port is gone.
+        """
+        self._write(frame(payload))
+
+    def receive(self, wanted: Callable[[bytes], _Found | None], timeout_s: float) -> _Found | None:
+        """What ``wanted`` makes of the first payload that it wants, or None after ``timeout_s``; others are dropped.
+
+        Raises:
+            DriverError: the port is gone.
+        """
+        deadline = time.monotonic() + timeout_s
+        while (left := deadline - time.monotonic()) > 0:
+            if not select.select([self.descriptor], [], [], left)[0]:
+                continue
+            try:
+                data = os.read(self.descriptor, _CHUNK)
+            except BlockingIOError:
+                continue
+            except OSError as error:
+                raise self._gone(error) from error
+            if not data:
+                raise self._gone(None)
+            self.received += len(data)
+            for payload in self.decoder.feed(data):
+                if (found := wanted(payload)) is not None:
+                    return found
+        return None
+
+    def _write(self, data: bytes) -> None:
+        try:
+            os.write(self.descriptor, data)
+        except BlockingIOError:
+            pass  # an output buffer that stays full shows as a reply that stays out
+        except OSError as error:
+            raise self._gone(error) from error
+
+    def _gone(self, error: OSError | None) -> DriverError:
+        return DriverError(f"{self.name}: the port is gone ({error.strerror if error else 'hung up'})")
+
+    def _silence(self) -> str:
+        if not self.received:
+            return "nothing came in; is the board powered, and is this its port?"
+        bad = self.decoder.bad_coding + self.decoder.bad_crc
+        return (
+            f"{self.received} bytes came in, with {bad} bad frames and no answer among them; "
+            "is driver.baud the board's, and does it speak docs/protocols/serial-dac.md?"
+        )
+
+
+def _with_seq(payload: bytes, seq: int) -> messages.SampleReply | None:
+    reply = messages.sample_reply(payload)
+    return reply if reply is not None and reply.seq == seq else None

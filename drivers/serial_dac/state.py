@@ -1,0 +1,62 @@
+"""Memory of the compiled exchange: one block of int64 words, the byte buffers behind them."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers.libc import SCRATCH
+from drivers.serial_dac import budget
+from drivers.serial_dac.framing import DECODER_SIZE, PAYLOAD_SIZE
+
+S_DESCRIPTOR: Final = 0
+S_LOST: Final = 1
+"""1: the port is gone, or closed; nothing touches the descriptor any more."""
+S_SEQ: Final = 2
+"""seq of the last SAMPLE."""
+S_COMMAND_SEQ: Final = 3
+"""seq of the last COMMAND that went out whole."""
+S_UNPROVEN: Final = 4
+"""1: the last reply did not prove the last COMMAND; the next write says so."""
+S_TORN: Final = 5
+"""Not 0: a frame went out in part; this byte spoils it, and a delimiter ends it, before the next."""
+S_COUNTS: Final = 6
+"""Encoder position, wrap removed."""
+S_COUNTER_BITS: Final = 7
+S_DAC_BITS: Final = 8
+S_TIMEOUT_NS: Final = 9
+"""Reply time-out of the options; 0: four fifths of a period, or S_REPLY_NS where that is longer."""
+S_REPLY_NS: Final = 10
+S_COMMAND_NS: Final = 11
+"""Wire time of a COMMAND: no reply is awaited later than this before the period's end."""
+S_STALE: Final = 12
+"""Replies with another seq, so far."""
+S_BAD_FRAMES: Final = 13
+S_POSITION: Final = 14
+"""Scratch: place in the chunk."""
+S_CLOCK: Final = 15
+_WORDS = S_CLOCK + SCRATCH
+
+TX_SIZE: Final = 24
+CHUNK_SIZE: Final = 512
+DECODER_AT: Final = 8 * _WORDS
+PAYLOAD_AT: Final = DECODER_AT + DECODER_SIZE
+REQUEST_AT: Final = PAYLOAD_AT + PAYLOAD_SIZE
+TX_AT: Final = REQUEST_AT + PAYLOAD_SIZE
+CHUNK_AT: Final = TX_AT + TX_SIZE
+STATE_WORDS: Final = -(-(CHUNK_AT + CHUNK_SIZE) // 8)
+
+assert TX_SIZE >= 2 + budget.COMMAND_BYTES
+
+
+def new_state(descriptor: int, baud: int, reply_timeout_s: float | None) -> NDArray[np.int64]:
+    """State of an exchange that has not begun, shape (STATE_WORDS,)."""
+    state = np.zeros(STATE_WORDS, np.int64)
+    state[S_DESCRIPTOR] = descriptor
+    state[S_TIMEOUT_NS] = round((reply_timeout_s or 0.0) * 1e9)
+    line_s = budget.wire_s(budget.SAMPLE_BYTES + budget.REPLY_BYTES, baud)
+    state[S_REPLY_NS] = round(budget.REPLY_MARGIN * line_s * 1e9)
+    state[S_COMMAND_NS] = round(budget.wire_s(budget.COMMAND_BYTES, baud) * 1e9)
+    return state

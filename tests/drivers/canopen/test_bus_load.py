@@ -1,0 +1,49 @@
+"""Worst-case frame lengths against a bit-by-bit count, and what follows for the servo rate."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from drivers.canopen import bus_load
+from hapticd.config import parse_config
+from hapticd.stability.cautions import rate_limit
+
+
+def stuffed_bits(bits: list[int]) -> int:
+    """Length after CAN's bit stuffing: a bit of the other kind after five equal ones, itself counted."""
+    length, run, last = 0, 0, -1
+    for bit in bits:
+        run = run + 1 if bit == last else 1
+        last = bit
+        length += 1
+        if run == 5:
+            length += 1
+            run, last = 1, 1 - bit
+    return length
+
+
+@pytest.mark.parametrize("data_bytes", range(9))
+def test_no_pattern_is_longer_and_the_worst_one_is_met(data_bytes: int) -> None:
+    """34 + 8 n bits are stuffed (identifier … CRC); 13 more are not: delimiters, acknowledge, end and interframe space."""
+    stuffable = 34 + 8 * data_bytes
+    worst = [0] * 5 + [bit for k in range(stuffable) for bit in ([1] * 4 if k % 2 == 0 else [0] * 4)]
+    assert stuffed_bits(worst[:stuffable]) + 13 == bus_load.frame_bits(data_bytes)
+    random = np.random.default_rng(data_bytes)
+    for _ in range(200):
+        bits = [int(bit) for bit in random.integers(2, size=stuffable)]
+        assert stuffed_bits(bits) + 13 <= bus_load.frame_bits(data_bytes)
+
+
+def test_known_lengths_and_the_limits_that_follow() -> None:
+    assert (bus_load.frame_bits(8), bus_load.TICK_BITS, bus_load.GUARD_BITS) == (135, 285, 120)
+    assert bus_load.bus_load(1000.0) == pytest.approx((285_000 + 120 * 40) / 1e6)
+    for bitrate in bus_load.BITRATES:
+        rate = bus_load.fastest_rate_hz(bitrate)
+        assert rate == 0.0 or bus_load.bus_load(rate, bitrate) == pytest.approx(bus_load.USABLE)
+    assert bus_load.wire_time_s(1e6) == pytest.approx(230e-6)
+
+
+def test_check_knows_the_limit_of_the_config() -> None:
+    config = parse_config({"driver": {"name": "canopen", "bitrate": 500_000, "watchdog_ms": 40}}, "test")
+    assert rate_limit(config) == bus_load.fastest_rate_hz(500_000, 40)

@@ -1,0 +1,227 @@
+"""The driver against the simulated drive in its own process: real sockets, real time, the drive's log as the truth."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import drivers
+from drivers import DriverError
+from drivers.canopen import CanopenDriver
+from drivers.interface import DEVICE_FAULT, LOST, OK, STATUS_ENABLED, X_CURRENT, X_DEVICE_CODE, X_ENABLE, X_STATUS
+from hapticd.config import Config, parse_config
+from hapticd.jit import call_driver, njit
+from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_RUNNING
+from hapticd.servo import faults
+from hapticd.servo import layout as w
+from hapticd.servo.core import Request, ServoCore, parameters
+from sim_hw.log import read_log
+
+pytestmark = pytest.mark.realtime
+
+ORIGIN_RAD = 0.3
+"""Far from where the shaft rests, so that there is a current at once."""
+
+
+@contextmanager
+def simulated_drive(*arguments: str) -> Iterator[None]:
+    """The drive's process, ready to be spoken to."""
+    command = [sys.executable, "-m", "sim_hw", "canopen", *arguments]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+        try:
+            assert process.stdout is not None
+            assert json.loads(process.stdout.readline())["ready"] is True
+            yield
+        finally:
+            process.send_signal(signal.SIGTERM)
+            assert process.wait(30) == 0
+
+
+def config(rate_hz: float, **options: Any) -> Config:
+    return parse_config(
+        {
+            "driver": {"name": "canopen", **options},
+            "servo": {"rate_hz": rate_hz, "overrun": {"fault_after": 0}},
+            "spring": {"origin": ORIGIN_RAD},
+            "amplifier": {"dac_bits": 0},
+            "safety": {"missed_exchanges": 200, "heartbeat_timeout_s": 10},
+        },
+        "test",
+    )
+
+
+@contextmanager
+def opened(settings: Config) -> Iterator[CanopenDriver]:
+    driver = drivers.create(settings)
+    assert isinstance(driver, CanopenDriver)
+    try:
+        driver.open()
+        yield driver
+    finally:
+        driver.close()
+
+
+def run(driver: CanopenDriver, seconds: float) -> tuple[ServoCore, Any]:
+    """The servo loop in real time for that long; the core and its rows."""
+    core = ServoCore(driver, ring_rows=1 << 15, excitation_rows=1)
+    core.publish(parameters(driver.config, Request(state=w.RUNNING)))
+    core.begin(time.monotonic_ns() + 1_000_000)
+    core.store(w.C_HEARTBEAT_NS, time.monotonic_ns())
+    thread = threading.Thread(target=lambda: core.run(real_time=True, ticks=0))
+    thread.start()
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        core.store(w.C_HEARTBEAT_NS, time.monotonic_ns())
+        time.sleep(0.02)
+    core.store(w.C_STOP, 1)
+    thread.join()
+    return core, core.drain()
+
+
+@njit("int64(int64, int64, int64)")
+def _call(function: int, state: int, exchange: int) -> int:
+    return int(call_driver(function, state, exchange))
+
+
+class Steps:
+    """Single ticks, by hand."""
+
+    def __init__(self, driver: CanopenDriver, period_ns: float = 5e7) -> None:
+        self.driver = driver
+        self.x = drivers.new_exchange()
+        self.x.view(np.float64)[3] = period_ns
+
+    def tick(self, enable: int, current: float = 0.0) -> int:
+        read = _call(self.driver.read_address, self.driver.state_address, self.x.ctypes.data)
+        self.x[X_ENABLE], self.x.view(np.float64)[X_CURRENT] = enable, current
+        _call(self.driver.write_address, self.driver.state_address, self.x.ctypes.data)
+        return read
+
+    def enable(self) -> None:
+        for _ in range(200):
+            assert self.tick(1) == OK
+            if self.x[X_STATUS] & STATUS_ENABLED:
+                return
+            time.sleep(0.005)
+        raise AssertionError("never enabled")
+
+
+def test_compiled_loop_at_1_khz_pulls_the_shaft_to_the_origin(tmp_path: Path) -> None:
+    socket, log = str(tmp_path / "bus"), tmp_path / "truth.arrow"
+    with (
+        simulated_drive("--socket", socket, "--log", str(log)),
+        opened(config(1000, interface="unix_seqpacket", channel=socket)) as driver,
+    ):
+        core, rows = run(driver, 3.0)
+    assert (core.load(w.C_FAULT_CODE), driver.error) == (faults.NONE, None)
+    running = rows[rows["flags"] & FLAG_RUNNING != 0]
+    assert len(running) > 1000
+    assert np.mean(running["flags"] & FLAG_MISSED_EXCHANGE != 0) < 0.1
+    assert running["encoder_counts"][-1] == pytest.approx(ORIGIN_RAD / (2 * np.pi / 8192), rel=0.5)
+    truth = read_log(log)
+    step = 58e-6 / 0.0292
+    commanded = set(np.round(running["current_command_A"] / step).astype(int))
+    decoded = {round(value / step) for value in truth["command_A"] if np.isfinite(value)}
+    assert decoded - {0} <= commanded
+    assert len(decoded) > 10
+    assert truth["applied_A"][-1] == 0.0
+
+
+def test_loop_through_python_at_200_hz(tmp_path: Path) -> None:
+    channel = "239.74.163.19"
+    with (
+        simulated_drive("--interface", "udp_multicast", "--channel", channel),
+        opened(config(200, interface="udp_multicast", channel=channel)) as driver,
+    ):
+        assert driver.calls_python
+        core, rows = run(driver, 2.0)
+    assert (core.load(w.C_FAULT_CODE), driver.error) == (faults.NONE, None)
+    assert np.count_nonzero(rows["flags"] & FLAG_RUNNING) > 100
+    assert rows["encoder_counts"][-1] > 0
+
+
+def test_programmed_current(tmp_path: Path) -> None:
+    socket = str(tmp_path / "bus")
+    with (
+        simulated_drive("--socket", socket, "--no-cst"),
+        opened(config(1000, interface="unix_seqpacket", channel=socket)) as driver,
+    ):
+        assert "programmed current, 10 mA a step" in driver.describe()
+        _, rows = run(driver, 1.0)
+        assert np.nanmax(np.abs(rows["current_measured_A"])) > 0.02
+        assert rows["encoder_counts"][-1] > 0
+
+
+def test_a_loop_that_hangs_is_noticed_by_the_drive_and_reset_by_the_next_open(tmp_path: Path) -> None:
+    socket = str(tmp_path / "bus")
+    settings = config(1000, interface="unix_seqpacket", channel=socket)
+    with simulated_drive("--socket", socket):
+        with opened(settings) as driver:
+            steps = Steps(driver)
+            steps.enable()
+            time.sleep(0.3)
+            assert steps.tick(1) == DEVICE_FAULT
+            assert steps.x[X_DEVICE_CODE] == 0x8130
+            assert driver.error is not None
+            assert "EMCY 0x8130 (life guard or heartbeat: the drive did not hear the loop in time)" in driver.error
+        with opened(settings) as driver:
+            Steps(driver).enable()
+
+
+@pytest.mark.parametrize(
+    ("fault", "result", "why"),
+    [
+        ({"kind": "reboot"}, LOST, "node 1 rebooted"),
+        ({"kind": "emcy", "code": 0x2310}, DEVICE_FAULT, "EMCY 0x2310 (continuous over-current)"),
+    ],
+)
+def test_faults_of_the_drive(tmp_path: Path, fault: dict[str, Any], result: int, why: str) -> None:
+    socket, script = str(tmp_path / "bus"), tmp_path / "script.yaml"
+    script.write_text(yaml.safe_dump({"faults": [{**fault, "at_s": 0.1, "from": "enabled"}]}))
+    with (
+        simulated_drive("--socket", socket, "--script", str(script)),
+        opened(config(1000, interface="unix_seqpacket", channel=socket)) as driver,
+    ):
+        steps = Steps(driver)
+        steps.enable()
+        results = []
+        end = time.monotonic() + 5.0
+        while result not in results and time.monotonic() < end:
+            results.append(steps.tick(1))
+            time.sleep(0.005)
+        assert results[-1] == result
+        assert driver.error is not None
+        assert why in driver.error
+
+
+@pytest.mark.parametrize(
+    ("arguments", "options", "text"),
+    [
+        (("--missing", "0x2113"), {}, "the drive has no object 0x2113, though the EDS copley.eds has it"),
+        (("--set", "0x6076=0"), {}, "rated torque 0x6076 is 0"),
+        (("--node-id", "7"), {}, "node 1 does not answer, but there is node 7: set driver.node_id = 7"),
+        ((), {"profile": "cia402"}, "consumer heartbeat time: the drive has no object 0x1016:1"),
+    ],
+)
+def test_drives_that_do_not_fit(tmp_path: Path, arguments: tuple[str, ...], options: dict[str, Any], text: str) -> None:
+    socket = str(tmp_path / "bus")
+    settings = config(1000, interface="unix_seqpacket", channel=socket, **options)
+    with (
+        simulated_drive("--socket", socket, *arguments),
+        pytest.raises(DriverError) as caught,
+        opened(settings),
+    ):
+        pass
+    assert text in str(caught.value)
