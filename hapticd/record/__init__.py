@@ -2,15 +2,20 @@
 
 from hapticd.record.errors import RecordingError, RunFileError
 from hapticd.record.export import export
+from hapticd.record.importing import Imported, import_run
+from hapticd.record.importing_map import ImportMap, load_map, parse_map
 from hapticd.record.metadata import host_facts, run_metadata, versions
 from hapticd.record.reader import Run, read_run
 from hapticd.record.recorder import Recorder
-from hapticd.record.schema import ROW
+from hapticd.record.schema import FLAG_MISSED_EXCHANGE, ROW
 from hapticd.record.summary import summary
 from hapticd.record.writer import RunWriter
 
 __all__ = [
+    "FLAG_MISSED_EXCHANGE",
     "ROW",
+    "ImportMap",
+    "Imported",
     "Recorder",
     "RecordingError",
     "Run",
@@ -18,6 +23,9 @@ __all__ = [
     "RunWriter",
     "export",
     "host_facts",
+    "import_run",
+    "load_map",
+    "parse_map",
     "read_run",
     "run_metadata",
     "summary",

@@ -87,7 +87,7 @@ def read_run(path: str | Path) -> Run:
     events = metadata.pop("events", []) or events
     truncated = bool(metadata.pop("truncated", False)) or not whole
     warnings = [f"{path.name} was not ended properly; its rows end with the last whole batch"] if truncated else []
-    warnings += _time_warnings(columns["time_s"])
+    warnings += time_warnings(columns["time_s"])
     return Run(path, columns, metadata, units or exported_units, events, truncated, tuple(warnings))
 
 
@@ -179,7 +179,8 @@ def _standard_units(names: Iterable[str], metadata: dict[str, Any]) -> dict[str,
     return {column.name: column.unit_for(linear=linear) for column in COLUMNS if column.name in names}
 
 
-def _time_warnings(time_s: NDArray[Any]) -> list[str]:
+def time_warnings(time_s: NDArray[Any]) -> list[str]:
+    """What is wrong with time stamps, in words."""
     found = []
     if not np.all(np.isfinite(time_s)):
         found.append("time_s holds values that are not finite")

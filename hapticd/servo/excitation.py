@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 
+_SAMPLES_PER_PERIOD = 4.0
+"""Fewer make no sine of a wave that is held from tick to tick."""
+
+
 class ExcitationError(ValueError):
     """An excitation cannot be run: unknown name, or beyond a limit (the text has value, limit and unit)."""
 
@@ -48,6 +52,8 @@ class Shape:
     build: Callable[[Plan, NDArray[np.float64]], NDArray[np.float64]]
     effort: float = 4.0
     """Default amplitude of a current shape, in multiples of the break-away current."""
+    sweeps_frequency: bool = False
+    """Whether its plan's ``low_hz`` and ``high_hz`` mean anything."""
 
 
 def _ramps(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -96,7 +102,7 @@ SHAPES: dict[str, Shape] = {
             20.0,
             _sweeps,
         ),
-        Shape("chirp", "current sine of rising frequency: inertia, delay, resonances", False, 20.0, _chirp, 2.0),
+        Shape("chirp", "current sine of rising frequency: inertia, delay, resonances", False, 20.0, _chirp, 2.0, True),
         Shape("steps", "current steps of many heights to both sides: inertia, lag, saturation", False, 20.0, _steps),
         Shape(
             "release",
@@ -129,9 +135,24 @@ ALL = "all"
 
 
 def build(
-    config: Config, name: str, *, amplitude: float | None = None, duration_s: float | None = None, seed: int = 1
+    config: Config,
+    name: str,
+    *,
+    amplitude: float | None = None,
+    duration_s: float | None = None,
+    low_hz: float | None = None,
+    high_hz: float | None = None,
+    seed: int = 1,
 ) -> NDArray[np.float64]:
     """The table of one shape, or of ``all`` of them one after the other (each at its own default plan).
+
+    Args:
+        config: gives rate, limits and defaults.
+        name: a key of `SHAPES`, or ``all``.
+        amplitude: peak; A, or rad or m for shapes that move the origin.
+        duration_s: duration in s.
+        low_hz: where a chirp begins, Hz. high_hz: where it ends.
+        seed: of the random heights of ``steps``.
 
     Returns:
         Shape (2, ticks): extra current in A, displacement of the origin in raw counts.
@@ -139,23 +160,23 @@ def build(
     Raises:
         ExcitationError: unknown name, or the plan is beyond a limit of the config.
     """
+    given = {"amplitude": amplitude, "duration_s": duration_s, "low_hz": low_hz, "high_hz": high_hz}
+    chosen = {key: value for key, value in given.items() if value is not None}
     if name == ALL:
-        if amplitude is not None or duration_s is not None:
-            raise ExcitationError("all: takes no amplitude and no duration; name one excitation to choose them")
+        if chosen:
+            raise ExcitationError(f"all: takes no {next(iter(chosen))}; name one excitation to choose it")
         pause = np.zeros((2, round(0.5 * config.servo.rate_hz)))
         parts = [part for shape in SHAPES for part in (build(config, shape, seed=seed), pause)]
         return np.concatenate(parts, axis=1)
     if name not in SHAPES:
         raise ExcitationError(f"excitation {name!r} is unknown (known: {', '.join([*SHAPES, ALL])})")
     shape = SHAPES[name]
-    plan = default_plan(config, shape)
-    plan = replace(
-        plan,
-        amplitude=plan.amplitude if amplitude is None else amplitude,
-        duration_s=plan.duration_s if duration_s is None else duration_s,
-        seed=seed,
-    )
+    if not shape.sweeps_frequency and (wrong := {"low_hz", "high_hz"} & chosen.keys()):
+        raise ExcitationError(f"{name}: takes no {min(wrong)}; its motion has no frequency to choose")
+    plan = replace(default_plan(config, shape), **chosen, seed=seed)
     _check(config, shape, plan)
+    if shape.sweeps_frequency:
+        _check_frequencies(config, shape, plan)
     ticks = round(plan.duration_s * config.servo.rate_hz)
     wave = shape.build(plan, np.arange(ticks) / config.servo.rate_hz)
     table = np.zeros((2, ticks))
@@ -181,6 +202,19 @@ def _check(config: Config, shape: Shape, plan: Plan) -> None:
         limit, key = config.amplifier.continuous_current, "amplifier.continuous_current"
     if limit and plan.amplitude > limit:
         raise ExcitationError(f"{shape.name}: amplitude = {plan.amplitude:g}: must be at most {limit:g} {unit} ({key})")
+
+
+def _check_frequencies(config: Config, shape: Shape, plan: Plan) -> None:
+    if not 0.0 < plan.low_hz < plan.high_hz:
+        raise ExcitationError(
+            f"{shape.name}: low_hz = {plan.low_hz:g}: must be above 0 Hz and below high_hz = {plan.high_hz:g} Hz"
+        )
+    highest = config.servo.rate_hz / _SAMPLES_PER_PERIOD
+    if plan.high_hz > highest:
+        raise ExcitationError(
+            f"{shape.name}: high_hz = {plan.high_hz:g}: must be at most {highest:g} Hz "
+            f"({_SAMPLES_PER_PERIOD:g} samples a period at servo.rate_hz)"
+        )
 
 
 def _check_speed(config: Config, origin: NDArray[np.float64]) -> None:

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.jit import njit
-from hapticd.servo.dither import next_uniform, periodic
+from hapticd.plant.noise import next_uniform
+from hapticd.servo.dither import periodic
 from hapticd.servo.layout import (
     DITHER_CURRENT,
     DITHER_NONE,

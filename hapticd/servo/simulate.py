@@ -45,6 +45,7 @@ def simulate(
     velocity: float | None = None,
     safety: bool = False,
     seed: int | None = None,
+    excitation: NDArray[np.float64] | None = None,
     on_rows: Callable[[NDArray[Any]], None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> SimulationResult:
@@ -57,6 +58,8 @@ def simulate(
         velocity: true initial velocity in coarse ticks per period (default 0).
         safety: keep the trips and the clamp at the peak current; otherwise the amplifier has no limit but its DAC.
         seed: seed of the dither, instead of the config's.
+        excitation: table of an identification experiment (:func:`hapticd.servo.excitation.build`), played from the start;
+            shape (2, ticks of the table).
         on_rows: called with every block of rows, in order.
         progress: called with the fraction done.
 
@@ -80,8 +83,12 @@ def simulate(
         latency_s=latency_s,
     )
     driver.open()
-    core = ServoCore(driver, ring_rows=_CHUNK, keep_truth=True, excitation_rows=1)
-    core.publish(parameters(config, Request(state=w.RUNNING), safety=safety))
+    table = np.zeros((2, 1)) if excitation is None else excitation
+    core = ServoCore(driver, ring_rows=_CHUNK, keep_truth=True, excitation_rows=table.shape[1])
+    core.excitation[:] = table
+    played = Request(state=w.RUNNING, excitation_id=1, excitation_length=table.shape[1])
+    request = Request(state=w.RUNNING) if excitation is None else played
+    core.publish(parameters(config, request, safety=safety))
     core.begin(0, w.RUNNING)
 
     inertia = config.plant.inertia + config.hand.inertia

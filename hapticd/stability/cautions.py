@@ -6,19 +6,34 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
+from drivers.canopen.bus_load import DEFAULT_BITRATE, DEFAULT_WATCHDOG_MS, TICK_BITS, fastest_rate_hz
 from hapticd.config import Config
 from hapticd.stability.criterion import QUANTUM, criterion_margin, sampling_bound_ok, sampling_ratio
+from hapticd.stability.effects import uncounted
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 
-#: Where a bus of 1 Mbit/s is full: SYNC, RPDO and TPDO take 250–300 µs of it.
-CLASSIC_CAN_RATE_HZ: Final = 3000.0
 CAN_DRIVERS: Final = frozenset({"canopen"})
 
 
 def rate_limit(config: Config) -> float:
     """Highest servo rate in Hz that the driver's bus can carry; infinite where none is known."""
-    return CLASSIC_CAN_RATE_HZ if config.driver.name in CAN_DRIVERS else math.inf
+    if config.driver.name not in CAN_DRIVERS:
+        return math.inf
+    return fastest_rate_hz(*_bus(config))
+
+
+def _bus(config: Config) -> tuple[float, float]:
+    """Bit rate in bit/s and watchdog in ms of the config's CAN bus; the defaults where an option is not a number."""
+    options = config.driver.options
+    given = [
+        (options.get("bitrate"), float(DEFAULT_BITRATE)),
+        (options.get("watchdog_ms"), float(DEFAULT_WATCHDOG_MS)),
+    ]
+    bitrate, watchdog_ms = (
+        float(value) if isinstance(value, int | float) and value > 0 else default for value, default in given
+    )
+    return bitrate, watchdog_ms
 
 
 def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: float | None) -> tuple[str, ...]:
@@ -58,17 +73,16 @@ def _outside_the_theory(config: Config) -> Iterator[str]:
         )
     if config.dither.target != "none":
         yield "dither is on: the theory knows none; it blurs the encoder's ticks, and its own force adds energy"
-    if config.plant.effects:
-        names = ", ".join(effect.name for effect in config.plant.effects)
-        yield f"plant.effects ({names}) are outside the theory, which knows inertia, viscous and Coulomb friction only"
+    if left_out := uncounted(config):
+        yield f"plant.effects ({', '.join(left_out)}) are outside the theory; 'hapticd simulate' knows them"
 
 
 def _interface(config: Config, loop: Loop) -> Iterator[str]:
     limit, rate = rate_limit(config), config.servo.rate_hz
     if rate > limit:
         yield (
-            f"servo.rate_hz is {rate:g} Hz, but classic CAN at 1 Mbit/s ends near {limit:g} Hz: SYNC, command and reply "
-            "take 250 to 300 µs on the wire"
+            f"servo.rate_hz is {rate:g} Hz, but classic CAN at {1e-6 * _bus(config)[0]:g} Mbit/s ends near "
+            f"{math.floor(limit)} Hz: SYNC, command and reply take {1e6 * TICK_BITS / _bus(config)[0]:.0f} µs on the wire"
         )
     amplifier = config.amplifier
     if amplifier.dac_bits and amplifier.dac_full_scale and loop.stiffness > 0.0:

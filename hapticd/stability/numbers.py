@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.stability.effects import with_effects
+
 if TYPE_CHECKING:
     from hapticd.config import Config
 
@@ -207,7 +209,7 @@ def physical(numbers: Dimensionless, scales: Scales) -> Loop:
 
 
 def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
-    """The SI loop of a configuration, the hand in parallel.
+    """The SI loop of a configuration, the hand in parallel, with what the theory can take of the plant's effects.
 
     Args:
         config: a resolved configuration.
@@ -222,6 +224,7 @@ def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
         period=config.period,
         delay=config.amplifier.delay + config.delay.computation_s + latency_s,
     )
+    device = with_effects(device, config)
     return device.with_hand(config.hand.inertia, config.hand.damping, config.hand.stiffness)
 
 

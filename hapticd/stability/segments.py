@@ -20,7 +20,7 @@ from numba import types
 
 from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions, time_and_way_to_rest
-from hapticd.plant.spring import _time_to_rest, spring_functions
+from hapticd.plant.spring import spring_functions, time_to_rest
 
 _f8 = types.float64
 
@@ -118,7 +118,7 @@ def move_with_stiffness(
             sign = math.copysign(1.0, pull)
         speed = abs(v)
         net = sign * pull - coulomb
-        rest = _time_to_rest(speed, net / inertia, alpha, omega2)
+        rest = time_to_rest(speed, net / inertia, alpha, omega2)
         last = not rest < dt
         rate, s, p = spring_functions(dt if last else rest, alpha, omega2)
         way = speed * s + net / inertia * p

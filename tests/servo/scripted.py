@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from drivers import PythonDriver
 from hapticd.config import Config, parse_config
@@ -54,12 +55,12 @@ class Scripted(PythonDriver):
         if self.fail_write_at is not None and len(self.commands) == self.fail_write_at:
             raise OSError("the cable is out")
 
-    def _read(self, state: int, exchange: int) -> int:
-        result = super()._read(state, exchange)
+    def _read(self, words: NDArray[np.int64]) -> int:
+        result = super()._read(words)
         return result if self.read_result is None else self.read_result
 
-    def _write(self, state: int, exchange: int) -> int:
-        result = super()._write(state, exchange)
+    def _write(self, words: NDArray[np.int64]) -> int:
+        result = super()._write(words)
         self._enabled = self._enabled and self.obedient
         return result
 

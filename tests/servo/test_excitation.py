@@ -50,6 +50,17 @@ def test_sweep_travels_at_five_constant_speeds_there_and_back() -> None:
     assert origin.max() == pytest.approx(0.5 / cfg.raw_resolution, abs=1)
 
 
+def test_chirp_keeps_to_the_band_that_is_asked_for() -> None:
+    rate_hz = config().servo.rate_hz
+    current = excitation.build(config(), "chirp", duration_s=10.0, low_hz=30.0, high_hz=200.0)[0]
+    power = np.abs(np.fft.rfft(current)) ** 2
+    frequency = np.fft.rfftfreq(len(current), 1 / rate_hz)
+    inside = (frequency > 28.0) & (frequency < 210.0)
+    assert power[inside].sum() > 0.98 * power.sum()
+    for part in ((30.0, 60.0), (100.0, 200.0)):
+        assert power[(frequency > part[0]) & (frequency < part[1])].sum() > 0.2 * power.sum()
+
+
 def test_chirp_rises_from_low_to_high_frequency() -> None:
     current = excitation.build(config(), "chirp", amplitude=1.0, duration_s=20.0)[0]
     crossings = np.flatnonzero(np.diff(np.sign(current)) != 0)
@@ -74,7 +85,14 @@ def test_steps_push_as_much_to_one_side_as_to_the_other_and_are_seeded() -> None
         ("ramp", {"amplitude": 0.0}, "ramp: amplitude = 0: must be above 0 A"),
         ("ramp", {"amplitude": float("nan")}, "ramp: amplitude = nan: must be above 0 A"),
         ("steps", {"duration_s": 0.1}, "steps: duration = 0.1: must be between 0.5 and 600 s"),
-        ("all", {"amplitude": 1.0}, "all: takes no amplitude and no duration; name one excitation to choose them"),
+        ("all", {"amplitude": 1.0}, "all: takes no amplitude; name one excitation to choose it"),
+        ("steps", {"high_hz": 50.0}, "steps: takes no high_hz; its motion has no frequency to choose"),
+        ("chirp", {"low_hz": 9.0, "high_hz": 9.0}, "chirp: low_hz = 9: must be above 0 Hz and below high_hz = 9 Hz"),
+        (
+            "chirp",
+            {"high_hz": 251.0},
+            "chirp: high_hz = 251: must be at most 250 Hz (4 samples a period at servo.rate_hz)",
+        ),
         (
             "sweep",
             {"amplitude": 5.0, "duration_s": 1.0},

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from hapticd.plant.noise import next_uniform
 from hapticd.record.schema import FLAG_EXCITATION, FLAG_RUNNING
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, parameters
-from hapticd.servo.dither import next_uniform, periodic
+from hapticd.servo.dither import periodic
 from hapticd.servo.render import coarse_ticks, spring
 from tests.servo.scripted import Scripted, config, core_for, rows_of
 

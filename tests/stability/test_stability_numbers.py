@@ -75,7 +75,7 @@ def config(**hand: float) -> SimpleNamespace:
         spring=SimpleNamespace(stiffness=0.012),
         amplifier=SimpleNamespace(delay=2 * 0.7 / (2 * math.pi * 3000)),
         delay=SimpleNamespace(computation_s=0.25e-3),
-        plant=SimpleNamespace(inertia=6.28e-6, viscous=9e-6, coulomb=2e-3),
+        plant=SimpleNamespace(inertia=6.28e-6, viscous=9e-6, coulomb=2e-3, effects=()),
         hand=SimpleNamespace(**{"inertia": 0.0, "damping": 0.0, "stiffness": 0.0} | hand),
     )
 

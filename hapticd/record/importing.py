@@ -1,0 +1,254 @@
+"""Bring measured data from elsewhere into a native run file, as a map of its columns says.
+
+Time stamps are stored as they are, jitter included: floating-point stamps to the last bit in seconds, whole-number stamps
+from the first one on, before they lose digits. Positions become counts of the stated resolution.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticd.config import Config, load_config
+from hapticd.record.errors import RunFileError
+from hapticd.record.importing_map import COUNT, CURRENT_UNITS, TIME_UNITS, ImportMap, Signal
+from hapticd.record.importing_sources import Source, read_source
+from hapticd.record.metadata import run_metadata
+from hapticd.record.reader import time_warnings
+from hapticd.record.schema import FLAG_RUNNING, Rows, empty_rows
+from hapticd.record.writer import RunWriter
+
+FloatArray = NDArray[np.float64]
+
+_ON_GRID = 0.02
+"""A position this close to a multiple of the resolution, in resolutions, is that multiple with rounding."""
+
+
+@dataclass(frozen=True)
+class Imported:
+    """What an import wrote.
+
+    Attributes:
+        path: the run file. rows: its rows. duration_s: from the first to the last.
+        resolution: one count in rad or m.
+        warnings: what a reader should know before trusting it.
+    """
+
+    path: Path
+    rows: int
+    duration_s: float
+    resolution: float
+    warnings: tuple[str, ...]
+
+
+def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force: bool = False) -> Imported:
+    """Read a foreign file and write it as a native run; the file appears whole under its name or not at all.
+
+    Args:
+        source: .csv, .mat, .npy or .parquet.
+        mapping: what its columns are.
+        out: the run file to write.
+        force: replace a file that exists.
+
+    Raises:
+        RunFileError: the source cannot be read, lacks a column, or holds what no run can hold; ``out`` exists.
+        ConfigError: the map's ``model`` is not valid.
+        RecordingError: the run cannot be written; nothing is left behind.
+    """
+    path, target = Path(source), Path(out)
+    if target.exists() and not force:
+        raise RunFileError(f"{target} exists; give another name, or --force to replace it")
+    model = load_config(mapping.model) if mapping.model is not None else None
+    if model is not None and model.is_linear != mapping.is_linear:
+        kind = "linear" if model.is_linear else "rotary"
+        raise RunFileError(f"{path}: device = {mapping.device}, but model {mapping.model} describes a {kind} one")
+    columns = read_source(path, mapping)
+    counts_per_unit = _counts_per_unit(path, mapping, model)
+    rows, origin = _rows(columns, mapping, model, counts_per_unit)
+    metadata = _metadata(path, mapping, model, counts_per_unit, origin)
+    part = target.with_name(f".{target.name}.{os.getpid()}.part")
+    try:
+        with RunWriter(part, metadata) as writer:
+            writer.write(rows)
+        part.replace(target)
+    except OSError as error:
+        raise RunFileError(f"cannot write {target}: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+    time_s = rows["time_s"]
+    size = 1.0 if mapping.is_linear else 2.0 * np.pi
+    return Imported(
+        target, rows.size, float(time_s[-1] - time_s[0]), size / counts_per_unit, tuple(time_warnings(time_s))
+    )
+
+
+def _counts_per_unit(path: Path, mapping: ImportMap, model: Config | None) -> float:
+    """Counts per revolution or metre in which positions are stored."""
+    size = 1.0 if mapping.is_linear else 2.0 * np.pi
+    encoder = mapping.encoder.counts_per_metre if mapping.is_linear else mapping.encoder.counts_per_rev
+    if encoder is None and model is not None:
+        encoder = model.encoder.counts_per_metre if mapping.is_linear else model.encoder.counts_per_rev
+    position = mapping.position
+    in_counts = position.unit == COUNT
+    if in_counts and encoder is None:
+        key = "encoder.counts_per_metre" if mapping.is_linear else "encoder.counts_per_rev"
+        raise RunFileError(f"{path}: position.unit = count needs {key}")
+    if position.resolution is not None:
+        step = position.resolution
+        return encoder / step if in_counts and encoder else size / (step * mapping.position_units[_unit(mapping)])
+    if encoder is None:
+        raise RunFileError(
+            f"{path}: position.resolution is missing: the width of one step of the position (or give encoder)"
+        )
+    return encoder
+
+
+def _unit(mapping: ImportMap) -> str:
+    return mapping.position.unit or ("m" if mapping.is_linear else "rad")
+
+
+def _rows(source: Source, mapping: ImportMap, model: Config | None, counts_per_unit: float) -> tuple[Rows, float]:
+    position = _finite(source, mapping.position, "position")
+    if mapping.position.wrap is not None:
+        position = np.unwrap(position, period=mapping.position.wrap)
+    time_s, origin = _time(source, mapping, position.size)
+    counts = _counts(source.path, position, mapping, model, counts_per_unit)
+    command_key = "current" if mapping.current is not None else "force"
+    command = mapping.current or mapping.force
+    assert command is not None  # the map was checked
+    units = CURRENT_UNITS if command_key == "current" else mapping.force_units
+    driven = _finite(source, command, command_key) * units[command.unit or next(iter(units))]
+    measured = np.full(position.size, np.nan)
+    if mapping.current_measured is not None:
+        signal = mapping.current_measured
+        measured = _values(source, signal, "current_measured") * CURRENT_UNITS[signal.unit or "A"]
+    lengths = {
+        "time": time_s.size,
+        "position": counts.size,
+        command_key: driven.size,
+        "current_measured": measured.size,
+    }
+    if len(set(lengths.values())) != 1:
+        listed = ", ".join(f"{key} {length}" for key, length in lengths.items())
+        raise RunFileError(f"{source.path}: the columns have different lengths: {listed}")
+    inside = _span(source.path, time_s, mapping)
+    time_s, counts, driven, measured = time_s[inside], counts[inside], driven[inside], measured[inside]
+    if mapping.every > 1:
+        kept = time_s.size // mapping.every * mapping.every
+        if kept == 0:
+            raise RunFileError(f"{source.path}: every = {mapping.every}: the file has only {time_s.size} samples")
+        time_s, counts = time_s[: kept : mapping.every], counts[: kept : mapping.every]
+        driven, measured = (v[:kept].reshape(-1, mapping.every).mean(axis=1) for v in (driven, measured))
+    rows = empty_rows(time_s.size)
+    rows["tick"] = np.arange(time_s.size)
+    rows["time_s"] = time_s
+    rows["encoder_counts"] = rows["ticks"] = counts
+    constant = _torque_constant(mapping, model)
+    if command_key == "force":
+        rows["force_command"], rows["current_command_A"] = driven, driven / constant
+    else:
+        rows["current_command_A"], rows["force_command"] = driven, driven * constant
+    rows["current_measured_A"] = measured
+    rows["flags"] = FLAG_RUNNING
+    return rows, origin
+
+
+def _torque_constant(mapping: ImportMap, model: Config | None) -> float:
+    if mapping.torque_constant is not None:
+        return mapping.torque_constant
+    return model.amplifier.torque_constant if model is not None else float("nan")
+
+
+def _time(source: Source, mapping: ImportMap, samples: int) -> tuple[FloatArray, float]:
+    """Stamps in s, and the stamp that was taken off them, in the file's unit."""
+    if mapping.time.column is None:
+        assert mapping.time.rate_hz is not None  # the map was checked
+        return np.arange(samples) / mapping.time.rate_hz, 0.0
+    stamps = source.column(mapping.time.column, "time.column")
+    origin = 0.0
+    if stamps.dtype.kind == "i" and stamps.size:
+        # Nanoseconds since 1970 do not fit into a double; their differences do.
+        origin = float(stamps[0])
+        stamps = stamps - stamps[0]
+    time_s = np.asarray(stamps, dtype=np.float64)
+    _check_finite(source.path, "time", time_s)
+    unit = TIME_UNITS[mapping.time.unit]
+    return time_s if unit == 1.0 else time_s * unit, origin
+
+
+def _counts(
+    path: Path, position: FloatArray, mapping: ImportMap, model: Config | None, counts_per_unit: float
+) -> NDArray[np.int64]:
+    if mapping.position.unit == COUNT:
+        steps = position / (mapping.position.resolution or 1.0)
+    else:
+        size = 1.0 if mapping.is_linear else 2.0 * np.pi
+        steps = position * mapping.position_units[_unit(mapping)] * (counts_per_unit / size)
+    if steps.size and np.abs(steps).max() >= 2.0**53:
+        row = int(np.argmax(np.abs(steps) >= 2.0**53))
+        raise RunFileError(f"{path}: position, row {row}: {steps[row]:.3g} counts are more than a position can have")
+    nearest = np.rint(steps)
+    # Decoders that give multiples of the resolution give the cell's edge; anything finer is floored as a counter does.
+    on_grid = bool(np.all(np.abs(steps - nearest) < _ON_GRID))
+    return np.asarray(nearest if on_grid else np.floor(steps), dtype=np.int64)
+
+
+def _span(path: Path, time_s: FloatArray, mapping: ImportMap) -> slice:
+    if time_s.size < 2:
+        raise RunFileError(f"{path} has {time_s.size} sample(s); a run needs at least 2")
+    after = time_s - time_s[0]
+    first = int(np.argmax(after >= mapping.from_s)) if mapping.from_s is not None else 0
+    last = time_s.size
+    if mapping.until_s is not None:
+        last -= int(np.argmax((after <= mapping.until_s)[::-1]))
+    empty = mapping.from_s is not None and not np.any(after >= mapping.from_s)
+    empty = empty or (mapping.until_s is not None and not np.any(after <= mapping.until_s))
+    if empty or last - first < 2:
+        raise RunFileError(f"{path}: from_s and until_s leave fewer than 2 samples of {after[-1]:g} s")
+    return slice(first, last)
+
+
+def _values(source: Source, signal: Signal, key: str) -> FloatArray:
+    raw = np.asarray(source.column(signal.column, f"{key}.column"), dtype=np.float64)
+    return np.asarray((raw * signal.factor + signal.offset) * signal.sign)
+
+
+def _finite(source: Source, signal: Signal, key: str) -> FloatArray:
+    values = _values(source, signal, key)
+    _check_finite(source.path, key, values)
+    return values
+
+
+def _check_finite(path: Path, key: str, values: FloatArray) -> None:
+    if (bad := np.flatnonzero(~np.isfinite(values))).size:
+        raise RunFileError(f"{path}: {key}: {bad.size} value(s) are missing or not finite, first in row {bad[0]}")
+
+
+def _metadata(
+    path: Path, mapping: ImportMap, model: Config | None, counts_per_unit: float, origin: float
+) -> dict[str, Any]:
+    key = "counts_per_metre" if mapping.is_linear else "counts_per_rev"
+    encoder = {key: counts_per_unit}
+    imported = {
+        "file": path.name,
+        "map": mapping.model_dump(mode="json", exclude_defaults=True),
+        "command": "current" if mapping.current is not None else "force",
+        "time_origin": origin,
+    }
+    constant = _torque_constant(mapping, model)
+    known: dict[str, Any] = {"encoder": encoder}
+    if np.isfinite(constant):
+        known["amplifier"] = {"torque_constant": constant}
+    config: dict[str, Any] = {}
+    if model is not None:
+        # What the map says of the recorded device goes before what its model says.
+        config = model.model_dump(mode="json")
+        config["encoder"] |= {"counts_per_rev": None, "counts_per_metre": None, "decimation": 1, **encoder}
+        config["amplifier"] |= known["amplifier"]
+    kept = None if model is not None else known
+    return run_metadata(config, model=kept, linear=mapping.is_linear, kind="import", imported=imported)

@@ -1,0 +1,230 @@
+"""The map of an import: which column of a foreign file is what, in which unit. Keys: docs/reference/import-map.md."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, StrictBool, StrictInt, StrictStr, ValidationError
+
+from hapticd.config.explain import key_path
+from hapticd.config.fields import Number, quantity
+from hapticd.config.nearest import nearest_key
+from hapticd.config.problems import ConfigError, Problem
+from hapticd.config.reading import read_text, read_yaml
+from hapticd.config.text import shown
+
+Reference = StrictStr | StrictInt
+
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
+ANGLE_UNITS = {
+    "rad": 1.0,
+    "mrad": 1e-3,
+    "deg": 0.017453292519943295,
+    "rev": 6.283185307179586,
+    "arcmin": 2.908882086657216e-4,
+    "arcsec": 4.84813681109536e-6,
+}
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254}
+COUNT = "count"
+CURRENT_UNITS = {"A": 1.0, "mA": 1e-3, "uA": 1e-6}
+TORQUE_UNITS = {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6, "N cm": 1e-2}
+FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Signal(_Part):
+    """One column and how it becomes a quantity: (column · factor + offset) · sign, in ``unit``."""
+
+    column: Reference = quantity(..., "Column: name, number from 0, or path inside a .mat struct (a.b)")
+    unit: StrictStr | None = quantity(None, "Unit of the column after factor and offset; null: SI")
+    factor: Number = quantity(1.0, "Number the column is multiplied by, before the unit")
+    offset: Number = quantity(0.0, "Number added after the factor, before the unit")
+    sign: Literal[1, -1] = quantity(1, "-1 where the file counts the other way round")
+
+
+class Time(_Part):
+    """Time stamps: a column, or a rate for a file without one."""
+
+    column: Reference | None = quantity(None, "Column of the time stamps")
+    unit: StrictStr = quantity("s", "Unit of the time stamps: " + ", ".join(TIME_UNITS))
+    rate_hz: Number | None = quantity(None, "Sampling rate of a file without time stamps", "Hz", gt=0)
+
+
+class Position(Signal):
+    """Position of the device: encoder counts, or an angle or length with its resolution."""
+
+    resolution: Number | None = quantity(
+        None, "Width of one step of the position, in its unit, where it is not one encoder count", gt=0
+    )
+    wrap: Number | None = quantity(
+        None, "Range after which the position starts again (65536 counts, 360 deg), in its unit: it is unwrapped", gt=0
+    )
+
+
+class Encoder(_Part):
+    """The encoder behind the position."""
+
+    counts_per_rev: Number | None = quantity(None, "Counts per revolution of a rotary device", "counts/rev", ge=1)
+    counts_per_metre: Number | None = quantity(None, "Counts per metre of a linear device", "counts/m", ge=1)
+
+
+class Csv(_Part):
+    """How a .csv file is written; lines that begin with # before the data are passed over."""
+
+    delimiter: StrictStr = quantity(",", "Character between two values; \\t for a tab")
+    decimal: Literal[".", ","] = quantity(".", "Decimal point")
+    header: StrictBool = quantity(True, "The first line holds the names of the columns")
+    skip_lines: StrictInt = quantity(0, "Lines to pass over before that", ge=0)
+
+
+class ImportMap(_Part):
+    """What the columns of a foreign file are."""
+
+    device: Literal["rotary", "linear"] = quantity(..., "rotary: rad, N m; linear: m, N")
+    time: Time = quantity(..., "Time stamps or rate")
+    position: Position = quantity(..., "Position")
+    current: Signal | None = quantity(None, "Commanded current; or force")
+    force: Signal | None = quantity(None, "Commanded torque or force; or current")
+    current_measured: Signal | None = quantity(None, "Current measured by the amplifier")
+    encoder: Encoder = quantity(Encoder, "Encoder")
+    torque_constant: Number | None = quantity(
+        None, "Torque or force per current, with which a force is stored as a current", "N m/A", linear="N/A", gt=0
+    )
+    model: StrictStr | None = quantity(
+        None, "Config file or preset of the device that was recorded; kept in the run, as in a native one"
+    )
+    variable: StrictStr | None = quantity(None, ".mat: variable or struct (a.b) in which the columns are looked up")
+    channels: Literal["auto", "rows", "columns"] = quantity(
+        "auto", ".npy, .mat matrix: the axis that holds the channels; auto: the shorter one"
+    )
+    csv: Csv = quantity(Csv, "How a .csv file is written")
+    from_s: Number | None = quantity(None, "Leave out what comes before, in s from the file's first sample", "s")
+    until_s: Number | None = quantity(None, "Leave out what comes after, in s from the file's first sample", "s")
+    every: StrictInt = quantity(
+        1, "Keep every n-th sample; the commands in between are averaged, which keeps their impulse", "samples", ge=1
+    )
+
+    @property
+    def is_linear(self) -> bool:
+        """Metres and newtons."""
+        return self.device == "linear"
+
+    @property
+    def position_units(self) -> dict[str, float]:
+        """Units a position may have, apart from counts, with their size in rad or m."""
+        return LENGTH_UNITS if self.is_linear else ANGLE_UNITS
+
+    @property
+    def force_units(self) -> dict[str, float]:
+        """Units a force may have, with their size in N m or N."""
+        return FORCE_UNITS if self.is_linear else TORQUE_UNITS
+
+
+def load_map(path: str | Path) -> ImportMap:
+    """Read and check the map of an import.
+
+    Raises:
+        ConfigError: with everything that is wrong, each problem with file, key, value and the nearest valid key.
+    """
+    data, problems = read_yaml(read_text(Path(path), str(path)), str(path))
+    if problems:
+        raise ConfigError(problems)
+    return parse_map(data, str(path))
+
+
+def parse_map(data: object, source: str) -> ImportMap:
+    """Check a map given as plain data; ``source`` is what messages call it. Raises as `load_map`."""
+    if not isinstance(data, Mapping):
+        raise ConfigError(
+            [Problem(source, "", None, "must be a mapping, such as device: rotary and time: {column: t}")]
+        )
+    try:
+        parsed = ImportMap.model_validate(data)
+    except ValidationError as error:
+        details = error.errors(include_url=False)
+        raise ConfigError([_problem(dict(item), source) for item in _one_a_key(details)]) from None
+    problems = list(_contradictions(parsed, source))
+    if problems:
+        raise ConfigError(problems)
+    return parsed
+
+
+def map_keys() -> list[str]:
+    """Every dotted key of a map."""
+    return list(_keys(ImportMap, ""))
+
+
+def _keys(part: type[BaseModel], prefix: str) -> Iterable[str]:
+    for name, field in part.model_fields.items():
+        kinds = [field.annotation, *getattr(field.annotation, "__args__", ())]
+        inner = next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
+        if inner is None:
+            yield prefix + name
+        else:
+            yield from _keys(inner, f"{prefix}{name}.")
+
+
+def _one_a_key(details: Iterable[Any]) -> Iterable[Any]:
+    """A union of types reports one error a member; the first is enough."""
+    seen = set()
+    for item in details:
+        key = tuple(part for part in item["loc"] if part not in ("str", "int"))
+        if key not in seen:
+            seen.add(key)
+            yield {**item, "loc": key}
+
+
+def _problem(details: Mapping[str, Any], source: str) -> Problem:
+    key, kind = key_path(details["loc"]), details["type"]
+    context = details.get("ctx", {})
+    if kind == "missing":
+        return Problem(source, key, None, "is missing")
+    if kind == "extra_forbidden":
+        near = nearest_key(key, [*map_keys(), *ImportMap.model_fields])
+        hint = f"; did you mean {near}?" if near else "; valid keys: " + ", ".join(map_keys())
+        return Problem(source, key, None, f"unknown key{hint}", nearest=near)
+    value = shown(details["input"])
+    if kind in ("model_type", "model_attributes_type"):
+        return Problem(source, key, value, "must be a mapping, such as {column: name}")
+    words = {"greater_than": ("above", "gt"), "greater_than_equal": ("at least", "ge")}
+    if kind in words:
+        word, bound = words[kind]
+        return Problem(source, key, value, f"must be {word} {context[bound]:g}", context[bound])
+    if kind == "literal_error":
+        return Problem(source, key, value, f"must be {context['expected']}")
+    if kind in ("string_type", "int_type") and details["loc"][-1] == "column":
+        return Problem(source, key, value, "must be a column's name or its number from 0")
+    text = str(details["msg"])
+    return Problem(source, key, value, text[:1].lower() + text[1:])
+
+
+def _contradictions(parsed: ImportMap, source: str) -> Iterable[Problem]:
+    """What is wrong between keys, and units that do not exist."""
+    if (parsed.time.column is None) == (parsed.time.rate_hz is None):
+        yield Problem(source, "time", None, "needs either column (time stamps) or rate_hz")
+    if (parsed.current is None) == (parsed.force is None):
+        yield Problem(source, "current", None, "needs either current or force, the command that drove the device")
+    if parsed.force is not None and parsed.torque_constant is None and parsed.model is None:
+        message = "is missing: a force is stored as the current that makes it (or give model, which has one)"
+        yield Problem(source, "torque_constant", None, message)
+    other = parsed.encoder.counts_per_rev if parsed.is_linear else parsed.encoder.counts_per_metre
+    if other is not None:
+        given, right = ("counts_per_rev", "counts_per_metre")[:: 1 if parsed.is_linear else -1]
+        yield Problem(source, f"encoder.{given}", shown(other), f"a {parsed.device} device has {right}")
+    units: list[tuple[str, Signal | Time | None, Iterable[str]]] = [
+        ("time.unit", parsed.time, TIME_UNITS),
+        ("position.unit", parsed.position, [COUNT, *parsed.position_units]),
+        ("current.unit", parsed.current, CURRENT_UNITS),
+        ("current_measured.unit", parsed.current_measured, CURRENT_UNITS),
+        ("force.unit", parsed.force, parsed.force_units),
+    ]
+    for key, part, valid in units:
+        unit = part.unit if part is not None else None
+        if unit is not None and unit not in valid:
+            allowed = tuple(valid)
+            yield Problem(source, key, shown(unit), f"must be one of {', '.join(allowed)}", allowed)

@@ -1,0 +1,189 @@
+"""Columns out of foreign files: .csv, .mat (structs within structs), .npy (either way round) and .parquet."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticd.config.nearest import nearest_name
+from hapticd.record.errors import RunFileError
+from hapticd.record.importing_map import ImportMap, Reference
+
+_MATLAB_PRIVATE = ("__header__", "__version__", "__globals__")
+
+
+class Source:
+    """The columns of a foreign file.
+
+    Args:
+        path: the file, for messages.
+        named: name → values, 1-D.
+        numbered: columns in the file's order.
+    """
+
+    def __init__(self, path: Path, named: Mapping[str, NDArray[Any]], numbered: list[NDArray[Any]]) -> None:
+        self.path = path
+        self.named = dict(named)
+        self.numbered = numbered
+
+    def column(self, reference: Reference, key: str) -> NDArray[Any]:
+        """Values of one column, (n,), of an integer or floating-point type.
+
+        Args:
+            reference: name or number. key: the map's key, for messages.
+
+        Raises:
+            RunFileError: there is no such column, or it holds no numbers.
+        """
+        if isinstance(reference, int):
+            if not 0 <= reference < len(self.numbered):
+                limit = f"the file has columns 0 to {len(self.numbered) - 1}" if self.numbered else "it has none"
+                raise RunFileError(f"{self.path}: {key} = {reference}: no such column; {limit}")
+            values = self.numbered[reference]
+        elif reference in self.named:
+            values = self.named[reference]
+        else:
+            close = nearest_name(reference, self.named)
+            has = ", ".join(self.named) or "no named columns; use numbers from 0"
+            hint = f"did you mean {close}? (it has: {has})" if close else f"the file has: {has}"
+            raise RunFileError(f"{self.path}: {key} = {reference}: no such column; {hint}")
+        if values.dtype.kind == "u":
+            values = values.astype(np.int64 if values.size == 0 or int(values.max()) < 2**63 else np.float64)
+        if values.dtype.kind not in "if":
+            raise RunFileError(f"{self.path}: {key} = {reference}: the column holds {values.dtype}, not numbers")
+        return values
+
+
+def read_source(path: Path, mapping: ImportMap) -> Source:
+    """Open a foreign file.
+
+    Raises:
+        RunFileError: missing, unreadable, of another format, or without columns.
+    """
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise RunFileError(
+            f"{path}: cannot import {path.suffix or 'a file without a suffix'}; {', '.join(_READERS)} can"
+        )
+    if not path.is_file():
+        raise RunFileError(f"cannot read {path}: {'is not a file' if path.exists() else 'no such file'}")
+    try:
+        return reader(path, mapping)
+    except OSError as error:
+        raise RunFileError(f"cannot read {path}: {error.strerror or error}") from error
+
+
+def _csv(path: Path, mapping: ImportMap) -> Source:
+    import pyarrow as pa
+    import pyarrow.csv as pacsv
+
+    style = mapping.csv
+    delimiter = "\t" if style.delimiter == "\\t" else style.delimiter
+    if len(delimiter) != 1:
+        raise RunFileError(f"{path}: csv.delimiter = {delimiter!r}: must be one character, or \\t for a tab")
+    skip = style.skip_lines
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        lines = (line for number, line in enumerate(file) if number >= style.skip_lines)
+        for line in lines:
+            if not line.startswith("#"):
+                break
+            skip += 1
+    try:
+        table = pacsv.read_csv(
+            path,
+            read_options=pacsv.ReadOptions(skip_rows=skip, autogenerate_column_names=not style.header),
+            parse_options=pacsv.ParseOptions(delimiter=delimiter),
+            convert_options=pacsv.ConvertOptions(decimal_point=style.decimal),
+        )
+    except pa.ArrowException as error:
+        raise RunFileError(f"{path} is not a readable CSV file: {str(error).splitlines()[0]}") from None
+    return _from_table(path, table, named=style.header)
+
+
+def _parquet(path: Path, mapping: ImportMap) -> Source:
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        return _from_table(path, pq.read_table(path, partitioning=None), named=True)
+    except pa.ArrowException as error:
+        raise RunFileError(f"{path} is not a Parquet file: {str(error).splitlines()[0]}") from None
+
+
+def _from_table(path: Path, table: Any, *, named: bool) -> Source:
+    numbered = [column.to_numpy() for column in table.columns]
+    names = [str(name).strip() for name in table.column_names]
+    return Source(path, dict(zip(names, numbered, strict=True)) if named else {}, numbered)
+
+
+def _npy(path: Path, mapping: ImportMap) -> Source:
+    try:
+        data = np.load(path, allow_pickle=False)
+    except (ValueError, EOFError) as error:
+        raise RunFileError(f"{path} is not a readable .npy file: {error}") from None
+    if not isinstance(data, np.ndarray):
+        raise RunFileError(f"{path} holds several arrays (.npz); save the one that is meant as .npy")
+    if data.dtype.names:
+        numbered = [data[name].ravel() for name in data.dtype.names]
+        return Source(path, dict(zip(data.dtype.names, numbered, strict=True)), numbered)
+    return Source(path, {}, _channels(path, data, mapping))
+
+
+def _channels(path: Path, data: NDArray[Any], mapping: ImportMap) -> list[NDArray[Any]]:
+    if data.ndim == 1:
+        return [data]
+    if data.ndim != 2:
+        raise RunFileError(f"{path}: an array of shape {data.shape}; the columns need one or two dimensions")
+    rows = mapping.channels == "rows" or (mapping.channels == "auto" and data.shape[0] < data.shape[1])
+    return list(np.ascontiguousarray(data if rows else data.T))
+
+
+def _mat(path: Path, mapping: ImportMap) -> Source:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError
+
+    try:
+        contents = loadmat(path, struct_as_record=False, squeeze_me=True)
+    except NotImplementedError:
+        raise RunFileError(f"{path} is a MATLAB 7.3 (HDF5) file; save it with -v7 in MATLAB") from None
+    except (MatReadError, ValueError, TypeError) as error:
+        raise RunFileError(f"{path} is not a readable .mat file: {error}") from None
+    named: dict[str, Any] = {}
+    for name, value in contents.items():
+        if name not in _MATLAB_PRIVATE:
+            _flatten(name, value, named)
+    wanted = mapping.variable
+    if wanted is not None:
+        inside = {
+            name.removeprefix(f"{wanted}."): value for name, value in named.items() if name.startswith(f"{wanted}.")
+        }
+        if not inside and wanted not in named:
+            close = nearest_name(wanted, {*named, *(name.rpartition(".")[0] for name in named)} - {""})
+            hint = f"did you mean {close}?" if close else "it has: " + ", ".join(named)
+            raise RunFileError(f"{path}: variable = {wanted}: no such variable; {hint}")
+        if not inside:
+            return Source(path, {}, _channels(path, np.asarray(named[wanted]), mapping))
+        named = inside
+    columns = {name: np.atleast_1d(value) for name, value in named.items() if np.ndim(value) <= 1}
+    return Source(path, columns, list(columns.values()))
+
+
+def _flatten(name: str, value: Any, into: dict[str, Any]) -> None:
+    fields = getattr(value, "_fieldnames", None)
+    if fields is None:
+        into[name] = np.asarray(value)
+    else:
+        for field in fields:
+            _flatten(f"{name}.{field}", getattr(value, field), into)
+
+
+_READERS: dict[str, Callable[[Path, ImportMap], Source]] = {
+    ".csv": _csv,
+    ".mat": _mat,
+    ".npy": _npy,
+    ".parquet": _parquet,
+}
