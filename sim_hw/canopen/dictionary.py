@@ -1,0 +1,146 @@
+"""The object dictionary of the simulated drive: the EDS beside this file, its values in the words compiled code uses."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from canopen import objectdictionary
+from canopen.objectdictionary import ODVariable, datatypes
+
+from sim_hw.canopen import layout as w
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+EDS = Path(__file__).with_name("drive.eds")
+"""Electronic data sheet of the simulated drive."""
+
+UNSUPPORTED_ACCESS = 0x06010000
+READ_OF_WRITE_ONLY = 0x06010001
+WRITE_OF_READ_ONLY = 0x06010002
+NO_OBJECT = 0x06020000
+NOT_MAPPABLE = 0x06040041
+PDO_TOO_LONG = 0x06040042
+LENGTH_MISMATCH = 0x06070010
+LENGTH_TOO_HIGH = 0x06070012
+LENGTH_TOO_LOW = 0x06070013
+NO_SUBINDEX = 0x06090011
+INVALID_VALUE = 0x06090030
+VALUE_TOO_HIGH = 0x06090031
+VALUE_TOO_LOW = 0x06090032
+WRONG_DEVICE_STATE = 0x08000022
+
+
+class AbortError(Exception):
+    """An access that the drive refuses; ``code`` is the SDO abort code of CiA 301."""
+
+    def __init__(self, code: int) -> None:
+        super().__init__(f"0x{code:08X}")
+        self.code = code
+
+
+class ObjectDictionary:
+    """Objects and their present values.
+
+    Args:
+        words: the drive's block (:mod:`sim_hw.canopen.layout`); numeric objects live in its first words.
+        node_id: for the COB-IDs that depend on it.
+        values: power-up values that differ from the EDS, by (index, sub-index).
+        missing: indexes that this drive does not have.
+    """
+
+    def __init__(
+        self,
+        words: NDArray[np.int64],
+        node_id: int,
+        values: Mapping[tuple[int, int], int] | None = None,
+        missing: Iterable[int] = (),
+    ) -> None:
+        self._words = words
+        self._objects = objectdictionary.import_od(str(EDS), node_id)
+        self._power_up = dict(values or {})
+        self._missing = frozenset(missing)
+        self._slots = {key: slot for slot, key in enumerate(w.KNOWN_OBJECTS)}
+        for variable in self._variables():
+            if variable.data_type in datatypes.INTEGER_TYPES:
+                self._slots.setdefault((variable.index, variable.subindex), len(self._slots))
+        self.load_defaults()
+
+    def _variables(self) -> list[ODVariable]:
+        found: list[ODVariable] = []
+        for entry in self._objects.values():
+            found.extend([entry] if isinstance(entry, ODVariable) else entry.values())
+        return found
+
+    def load_defaults(self, below: int = 0x10000) -> None:
+        """Power-up values of every object with an index less than ``below``."""
+        for variable in self._variables():
+            key = (variable.index, variable.subindex)
+            if variable.index < below and key in self._slots:
+                self._words[self._slots[key]] = self._power_up.get(key, variable.default or 0)
+
+    def variable(self, index: int, subindex: int) -> ODVariable:
+        """Description of one object.
+
+        Raises:
+            AbortError: there is no such object, or no such sub-index.
+        """
+        if index in self._missing or index not in self._objects:
+            raise AbortError(NO_OBJECT)
+        entry: Any = self._objects[index]
+        if isinstance(entry, ODVariable):
+            if subindex:
+                raise AbortError(NO_SUBINDEX)
+            return entry
+        if subindex not in entry.subindices:
+            raise AbortError(NO_SUBINDEX)
+        variable: ODVariable = entry.subindices[subindex]
+        return variable
+
+    def slot(self, index: int, subindex: int) -> int:
+        """Word of the block that holds a numeric object."""
+        return self._slots[(index, subindex)]
+
+    def __getitem__(self, key: tuple[int, int]) -> int:
+        return int(self._words[self._slots[key]])
+
+    def __setitem__(self, key: tuple[int, int], value: int) -> None:
+        self._words[self._slots[key]] = value
+
+    def read(self, index: int, subindex: int) -> bytes:
+        """Value as it goes over the bus.
+
+        Raises:
+            AbortError: the access is refused.
+        """
+        variable = self.variable(index, subindex)
+        if not variable.readable:
+            raise AbortError(READ_OF_WRITE_ONLY)
+        if (index, subindex) not in self._slots:
+            return str(variable.default).encode("ascii")
+        size = len(variable) // 8
+        value = self[(index, subindex)] & ((1 << 8 * size) - 1)
+        return value.to_bytes(size, "little")
+
+    def decode(self, index: int, subindex: int, data: bytes) -> int:
+        """Number that a download carries.
+
+        Raises:
+            AbortError: read-only, of the wrong length, or out of the object's range.
+        """
+        variable = self.variable(index, subindex)
+        if not variable.writable:
+            raise AbortError(WRITE_OF_READ_ONLY)
+        size = len(variable) // 8
+        if len(data) != size:
+            raise AbortError(LENGTH_TOO_HIGH if len(data) > size else LENGTH_TOO_LOW)
+        value = int.from_bytes(data, "little", signed=variable.data_type in datatypes.SIGNED_TYPES)
+        if variable.max is not None and value > variable.max:
+            raise AbortError(VALUE_TOO_HIGH)
+        if variable.min is not None and value < variable.min:
+            raise AbortError(VALUE_TOO_LOW)
+        return value

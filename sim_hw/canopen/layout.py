@@ -1,0 +1,208 @@
+"""Memory of one simulated drive: which word holds what, shared by the compiled loop and by Python.
+
+The drive is one thread: the compiled loop returns before Python touches anything, so no word needs a lock. The first words
+are the object dictionary itself. An SDO transfer and a PDO read and write the same word, so the two cannot disagree.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from sim_hw.layout import BYTES, FAR_NS, FLOATS, I64, INTS, SIM, START_NS, Sim
+
+F64, BOOL = numba.float64, numba.boolean
+
+NEVER = FAR_NS
+"""An instant (ns) that does not come."""
+
+# Objects that compiled code looks at: (index, sub-index) of slot 0, 1, 2, … of the block.
+KNOWN_OBJECTS = (
+    (0x1001, 0),
+    (0x1002, 0),
+    (0x1005, 0),
+    (0x100C, 0),
+    (0x100D, 0),
+    (0x1014, 0),
+    (0x1017, 0),
+    (0x1029, 1),
+    (0x2110, 0),
+    (0x2113, 0),
+    (0x2183, 0),
+    (0x221C, 0),
+    (0x2300, 0),
+    (0x2340, 0),
+    (0x6007, 0),
+    (0x603F, 0),
+    (0x6040, 0),
+    (0x6041, 0),
+    (0x605A, 0),
+    (0x605E, 0),
+    (0x6060, 0),
+    (0x6061, 0),
+    (0x6063, 0),
+    (0x6064, 0),
+    (0x606C, 0),
+    (0x6071, 0),
+    (0x6072, 0),
+    (0x6074, 0),
+    (0x6075, 0),
+    (0x6076, 0),
+    (0x6077, 0),
+    (0x6078, 0),
+    (0x6087, 0),
+    (0x6502, 0),
+    (0x2111, 0),
+    (0x2112, 0),
+    *((0x1003, sub) for sub in range(9)),
+)
+(
+    ERROR_REGISTER,
+    EVENT_STATUS,
+    SYNC_COB_ID,
+    GUARD_TIME,
+    LIFE_TIME_FACTOR,
+    EMCY_COB_ID,
+    HEARTBEAT_TIME,
+    ERROR_BEHAVIOUR,
+    PEAK_LIMIT,
+    CURRENT_RAMP,
+    LATCHED_FAULTS,
+    ACTUAL_CURRENT,
+    DESIRED_STATE,
+    PROGRAMMED_CURRENT,
+    ABORT_OPTION,
+    ERROR_CODE,
+    CONTROLWORD,
+    STATUSWORD,
+    QUICK_STOP_OPTION,
+    FAULT_OPTION,
+    MODE,
+    MODE_DISPLAY,
+    POSITION_INTERNAL,
+    POSITION,
+    VELOCITY,
+    TARGET_TORQUE,
+    MAX_TORQUE,
+    TORQUE_DEMAND,
+    RATED_CURRENT,
+    RATED_TORQUE,
+    TORQUE_ACTUAL,
+    CURRENT_ACTUAL,
+    TORQUE_SLOPE,
+    SUPPORTED_MODES,
+    CONTINUOUS_LIMIT,
+    PEAK_TIME,
+    ERROR_COUNT,
+) = range(37)
+ERROR_FIELDS = 8
+"""Entries of 0x1003 that follow ERROR_COUNT."""
+OBJECT_WORDS = 256
+"""Room for every numeric object; those not named above come after them in the order of the EDS."""
+
+# The drive's own state.
+_OWN = OBJECT_WORDS
+(
+    STATE,
+    PREVIOUS_CONTROL,
+    NMT,
+    NODE_ID,
+    POWERED,
+    RESET,
+    GUARD_TOGGLE,
+    BUS_OFF_UNTIL_NS,
+    UNPLUGGED_UNTIL_NS,
+    SAMPLES,
+    COMMANDS,
+    SDO_COUNT,
+    OUT_COUNT,
+    LOST_FRAMES,
+    FOLDED,
+    HEAT_NS,
+) = range(_OWN, _OWN + 16)
+# f64 words.
+TARGET, DEMAND, HEAT = range(_OWN + 16, _OWN + 19)
+"""A: what the master wants, behind limits; the same behind the slope. Then I²t, A² s above the continuous current."""
+
+TIMER = _OWN + 24
+"""Instants (ns) at which the drive does something by itself; NEVER when it does not."""
+(
+    RAMP_TIMER,
+    HEAT_TIMER,
+    GUARD_TIMER,
+    HEARTBEAT_TIMER,
+    QUICK_STOP_TIMER,
+    REACTION_TIMER,
+    WAKE_TIMER,
+    TPDO_TIMER,
+) = range(8)
+TIMERS = TPDO_TIMER + 4
+LAZY_TIMERS = 2
+"""The first timers are no reason to wake: nobody outside sees them before the next frame."""
+
+PDO = TIMER + TIMERS
+"""Eight PDOs, RPDO 1…4 then TPDO 1…4."""
+(
+    PDO_COB_ID,
+    PDO_TYPE,
+    PDO_COUNT,
+    PDO_BYTES,
+    PDO_SYNCS,
+    PDO_PENDING,
+    PDO_DATA,
+    PDO_EVENT_MS,
+    PDO_INHIBIT_NS,
+    PDO_SENT_NS,
+) = range(10)
+"""COB-ID (−1: not valid), transmission type, entries, bytes; SYNCs counted; waiting for SYNC, and with which data."""
+PDO_MAP = 10
+"""Up to eight entries of (slot, first bit, bits, signed)."""
+PDO_WORDS = PDO_MAP + 8 * 4
+BLOCK_WORDS = PDO + 8 * PDO_WORDS
+
+QUEUE = 256
+"""Frames that may wait on their way out, and SDO requests for Python."""
+
+# Resets that Python has to do, because the object dictionary is its own.
+NO_RESET, RESET_NODE, RESET_COMMUNICATION = range(3)
+
+# NMT states as they stand in a guarding reply (CiA 301, 7.2.8.3).
+NMT_BOOTING, NMT_STOPPED, NMT_OPERATIONAL, NMT_PRE_OPERATIONAL = 0, 4, 5, 127
+
+
+class Machine(NamedTuple):
+    """Everything compiled code needs of one drive.
+
+    Attributes:
+        sim: plant, script and log, see :mod:`sim_hw.layout`.
+        d: (BLOCK_WORDS,) int64, objects and state. a: the same memory as float64.
+        out: (QUEUE, 2) frames on their way out. sdo: (QUEUE, 2) SDO requests for Python; two words are one frame.
+        frame: (2,) scratch for one frame. octets: (16,) uint8, the same memory.
+    """
+
+    sim: Sim
+    d: NDArray[Any]
+    a: NDArray[Any]
+    out: NDArray[Any]
+    sdo: NDArray[Any]
+    frame: NDArray[Any]
+    octets: NDArray[Any]
+
+
+_FRAMES = numba.types.Array(I64, 2, "C")
+MACHINE = numba.types.NamedTuple((SIM, INTS, FLOATS, _FRAMES, _FRAMES, INTS, BYTES), Machine)
+"""Numba's type of a :class:`Machine`, for signatures."""
+
+
+def new_machine(sim: Sim, node_id: int) -> Machine:
+    """Memory of a drive without power: every timer off, no frame anywhere."""
+    d = np.zeros(BLOCK_WORDS, np.int64)
+    d[NODE_ID] = node_id
+    d[TIMER : TIMER + TIMERS] = NEVER
+    d[HEAT_NS] = sim.s[START_NS]
+    frame = np.zeros(2, np.int64)
+    out, sdo = np.zeros((QUEUE, 2), np.int64), np.zeros((QUEUE, 2), np.int64)
+    return Machine(sim, d, d.view(np.float64), out, sdo, frame, frame.view(np.uint8))

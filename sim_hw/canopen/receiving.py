@@ -1,0 +1,99 @@
+"""A frame from the bus: which of the drive's services it is for."""
+
+from __future__ import annotations
+
+from hapticd.jit import njit
+from sim_hw import layout as common
+from sim_hw.canopen import layout as w
+from sim_hw.canopen import node, pdo, sending
+from sim_hw.canopen.drive import emergency
+from sim_hw.canopen.layout import MACHINE, Machine
+from sim_hw.canopen.sending import ERROR, EXTENDED, OTHER, REMOTE, RPDO, SDO_REPLY, SDO_REQUEST, SYNC, TPDO
+from sim_hw.canopen.timeline import advance
+from sim_hw.held import next_held, take
+from sim_hw.layout import I64
+
+_SDO_CLIENT = 0x600
+_GUARD = 0x700
+_SYNC_LENGTH_ERROR = 0x8240
+"""EMCY: unexpected SYNC data length."""
+_REFUSED = 0x11
+
+
+@njit(I64(MACHINE, I64), counted=False)
+def _rpdo(m: Machine, cob_id: int) -> int:
+    """Number (0…3) of the RPDO with a COB-ID, −1 for none."""
+    for number in range(4):
+        if m.d[w.PDO + number * w.PDO_WORDS + w.PDO_COB_ID] == cob_id:
+            return number
+    return -1
+
+
+@njit(I64(MACHINE, I64), counted=False)
+def _kind(m: Machine, low: int) -> int:
+    """What a script calls a frame."""
+    cob_id = sending.identifier(low)
+    kind = OTHER
+    if low & (REMOTE | EXTENDED | ERROR):
+        kind = OTHER
+    elif cob_id == m.d[w.SYNC_COB_ID]:
+        kind = SYNC
+    elif cob_id == _SDO_CLIENT + m.d[w.NODE_ID]:
+        kind = SDO_REQUEST
+    elif _rpdo(m, cob_id) >= 0:
+        kind = RPDO
+    return kind
+
+
+@njit((MACHINE, I64, I64, I64, I64), counted=False)
+def _accept(m: Machine, kind: int, low: int, data: int, now: int) -> None:
+    cob_id, length = sending.identifier(low), sending.length_of(low)
+    state = m.d[w.NMT]
+    if low & (EXTENDED | ERROR):
+        return
+    if low & REMOTE:
+        if cob_id == _GUARD + m.d[w.NODE_ID]:
+            node.answer_guard(m, now)
+    elif cob_id == 0:
+        if length == 2:
+            node.command(m, data, now)
+    elif kind == SYNC:
+        if length:
+            m.d[w.ERROR_REGISTER] |= _REFUSED
+            emergency(m, _SYNC_LENGTH_ERROR, now)
+        elif state == w.NMT_OPERATIONAL:
+            pdo.synchronise(m, now)
+    elif kind == SDO_REQUEST:
+        if state in (w.NMT_OPERATIONAL, w.NMT_PRE_OPERATIONAL) and m.d[w.SDO_COUNT] < w.QUEUE:
+            m.sdo[m.d[w.SDO_COUNT], 0] = low
+            m.sdo[m.d[w.SDO_COUNT], 1] = data
+            m.d[w.SDO_COUNT] += 1
+    elif kind == RPDO and state == w.NMT_OPERATIONAL:
+        pdo.receive_rpdo(m, _rpdo(m, cob_id), length, data, now)
+    pdo.transmit_events(m, now)
+
+
+@njit((MACHINE, I64, I64, I64), counted=False)
+def receive(m: Machine, low: int, data: int, now: int) -> None:
+    """One frame has come at an instant; replies wait in ``m.out`` afterwards."""
+    advance(m, now)
+    if sending.connected(m, now):
+        kind = _kind(m, low)
+        if sending.passes(m, kind, low, data, now):
+            _accept(m, kind, m.frame[0], m.frame[1], now)
+
+
+@njit((MACHINE, I64), counted=False)
+def let_go(m: Machine, now: int) -> None:
+    """Bring the drive to an instant, and let every frame that a fault has held until then go on."""
+    advance(m, now)
+    slot = next_held(m.sim)
+    while slot >= 0 and m.sim.held[slot, common.HELD_DUE_NS] <= now:
+        kind = m.sim.held[slot, common.HELD_FRAME]
+        take(m.sim, slot, m.octets)
+        low, data = m.frame[0], m.frame[1]
+        if kind in (TPDO, SDO_REPLY):
+            sending.put(m, low, data)
+        elif sending.connected(m, now):
+            _accept(m, kind, low, data, now)
+        slot = next_held(m.sim)

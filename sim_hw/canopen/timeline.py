@@ -1,0 +1,100 @@
+"""What the drive does by itself, each thing at the instant at which it was due, however late the process comes to it."""
+
+from __future__ import annotations
+
+from hapticd.jit import njit
+from sim_hw import kinds
+from sim_hw import layout as common
+from sim_hw.canopen import layout as w
+from sim_hw.canopen import node, pdo, power, sending
+from sim_hw.canopen.drive import enter, fail, refresh_status
+from sim_hw.canopen.layout import MACHINE, Machine
+from sim_hw.canopen.states import FAULT, OPERATION_ENABLED, SWITCH_ON_DISABLED
+from sim_hw.faults import begin_fault, fault_due_ns, next_fault
+from sim_hw.held import next_held
+from sim_hw.layout import I64
+from sim_hw.motion import move_to
+
+_EMERGENCY, _LEAVE, _REBOOT = kinds.EMERGENCY, kinds.LEAVE_OPERATION_ENABLED, kinds.REBOOT
+_BUS_OFF, _UNPLUG = kinds.BUS_OFF, kinds.UNPLUG
+
+
+@njit((MACHINE, I64, I64), counted=False)
+def _inject(m: Machine, row: int, now: int) -> None:
+    kind = begin_fault(m.sim, row)
+    code, duration = m.sim.faults[row, common.FAULT_CODE], m.sim.faults[row, common.FAULT_DURATION_NS]
+    until = common.FAR_NS if duration == common.FAR_NS else now + duration
+    if kind == _EMERGENCY:
+        fail(m, code, now)
+    elif kind == _LEAVE:
+        if m.d[w.STATE] == OPERATION_ENABLED:
+            enter(m, SWITCH_ON_DISABLED, now)
+    elif kind == _REBOOT:
+        node.power_down(m, w.RESET_NODE, duration, now)
+    elif kind == _BUS_OFF:
+        sending.put(m, sending.header(sending.ERROR | sending.BUS_OFF, 8), 0)
+        m.d[w.BUS_OFF_UNTIL_NS] = until
+    elif kind == _UNPLUG:
+        m.d[w.UNPLUGGED_UNTIL_NS] = until
+
+
+@njit((MACHINE, I64, I64), counted=False)
+def _expire(m: Machine, timer: int, now: int) -> None:
+    m.d[w.TIMER + timer] = w.NEVER
+    if timer == w.RAMP_TIMER:
+        power.ramp(m, now)
+    elif timer == w.HEAT_TIMER:
+        power.watch_heat(m, now)
+    elif timer == w.GUARD_TIMER:
+        node.life_guarding_event(m, now)
+    elif timer == w.HEARTBEAT_TIMER:
+        node.heartbeat(m, now)
+    elif timer == w.QUICK_STOP_TIMER:
+        enter(m, SWITCH_ON_DISABLED, now)  # transition 12
+    elif timer == w.REACTION_TIMER:
+        enter(m, FAULT, now)  # transition 14
+    elif timer == w.WAKE_TIMER:
+        node.boot(m, now)
+    else:
+        pdo.refresh_inputs(m, now)
+        pdo.transmit(m, timer - w.TPDO_TIMER, now)
+    refresh_status(m)
+    pdo.transmit_events(m, now)
+
+
+@njit((MACHINE, I64), counted=False)
+def advance(m: Machine, now: int) -> None:
+    """Bring the drive to an instant: its timers, the script's faults, the plant, in the order of their instants."""
+    while m.d[w.RESET] == w.NO_RESET:
+        timer = 0
+        for other in range(1, w.TIMERS):
+            if m.d[w.TIMER + other] < m.d[w.TIMER + timer]:
+                timer = other
+        due = m.d[w.TIMER + timer]
+        fault = next_fault(m.sim)
+        fault_due = fault_due_ns(m.sim, fault) if fault >= 0 else common.FAR_NS
+        if min(due, fault_due) > now:
+            break
+        if fault_due <= due:
+            move_to(m.sim, fault_due)
+            _inject(m, fault, fault_due)
+            pdo.transmit_events(m, fault_due)
+        else:
+            move_to(m.sim, due)
+            _expire(m, timer, due)
+    move_to(m.sim, now)
+
+
+@njit(I64(MACHINE), counted=False)
+def next_wake(m: Machine) -> int:
+    """Instant of the next thing that somebody outside could notice, ns; FAR_NS when there is none."""
+    wake = common.FAR_NS
+    for timer in range(w.LAZY_TIMERS, w.TIMERS):
+        wake = min(wake, m.d[w.TIMER + timer])
+    fault = next_fault(m.sim)
+    if fault >= 0:
+        wake = min(wake, fault_due_ns(m.sim, fault))
+    slot = next_held(m.sim)
+    if slot >= 0:
+        wake = min(wake, m.sim.held[slot, common.HELD_DUE_NS])
+    return wake

@@ -1,0 +1,205 @@
+"""The bus under the drive: a Unix socket or SocketCAN served by compiled code, any other python-can interface by Python."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import socket
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+import can
+import numpy as np
+
+from sim_hw import layout as common
+from sim_hw.canopen import layout as w
+from sim_hw.canopen.receiving import let_go, receive
+from sim_hw.canopen.sending import ERROR, EXTENDED, REMOTE, header
+from sim_hw.canopen.serve import CLIENTS, DESCRIPTOR_WORDS, LISTENER, hang_up, serve
+from sim_hw.canopen.timeline import next_wake
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sim_hw.canopen.device import Drive
+
+_LOOK_AGAIN_NS = 50_000_000
+"""Python looks at the STOP word and at an unplugged cable at least this often."""
+
+
+class Transport(Protocol):
+    """Something the drive can be served on until it is told to stop."""
+
+    def serve(self, drive: Drive) -> None:
+        """Serve until ``STOP`` is set."""
+
+    def close(self) -> None:
+        """Leave the bus; safe to call twice."""
+
+
+class UnixBus:
+    """Listens on an AF_UNIX SOCK_SEQPACKET path and is the bus for up to four clients.
+
+    Args:
+        path: where the socket is made; one that nobody listens on any more is replaced.
+
+    Raises:
+        OSError: the path cannot be bound, or another process listens on it.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._fds = np.full(DESCRIPTOR_WORDS, -1, np.int64)
+        self._listener: socket.socket | None = None
+        _remove_stale(path)
+        self._listen()
+
+    def _listen(self) -> None:
+        listener = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+        try:
+            listener.bind(str(self._path))
+            listener.listen(CLIENTS)
+        except OSError as error:
+            listener.close()
+            raise OSError(error.errno, f"cannot listen on {self._path}: {error.strerror}") from error
+        listener.setblocking(False)
+        self._listener = listener
+        self._fds[LISTENER] = listener.fileno()
+
+    def serve(self, drive: Drive) -> None:
+        """Serve compiled; unplugged, the socket is gone, and it comes back when the script plugs it in again."""
+        timespec = np.zeros(2, np.int64)
+        machine = drive.machine
+        while not machine.sim.s[common.STOP]:
+            serve(machine, self._fds, timespec, time.monotonic_ns() + _LOOK_AGAIN_NS)
+            drive.attend()
+            unplugged = time.monotonic_ns() < machine.d[w.UNPLUGGED_UNTIL_NS]
+            if unplugged and self._listener is not None:
+                self.close()
+            elif not unplugged and self._listener is None:
+                self._listen()
+        drive.end()
+
+    def close(self) -> None:
+        """Hang up on every client and remove the socket."""
+        for client in range(CLIENTS):
+            hang_up(self._fds, client)
+        self._fds[LISTENER] = -1
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
+            self._path.unlink(missing_ok=True)
+
+
+def _remove_stale(path: Path) -> None:
+    if path.is_socket():
+        with contextlib.closing(socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)) as probe:
+            try:
+                probe.connect(str(path))
+            except ConnectionRefusedError:
+                path.unlink()
+
+
+class CanSocket:
+    """A raw SocketCAN socket, served compiled.
+
+    Args:
+        channel: network interface, such as ``vcan0``.
+
+    Raises:
+        OSError: this kernel has no CAN, or there is no such interface.
+    """
+
+    def __init__(self, channel: str) -> None:
+        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
+        try:
+            self._socket.bind((channel,))
+        except OSError as error:
+            self._socket.close()
+            raise OSError(error.errno, f"cannot open {channel}: {error.strerror}") from error
+
+    def serve(self, drive: Drive) -> None:
+        """Serve compiled; what is unplugged here is only not heard."""
+        fds = np.full(DESCRIPTOR_WORDS, -1, np.int64)
+        fds[0] = os.dup(self._socket.fileno())
+        timespec = np.zeros(2, np.int64)
+        while not drive.machine.sim.s[common.STOP]:
+            serve(drive.machine, fds, timespec, time.monotonic_ns() + _LOOK_AGAIN_NS)
+            drive.attend()
+        hang_up(fds, 0)
+        drive.end()
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+
+
+class PythonCan:
+    """Any interface of python-can, served by a Python loop around the compiled drive.
+
+    Args:
+        interface: name of the interface, such as ``udp_multicast``. channel: as that interface has it.
+
+    Raises:
+        OSError: the interface cannot be opened.
+    """
+
+    def __init__(self, interface: str, channel: str) -> None:
+        try:
+            self._bus = can.Bus(channel=channel, interface=interface)
+        except can.CanError as error:
+            raise OSError(f"cannot open {interface} {channel}: {error}") from error
+
+    def serve(self, drive: Drive) -> None:
+        """Wait for a frame or for the drive's next instant, answer, and again."""
+        machine = drive.machine
+        while not machine.sim.s[common.STOP]:
+            wait_ns = min(next_wake(machine) - time.monotonic_ns(), _LOOK_AGAIN_NS)
+            message = self._bus.recv(max(wait_ns, 0) * 1e-9)
+            now = time.monotonic_ns()
+            if message is not None and not message.is_fd:
+                receive(machine, *_words(message), now)
+            let_go(machine, now)
+            drive.attend()
+            for frame in _drain(drive):
+                with contextlib.suppress(can.CanError):
+                    self._bus.send(frame)
+        drive.end()
+
+    def close(self) -> None:
+        """Shut the interface down."""
+        self._bus.shutdown()
+
+
+def _words(message: can.Message) -> tuple[int, int]:
+    flags = EXTENDED * message.is_extended_id | REMOTE * message.is_remote_frame | ERROR * message.is_error_frame
+    data = int.from_bytes(bytes(message.data or b"").ljust(8, b"\0"), "little", signed=True)
+    return header(message.arbitration_id | flags, message.dlc), data
+
+
+def _drain(drive: Drive) -> Iterator[can.Message]:
+    machine = drive.machine
+    for low, data in machine.out[: machine.d[w.OUT_COUNT]].tolist():
+        length = low >> 32 & 0xFF
+        yield can.Message(
+            arbitration_id=low & 0x1FFFFFFF,
+            is_extended_id=bool(low & EXTENDED),
+            is_error_frame=bool(low & ERROR),
+            dlc=length,
+            data=(data & (1 << 64) - 1).to_bytes(8, "little")[:length],
+        )
+    machine.d[w.OUT_COUNT] = 0
+
+
+def open_transport(path: Path | None, interface: str | None, channel: str | None) -> Transport:
+    """The transport that the command line asks for.
+
+    Raises:
+        OSError: it cannot be opened.
+    """
+    if path is not None:
+        return UnixBus(path)
+    if interface == "socketcan":
+        return CanSocket(channel or "can0")
+    return PythonCan(interface or "", channel or "")

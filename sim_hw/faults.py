@@ -1,0 +1,98 @@
+"""Injected faults, compiled: which are due, what becomes of a frame, and the ones every device has alike."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+from numpy.typing import NDArray
+
+from hapticd.jit import njit
+from hapticd.plant import kernel
+from sim_hw import kinds, log
+from sim_hw import layout as w
+from sim_hw.layout import BYTES, I64, SIM, Sim
+from sim_hw.motion import instant_ns, log_row, move_to
+
+
+@njit(I64(SIM, I64), counted=False)
+def fault_due_ns(sim: Sim, row: int) -> int:
+    """When a waiting fault is due; FAR_NS when its origin has not come yet or it is not waiting."""
+    if sim.faults[row, w.FAULT_STATE] != w.WAITING:
+        return w.FAR_NS
+    return instant_ns(sim, sim.faults[row, w.FAULT_FROM], sim.faults[row, w.FAULT_AT_NS])
+
+
+@njit(I64(SIM), counted=False)
+def next_fault(sim: Sim) -> int:
+    """Row of the fault that is due first among those waiting; −1 when there is none."""
+    first = -1
+    for row in range(sim.faults.shape[0]):
+        due = fault_due_ns(sim, row)
+        if due < w.FAR_NS and (first < 0 or due < fault_due_ns(sim, first)):
+            first = row
+    return first
+
+
+@njit(I64(SIM, I64), counted=False)
+def begin_fault(sim: Sim, row: int) -> int:
+    """A fault falls due: it waits no longer, and its kind comes back for the device to act on.
+
+    Does what is alike on all devices: frozen counter, encoder glitch, silence. All but frame faults get their
+    FAULT_INJECTED row here (code: the kind's number, detail: the row in the script's list), at the instant they were due.
+    """
+    due = fault_due_ns(sim, row)
+    fault = sim.faults[row]
+    kind = fault[w.FAULT_KIND]
+    if kind <= kinds.LAST_FRAME_FAULT:
+        fault[w.FAULT_STATE] = w.ACTIVE
+        return kind
+    fault[w.FAULT_STATE] = w.OVER
+    move_to(sim, due)
+    until = w.FAR_NS if fault[w.FAULT_DURATION_NS] == w.FAR_NS else due + fault[w.FAULT_DURATION_NS]
+    if kind == kinds.FREEZE_COUNTER:
+        sim.s[w.FROZEN_COUNTS] = kernel.plant_counts(sim.f, sim.i) + sim.s[w.COUNTS_OFFSET]
+        sim.s[w.FROZEN_UNTIL_NS] = until
+    elif kind == kinds.ENCODER_GLITCH:
+        sim.s[w.GLITCH_COUNTS] = fault[w.FAULT_COUNTS]
+        sim.s[w.GLITCH_LEFT] = fault[w.FAULT_COUNT]
+    elif kind == kinds.SILENT:
+        sim.s[w.SILENT_UNTIL_NS] = until
+    log_row(sim, due, log.FAULT_INJECTED, kind, row)
+    return kind
+
+
+@njit(numba.types.UniTuple(I64, 2)(SIM, I64, I64), counted=False)
+def frame_fate(sim: Sim, frame: int, ns: int) -> tuple[int, int]:
+    """What becomes of one frame: bits ``1 << kind`` of the frame faults that hit it, and its delay in ns.
+
+    Every hit uses up one of the fault's ``count`` and writes a FAULT_INJECTED row (code: kind, detail: the frame's bit).
+    """
+    fate = 0
+    delay = 0
+    for row in range(sim.faults.shape[0]):
+        if sim.faults[row, w.FAULT_STATE] != w.ACTIVE or (sim.faults[row, w.FAULT_FRAMES] & frame) == 0:
+            continue
+        kind = sim.faults[row, w.FAULT_KIND]
+        fate |= 1 << kind
+        if kind == kinds.DELAY:
+            delay += sim.faults[row, w.FAULT_DELAY_NS]
+        sim.faults[row, w.FAULT_LEFT] -= 1
+        if sim.faults[row, w.FAULT_LEFT] == 0:
+            sim.faults[row, w.FAULT_STATE] = w.OVER
+        log_row(sim, ns, log.FAULT_INJECTED, kind, frame)
+    return fate, delay
+
+
+@njit(I64(SIM), counted=False)
+def random_bits(sim: Sim) -> int:
+    """31 reproducible random bits (the linear congruential generator of POSIX ``rand48``)."""
+    sim.s[w.RANDOM] = (sim.s[w.RANDOM] * 0x5DEECE66D + 0xB) & 0xFFFFFFFFFFFF
+    return sim.s[w.RANDOM] >> 17
+
+
+@njit((SIM, BYTES, I64), counted=False)
+def corrupt(sim: Sim, frame: NDArray[Any], length: int) -> None:
+    """Flip one random bit among the first ``length`` bytes of a frame."""
+    position = random_bits(sim) % (8 * length)
+    frame[position >> 3] ^= 1 << (position & 7)

@@ -1,0 +1,72 @@
+"""Frames on their way, compiled: those that a slow line or an injected fault holds back until their instant comes."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+from numpy.typing import NDArray
+
+from hapticd.jit import njit
+from sim_hw import layout as w
+from sim_hw.layout import BYTES, I64, SIM, Sim
+
+
+@njit(numba.boolean(SIM, I64, I64, BYTES, I64), counted=False)
+def hold(sim: Sim, due_ns: int, frame: int, data: NDArray[Any], length: int) -> bool:
+    """Keep a copy of a frame until ``due_ns`` (FAR_NS: until :func:`release`); False when every slot is taken.
+
+    Args:
+        sim: the device. due_ns: when it goes on. frame: bit of its kind, see :mod:`sim_hw.kinds`.
+        data: uint8, of which the first ``length`` (at most HELD_BYTES) are kept.
+    """
+    order = 0
+    free = -1
+    for slot in range(w.HELD_SLOTS):
+        if sim.held[slot, w.HELD_DUE_NS] == 0:
+            free = slot
+        else:
+            order = max(order, sim.held[slot, w.HELD_ORDER])
+    if free < 0:
+        return False
+    sim.held[free, w.HELD_DUE_NS] = due_ns
+    sim.held[free, w.HELD_ORDER] = order + 1
+    sim.held[free, w.HELD_FRAME] = frame
+    sim.held[free, w.HELD_LENGTH] = length
+    for n in range(length):
+        sim.held_bytes[free, n] = data[n]
+    return True
+
+
+@njit(I64(SIM), counted=False)
+def next_held(sim: Sim) -> int:
+    """Slot of the frame that is due first, in the order in which they came; −1 when no frame has an instant."""
+    first = -1
+    for slot in range(w.HELD_SLOTS):
+        due = sim.held[slot, w.HELD_DUE_NS]
+        if due == 0 or due == w.FAR_NS:
+            continue
+        if first < 0 or (due, sim.held[slot, w.HELD_ORDER]) < (
+            sim.held[first, w.HELD_DUE_NS],
+            sim.held[first, w.HELD_ORDER],
+        ):
+            first = slot
+    return first
+
+
+@njit((SIM, I64, I64), counted=False)
+def release(sim: Sim, frame: int, ns: int) -> None:
+    """A frame of this kind has passed: those that waited for it go on at ``ns``, after it."""
+    for slot in range(w.HELD_SLOTS):
+        if sim.held[slot, w.HELD_DUE_NS] == w.FAR_NS and sim.held[slot, w.HELD_FRAME] == frame:
+            sim.held[slot, w.HELD_DUE_NS] = ns
+
+
+@njit(I64(SIM, I64, BYTES), counted=False)
+def take(sim: Sim, slot: int, data: NDArray[Any]) -> int:
+    """Copy a held frame into ``data``, free its slot, and return its length."""
+    length = sim.held[slot, w.HELD_LENGTH]
+    for n in range(length):
+        data[n] = sim.held_bytes[slot, n]
+    sim.held[slot, w.HELD_DUE_NS] = 0
+    return length

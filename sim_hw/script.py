@@ -1,0 +1,240 @@
+"""The script of a simulated device: an operator's hand, where the counter starts, and what goes wrong when.
+
+A YAML file with the sections ``hand``, ``start`` and ``faults``, each optional; every key is described in
+``docs/reference/simulated-hardware.md``. Reading it reports everything that is wrong at once.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hapticd.config import ConfigError, Problem
+from hapticd.config.nearest import nearest_name
+from hapticd.config.reading import read_text, read_yaml
+from hapticd.config.text import shown
+from sim_hw import kinds
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_SECTIONS = ("hand", "start", "faults")
+_START = {"serial": ("position", "counts_offset"), "canopen": ("position", "counts_offset", "missing", "override")}
+_FIRST_OBJECT, _LAST_OBJECT = 0x1000, 0xFFFF
+
+
+@dataclass(frozen=True)
+class Script:
+    """A script that was read.
+
+    Attributes:
+        hand_from: what the hand's instants count from, 0: the device's start, 1: the first enable.
+        hand_ns: (n,) int64, instants of the hand's steps, ns, ascending.
+        hand_force: (n,) torque or force from then on, N m or N.
+        position: true initial position, rad or m.
+        counts_offset: what the counter shows at position 0.
+        faults: (m, FAULT_WORDS) int64, see :mod:`sim_hw.layout`.
+        wrong_version: the protocol version that the device claims instead of its own, or None; any number makes a CANopen
+            drive claim to be another kind of device of another maker.
+        missing: indexes of objects that a CANopen drive lacks.
+        override: its power-up values that differ from what they should be, by (index, sub-index).
+    """
+
+    hand_from: int = 0
+    hand_ns: NDArray[np.int64] = field(default_factory=lambda: np.zeros(0, np.int64))
+    hand_force: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    position: float = 0.0
+    counts_offset: int = 0
+    faults: NDArray[np.int64] = field(default_factory=lambda: kinds.fault_table([]))
+    wrong_version: int | None = None
+    missing: tuple[int, ...] = ()
+    override: Mapping[tuple[int, int], int] = field(default_factory=dict)
+
+
+def load_script(path: str | Path | None, device: str) -> Script:
+    """Read a script.
+
+    Args:
+        path: the YAML file; None is a script in which nothing happens.
+        device: ``serial`` or ``canopen``; a fault that it cannot have is an error.
+
+    Raises:
+        ConfigError: with everything that is wrong: unknown section, key or kind (and the nearest valid one), missing key,
+            value out of range.
+    """
+    if path is None:
+        return Script()
+    name = str(path)
+    data, problems = read_yaml(read_text(Path(path), name), name)
+    if data is None and not problems:
+        raise ConfigError([Problem(name, "", None, "is empty; write {} for a script in which nothing happens")])
+    return _Reader(name, device, problems).script(data)
+
+
+class _Reader:
+    """Collects problems while it reads; a value that is wrong is replaced by one that lets the rest be checked."""
+
+    def __init__(self, name: str, device: str, problems: list[Problem]) -> None:
+        self._name, self._device, self._problems = name, device, problems
+
+    def script(self, data: object) -> Script:
+        sections = self._mapping(data, "", _SECTIONS)
+        hand = [self._hand(step, f"hand[{n}]") for n, step in enumerate(self._list(sections.get("hand"), "hand"))]
+        start = self._mapping(sections.get("start", {}), "start", _START[self._device])
+        position = self._number(start, "start", "position", -math.inf, math.inf, 0.0)
+        offset = self._whole(start, "start", "counts_offset", -(2**32), 2**32, 0)
+        missing = [
+            self._object(name, f"start.missing[{n}]")[0]
+            for n, name in enumerate(self._list(start.get("missing"), "start.missing"))
+        ]
+        override = self._override(start.get("override", {}))
+        faults = [
+            self._fault(fault, f"faults[{n}]") for n, fault in enumerate(self._list(sections.get("faults"), "faults"))
+        ]
+        origins = {origin for _, _, origin in hand}
+        if len(origins) > 1:
+            self._add("hand", None, "has steps from start and steps from enabled; all must count from the same")
+        if any(after[0] < before[0] for before, after in pairwise(hand)):
+            self._add("hand", None, "has steps that are not in the order of their at_s")
+        if self._problems:
+            raise ConfigError(self._problems)
+        versions = [fault["version"] for fault in faults if fault["kind"] == "wrong_version"]
+        return Script(
+            hand_from=origins.pop() if origins else 0,
+            hand_ns=np.array([kinds.to_ns(at_s) for at_s, _, _ in hand], np.int64),
+            hand_force=np.array([force for _, force, _ in hand], np.float64),
+            position=position,
+            counts_offset=offset,
+            faults=kinds.fault_table(fault for fault in faults if fault["kind"] != "wrong_version"),
+            wrong_version=versions[-1] if versions else None,
+            missing=tuple(missing),
+            override=override,
+        )
+
+    def _object(self, name: object, key: str) -> tuple[int, int]:
+        """``0x6076`` or ``"0x1018:1"`` as (index, sub-index)."""
+        index, _, subindex = (hex(name) if isinstance(name, int) else str(name)).partition(":")
+        try:
+            place = int(index, 0), int(subindex or "0")
+        except ValueError:
+            place = 0, 0
+        if not (_FIRST_OBJECT <= place[0] <= _LAST_OBJECT and 0 <= place[1] <= 0xFF):
+            self._add(key, name, 'must be an object of the dictionary, such as 0x6076 or "0x1018:1"')
+        return place
+
+    def _override(self, data: object) -> dict[tuple[int, int], int]:
+        if not isinstance(data, Mapping):
+            self._add("start.override", data, "must map objects to values, such as {0x6076: 0}")
+            return {}
+        texts = {name: hex(name) if isinstance(name, int) else str(name) for name in data}
+        return {
+            self._object(name, "start.override"): self._whole(
+                {text: data[name]}, "start.override", text, -(2**31), 2**32 - 1, 0
+            )
+            for name, text in texts.items()
+        }
+
+    def _hand(self, data: object, key: str) -> tuple[float, float, int]:
+        step = self._mapping(data, key, ("at_s", "force", "from"), required=("at_s", "force"))
+        at_s = self._number(step, key, "at_s", 0.0, kinds.LONGEST_S, 0.0)
+        force = self._number(step, key, "force", -math.inf, math.inf, 0.0)
+        return at_s, force, kinds.ORIGINS[self._choice(step, key, "from", kinds.ORIGINS, "start")]
+
+    def _fault(self, data: object, key: str) -> dict[str, Any]:
+        given = data.get("kind") if isinstance(data, Mapping) else None
+        if not isinstance(data, Mapping) or given is None:
+            self._add(key, data, "must be a mapping with a kind, such as {kind: silent, at_s: 1.0}")
+            return {"kind": ""}
+        kind = kinds.KINDS.get(str(given))
+        if kind is None:
+            self._unknown(f"{key}.kind", given, kinds.KINDS, "is no kind of fault")
+            return {"kind": ""}
+        if self._device not in kind.devices:
+            self._add(f"{key}.kind", given, f"is a fault of {kind.devices[0]} devices; this one is {self._device}")
+            return {"kind": ""}
+        fault = self._mapping(data, key, ("kind", *kind.keys), required=kind.required)
+        values: dict[str, Any] = {"kind": str(given)}
+        for name in kind.keys:
+            values[name] = self._fault_value(fault, key, name)
+        return values
+
+    def _fault_value(self, fault: Mapping[str, Any], key: str, name: str) -> Any:
+        if name == "from":
+            return self._choice(fault, key, name, kinds.ORIGINS, "start")
+        if name == "frames":
+            return self._choice(fault, key, name, kinds.FRAMES[self._device], "any")
+        limit = kinds.NUMBERS[name]
+        if limit.whole:
+            return self._whole(fault, key, name, int(limit.least), int(limit.most), int(limit.default))
+        return self._number(fault, key, name, limit.least, limit.most, limit.default)
+
+    def _add(self, key: str, value: object, message: str, nearest: str | None = None) -> None:
+        text = None if value is None else shown(value)
+        self._problems.append(Problem(self._name, key, text, message, nearest=nearest))
+
+    def _unknown(self, key: str, value: object, valid: Iterable[str], what: str) -> None:
+        names = sorted(valid)
+        nearest = nearest_name(str(value), names)
+        hint = f"did you mean {nearest}?" if nearest else "there are: " + ", ".join(names)
+        self._add(key, value, f"{what}; {hint}", nearest)
+
+    def _mapping(
+        self, data: object, key: str, valid: tuple[str, ...], required: tuple[str, ...] = ()
+    ) -> Mapping[str, Any]:
+        if not isinstance(data, Mapping):
+            self._add(key, data, "must be a mapping with the keys " + ", ".join(valid))
+            return {}
+        for name in data:
+            if name not in valid:
+                nearest = nearest_name(str(name), valid)
+                hint = f"did you mean {nearest}?" if nearest else "the keys here are " + ", ".join(valid)
+                where = f"{key}.{name}" if key else str(name)
+                self._problems.append(Problem(self._name, where, None, f"unknown key; {hint}", nearest=nearest))
+        for name in required:
+            if name not in data:
+                self._problems.append(Problem(self._name, f"{key}.{name}", None, "is missing"))
+        return data
+
+    def _list(self, data: object, key: str) -> list[Any]:
+        if data is None:
+            return []
+        if not isinstance(data, list):
+            self._add(key, data, "must be a list")
+            return []
+        return data
+
+    def _choice(self, data: Mapping[str, Any], key: str, name: str, valid: Mapping[str, int], default: str) -> str:
+        value = data.get(name, default)
+        if value not in valid:
+            self._unknown(f"{key}.{name}", value, valid, "is not allowed")
+            return default
+        return str(value)
+
+    def _number(self, data: Mapping[str, Any], key: str, name: str, least: float, most: float, default: float) -> float:
+        value = data.get(name, default)
+        if name == "duration_s" and value == "forever":
+            return math.inf
+        if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
+            self._add(f"{key}.{name}", value, "must be a number")
+        elif not least <= value <= most or (math.isinf(value) and name != "duration_s"):
+            limits = "finite" if math.isinf(most) else f"between {least:g} and {most:g}"
+            self._add(f"{key}.{name}", value, f"must be {limits}{kinds.unit(name)}")
+        else:
+            return float(value)
+        return default
+
+    def _whole(self, data: Mapping[str, Any], key: str, name: str, least: int, most: int, default: int) -> int:
+        value = data.get(name, default)
+        if isinstance(value, bool) or not isinstance(value, int):
+            self._add(f"{key}.{name}", value, "must be a whole number")
+        elif not least <= value <= most:
+            self._add(f"{key}.{name}", value, f"must be between {least} and {most}{kinds.unit(name)}")
+        else:
+            return value
+        return default

@@ -1,0 +1,85 @@
+"""The board as a whole: its data from a plant file, its port, and the Python around its compiled service."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING
+
+from hapticd.config import ConfigError, Problem
+from hapticd.plant import kernel
+from sim_hw import kinds, log
+from sim_hw import layout as w
+from sim_hw.motion import log_row, move_to
+from sim_hw.plant import build_sim
+from sim_hw.serial_board import words as b
+from sim_hw.serial_board.board import disable
+from sim_hw.serial_board.service import STOPPED, UNPLUG, serve
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from sim_hw.layout import Sim
+    from sim_hw.script import Script
+    from sim_hw.serial_board.port import Port
+
+PROTOCOL_VERSION = 1
+_BITS_PER_BYTE = 10  # start, eight data bits, stop
+
+
+def switch_on(config: Config, script: Script, plant_name: str, *, line_baud: int, counter_bits: int) -> Sim:
+    """A board's memory just after power-up.
+
+    Args:
+        config: the plant file; its ``amplifier.dac_bits`` and ``dac_full_scale`` are the board's converter.
+        script: hand, start and faults.
+        plant_name: what to call the plant file in messages.
+        line_baud: baud of the emulated line; 0: bytes take no time.
+        counter_bits: width of the encoder counter, 16 … 32.
+
+    Raises:
+        ConfigError: a plant file whose converter no board of this protocol has.
+    """
+    amplifier = config.amplifier
+    full_scale_ua = round((amplifier.dac_full_scale or 0.0) * 1e6)
+    bits = amplifier.dac_bits or 0
+    if not 8 <= bits <= 16:
+        message = "the board's converter has 8 to 16 bits"
+        raise ConfigError([Problem(plant_name, "amplifier.dac_bits", str(amplifier.dac_bits), message)])
+    if not 0 < full_scale_ua < 2**32:
+        message = "the board's converter has a full scale of 1 µA to 4294 A"
+        raise ConfigError([Problem(plant_name, "amplifier.dac_full_scale", str(amplifier.dac_full_scale), message)])
+    sim = build_sim(config, script)
+    s = sim.s
+    s[b.MASTER] = -1
+    s[b.STATUS] = b.UNCONFIGURED
+    s[b.WATCHDOG_NS] = b.WATCHDOG_POWER_UP_MS * 1_000_000
+    s[b.WATCHDOG_DUE_NS] = s[b.RESET_UNTIL_NS] = s[b.PLUG_IN_NS] = w.FAR_NS
+    s[b.DAC_BITS], s[b.FULL_SCALE_UA], s[b.COUNTER_BITS] = bits, full_scale_ua, counter_bits
+    s[b.VERSION] = PROTOCOL_VERSION if script.wrong_version is None else script.wrong_version
+    s[b.POWER_UP_NS] = s[w.START_NS]
+    s[b.BYTE_NS] = round(_BITS_PER_BYTE * 1e9 / line_baud) if line_baud else 0
+    log_row(sim, int(s[w.START_NS]), log.START, 0, 0)
+    if script.wrong_version is not None:
+        log_row(sim, int(s[w.START_NS]), log.FAULT_INJECTED, kinds.WRONG_VERSION, -1)
+    return sim
+
+
+def run_board(sim: Sim, port: Port) -> None:
+    """Be the board until ``sim.s[STOP]`` is set; then switch the output off and end the log."""
+    line = b.new_line()
+    sim.s[b.MASTER] = port.master
+    while (reason := serve(sim, line)) != STOPPED:
+        if reason == UNPLUG:
+            port.unplug()
+        else:
+            port.plug_in()
+        sim.s[b.MASTER] = port.master
+        sim.s[b.LINE_OPEN] = 0
+        detail = b.UNPLUGGED if reason == UNPLUG else b.PLUGGED
+        log_row(sim, time.monotonic_ns(), log.STATE, int(sim.s[b.STATUS]), detail)
+    now = time.monotonic_ns()
+    disable(sim, now, b.OFF_COMMAND)
+    # The log ends when the last command has reached the motor.
+    end = now + math.ceil(sim.f[kernel.LAG_NS])
+    move_to(sim, end)
+    log_row(sim, end, log.END, 0, 0)

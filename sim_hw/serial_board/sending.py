@@ -1,0 +1,67 @@
+"""From the board to the host, compiled: frames out, through injected faults and the emulated line."""
+
+from __future__ import annotations
+
+from numba import types
+
+from hapticd.jit import njit
+from sim_hw import kinds
+from sim_hw import layout as w
+from sim_hw.faults import corrupt, frame_fate, random_bits
+from sim_hw.held import hold, release
+from sim_hw.layout import I64, SIM, Sim
+from sim_hw.serial_board import words as b
+from sim_hw.serial_board.framing import encode
+from sim_hw.serial_board.words import LINE, Line
+
+_write = types.ExternalFunction("write", types.intp(types.intc, types.intp, types.uintp))
+
+
+@njit((SIM, LINE, I64, I64), counted=False)
+def put_on_line(sim: Sim, line: Line, length: int, ns: int) -> None:
+    """Write ``line.wire`` to the port, and let go of the replies that waited for one to pass.
+
+    Without a host at the other end the bytes are lost, as on a cable; so are those a host leaves unread until the port's
+    buffer is full.
+    """
+    if sim.s[b.LINE_OPEN] == 1:
+        _write(sim.s[b.MASTER], line.wire.ctypes.data, length)
+    release(sim, kinds.REPLY, ns)
+
+
+@njit(types.boolean(SIM, LINE, I64, I64), counted=False)
+def send(sim: Sim, line: Line, length: int, ns: int) -> bool:
+    """Send the first ``length`` bytes of ``line.reply`` as a frame at an instant; whether all of it left unharmed."""
+    size = encode(line.reply, length, line.wire)
+    if sim.s[w.SILENT_UNTIL_NS] > ns:
+        return False
+    fate, delay = frame_fate(sim, kinds.REPLY, ns)
+    if fate & kinds.DROPPED:
+        return False
+    if fate & kinds.CORRUPTED:
+        corrupt(sim, line.wire, size - 1)
+    due = ns + delay
+    if sim.s[b.BYTE_NS] > 0:
+        due = max(due, sim.s[b.SENDING_UNTIL_NS]) + size * sim.s[b.BYTE_NS]
+        sim.s[b.SENDING_UNTIL_NS] = due
+    copies = 2 if fate & kinds.DUPLICATED else 1
+    for _ in range(copies):
+        if fate & kinds.REORDERED:
+            hold(sim, w.FAR_NS, kinds.REPLY, line.wire, size)
+        elif due > ns:
+            hold(sim, due, kinds.REPLY, line.wire, size)
+        else:
+            put_on_line(sim, line, size, ns)
+    return fate & (kinds.CORRUPTED | kinds.REORDERED) == 0
+
+
+@njit((SIM, LINE, I64), counted=False)
+def send_garbage(sim: Sim, line: Line, size: int) -> None:
+    """Put random bytes on the line, zeros among them."""
+    while size > 0:
+        chunk = min(size, b.BUFFER_BYTES)
+        for n in range(chunk):
+            line.buffer[n] = random_bits(sim) & 0xFF
+        if sim.s[b.LINE_OPEN] == 1:
+            _write(sim.s[b.MASTER], line.buffer.ctypes.data, chunk)
+        size -= chunk

@@ -1,0 +1,192 @@
+"""The board's cyclic service, compiled: waits for bytes and for what falls due, each taken at its own instant."""
+
+from __future__ import annotations
+
+from numba import types
+
+from hapticd.jit import atomic_load, njit
+from sim_hw import kinds, log
+from sim_hw import layout as w
+from sim_hw.clock import POLLHUP, POLLIN, monotonic_ns, pollfd, returned_events, wait_readable
+from sim_hw.faults import begin_fault, corrupt, fault_due_ns, frame_fate, next_fault
+from sim_hw.held import hold, next_held, release, take
+from sim_hw.layout import I64, SIM, Sim
+from sim_hw.motion import log_row, move_to
+from sim_hw.serial_board import words as b
+from sim_hw.serial_board.board import handle, latch_fault, power_up, reboot, trip_watchdog
+from sim_hw.serial_board.framing import LONGEST_FRAME, decode
+from sim_hw.serial_board.sending import put_on_line, send_garbage
+from sim_hw.serial_board.words import LINE, Line
+
+_read = types.ExternalFunction("read", types.intp(types.intc, types.intp, types.uintp))
+
+STOPPED, UNPLUG, PLUG_IN = 0, 1, 2
+"""Why the service returned."""
+
+_LONGEST_WAIT_NS = 20_000_000
+_CLOSED_WAIT_NS = 2_000_000
+
+
+@njit((SIM, LINE, I64, I64), counted=False)
+def _act(sim: Sim, line: Line, length: int, ns: int) -> None:
+    """A payload has been received; −1 stands for a bad frame."""
+    if length < 0 or not handle(sim, line, length, ns):
+        move_to(sim, ns)
+        sim.s[b.STATUS] |= b.BAD_FRAME
+        log_row(sim, ns, log.STATE, sim.s[b.STATUS], b.DROPPED_FRAME)
+
+
+@njit((SIM, LINE, I64), counted=False)
+def _receive(sim: Sim, line: Line, ns: int) -> None:
+    """A frame's delimiter has arrived: decide its fate, then act on it now or when it is due."""
+    size = sim.s[b.RAW_LENGTH]
+    sim.s[b.RAW_LENGTH] = 0
+    if size == 0:
+        return
+    length = decode(line.raw, size, line.payload)
+    frame = kinds.COMMAND if length > 0 and line.payload[0] == 0x04 else kinds.REQUEST
+    fate, delay = frame_fate(sim, frame, ns)
+    if fate & kinds.DROPPED:
+        return
+    if fate & kinds.CORRUPTED and length > 0:
+        corrupt(sim, line.raw, size)
+        length = decode(line.raw, size, line.payload)
+    due = max(ns, sim.s[b.RECEIVING_UNTIL_NS]) + delay
+    copies = 2 if fate & kinds.DUPLICATED else 1
+    for _ in range(copies):
+        if fate & kinds.REORDERED:
+            hold(sim, w.FAR_NS, frame, line.raw, size)
+        elif due > ns:
+            hold(sim, due, frame, line.raw, size)
+        else:
+            _act(sim, line, length, ns)
+            release(sim, frame, ns)
+
+
+@njit((SIM, LINE, I64, I64), counted=False)
+def _take_bytes(sim: Sim, line: Line, size: int, ns: int) -> None:
+    for n in range(size):
+        if sim.s[b.BYTE_NS] > 0:
+            sim.s[b.RECEIVING_UNTIL_NS] = max(ns, sim.s[b.RECEIVING_UNTIL_NS]) + sim.s[b.BYTE_NS]
+        if line.buffer[n] == 0:
+            _receive(sim, line, ns)
+        else:
+            length = sim.s[b.RAW_LENGTH]
+            if length < LONGEST_FRAME:
+                line.raw[length] = line.buffer[n]
+            sim.s[b.RAW_LENGTH] = min(length + 1, LONGEST_FRAME + 1)
+
+
+@njit((SIM, LINE, I64), counted=False)
+def _let_go(sim: Sim, line: Line, slot: int) -> None:
+    """A frame that was held goes on: out to the host, or into the board."""
+    due = sim.held[slot, w.HELD_DUE_NS]
+    frame = sim.held[slot, w.HELD_FRAME]
+    if frame == kinds.REPLY:
+        put_on_line(sim, line, take(sim, slot, line.wire), due)
+    else:
+        length = decode(line.wire, take(sim, slot, line.wire), line.payload)
+        _act(sim, line, length, due)
+        release(sim, frame, due)
+
+
+@njit(I64(SIM, LINE), counted=False)
+def _begin(sim: Sim, line: Line) -> int:
+    """The next fault falls due; the service's reason to return, or STOPPED to go on."""
+    row = next_fault(sim)
+    due = fault_due_ns(sim, row)
+    duration = sim.faults[row, w.FAULT_DURATION_NS]
+    until = w.FAR_NS if duration == w.FAR_NS else due + duration
+    kind = begin_fault(sim, row)
+    if kind == kinds.GARBAGE:
+        send_garbage(sim, line, sim.faults[row, w.FAULT_SIZE])
+    elif kind == kinds.REBOOT:
+        reboot(sim, due, until)
+    elif kinds.ENCODER_FAULT <= kind <= kinds.EXTERNAL_STOP:
+        latch_fault(sim, due, kind - kinds.ENCODER_FAULT, until)
+    elif kind == kinds.UNPLUG:
+        sim.s[b.PLUG_IN_NS] = until
+        return UNPLUG
+    return STOPPED
+
+
+@njit(I64(SIM), counted=False)
+def _next_due_ns(sim: Sim) -> int:
+    """Instant of the next thing that happens without the host: FAR_NS for none."""
+    due = min(sim.s[b.WATCHDOG_DUE_NS], sim.s[b.RESET_UNTIL_NS], sim.s[b.PLUG_IN_NS])
+    slot = next_held(sim)
+    if slot >= 0:
+        due = min(due, sim.held[slot, w.HELD_DUE_NS])
+    row = next_fault(sim)
+    if row >= 0:
+        due = min(due, fault_due_ns(sim, row))
+    return due
+
+
+@njit(I64(SIM, LINE, I64), counted=False)
+def _do_due(sim: Sim, line: Line, now: int) -> int:
+    """Everything that is due by now, in order; the service's reason to return, or STOPPED to go on."""
+    due = _next_due_ns(sim)
+    while due <= now:
+        slot = next_held(sim)
+        if due == sim.s[b.PLUG_IN_NS]:
+            sim.s[b.PLUG_IN_NS] = w.FAR_NS
+            return PLUG_IN
+        if slot >= 0 and sim.held[slot, w.HELD_DUE_NS] == due:
+            _let_go(sim, line, slot)
+        elif due == sim.s[b.WATCHDOG_DUE_NS]:
+            trip_watchdog(sim, due)
+        elif due == sim.s[b.RESET_UNTIL_NS]:
+            power_up(sim, due)
+        else:
+            reason = _begin(sim, line)
+            if reason != STOPPED:
+                return reason
+        due = _next_due_ns(sim)
+    move_to(sim, now)
+    return STOPPED
+
+
+@njit((SIM, I64, I64), counted=False)
+def _note_line(sim: Sim, now: int, is_open: int) -> None:
+    if sim.s[b.LINE_OPEN] != is_open:
+        sim.s[b.LINE_OPEN] = is_open
+        sim.s[b.RAW_LENGTH] = 0
+        log_row(sim, now, log.STATE, sim.s[b.STATUS], b.OPENED if is_open == 1 else b.CLOSED)
+
+
+@njit(I64(SIM, LINE), counted=False)
+def serve(sim: Sim, line: Line) -> int:
+    """Be the board until STOP is set (STOPPED), or until the cable is pulled or put back (UNPLUG, PLUG_IN)."""
+    now = monotonic_ns(line.timespec)
+    while True:
+        reason = _do_due(sim, line, now)
+        if reason != STOPPED:
+            return reason
+        if atomic_load(sim.s, w.STOP) != 0:
+            return STOPPED
+        # A port that nobody has open hangs up without end: it is looked at now and then, not waited for.
+        is_open = sim.s[b.LINE_OPEN] == 1
+        now = monotonic_ns(line.timespec)
+        wait = min(_next_due_ns(sim) - now, _LONGEST_WAIT_NS if is_open else _CLOSED_WAIT_NS)
+        line.pollfds[0] = pollfd(sim.s[b.MASTER], POLLIN)
+        if not is_open:
+            wait_readable(line.pollfds, 0, line.timespec, wait)
+            wait = 0
+        interrupted = wait_readable(line.pollfds, 1, line.timespec, wait) < 0
+        now = monotonic_ns(line.timespec)
+        if interrupted:
+            continue
+        events = returned_events(line.pollfds[0])
+        if events & POLLIN == 0:
+            if sim.s[b.MASTER] >= 0:
+                _note_line(sim, now, 0 if events & POLLHUP else 1)
+            continue
+        # Bytes that were there when this process woke up later than the watchdog's time came, for all it can know,
+        # in time: the board that is stood in for would have been awake.
+        now = min(now, max(_next_due_ns(sim) - 1, 0))
+        size = _read(sim.s[b.MASTER], line.buffer.ctypes.data, b.BUFFER_BYTES)
+        if size > 0:
+            _note_line(sim, now, 1)
+            if sim.s[b.RESET_UNTIL_NS] == w.FAR_NS:
+                _take_bytes(sim, line, size, now)

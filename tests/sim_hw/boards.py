@@ -1,0 +1,61 @@
+"""Simulated devices as processes for the tests."""
+
+import contextlib
+import json
+import os
+import select
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from sim_hw.log import EVENTS, read_log
+
+ROOT = Path(__file__).resolve().parents[2]
+START_S = 120.0
+
+
+@dataclass
+class Board:
+    """A running board; ``stop`` ends it and gives its log."""
+
+    process: subprocess.Popen[str]
+    link: Path
+    log: Path
+    ready: dict[str, Any]
+
+    def stop(self, number: int = signal.SIGTERM) -> NDArray[Any]:
+        self.process.send_signal(number)
+        assert self.process.wait(10) == 0
+        return read_log(self.log)
+
+
+def rows(log: NDArray[Any], *events: str) -> NDArray[Any]:
+    """The rows of some events."""
+    numbers = [EVENTS.index(event) for event in events]
+    return log[[event in numbers for event in log["event"]]]
+
+
+@contextlib.contextmanager
+def running_board(folder: Path, script: str = "", plant: str = "", *options: str) -> Iterator[Board]:
+    """``python -m sim_hw serial`` on a link in ``folder``."""
+    link, log = folder / "board", folder / "truth.arrow"
+    command = [sys.executable, "-m", "sim_hw", "serial", "--link", str(link), "--log", str(log), *options]
+    for name, text in (("script", script), ("plant", plant)):
+        if text:
+            (folder / f"{name}.yaml").write_text(text)
+            command += [f"--{name}", str(folder / f"{name}.yaml")]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT, env={**os.environ})
+    try:
+        assert process.stdout is not None
+        assert select.select([process.stdout], [], [], START_S)[0]
+        yield Board(process, link, log, json.loads(process.stdout.readline()))
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()

@@ -1,0 +1,66 @@
+import contextlib
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sim_hw.log import read_log
+from tests.sim_hw.canopen.master import Master
+
+
+class DriveProcess:
+    """``python -m sim_hw canopen`` in a process of its own, on a Unix socket."""
+
+    def __init__(self, folder, *options, script=None, plant=None, bus=None):
+        self.folder = folder
+        self.socket, self.log = folder / "can", folder / "drive.arrow"
+        arguments = [sys.executable, "-m", "sim_hw", "canopen", "--log", str(self.log), *map(str, options)]
+        arguments += bus if bus is not None else ["--socket", str(self.socket)]
+        for name, content in (("script", script), ("plant", plant)):
+            if content is not None:
+                path = folder / f"{name}.yaml"
+                path.write_text(yaml.safe_dump(content))
+                arguments += [f"--{name}", str(path)]
+        root = str(Path(__file__).parents[3])
+        self.process = subprocess.Popen(
+            arguments,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            env={**os.environ, "PYTHONPATH": root},
+            cwd=folder,
+        )
+        line = self.process.stdout.readline()
+        if not line:
+            raise RuntimeError(self.process.communicate()[1])
+        self.ready = json.loads(line)
+
+    def stop(self, number=signal.SIGTERM):
+        """End it by a signal; the log's rows."""
+        if self.process.poll() is None:
+            self.process.send_signal(number)
+        _, self.stderr = self.process.communicate(timeout=20)
+        self.returncode = self.process.returncode
+        return read_log(self.log)
+
+
+@pytest.fixture
+def start_drive(tmp_path):
+    """Starts drives and masters; all of them end with the test."""
+    with contextlib.ExitStack() as stack:
+
+        def start(*options, node=1, **keywords):
+            drive = DriveProcess(tmp_path, *options, **keywords)
+            stack.callback(drive.stop)
+            master = None
+            if drive.socket.exists():
+                master = Master(drive.socket, node)
+                stack.callback(master.close)
+            return drive, master
+
+        yield start
