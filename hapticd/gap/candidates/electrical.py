@@ -1,0 +1,68 @@
+"""Effects between the command and the motor's current."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.gap.candidates.build import Scalar, scalar_term
+
+if TYPE_CHECKING:
+    from hapticd.gap.context import Context
+    from hapticd.gap.hypothesis import Term
+
+_DAC_STEPS = 400
+"""Neighbours on the grid differ by 1.5 %: at thirty steps of q the staircase is then half a step out of place."""
+
+
+def transport_delay(context: Context) -> list[Term]:
+    """i(t − T_d), up to a window's length."""
+    high = context.window_s
+    return [
+        scalar_term("transport_delay", Scalar("t_d", share * context.period, 0.0, high)) for share in (0.25, 1.5, 4.0)
+    ]
+
+
+def amplifier_lag(context: Context) -> list[Term]:
+    """Second-order lag; its low-frequency delay is 2δ/ω_a. Far above the Nyquist frequency it is no lag at all."""
+    low, high = 1.0 / context.window_s, 4.0 / context.period
+    return [
+        scalar_term(
+            "amplifier_lag",
+            Scalar("f_a", 0.7 / (np.pi * delay * context.period), low, high, True),
+            Scalar("delta", 0.7, 0.05, 5.0, True),
+        )
+        for delay in (0.3, 1.0, 4.0)
+    ]
+
+
+def current_saturation(context: Context) -> list[Term]:
+    """clip(i, ±i_max): only below the largest command is there anything to see."""
+    size = np.abs(context.current)
+    high = float(size.max())
+    if high <= 0.0:
+        return []
+    starts = np.unique(np.quantile(size, (0.9, 0.99)))
+    starts = np.unique([*starts, 0.8 * high])
+    return [
+        scalar_term("current_saturation", Scalar("i_max", float(s), 0.02 * high, high, True))
+        for s in starts
+        if 0.02 * high < s < high
+    ]
+
+
+def dac_quantization(context: Context) -> list[Term]:
+    """i → q·round(i/q). The fit is blind from afar, so all q on a fine grid are simulated first."""
+    size = np.abs(context.current)
+    high = float(np.quantile(size, 0.99))
+    if high <= 0.0:
+        return []
+    grid = np.geomspace(high / 300.0, high, _DAC_STEPS)
+
+    def term(q: float) -> Term:
+        return scalar_term("dac_quantization", Scalar("q", q, high / 400.0, 2.0 * high, True), trials=float(_DAC_STEPS))
+
+    losses = np.array([context.loss_with(term(q), np.log([q])) for q in grid])
+    best = np.argsort(losses)[:3]
+    return [term(float(grid[k])) for k in best if losses[k] < context.fit.solution.total]

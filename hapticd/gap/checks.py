@@ -1,0 +1,185 @@
+"""Is a recording what it says, and can anything be concluded from it? Errors end the workflow, warnings go with its result.
+
+An error is what makes every further number meaningless: no samples, no motion, a clock that runs backwards, values that
+are not numbers, units wrong by a thousand, counts that wrapped. A warning is what limits the conclusions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.gap.errors import RecordingError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.config import Config
+    from hapticd.gap.data import Recording
+
+    FloatArray = NDArray[np.float64]
+
+SHORTEST_S = 1.0
+_SHORT_S = 5.0
+_FEWEST = 200
+_FEWEST_CELLS = 10.0
+_ONE_WAY = 0.99
+_GAP_PERIODS = 10.0
+_GAP_SHARE = 0.2
+_SLOWEST_HZ, _FASTEST_HZ = 20.0, 100_000.0
+_PEAK_FACTOR = 30.0
+_BALANCE = 30.0
+_WRAPS = tuple(2.0**bits for bits in (8, 12, 14, 16, 20, 24, 32))
+_WRAP_TOLERANCE = 0.1
+
+
+def check_samples(name: str, time_s: FloatArray, position: FloatArray, current: FloatArray) -> None:
+    """Refuse samples that are no samples: too few, not numbers, or not in the order of time.
+
+    Raises:
+        RecordingError: with all that is wrong, a line each.
+    """
+    problems = list(_sample_problems(time_s, position, current))
+    if problems:
+        raise RecordingError("\n".join(f"{name}: {problem}" for problem in problems))
+
+
+def check_recording(recording: Recording, model: Config) -> tuple[str, ...]:
+    """Warnings about a recording whose samples passed `check_samples`.
+
+    Raises:
+        RecordingError: with all that is wrong, a line each.
+    """
+    problems = [*_unit_errors(recording, model), *_wraps(recording, model)]
+    motionless = _motionless(recording)
+    if motionless:
+        problems.append(motionless)
+    if problems:
+        raise RecordingError("\n".join(f"{recording.name}: {problem}" for problem in problems))
+    return tuple(f"{recording.name}: {warning}" for warning in _warnings(recording, model))
+
+
+def _sample_problems(time_s: FloatArray, position: FloatArray, current: FloatArray) -> Iterator[str]:
+    if time_s.size < _FEWEST:
+        yield f"{time_s.size} samples are too few; at least {_FEWEST} are needed"
+    for name, values in (("time_s", time_s), ("position", position), ("current", current)):
+        bad = np.flatnonzero(~np.isfinite(values))
+        if bad.size:
+            yield f"{name} is missing or not finite in {bad.size} row(s), first in row {bad[0]}"
+    back = np.flatnonzero(np.diff(time_s) <= 0.0)
+    if back.size:
+        row = int(back[0]) + 1
+        stamps = f"{time_s[row - 1]:.9g} s, then {time_s[row]:.9g} s"
+        kind = "runs backwards or stands still"
+        yield f"the clock {kind} at {back.size} place(s), first at row {row} ({stamps})"
+
+
+def _unit_errors(recording: Recording, model: Config) -> Iterator[str]:
+    period, unit = recording.period_s, "m" if recording.is_linear else "rad"
+    if period > 1.0 / _SLOWEST_HZ:
+        likely = "ms" if period < 100.0 else "µs" if period < 1e5 else "ns"
+        rate = f"{period:.4g} s between samples is {1.0 / period:.3g} Hz, slower than {_SLOWEST_HZ:g} Hz"
+        yield f"time_s: {rate}; is it in {likely}? It must be in s"
+    elif period < 1.0 / _FASTEST_HZ:
+        rate = f"{period:.3g} s between samples is {1.0 / period:.3g} Hz, faster than {_FASTEST_HZ:g} Hz"
+        yield f"time_s: {rate}; it must be in s"
+    elif recording.duration_s < SHORTEST_S:
+        yield f"{recording.duration_s:.3g} s are too short; at least {SHORTEST_S:g} s are needed"
+    peak, largest = model.amplifier.peak_current, float(np.abs(recording.current).max())
+    if peak is not None and largest > _PEAK_FACTOR * peak:
+        limit = f"{largest / peak:.0f} times amplifier.peak_current = {peak:g} A of the model"
+        yield f"the current reaches {largest:.4g} A, {limit}; is it in mA? It must be in A"
+    steps = np.diff(recording.position)
+    whole = np.array_equal(recording.position, np.rint(recording.position))
+    if whole and float(np.ptp(recording.position)) > _FEWEST_CELLS and np.count_nonzero(steps) > _FEWEST_CELLS:
+        yield f"position holds whole numbers only; are they counts? It must be in {unit} (or be called encoder_counts)"
+
+
+def _wraps(recording: Recording, model: Config) -> Iterator[str]:
+    """One sample's step that is a counter's range, among steps that are far from it."""
+    if recording.resolution <= 0.0:
+        return
+    steps = np.diff(recording.position) / recording.resolution
+    usual = float(np.quantile(np.abs(steps), 0.99))
+    ranges = {*_WRAPS}
+    if model.encoder.counts_per_rev is not None and not recording.is_linear:
+        ranges.add(2.0 * np.pi / recording.resolution)
+    for row in np.flatnonzero(np.abs(steps) > max(100.0, 10.0 * usual)):
+        for span in sorted(ranges):
+            near = float(np.median(np.abs(steps[max(row - 5, 0) : row + 6])))
+            if abs(abs(steps[row]) - span) < _WRAP_TOLERANCE * span and near < _WRAP_TOLERANCE * span:
+                jump = f"jumps by {steps[row]:.0f} counts in one sample at row {row + 1}"
+                yield f"position {jump}: a counter that overflows at {span:.0f}; import it with position.wrap"
+                return
+
+
+def _motionless(recording: Recording) -> str:
+    cell = recording.resolution
+    span = float(np.ptp(recording.position))
+    if span == 0.0 or (cell > 0.0 and span < _FEWEST_CELLS * cell):
+        cells = f"{span / cell:.0f} encoder counts" if cell > 0.0 else "nothing"
+        return f"there is no motion: the position changes by {cells} in all; nothing can be concluded about forces"
+    return ""
+
+
+def _warnings(recording: Recording, model: Config) -> Iterator[str]:
+    if recording.duration_s < _SHORT_S:
+        yield f"{recording.duration_s:.3g} s is short: small effects cannot be told from chance; record 20 s"
+    steps = np.diff(recording.position)
+    forward, backward = float(steps[steps > 0.0].sum()), float(-steps[steps < 0.0].sum())
+    if max(forward, backward) > _ONE_WAY * (forward + backward):
+        way = "positive" if forward > backward else "negative"
+        yield (
+            f"the motion goes in the {way} direction only: Coulomb friction, a constant bias and asymmetric friction "
+            "cannot be told apart"
+        )
+    if float(np.ptp(recording.current)) == 0.0:
+        yield "the commanded current never changes: torque constant, delay and lag cannot be seen"
+    yield from _gaps(recording)
+    yield from _balance(recording, model)
+
+
+def _gaps(recording: Recording) -> Iterator[str]:
+    waits = np.diff(recording.time_s)
+    gaps = np.flatnonzero(waits > _GAP_PERIODS * recording.period_s)
+    if gaps.size == 0:
+        return
+    missing = float(waits[gaps].sum())
+    text = (
+        f"{gaps.size} gap(s) of more than {_GAP_PERIODS:g} periods, {missing:.3g} s in all, the longest "
+        f"{waits.max():.3g} s at row {int(np.argmax(waits)) + 1}"
+    )
+    if missing > _GAP_SHARE * recording.duration_s:
+        raise RecordingError(f"{recording.name}: {text}: more than {100 * _GAP_SHARE:.0f} % of the record is missing")
+    yield f"{text}; what happened in them is not known"
+
+
+def _balance(recording: Recording, model: Config) -> Iterator[str]:
+    """Forces of the model along the motion against the commanded ones: a factor in the tens is a unit, not friction.
+
+    Positions a tenth of a second apart are far beyond noise for any motion that matters, and slow enough for all forces
+    to be of one size; so the comparison is of orders of magnitude only.
+    """
+    stride = max(1, round(0.01 / recording.period_s))
+    position, time_s = recording.position[::stride], recording.time_s[::stride]
+    if position.size < 5:
+        return
+    velocity = np.gradient(position, time_s)
+    plant = model.plant
+    passive = (
+        plant.inertia * np.gradient(velocity, time_s) + plant.viscous * velocity + plant.coulomb * np.sign(velocity)
+    )
+    drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(recording.current**2)))
+    ratio = float(np.sqrt(np.mean(passive**2))) / drive if drive > 0.0 else 1.0
+    if ratio > _BALANCE:
+        yield (
+            f"the model would need {ratio:.3g} times the commanded force for this motion; is position in degrees or mm, "
+            "or is the model of another device?"
+        )
+    elif ratio < 1.0 / _BALANCE:
+        yield (
+            f"the commanded force is {1.0 / ratio:.3g} times what the model needs for this motion; is the current in mA, "
+            "or is the model of another device?"
+        )

@@ -1,0 +1,172 @@
+"""What the gap workflow reads: one recorded run as arrays in SI units, whatever file it came from.
+
+Positions are centres of quantisation cells: an encoder that counts by flooring says of the shaft no more than
+counts·Δ ≤ θ < (counts + 1)·Δ. Times are the instants at which the samples were really taken: due time plus lateness.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hapticd.config import Config, Encoder, parse_config
+from hapticd.gap.checks import check_recording, check_samples
+from hapticd.gap.errors import RecordingError
+from hapticd.record import FLAG_MISSED_EXCHANGE, Run, read_run
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One run, n samples, rotary in rad and N m, linear in m and N.
+
+    Attributes:
+        name: file it came from.
+        time_s: (n,) instants of the samples, strictly rising from 0.
+        position: (n,) centre of the quantisation cell, with the sign that the loop sees.
+        resolution: width of a quantisation cell, rad or m; 0 where the file does not show one.
+        current: (n,) commanded current in A. Row k is in force from ``time_s[k]`` + input delay of the model until
+            the same instant of row k + 1 (zero-order hold).
+        current_measured: (n,) current reported by the amplifier in A, where every sample has one.
+        period_s: median time between samples.
+        lateness_s: (n,) how much later than due each sample was taken, where the file says so.
+        is_linear: metres and newtons.
+        config: config of a native run.
+        warnings: what limits the conclusions, in words.
+    """
+
+    name: str
+    time_s: FloatArray
+    position: FloatArray
+    resolution: float
+    current: FloatArray
+    current_measured: FloatArray | None
+    period_s: float
+    lateness_s: FloatArray | None
+    is_linear: bool
+    config: Config | None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of samples."""
+        return int(self.time_s.size)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first sample to the last."""
+        return float(self.time_s[-1] - self.time_s[0])
+
+
+def load_recording(path: str | Path, model: Config) -> Recording:
+    """Read a run, native or ``.csv`` or ``.parquet``, as the workflow needs it.
+
+    Args:
+        path: run file with ``time_s``; ``encoder_counts`` or ``position``; ``current_command_A`` or ``force``.
+        model: gives the encoder's resolution to a file without a config, and the torque constant to one with forces.
+
+    Raises:
+        RunFileError: the file cannot be read.
+        ConfigError: the config inside a native run is not valid.
+        RecordingError: nothing can be concluded from the samples; see `hapticd.gap.checks`.
+    """
+    return recording_of(read_run(path), model)
+
+
+def recording_of(run: Run, model: Config) -> Recording:
+    """The recording in a run that has been read; arguments and errors as in `load_recording`."""
+    stored = run.metadata.get("config")
+    config = parse_config(stored, f"config of {run.path.name}") if stored else None
+    is_linear = bool(run.metadata.get("linear", model.is_linear if config is None else config.is_linear))
+    if is_linear != model.is_linear:
+        kinds = ("a linear device (m, N)", "a rotary device (rad, N m)")
+        raise RecordingError(f"{run.path}: a run of {kinds[not is_linear]}, but the model is {kinds[is_linear]}")
+    columns = run.columns
+    time_s, lateness_s = _instants(columns)
+    position, resolution = _positions(columns, _resolution(run, config or model))
+    current = _current(run, model)
+    check_samples(str(run.path), time_s, position, current)
+    recording = Recording(
+        name=run.path.name,
+        time_s=time_s - time_s[:1],
+        position=position,
+        resolution=resolution,
+        current=current,
+        current_measured=_measured(columns),
+        period_s=float(np.median(np.diff(time_s))),
+        lateness_s=lateness_s,
+        is_linear=is_linear,
+        config=config,
+        warnings=run.warnings,
+    )
+    return replace(recording, warnings=(*run.warnings, *check_recording(recording, model)))
+
+
+def _instants(columns: dict[str, NDArray[Any]]) -> tuple[FloatArray, FloatArray | None]:
+    due = np.asarray(columns["time_s"], dtype=np.float64)
+    late = columns.get("wake_late_ns")
+    if late is None or not np.any(late):
+        return due, None
+    lateness = np.asarray(late, dtype=np.float64) * 1e-9
+    return due + lateness, lateness
+
+
+def _positions(columns: dict[str, NDArray[Any]], resolution: float) -> tuple[FloatArray, float]:
+    if "encoder_counts" not in columns:
+        position = np.asarray(columns["position"], dtype=np.float64)
+        return position, step_of(position, resolution)
+    counts = np.asarray(columns["encoder_counts"], dtype=np.float64)
+    position = (counts + 0.5) * resolution
+    if "flags" in columns:
+        # A failed exchange repeats the last counts, which says nothing of where the shaft was.
+        known = columns["flags"] & FLAG_MISSED_EXCHANGE == 0
+        if known.any() and not known.all():
+            row = np.arange(counts.size)
+            position = np.interp(row, row[known], position[known])
+    return position, resolution
+
+
+def step_of(position: FloatArray, nominal: float) -> float:
+    """Width of the quantisation cells that positions show: the nominal one if they lie on its grid.
+
+    Otherwise the smallest step of which all steps are whole multiples (to 2 %); 0 where there is none.
+    """
+    steps = np.unique(np.abs(np.diff(position)))
+    steps = steps[steps > 1e-9 * max(float(np.abs(position).max(initial=0.0)), 1e-300)]
+    for step in (nominal, float(steps[0]) if steps.size else 0.0):
+        if step > 0.0 and steps.size and np.all(np.abs(steps / step - np.rint(steps / step)) < 0.02):
+            return step
+    return 0.0
+
+
+def _resolution(run: Run, config: Config) -> float:
+    """One count in rad or m; an imported run without a config says so in its model."""
+    encoder = (run.metadata.get("model") or {}).get("encoder") or {}
+    return Encoder(**encoder).raw_resolution if encoder else config.raw_resolution
+
+
+def _current(run: Run, model: Config) -> FloatArray:
+    imported = run.metadata.get("imported") or {}
+    if "force" in run.columns and "current_command_A" not in run.columns:
+        force = run.columns["force"]
+    elif imported.get("command") == "force":
+        # What was recorded is the force; the current beside it was made with the torque constant of the import's map.
+        force = run.columns["force_command"]
+    else:
+        return np.asarray(run.columns["current_command_A"], dtype=np.float64)
+    return np.asarray(force, dtype=np.float64) / model.amplifier.torque_constant
+
+
+def _measured(columns: dict[str, NDArray[Any]]) -> FloatArray | None:
+    measured = columns.get("current_measured_A")
+    if measured is None or not np.all(np.isfinite(measured)):
+        return None
+    return np.asarray(measured, dtype=np.float64)

@@ -1,0 +1,75 @@
+"""The circle closed on a running daemon: excite, record, compare, and where the answer is open the designed experiment."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hapticd.client import settings_for_a_while, stop_on_interrupt
+from hapticd.gap.data import Recording, load_recording
+from hapticd.servo.experiment import Experiment, experiment_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from hapticd.client import Client
+    from hapticd.config import Config
+    from hapticd.gap.result import GapResult
+
+    Bar = Callable[[str], AbstractContextManager[Callable[[float], None]]]
+    Analyse = Callable[[Sequence[Recording]], GapResult]
+
+
+class LiveError(Exception):
+    """An experiment ended before its time, so that there is nothing to compare; the text says why."""
+
+
+def close_the_circle(
+    client: Client, model: Config, experiment: Experiment, analyse: Analyse, say: Callable[[str], None], bar: Bar
+) -> tuple[GapResult, list[Recording]]:
+    """Excite, record, compare; if rivals stay tied, play the designed experiment and compare with both recordings.
+
+    Args:
+        client: the daemon. It is told to stop when a moving shaft is interrupted.
+        model: the nominal model.
+        experiment: the first one.
+        analyse: from recordings to a result; it writes the outputs too, so that nothing is lost with the second experiment.
+        say: told every step.
+        bar: progress bar with a label.
+
+    Raises:
+        LiveError: an experiment ended on a fault or was stopped by somebody else.
+        RequestRefused: the daemon does not admit an experiment.
+        RecordingError: nothing can be concluded from a recording.
+    """
+    recordings = [_record(client, model, experiment, say, bar)]
+    say("looking for what the model lacks")
+    result = analyse(recordings)
+    say(result.statement)
+    designed = (result.next_experiment or {}).get("experiment")
+    if result.verdict == "ambiguous" and designed:
+        recordings.append(_record(client, model, experiment_of(designed, "the designed experiment"), say, bar))
+        say("looking again, in both recordings")
+        result = analyse(recordings)
+        say(result.statement)
+    return result, recordings
+
+
+def _record(client: Client, model: Config, experiment: Experiment, say: Callable[[str], None], bar: Bar) -> Recording:
+    say(f"playing {experiment.describe(model.is_linear)}")
+    report = play(client, experiment, say, bar)
+    found = report["result"] or {}
+    if report["state"] != "done" or found.get("fault"):
+        why = f"the fault {found['fault']}" if found.get("fault") else "being stopped"
+        raise LiveError(f"{experiment.excitation} ended early on {why}; its recording is {found.get('run')}")
+    say(f"recorded {found['run']}")
+    return load_recording(Path(found["run"]), model)
+
+
+def play(client: Client, experiment: Experiment, say: Callable[[str], None], bar: Bar) -> dict[str, Any]:
+    """Have the daemon play an experiment under its settings, wait for the end, and return its report."""
+    with settings_for_a_while(client, experiment.settings), stop_on_interrupt(client, say):
+        job = client.excite(experiment.excitation, **experiment.plan())
+        with bar(experiment.excitation) as progress:
+            return client.wait(job["experiment"], progress)

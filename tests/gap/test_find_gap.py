@@ -1,0 +1,87 @@
+"""Recordings with hidden effects, made by physics that shares no code with the fitted model."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from hapticd.gap import find_gap
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+CATALOGUE = (
+    "inertia_error", "viscous_friction", "coulomb_friction", "asymmetric_coulomb", "asymmetric_viscous", "constant_bias",
+    "torque_constant_error", "return_spring", "gravity", "transport_delay", "encoder_eccentricity",
+)  # fmt: skip
+"""The cheap part of the catalogue."""
+
+HIDDEN = [
+    ({"name": "inertia_error", "r": 0.05}, "r", 0.05),
+    ({"name": "coulomb_friction", "r": 0.08}, "r", 0.08),
+    ({"name": "torque_constant_error", "r": -0.05}, "r", -0.05),
+    ({"name": "transport_delay", "t_d": 1.3e-3}, "t_d", 1.3e-3),
+    ({"name": "asymmetric_viscous", "a": 0.5}, "a", 0.5),
+]
+
+
+@pytest.mark.parametrize(("effect", "name", "value"), HIDDEN, ids=[h[0]["name"] for h in HIDDEN])
+def test_a_hidden_effect_is_named(hidden: Callable[..., Any], effect: dict[str, Any], name: str, value: float) -> None:
+    recording, model = hidden([effect])
+    result = find_gap([recording], model, candidates=CATALOGUE)
+    assert result.verdict == "effect_found"
+    assert result.effects == (effect["name"],)
+    found = result.steps[0].parameters[name]
+    assert found.value == pytest.approx(value, rel=0.1)
+    assert found.ci95[0] < found.value < found.ci95[1]
+    assert result.gap.held_out_after < 1.2 < result.gap.held_out_before
+
+
+def test_bias_and_asymmetric_coulomb_are_one_class(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([{"name": "constant_bias", "tau_0": 1e-4}])
+    result = find_gap([recording], model, candidates=CATALOGUE)
+    assert result.verdict == "effect_found"
+    step = result.steps[0]
+    assert {step.effect, *step.indistinguishable_from} >= {"constant_bias", "asymmetric_coulomb"}
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_nothing_hidden_nothing_named(hidden: Callable[..., Any], seed: int) -> None:
+    recording, model = hidden([], seed)
+    result = find_gap([recording], model)
+    assert result.verdict == "no_missing_effect"
+    assert result.effects == ()
+    assert result.gap.held_out_before == pytest.approx(1.0, abs=0.15)
+
+
+def test_what_the_catalogue_lacks_is_not_given_a_wrong_name(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([{"name": "encoder_eccentricity", "e": 0.05, "phi": 0.4}])
+    others = tuple(slug for slug in CATALOGUE if slug != "encoder_eccentricity")
+    result = find_gap([recording], model, candidates=others)
+    assert result.verdict == "unexplained"
+
+
+def test_progress_rises_to_one_and_a_document_comes_out(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([], 14, 6.0)
+    shares: list[float] = []
+    result = find_gap([recording], model, candidates=CATALOGUE, progress=lambda share, text: shares.append(share))
+    assert shares[-1] == 1.0
+    assert result.to_json()["verdict"] == result.verdict
+
+
+def test_an_interrupt_comes_through(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([], 14, 6.0)
+
+    def interrupt(share: float, text: str) -> None:
+        if share > 0.01:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        find_gap([recording], model, candidates=CATALOGUE, progress=interrupt)
+
+
+def test_an_unknown_candidate_is_refused(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([], 14, 6.0)
+    with pytest.raises(ValueError, match="wobble"):
+        find_gap([recording], model, candidates=["wobble"])

@@ -1,0 +1,47 @@
+"""The whole circle on a device in a process of its own, whose plant file says what nobody told the daemon."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from hapticd.config import load_config
+from hapticd.hil.missing_effect import Story, find_secret
+from hapticd.servo.experiment import read_experiment
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "missing_effect"
+SECRET_DELAY_S = 0.002
+
+pytestmark = pytest.mark.realtime
+
+
+@pytest.fixture(scope="module")
+def story() -> Iterator[Story]:
+    model, secret = load_config(EXAMPLE / "model.yaml"), load_config(EXAMPLE / "secret.yaml")
+    assert [(effect.name, (effect.model_extra or {})["t_d"]) for effect in secret.plant.effects] == [
+        ("transport_delay", SECRET_DELAY_S)
+    ]
+    with tempfile.TemporaryDirectory(prefix="hg-") as folder:
+        yield find_secret(model, secret, read_experiment(EXAMPLE / "first.yaml"), 31.3, Path(folder))
+
+
+def test_the_nominal_model_says_it_comes_to_rest_and_the_device_runs_away(story: Story) -> None:
+    assert story.nominal.region == "E"
+    assert story.nominal.outcome in ("monotone", "decaying")
+    assert story.outcome in ("growing", "persistent")
+
+
+def test_the_secret_is_named_with_its_size(story: Story) -> None:
+    assert story.result.effects[0] == "transport_delay"
+    # A pseudo-terminal on a busy machine samples up to a millisecond late now and then.
+    assert story.result.steps[0].parameters["t_d"].value == pytest.approx(SECRET_DELAY_S, rel=0.15)
+    assert story.result.gap.held_out_after < 0.75 * story.result.gap.held_out_before
+
+
+def test_the_improved_model_agrees_with_the_device(story: Story) -> None:
+    assert story.improved.region == "D"
+    assert story.improved.outcome == "growing"
+    assert story.improved.comparison.current_rms_error < 0.5 * story.nominal.comparison.current_rms_error
