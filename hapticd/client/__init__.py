@@ -8,5 +8,7 @@
 
 from hapticd.client.client import Client
 from hapticd.client.errors import DaemonUnreachable, RequestRefused
+from hapticd.client.for_a_while import settings_for_a_while
+from hapticd.client.interrupt import stop_on_interrupt
 
-__all__ = ["Client", "DaemonUnreachable", "RequestRefused"]
+__all__ = ["Client", "DaemonUnreachable", "RequestRefused", "settings_for_a_while", "stop_on_interrupt"]

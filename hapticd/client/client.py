@@ -47,6 +47,17 @@ class Client:
         """The config in force."""
         return self._request("GET", "/config")
 
+    def metrics(self) -> str:
+        """The daemon's numbers in Prometheus' text format."""
+        connection = _UnixConnection(self.socket_path, self.timeout_s)
+        try:
+            connection.request("GET", "/metrics")
+            return connection.getresponse().read().decode()
+        except (OSError, http.client.HTTPException) as error:
+            raise DaemonUnreachable(self._why_unreachable()) from error
+        finally:
+            connection.close()
+
     def start(self) -> JsonDict:
         """Enable the amplifier and render the spring."""
         return self._request("POST", "/start")
@@ -71,9 +82,18 @@ class Client:
         """Start the Fig. 8 experiment at a deflection in coarse ticks; see :meth:`wait`."""
         return self._request("POST", "/release", _given(deflection=deflection, duration_s=duration_s))
 
-    def excite(self, name: str = "all", amplitude: float | None = None, duration_s: float | None = None) -> JsonDict:
-        """Start an identification experiment; see :meth:`wait`."""
-        return self._request("POST", "/excite", _given(name=name, amplitude=amplitude, duration_s=duration_s))
+    def excite(
+        self, name: str = "all", amplitude: float | None = None, duration_s: float | None = None, **plan: float | None
+    ) -> JsonDict:
+        """Start an identification experiment; see :meth:`wait`.
+
+        Args:
+            name: which; ``all`` of them by default.
+            amplitude: peak in A, or rad or m for shapes that move the spring's origin.
+            duration_s: duration in s.
+            plan: ``low_hz``, ``high_hz`` (of a chirp) and ``seed`` (of steps).
+        """
+        return self._request("POST", "/excite", _given(name=name, amplitude=amplitude, duration_s=duration_s, **plan))
 
     def experiment(self) -> JsonDict:
         """The newest experiment and how far it is."""

@@ -16,10 +16,11 @@ from typing import Any, cast
 
 import uvicorn
 from fastapi import FastAPI
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, Response
 
 from hapticd.service import replies, schemas, socket
 from hapticd.service.control import Control, JsonDict
+from hapticd.service.metrics import CONTENT_TYPE
 
 log = logging.getLogger("hapticd.api")
 
@@ -55,8 +56,8 @@ class Desk:
     def __init__(self, name: str, workers: int) -> None:
         self.pool = ThreadPoolExecutor(workers, thread_name_prefix=f"hapticd-{name}")
 
-    async def ask(self, method: Callable[..., JsonDict], *arguments: Any) -> Response:
-        """Call ``method`` on one of the desk's threads and reply with what it returns."""
+    async def ask(self, method: Callable[..., JsonDict | bytes], *arguments: Any) -> Response:
+        """Call ``method`` on one of the desk's threads and reply with what it returns; bytes are text as they are."""
         try:
             answer = await asyncio.get_running_loop().run_in_executor(self.pool, method, *arguments)
         except replies.ANSWERS:
@@ -64,6 +65,8 @@ class Desk:
         except Exception as error:
             log.exception("request failed")
             raise replies.Internal from error
+        if isinstance(answer, bytes):
+            return Response(answer, media_type=CONTENT_TYPE)
         return replies.JsonReply(answer)
 
 
@@ -129,6 +132,11 @@ def _add_queries(app: FastAPI, control: Control, desks: Desks) -> None:
         """The config in force, section by section."""
         return await desks.queries.ask(control.config)
 
+    @app.get("/metrics", response_class=PlainTextResponse)
+    async def metrics() -> Response:
+        """Ticks, misses, lateness, state, faults, recorder and energies, in Prometheus' text format."""
+        return await desks.queries.ask(control.metrics)
+
     @app.get("/experiment", **_documented(schemas.Experiment))
     async def experiment() -> Response:
         """The newest experiment and how far it is."""
@@ -188,7 +196,7 @@ def _add_experiments(app: FastAPI, control: Control, desks: Desks) -> None:
     @app.post("/excite", **_documented(schemas.JobReply, 400, 409, 413, 422, 502))
     async def excite(body: schemas.ExciteBody) -> Response:
         """Start an identification experiment; poll /experiment for its end."""
-        options = body.model_dump(include={"amplitude", "duration_s"}, exclude_none=True)
+        options = body.model_dump(exclude={"name"}, exclude_none=True)
         return await desks.commands.ask(control.excite, body.name, options)
 
 

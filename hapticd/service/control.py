@@ -21,6 +21,9 @@ class Control(Protocol):
     def config(self) -> JsonDict:
         """The config in force, section by section, as ``hapticd config show --json`` prints it."""
 
+    def metrics(self) -> bytes:
+        """The daemon's numbers in Prometheus' text format 0.0.4."""
+
     def start(self) -> JsonDict:
         """Enable the amplifier and render the spring. Returns the status.
 

@@ -10,6 +10,7 @@ import contextlib
 import logging
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,11 @@ import drivers
 from drivers import DriverError
 from hapticd.config import Config, apply_settings, config_digest, load_config
 from hapticd.record import RecordingError
-from hapticd.service import experiments, report
+from hapticd.service import experiments, metrics, report
 from hapticd.service.control import DriverFailure, JsonDict, Refused
 from hapticd.service.experiments import Experiment
 from hapticd.service.latch import FaultLatch
+from hapticd.service.notify import Notifier, TickWatchdog
 from hapticd.service.rig import Rig
 from hapticd.service.settings import changed_keys, is_live
 from hapticd.servo import excitation, faults
@@ -40,13 +42,14 @@ class Daemon:
         config: resolved configuration.
         source: where it came from, for a reload; None: the built-in testbed.
         latch: the fault that survives a restart.
+        notifier: the service manager whose watchdog wants to be fed.
 
     Raises:
         DriverError: the device cannot be opened.
         RealtimeError: real time is required and refused.
     """
 
-    def __init__(self, config: Config, source: str | None, latch: FaultLatch) -> None:
+    def __init__(self, config: Config, source: str | None, latch: FaultLatch, notifier: Notifier | None = None) -> None:
         self.dead = False
         """True when there is no working rig left; the process must end."""
         self._source = source
@@ -57,8 +60,10 @@ class Daemon:
         self._fault_lock = threading.RLock()
         self._ending = threading.Event()
         self._auto_recording = False
+        self._faults_latched: Counter[str] = Counter()
         self._fault = latch.load()
         self._rig = Rig(config, self._fault["number"] if self._fault else 0)
+        self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self._rig.core.load(w.C_TICKS))
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self._supervisor.start()
 
@@ -74,6 +79,10 @@ class Daemon:
     def config(self) -> JsonDict:
         """The config in force."""
         return self._rig.config.model_dump(mode="json")
+
+    def metrics(self) -> bytes:
+        """Numbers for Prometheus."""
+        return metrics.exposition(self._rig, self.status(), dict(self._faults_latched))
 
     def start(self) -> JsonDict:
         """off → ready → running; refused while a fault is latched."""
@@ -261,6 +270,7 @@ class Daemon:
     def _supervise(self) -> None:
         while not self._ending.wait(_BEAT_S):
             self._rig.servo.beat()
+            self._watchdog.look(time.monotonic())
             try:
                 self._note_fault()
                 if not self._rig.servo.alive() and not self._ending.is_set() and self._lock.acquire(blocking=False):
@@ -292,7 +302,9 @@ class Daemon:
 
     def _latch_fault(self, fault: JsonDict) -> None:
         self._fault = fault
-        log.error("fault %s: %s (%s)", fault["code"], fault["cause"], fault["help"])
+        self._faults_latched[fault["code"]] += 1
+        fields = {"fault": fault["code"], "cause": fault["cause"], "help": fault["help"]}
+        log.error("fault %s: %s (%s)", fault["code"], fault["cause"], fault["help"], extra={"journal": fields})
         try:
             self._latch.store(fault)
         except OSError as error:
@@ -408,6 +420,8 @@ class Daemon:
             )
         if changed.keys() & {"servo.rate_hz", "encoder.decimation", "spring.origin"}:
             self._refuse_experiment()
+        if "servo.rate_hz" in changed and (reason := self._rig.driver.check_rate(config.servo.rate_hz)):
+            raise Refused("driver", f"servo.rate_hz = {config.servo.rate_hz:g} Hz: {reason}; the rate in force stays")
         self._rig.ask(config, **({"origin_counts": None} if moves_origin or "spring.origin" in changed else {}))
         self._rig.wait(self._rig.applied, _ANSWER_S)
         if changed:

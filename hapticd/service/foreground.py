@@ -23,7 +23,9 @@ from hapticd.config import ConfigError
 from hapticd.service.api import ApiServer
 from hapticd.service.control import DriverFailure, Refused
 from hapticd.service.daemon import Daemon
+from hapticd.service.journal import JournalHandler, stderr_is_journal
 from hapticd.service.latch import FaultLatch
+from hapticd.service.notify import Notifier
 from hapticd.service.socket import bind
 from hapticd.stability import regions
 
@@ -52,7 +54,8 @@ def banner(daemon: Daemon, socket: Path, source: str) -> list[str]:
         f"servo       {config.servo.rate_hz:g} Hz, overrun policy {config.servo.overrun.policy}",
         f"encoder     {counts:g} counts/{per}, decimation {config.encoder.decimation}: "
         f"one coarse tick is {config.resolution:.4g} {unit}",
-        f"operating   μ {point['mu']:.4g}  β {point['beta']:.4g}  σ {point['sigma']:.4g}  τ_D {point['tau_d']:.4g}",
+        f"operating   μ {_number(point['mu'])}  β {_number(point['beta'])}  σ {_number(point['sigma'])}  "
+        f"τ_D {_number(point['tau_d'])}",
         f"            region {point['region']}: {meaning}",
     ]
     for grant in rig.servo.grants:
@@ -74,6 +77,11 @@ def banner(daemon: Daemon, socket: Path, source: str) -> list[str]:
             "motor       off, zero current; 'hapticd start' renders the spring, 'hapticd release' runs Fig. 8; Ctrl-C ends"
         )
     return lines
+
+
+def _number(value: float | None) -> str:
+    """A status document has None for infinity, which is what everything is without a spring."""
+    return "∞" if value is None else f"{value:.4g}"
 
 
 def live_line(status: dict[str, Any]) -> str:
@@ -112,6 +120,14 @@ def summary(status: dict[str, Any]) -> list[str]:
         f"execution   {quantiles('exec_us')}",
         f"recorded    {status['recorder']['rows_total']} rows, {status['recorder']['dropped_total']} dropped",
     ]
+
+
+def _state_line(status: dict[str, Any]) -> str:
+    """What ``systemctl status`` shows; changes only when the state does."""
+    fault = status["fault"]
+    if fault:
+        return f"fault {fault['code']}: {fault['cause']}"
+    return f"{status['state']}, {status['timing']['rate_hz']:g} Hz"
 
 
 @dataclass
@@ -154,10 +170,8 @@ def run_foreground(
         DriverError, RealtimeError: the rig cannot be started. SocketError: the socket cannot be had.
     """
     console = console or Console(stderr=True)
-    handler: logging.Handler = logging.StreamHandler()
-    if console.is_terminal:
-        handler = RichHandler(console=console, show_path=False, markup=False)
-    logging.basicConfig(level=logging.INFO, format="%(levelname)s %(message)s", handlers=[handler])
+    _log_to(console)
+    notifier = Notifier.from_environment()
     path = socket or Path(config.api.socket)
     signals = _Signals(threading.Event())
     signals.install()
@@ -167,7 +181,7 @@ def run_foreground(
     # The socket first: whoever has it is alone with the device.
     bound = bind(path, int(config.api.mode, 8), config.api.group)
     try:
-        daemon = Daemon(config, source, FaultLatch(path))
+        daemon = Daemon(config, source, FaultLatch(path), notifier)
     except DriverConfigError as error:
         bound.close()
         raise DriverConfigError(f"{source}: {error}" if source else str(error)) from error
@@ -184,8 +198,10 @@ def run_foreground(
                 daemon.start()
             except (Refused, DriverFailure) as error:
                 log.error("cannot start: %s", error)
-        _watch(daemon, signals, console)
+        notifier.ready()
+        _watch(daemon, signals, console, notifier)
     finally:
+        notifier.stopping()
         daemon.quench()
         server.stop()
         daemon.shutdown()
@@ -195,7 +211,17 @@ def run_foreground(
     return EXIT_FAULT if status["fault"] else EXIT_OK
 
 
-def _watch(daemon: Daemon, signals: _Signals, console: Console) -> None:
+def _log_to(console: Console) -> None:
+    handler: logging.Handler = logging.StreamHandler()
+    text = "%(levelname)s %(message)s"
+    if console.is_terminal:
+        handler = RichHandler(console=console, show_path=False, markup=False)
+    elif stderr_is_journal():
+        handler, text = JournalHandler(), "%(message)s"
+    logging.basicConfig(level=logging.INFO, format=text, handlers=[handler])
+
+
+def _watch(daemon: Daemon, signals: _Signals, console: Console, notifier: Notifier) -> None:
     shown = None
     with Live(console=console, auto_refresh=False, transient=True) as live:
         while not signals.ending and not daemon.dead:
@@ -203,11 +229,14 @@ def _watch(daemon: Daemon, signals: _Signals, console: Console) -> None:
             signals.wake.clear()
             if signals.reload:
                 signals.reload = False
+                notifier.reloading()
                 try:
                     daemon.reload(None)
                 except (ConfigError, Refused, DriverFailure) as error:
                     log.error("reload refused, the old configuration stays in force: %s", error)
+                notifier.ready()
             status = daemon.status()
+            notifier.status(_state_line(status))
             if console.is_terminal:
                 live.update(Text(live_line(status), overflow="ellipsis", no_wrap=True), refresh=True)
             elif status["state"] != shown:

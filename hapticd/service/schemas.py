@@ -65,6 +65,9 @@ class ExciteBody(Request):
     duration_s: float | None = Field(
         None, gt=0, le=LONGEST_DURATION_S, description="Duration in s; left out, the daemon chooses."
     )
+    low_hz: float | None = Field(None, gt=0, description="Where a chirp begins, Hz; left out, the daemon chooses.")
+    high_hz: float | None = Field(None, gt=0, description="Where a chirp ends, Hz; left out, the daemon chooses.")
+    seed: int | None = Field(None, ge=0, le=2**53, description="Seed of what is random in a shape; 1 if left out.")
 
 
 def _absolute(path: str) -> str:

@@ -44,6 +44,9 @@ class FakeControl:
         if self.fails_with is not None:
             raise self.fails_with
 
+    def metrics(self) -> bytes:
+        return b"hapticd_ticks_total 1.0\n"
+
     def status(self) -> JsonDict:
         return {
             "state": self.state,

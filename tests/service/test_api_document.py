@@ -36,6 +36,7 @@ def test_every_endpoint_is_there(document: dict[str, Any]) -> None:
     assert {name for name, _ in operations(document)} == {
         "GET /status",
         "GET /config",
+        "GET /metrics",
         "GET /experiment",
         "POST /start",
         "POST /stop",

@@ -110,7 +110,7 @@ WRONG = [
         '{"name": "chirp", "frequency": 3}',
         422,
         "request",
-        "unknown field 'frequency' (fields: name, amplitude, duration_s)",
+        "unknown field 'frequency' (fields: name, amplitude, duration_s, low_hz, high_hz, seed)",
     ),
     ("POST", "/set", "{}", 422, "request", "missing field 'settings'"),
     (

@@ -186,6 +186,17 @@ def test_live_settings_are_applied_and_others_refused(monkeypatch: pytest.Monkey
         assert daemon.status()["timing"]["rate_hz"] == 500
 
 
+def test_a_rate_that_the_device_cannot_follow_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 5000) as (daemon, (device,)):
+        monkeypatch.setattr(device, "check_rate", lambda rate: f"at most 600 Hz, not {rate:g}" if rate > 600 else None)
+        with pytest.raises(
+            Refused, match=r"^servo.rate_hz = 700 Hz: at most 600 Hz, not 700; the rate in force stays$"
+        ):
+            daemon.set({"servo.rate_hz": "700", "spring.stiffness": "0.001"})
+        assert daemon.status()["timing"]["rate_hz"] == 1000
+        assert daemon.set({"servo.rate_hz": "600"})["applied"] == {"servo.rate_hz": 600}
+
+
 def test_bad_reload_is_refused_and_the_old_config_goes_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     bad = tmp_path / "bad.yaml"
     bad.write_text("spring: {stiffness: -1}\n")

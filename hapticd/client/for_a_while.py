@@ -1,0 +1,39 @@
+"""Live settings that hold for one experiment."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from hapticd.client.client import Client
+
+
+@contextmanager
+def settings_for_a_while(client: Client, settings: Mapping[str, Any]) -> Iterator[None]:
+    """Apply live settings, and take them back at the end, however it comes.
+
+    Args:
+        client: the daemon.
+        settings: dotted key to value; nothing is asked of the daemon where there is none.
+
+    Raises:
+        RequestRefused: the daemon does not take them; none is in force then.
+    """
+    if not settings:
+        yield
+        return
+    config = client.config()
+    before = {key: _value(config, key) for key in settings}
+    client.set(dict(settings))
+    try:
+        yield
+    finally:
+        client.set(before)
+
+
+def _value(config: Mapping[str, Any], key: str) -> Any:
+    value: Any = config
+    for word in key.split("."):
+        value = value[word]
+    return value

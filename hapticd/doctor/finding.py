@@ -1,0 +1,74 @@
+"""What a check answers, and the machine that it looks at."""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass, field
+from pathlib import Path
+
+
+class Level(enum.Enum):
+    """Whether what was found matters at the configured rate."""
+
+    GOOD = "good"
+    NOTE = "note"
+    """It costs something, and the loop runs."""
+    BAD = "bad"
+    """The loop does not run as configured, or not safely."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One line of the report."""
+
+    name: str
+    level: Level
+    found: str
+    matters: str = ""
+    """Why, and at which rate."""
+    fix: str = ""
+    """The command that repairs it."""
+
+
+@dataclass(frozen=True)
+class Machine:
+    """Where a machine keeps what is to be known of it; another root makes another machine of it, in tests.
+
+    Args:
+        root: of the file system.
+    """
+
+    root: Path = field(default_factory=lambda: Path("/"))
+
+    def path(self, name: str) -> Path:
+        """A path below the root."""
+        return self.root / name.lstrip("/")
+
+    def read(self, name: str) -> str | None:
+        """A small file's text without white space at its ends; None when it cannot be read."""
+        try:
+            return self.path(name).read_text(errors="replace").strip()
+        except OSError:
+            return None
+
+    def number(self, name: str) -> int | None:
+        """A small file's number; None when it has none."""
+        text = self.read(name)
+        try:
+            return int(text) if text is not None else None
+        except ValueError:
+            return None
+
+    def glob(self, pattern: str) -> list[Path]:
+        """Sorted paths below the root."""
+        return sorted(self.root.glob(pattern.lstrip("/")))
+
+
+def cpu_list(text: str | None) -> frozenset[int]:
+    """CPU numbers of the kernel's list format, such as ``0-2,5``; empty for what cannot be read."""
+    cpus: set[int] = set()
+    for part in (text or "").split(","):
+        first, _, last = part.strip().partition("-")
+        if first.isdigit() and (not last or last.isdigit()):
+            cpus.update(range(int(first), int(last or first) + 1))
+    return frozenset(cpus)

@@ -1,0 +1,169 @@
+"""How late the real servo loop is on this machine, with the configured driver, and what that does to the feel.
+
+A late tick is a longer hold: the force that is rendered is older than the theory thinks. The measured lateness is
+therefore put into the delay of the criterion (19): T_D grows by the execution time and by the spread of the lateness,
+both at p99.9, and the largest stiffness falls with it.
+"""
+
+from __future__ import annotations
+
+import functools
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import drivers
+from hapticd.servo.core import Request, parameters
+from hapticd.servo.layout import C_EXCHANGES_MISSED
+from hapticd.servo.thread import ServoThread
+from hapticd.stability.numbers import loop_from_config
+from hapticd.stability.tuning import stiffness_max_stable
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from hapticd.config import Config
+
+RATES_HZ: Final = (200.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0)
+SECONDS: Final = 5.0
+MARGIN: Final = 0.5
+"""Share of a period that lateness and execution may take together at p99.9 in a rate that is recommended."""
+_BEAT_S: Final = 0.05
+
+
+@dataclass(frozen=True)
+class RateResult:
+    """One rate."""
+
+    rate_hz: float
+    timing: dict[str, Any]
+    """``ticks``, ``missed``, ``wake_us`` and ``exec_us`` with p50, p99, p999 and max."""
+    exchanges_missed: int
+    histogram: NDArray[np.int64]
+    """Lateness, buckets of :func:`hapticd.servo.timing.bucket_edges`."""
+    tau_d: float
+    """τ_D as declared."""
+    tau_d_effective: float
+    """τ_D with what was measured."""
+    stiffness_max: float
+    """Largest stiffness that is stable at every speed (A, F1 or F2), as declared, N m/rad or N/m."""
+    stiffness_max_effective: float
+    """The same with what was measured."""
+
+    @property
+    def used(self) -> float | None:
+        """Share of a period taken by lateness and execution at p99.9."""
+        wake, execution = self.timing["wake_us"]["p999"], self.timing["exec_us"]["p999"]
+        return None if wake is None or execution is None else (wake + execution) * 1e-6 * self.rate_hz
+
+    @property
+    def holds(self) -> bool:
+        """No period and no exchange missed, and margin left."""
+        return (
+            self.timing["missed"] == 0 and self.exchanges_missed == 0 and self.used is not None and self.used <= MARGIN
+        )
+
+
+@dataclass(frozen=True)
+class LatencyResult:
+    """All rates."""
+
+    driver: str
+    declared_s: float
+    rates: tuple[RateResult, ...]
+    refused: dict[float, str]
+    """Rates that the driver cannot carry, and why."""
+    grants: tuple[str, ...]
+    """What real time was refused, in words."""
+
+    @property
+    def highest_hz(self) -> float | None:
+        """The highest rate that holds, with every lower one; None when the lowest does not."""
+        highest = None
+        for rate in sorted(self.rates, key=lambda rate: rate.rate_hz):
+            if not rate.holds:
+                break
+            highest = rate.rate_hz
+        return highest
+
+
+def measure(
+    config: Config,
+    rates_hz: Sequence[float] = RATES_HZ,
+    seconds: float = SECONDS,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> LatencyResult:
+    """Run the loop at each rate, amplifier off, on the configured driver.
+
+    Args:
+        config: driver, priority and CPU are its own.
+        rates_hz: rates to try. seconds: how long each.
+        progress: called with the fraction done.
+
+    Raises:
+        DriverError: the device cannot be opened.
+        RealtimeError: real time is required and refused.
+    """
+    results: list[RateResult] = []
+    refused: dict[float, str] = {}
+    servo: ServoThread | None = None
+    declared = 0.0
+    for index, rate in enumerate(sorted(rates_hz)):
+        trial = config.model_copy(update={"servo": config.servo.model_copy(update={"rate_hz": rate})})
+        driver = drivers.create(trial)
+        try:
+            driver.open()
+            declared = driver.latency_s
+            servo = ServoThread(trial, driver, parameters(trial, Request()))
+            _run(servo, seconds, functools.partial(_part, progress, index, len(rates_hz)))
+            results.append(_result(trial, servo, declared))
+        except drivers.DriverConfigError as error:
+            refused[rate] = str(error)
+        finally:
+            driver.close()
+    progress(1.0)
+    grants = servo.grants if servo else []
+    lacking = tuple(f"{grant.name}: {grant.detail}" for grant in grants if not grant.granted)
+    return LatencyResult(config.driver.name, declared, tuple(results), refused, lacking)
+
+
+def _part(progress: Callable[[float], None], index: int, count: int, fraction: float) -> None:
+    progress((index + fraction) / count)
+
+
+def _run(servo: ServoThread, seconds: float, progress: Callable[[float], None]) -> None:
+    servo.start()
+    try:
+        _tick(servo, seconds, progress)
+    finally:
+        servo.stop()
+
+
+def _tick(servo: ServoThread, seconds: float, progress: Callable[[float], None]) -> None:
+    begin = time.monotonic()
+    while (elapsed := time.monotonic() - begin) < seconds and servo.alive():
+        servo.beat()
+        servo.core.drain()
+        progress(elapsed / seconds)
+        time.sleep(_BEAT_S)
+
+
+def _result(config: Config, servo: ServoThread, declared: float) -> RateResult:
+    timing = servo.core.timing()
+    wake, execution = timing["wake_us"], timing["exec_us"]
+    extra = 0.0
+    if wake["p999"] is not None:
+        extra = (execution["p999"] + wake["p999"] - wake["p50"]) * 1e-6
+    ideal, real = loop_from_config(config, declared), loop_from_config(config, declared + extra)
+    return RateResult(
+        config.servo.rate_hz,
+        timing,
+        servo.core.load(C_EXCHANGES_MISSED),
+        servo.core.late_histogram.copy(),
+        ideal.numbers.tau_d,
+        real.numbers.tau_d,
+        stiffness_max_stable(ideal),
+        stiffness_max_stable(real),
+    )

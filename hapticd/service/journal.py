@@ -1,0 +1,79 @@
+"""Log records in the journal's native protocol, so that a fault's code and cause are fields that ``journalctl`` can filter.
+
+``journalctl HAPTICD_FAULT=over_speed`` finds every over-speed. Used only when standard error is the journal
+(``$JOURNAL_STREAM``, systemd.exec(5)); protocol: systemd.io, "Native Journal Protocol".
+"""
+
+from __future__ import annotations
+
+import logging
+import os
+import socket
+import struct
+import sys
+
+ADDRESS = "/run/systemd/journal/socket"
+FIELDS = "journal"
+"""Attribute of a log record (``extra={"journal": {...}}``) whose items become fields ``HAPTICD_<KEY>``."""
+
+_PRIORITIES = ((logging.CRITICAL, 2), (logging.ERROR, 3), (logging.WARNING, 4), (logging.INFO, 6))
+_DEBUG_PRIORITY = 7
+
+
+def stderr_is_journal() -> bool:
+    """Whether what we write to standard error ends up in the journal."""
+    device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
+    try:
+        found = os.fstat(sys.stderr.fileno())
+    except (OSError, ValueError):
+        return False
+    return (device, inode) == (str(found.st_dev), str(found.st_ino))
+
+
+class JournalHandler(logging.Handler):
+    """Sends records to the journal; one that cannot be sent goes to standard error, where the journal finds it, too.
+
+    Args:
+        address: the journal's datagram socket.
+    """
+
+    def __init__(self, address: str = ADDRESS) -> None:
+        super().__init__()
+        self._address = address
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+        self._socket.setblocking(False)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Send one record."""
+        try:
+            self._socket.sendto(encode(self.format(record), record), self._address)
+        except OSError:
+            print(record.getMessage(), file=sys.stderr)
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._socket.close()
+        super().close()
+
+
+def encode(message: str, record: logging.LogRecord) -> bytes:
+    """One record as a datagram of fields."""
+    priority = next((number for level, number in _PRIORITIES if record.levelno >= level), _DEBUG_PRIORITY)
+    fields = {
+        "MESSAGE": message,
+        "PRIORITY": str(priority),
+        "SYSLOG_IDENTIFIER": "hapticd",
+        "LOGGER": record.name,
+        "THREAD": record.threadName or "",
+    }
+    extra: dict[str, object] = getattr(record, FIELDS, {})
+    fields |= {f"HAPTICD_{key.upper()}": str(value) for key, value in extra.items()}
+    return b"".join(_field(name, value) for name, value in fields.items())
+
+
+def _field(name: str, value: str) -> bytes:
+    data = value.encode()
+    if b"\n" not in data:
+        return name.encode() + b"=" + data + b"\n"
+    # A value of several lines carries its length, 64 bits little-endian.
+    return name.encode() + b"\n" + struct.pack("<Q", len(data)) + data + b"\n"

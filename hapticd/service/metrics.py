@@ -1,0 +1,96 @@
+"""The daemon's numbers for Prometheus, in its text format, on the same socket as the rest of the API.
+
+Scraping reads what ``status`` reads: nothing stops or even meets the servo thread.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from prometheus_client import CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.registry import Collector
+
+from hapticd.servo import layout as w
+from hapticd.servo.faults import NUMBERS
+from hapticd.servo.timing import bucket_edges
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.service.rig import Rig
+
+CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
+BOUNDS_S: Final = (1e-6, 2e-6, 5e-6, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
+"""Upper bounds of the published histograms, s; the loop's own are finer."""
+
+
+class RigCollector(Collector):
+    """One look at a rig.
+
+    Args:
+        rig: what is looked at.
+        status: the daemon's status document of the same moment.
+        faults: how often each fault code was latched since the daemon began.
+    """
+
+    def __init__(self, rig: Rig, status: dict[str, Any], faults: dict[str, int]) -> None:
+        self._rig, self._status, self._faults = rig, status, faults
+
+    def collect(self) -> Iterator[Metric]:
+        """The metrics."""
+        status, core = self._status, self._rig.core
+        timing, recorder, energy = status["timing"], status["recorder"], status["energy"]
+        yield _counter("hapticd_ticks", "Servo ticks done", timing["ticks"])
+        yield _counter("hapticd_missed_periods", "Servo periods that were skipped", timing["missed"])
+        yield _counter("hapticd_missed_exchanges", "Failed exchanges with the device", status["exchanges_missed"])
+        yield _counter("hapticd_clamped_commands", "Commands beyond the peak current", status["commands_clamped"])
+        yield _histogram("hapticd_lateness_seconds", "How late the loop woke", core.late_histogram)
+        yield _histogram("hapticd_execution_seconds", "How long a tick took", core.exec_histogram)
+        yield _gauge("hapticd_rate_hertz", "Servo rate", timing["rate_hz"])
+        state = GaugeMetricFamily("hapticd_state", "1 for the state that the daemon is in", labels=["state"])
+        for name in w.STATE_NAMES:
+            state.add_metric([name], float(status["state"] == name))
+        yield state
+        faults = CounterMetricFamily("hapticd_faults", "Faults latched since the daemon began", labels=["code"])
+        for code in NUMBERS:  # those that never came too: a rate needs the 0 before the first
+            if code:
+                faults.add_metric([code], self._faults.get(code, 0))
+        yield faults
+        yield _gauge("hapticd_current_amperes", "Commanded current", status["current"])
+        yield _gauge("hapticd_position", "Position from the spring's origin, rad or m", status["position"])
+        yield _counter("hapticd_recorder_rows", "Rows recorded", recorder["rows_total"])
+        yield _counter("hapticd_recorder_dropped_rows", "Rows that the recorder lost", recorder["dropped_total"])
+        joules = GaugeMetricFamily(
+            "hapticd_energy_joules", "Energies since the last start, estimated through the model", labels=["kind"]
+        )
+        for kind in ("stored", "dissipated", "generated", "unexplained"):
+            joules.add_metric([kind], energy[f"{kind}_J"])
+        yield joules
+
+
+def exposition(rig: Rig, status: dict[str, Any], faults: dict[str, int]) -> bytes:
+    """The metrics of one moment in Prometheus' text format 0.0.4."""
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(RigCollector(rig, status, faults))
+    return generate_latest(registry)
+
+
+def _counter(name: str, text: str, value: float) -> Metric:
+    return CounterMetricFamily(name, text, value=value)
+
+
+def _gauge(name: str, text: str, value: float) -> Metric:
+    return GaugeMetricFamily(name, text, value=value)
+
+
+def _histogram(name: str, text: str, counts: NDArray[np.int64]) -> Metric:
+    """The loop's logarithmic histogram in a few round bounds; a value counts where the middle of its bucket lies."""
+    counts = counts.copy()
+    edges = bucket_edges()
+    middles = 0.5 * (edges[:-1] + edges[1:]) * 1e-9
+    buckets = [(f"{bound:g}", float(counts[middles <= bound].sum())) for bound in BOUNDS_S]
+    buckets.append(("+Inf", float(counts.sum())))
+    return HistogramMetricFamily(name, text, buckets=buckets, sum_value=float((counts * middles).sum()))
