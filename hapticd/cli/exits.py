@@ -92,7 +92,10 @@ _KNOWN: Final[tuple[tuple[str, str, Callable[[Any], Failure]], ...]] = (
     ("drivers", "DriverConfigError", _plain(USAGE, "config")),
     ("drivers", "DriverError", _plain(DEVICE, "driver")),
     ("hapticd.servo.realtime", "RealtimeError", _plain(DEVICE, "realtime")),
-    ("hapticd.servo.realtime", "RealtimeError", _plain(DEVICE, "realtime")),
+    ("hapticd.hil.errors", "HilError", _plain(DEVICE, "hil")),
+    ("hapticd.gap.errors", "RecordingError", _plain(USAGE, "recording")),
     ("hapticd.record.errors", "RecordingError", _plain(USAGE, "file")),
     ("hapticd.record.errors", "RunFileError", _plain(USAGE, "file")),
+    ("hapticd.gap.data", "RecordingError", _plain(USAGE, "recording")),
+    ("hapticd.gap.live", "LiveError", _plain(FAULT, "live")),
 )

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
 from hapticd.cli.options import JsonOption, SocketOption, connect, finite, positive, register
 
 if TYPE_CHECKING:
     from hapticd.client import Client
+    from hapticd.servo.experiment import Experiment
 
 DeflectionOption = Annotated[
     float,
@@ -35,7 +39,10 @@ AmplitudeOption = Annotated[
         help="Peak: A for current shapes, rad or m for those that move the spring's origin. Default: a safe one.",
     ),
 ]
-NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="Which experiment; --list names them.")]
+NameArgument = Annotated[
+    str,
+    typer.Argument(metavar="NAME", help="Which experiment; --list names them. Or a file, as 'hapticd gap' writes it."),
+]
 ListOption = Annotated[bool, typer.Option("--list", help="List the experiments and exit; needs no daemon.")]
 NoWaitOption = Annotated[bool, typer.Option("--no-wait", help="Return as soon as the experiment has begun.")]
 
@@ -68,12 +75,38 @@ def excite(
     """Run an identification experiment within the safety limits, and record it.
 
     The recording is what 'hapticd gap' compares with the simulation. Ctrl-C stops the experiment and the rendering.
+
+    NAME may be a YAML file with the keys excitation, amplitude, duration_s, low_hz and high_hz (of a chirp), seed, and
+    settings: live settings that are in force while it is played and taken back after it.
     """
     if show_list:
         _list(as_json)
         return exits.DONE
+    from hapticd.client import settings_for_a_while
+
+    experiment = experiment_named(name, amplitude, duration)
+    if no_wait and experiment.settings:
+        raise UsageError(f"{name}: --no-wait cannot be kept, its settings must be taken back at the end")
     client = connect(socket)
-    return _follow(client, name, lambda: client.excite(name, amplitude, duration), no_wait, as_json)
+    with settings_for_a_while(client, experiment.settings):
+        begin = partial(client.excite, experiment.excitation, **experiment.plan())
+        return _follow(client, experiment.excitation, begin, no_wait, as_json)
+
+
+def experiment_named(name: str, amplitude: float | None = None, duration_s: float | None = None) -> Experiment:
+    """What a name or a file stands for.
+
+    Raises:
+        ConfigError: anything wrong in the file.
+        UsageError: numbers are given beside a file.
+    """
+    from hapticd.servo.experiment import Experiment, names_file, read_experiment
+
+    if not names_file(name):
+        return Experiment(name, amplitude, duration_s)
+    if amplitude is not None or duration_s is not None:
+        raise UsageError(f"{name}: amplitude and duration_s stand in the file")
+    return read_experiment(Path(name))
 
 
 def _list(as_json: bool) -> None:
@@ -97,18 +130,15 @@ def _list(as_json: bool) -> None:
 
 def _follow(client: Client, name: str, begin: Callable[[], dict[str, Any]], no_wait: bool, as_json: bool) -> int:
     """Begin a job, wait for its end, and report it."""
-    try:
+    from hapticd.client import stop_on_interrupt
+
+    with stop_on_interrupt(client, output.note):
         job = begin()
         if no_wait:
             output.emit(job, as_json, _text(job))
             return exits.DONE
         with output.progress_bar(name) as progress:
             report = client.wait(job["experiment"], progress)
-    except KeyboardInterrupt:
-        # Whoever presses Ctrl-C at a moving shaft wants it to stand still.
-        client.stop()
-        output.note("the daemon was told to stop")
-        raise
     answer = {**job, "state": report["state"], "result": report["result"]}
     output.emit(answer, as_json, _text(answer))
     if (report["result"] or {}).get("fault"):
@@ -138,5 +168,10 @@ def add_to(app: typer.Typer) -> None:
     codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED)
     releases = ("hapticd release --deflection 20.3", "hapticd release --deflection -3 --duration 2 --json")
     register(app, release, *releases, codes=codes)
-    excitations = ("hapticd excite --list", "hapticd excite", "hapticd excite chirp --amplitude 0.2 --duration 10")
+    excitations = (
+        "hapticd excite --list",
+        "hapticd excite",
+        "hapticd excite chirp --amplitude 0.2 --duration 10",
+        "hapticd excite gap/next_experiment.yaml",
+    )
     register(app, excite, *excitations, codes=codes)

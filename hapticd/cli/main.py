@@ -14,12 +14,18 @@ from typer.core import TyperGroup
 from hapticd.cli import (
     check,
     config,
+    doctor,
     drivers,
     energy,
     exits,
     experiments,
     export,
+    gap,
+    hil,
+    importing,
+    latency,
     map,  # noqa: A004 - named as the command
+    metrics,
     output,
     record,
     reproduce,
@@ -55,13 +61,19 @@ GROUPS = (
     experiments,
     record,
     export,
+    importing,
+    metrics,
     check,
     simulate,
     energy,
     map,
     reproduce,
+    gap,
+    hil,
     config,
     drivers,
+    doctor,
+    latency,
 )
 
 

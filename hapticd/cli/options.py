@@ -23,7 +23,8 @@ SocketOption = Annotated[
         envvar="HAPTICD_SOCKET",
         metavar="PATH",
         show_default=False,
-        help="The daemon's Unix socket. Default: api.socket of the config (of the built-in one, to find a daemon).",
+        help="The daemon's Unix socket. Default: api.socket of the config; to find a daemon, that of the built-in one, or "
+        "/run/hapticd/hapticd.sock where only the service listens.",
     ),
 ]
 
@@ -134,11 +135,13 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
 
 
 def connect(socket: Path | None) -> Client:
-    """A client of the daemon that ``--socket``, ``HAPTICD_SOCKET`` or the default config names."""
+    """A client of the daemon that ``--socket`` or ``HAPTICD_SOCKET`` names, else of the user's own, else of the service."""
     from hapticd.client import Client
 
     if socket is None:
-        from hapticd.config import load_config
+        from hapticd.config import load_config, places
 
         socket = Path(load_config(None).api.socket)
+        if not socket.exists() and places.service_socket().exists():
+            socket = places.service_socket()
     return Client(socket)

@@ -22,7 +22,7 @@ Made from the program by `python -m hapticd.cli.reference docs/reference`; do no
 Every command that reports takes `--json`: exactly one JSON document on stdout, everything else on stderr. An error is
 then a document too, `{"error": {"code": …, "message": …}}`, with the same exit code. Long work shows a progress bar on a
 terminal and none in a pipe. The daemon is found by `--socket`, else the variable `HAPTICD_SOCKET`, else `api.socket` of
-the built-in config.
+the built-in config, else, where nothing is there, the service's `/run/hapticd/hapticd.sock`.
 """
 
 
@@ -42,32 +42,41 @@ def command_line() -> str:
 def _section(path: str, command: Any) -> str:
     context = typer.Context(command, info_name=path)
     usage = " ".join([path, *command.collect_usage_pieces(context)])
-    parts = [f"## {path}", f"```\n{usage}\n```", _plain(command.help)]
-    rows = [_row(parameter, context) for parameter in command.params if parameter.name != "help"]
+    parts = [f"## {path}", f"```\n{usage}\n```", plain(command.help)]
+    rows = [f"| `{_cell(names)}` | {_cell(meaning)} |" for names, meaning in parameters(command, context)]
     if rows:
         parts.append("\n".join(["| argument or option | meaning |", "|---|---|", *rows]))
     if children := getattr(command, "commands", {}):
         listed = [f"- [`{path} {name}`](#{f'{path} {name}'.replace(' ', '-')})" for name in children]
         parts.append("\n".join(listed))
-    parts.append(f"```\n{_plain(command.epilog)}\n```")
+    parts.append(f"```\n{plain(command.epilog)}\n```")
     return "\n\n".join(parts) + "\n"
 
 
-def _row(parameter: Any, context: typer.Context) -> str:
-    names = ", ".join(parameter.opts) if parameter.param_type_name == "option" else parameter.metavar
-    if parameter.param_type_name == "option" and not getattr(parameter, "is_flag", False):
-        names += f" {parameter.metavar or parameter.display_type(context)}"
-    meaning = _plain(parameter.help)
-    if parameter.required:
-        meaning += " Required."
-    if parameter.envvar:
-        meaning += f" Variable: {parameter.envvar}."
-    if parameter.show_default and parameter.default not in (None, False):
-        meaning += f" Default: {parameter.default}."
-    return f"| `{names.replace('|', chr(92) + '|')}` | {meaning.replace('|', chr(92) + '|')} |"
+def parameters(command: Any, context: typer.Context) -> Iterator[tuple[str, str]]:
+    """Arguments and options of a command: how each is written, and what it means."""
+    for parameter in command.params:
+        if parameter.name == "help":
+            continue
+        names = ", ".join(parameter.opts) if parameter.param_type_name == "option" else parameter.metavar
+        if parameter.param_type_name == "option" and not getattr(parameter, "is_flag", False):
+            names += f" {parameter.metavar or parameter.display_type(context)}"
+        meaning = plain(parameter.help)
+        if parameter.required:
+            meaning += " Required."
+        if parameter.envvar:
+            meaning += f" Variable: {parameter.envvar}."
+        if parameter.show_default and parameter.default not in (None, False):
+            meaning += f" Default: {parameter.default}."
+        yield names, meaning
 
 
-def _plain(text: str | None) -> str:
+def _cell(text: str) -> str:
+    return text.replace("|", chr(92) + "|")
+
+
+def plain(text: str | None) -> str:
+    """A help text without its mark-up."""
     return (text or "").replace("\\[", "[").strip()
 
 

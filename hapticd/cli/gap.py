@@ -1,0 +1,213 @@
+"""``hapticd gap``: find where simulation and measured data disagree, name what is missing, add it, show the gap shrink."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import (
+    JsonOption,
+    SettingsOption,
+    SocketOption,
+    connect,
+    parse_settings,
+    register,
+    resolve_config,
+)
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from hapticd.gap.data import Recording
+    from hapticd.gap.result import GapResult
+
+    Analyse = Callable[[Config, Sequence[Recording]], GapResult]
+
+RunsArgument = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="[RUN]...", show_default=False, help="Recordings of one device: native, .csv or .parquet."),
+]
+ModelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="MODEL.yaml",
+        show_default=False,
+        help="The nominal model: a config or a preset. Default: the config inside the first recording.",
+    ),
+]
+OutOption = Annotated[
+    Path,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        show_default=False,
+        help="Folder for report.html, model.yaml and gap.json; made if missing.",
+    ),
+]
+RefitOption = Annotated[bool, typer.Option("--refit-base", help="Fit inertia and friction of the model as well.")]
+EffectOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--effect", metavar="SLUG", show_default=False, help="Consider only this effect of the catalogue. Repeatable."
+    ),
+]
+SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
+LiveOption = Annotated[
+    bool, typer.Option("--live", help="Make the recordings now, with the running daemon; takes no RUN.")
+]
+ExciteOption = Annotated[
+    str | None,
+    typer.Option(
+        "--excite",
+        metavar="NAME|FILE",
+        show_default=False,
+        help="With --live: the first experiment, as in 'hapticd excite'. Default: all.",
+    ),
+]
+
+
+def gap(
+    out: OutOption,
+    runs: RunsArgument = None,
+    model: ModelOption = None,
+    refit_base: RefitOption = False,
+    effect: EffectOption = None,
+    seed: SeedOption = 0,
+    live: LiveOption = False,
+    excite: ExciteOption = None,
+    socket: SocketOption = None,
+    assignments: SettingsOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Find where model and measurement disagree, name what is missing, add it, and show the gap shrink.
+
+    Predicts every short window of the recordings from the recorded current, finds where the prediction fails, and tries
+    every effect of the catalogue (docs/effects) on windows that it was not fitted to. What helps significantly is added to
+    the model, until nothing does. The answer is one of: effect_found; no_missing_effect; ambiguous, with the experiment that
+    would tell; unexplained, something is missing that has no name here.
+
+    Written into DIR: report.html, for people; model.yaml, the improved model, which simulate, check and the simulated
+    hardware take; gap.json; and next_experiment.yaml, which 'hapticd excite' runs, where the answer is open. Files appear
+    when all are finished: Ctrl-C leaves DIR as it was.
+
+    With --live the daemon excites the device and records; where the answer is open, the designed experiment follows, and
+    the answer is sought in both recordings. Ctrl-C stops the daemon. Default model: the daemon's config.
+    """
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"{out} is a file; -o takes a folder")
+    if live == bool(runs):
+        raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
+    if excite and not live:
+        raise UsageError("--excite goes with --live")
+    from hapticd.gap import find_gap
+    from hapticd.gap.outputs import write_outputs
+    from hapticd.plant.effects.catalogue import CATALOGUE
+
+    for slug in effect or ():
+        if slug not in CATALOGUE:
+            raise UsageError(f"--effect {slug}: not in the catalogue ({', '.join(CATALOGUE)})")
+
+    document: dict[str, Any] = {}
+
+    def analyse(nominal: Config, recordings: Sequence[Recording]) -> GapResult:
+        with output.progress_bar("gap") as bar:
+            result = find_gap(
+                recordings,
+                nominal,
+                refit_base=refit_base,
+                candidates=effect,
+                seed=seed,
+                progress=lambda fraction, what: bar(fraction),
+            )
+        document.update(write_outputs(result, recordings, nominal, out))
+        return result
+
+    if live:
+        result = _live(socket, excite, model, assignments, analyse)
+    else:
+        result = _recorded(runs or [], model, assignments, analyse)
+    output.emit(document, as_json, describe(document, out))
+    for warning in document["warnings"]:
+        output.note(f"warning: {warning}")
+    return exits.NO if result.verdict == "unexplained" else exits.DONE
+
+
+def _recorded(runs: Sequence[Path], model: str | None, assignments: list[str] | None, analyse: Analyse) -> GapResult:
+    from hapticd.gap.data import load_recording
+
+    nominal = _model(runs[0], model, assignments)
+    return analyse(nominal, [load_recording(path, nominal) for path in runs])
+
+
+def _live(
+    socket: Path | None, excite: str | None, model: str | None, assignments: list[str] | None, analyse: Analyse
+) -> GapResult:
+    from hapticd.cli.experiments import experiment_named
+    from hapticd.config import apply_settings, parse_config
+    from hapticd.gap.live import close_the_circle
+
+    experiment = experiment_named(excite or "all")
+    client = connect(socket)
+    if model is None:
+        nominal = parse_config(client.config(), "the daemon's config")
+        nominal = apply_settings(nominal, parse_settings(assignments)) if assignments else nominal
+    else:
+        nominal = resolve_config(model, assignments)
+    return close_the_circle(client, nominal, experiment, partial(analyse, nominal), output.note, output.progress_bar)[0]
+
+
+def _model(run: Path, model: str | None, assignments: list[str] | None) -> Config:
+    """The nominal model: the one named, or the one that the first recording carries."""
+    if model is not None:
+        return resolve_config(model, assignments)
+    if assignments:
+        raise UsageError("--set changes the model of --model; name one")
+    from hapticd.config import parse_config
+    from hapticd.record import read_run
+
+    stored = read_run(run).metadata.get("config")
+    if not stored:
+        raise UsageError(f"{run} carries no config; name the nominal model with --model")
+    return parse_config(stored, f"config of {run.name}")
+
+
+def describe(document: dict[str, Any], out: Path) -> str:
+    """A few lines about what was found."""
+    held_out = document["gap"]["held_out"]
+    lines = [f"{document['verdict']}: {document['statement']}"]
+    for step in document["steps"]:
+        values = ", ".join(
+            f"{name} = {estimate['value']:.4g} ({estimate['ci95'][0]:.4g} … {estimate['ci95'][1]:.4g})"
+            + (f" {estimate['unit']}" if estimate["unit"] else "")
+            for name, estimate in step["parameters"].items()
+        )
+        lines.append(f"  {step['effect']}: {values}")
+        if step["indistinguishable_from"]:
+            lines.append(f"    not told from {', '.join(step['indistinguishable_from'])} by these data")
+    lines += [f"where: {entry.get('words', entry['coordinate'])}" for entry in document["where"][:3]]
+    lines.append(
+        f"gap on held-out data: {held_out['before']:.3g} before, {held_out['after']:.3g} after; 1 is as good as they allow"
+    )
+    lines += [f"for you: {sentence}" for sentence in document["consequences"]["words"]]
+    if (document["next_experiment"] or {}).get("file"):
+        lines.append(f"next: hapticd excite {out / 'next_experiment.yaml'}")
+    lines.append(f"{out / 'report.html'}, {out / 'model.yaml'}")
+    return "\n".join(lines)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd gap run.arrow --model rig.yaml -o gap",
+        "hapticd gap ramp.arrow steps.csv --model re35 --refit-base -o gap --json",
+        "hapticd gap --live --excite steps -o gap",
+    )
+    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED)
+    register(app, gap, *examples, codes=codes)

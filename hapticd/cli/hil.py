@@ -1,0 +1,140 @@
+"""``hapticd hil``: the daemon against simulated hardware in a process of its own, compared with the simulation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import JsonOption, SettingsOption, register, resolve_config
+
+HilConfigArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="CONFIG",
+        show_default=False,
+        help="A YAML file whose driver is serial_dac or canopen: the daemon's config.",
+    ),
+]
+PlantOption = Annotated[
+    str | None,
+    typer.Option(
+        "--plant",
+        metavar="FILE",
+        show_default=False,
+        help="Config whose plant, amplifier, encoder and hand the simulated device has. Default: CONFIG's own.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="DIR",
+        show_default=False,
+        help="Keep report.html, recordings and logs in this folder; made if missing.",
+    ),
+]
+MatrixOption = Annotated[
+    bool, typer.Option("--fault-matrix", help="Inject every fault, one after the other, instead of the experiments.")
+]
+OnlyOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--only",
+        metavar="NAME",
+        show_default=False,
+        help="Only this case (a, b, c, d, excitation) or fault. Repeatable.",
+    ),
+]
+
+
+def hil(
+    config: HilConfigArgument,
+    plant: PlantOption = None,
+    out: OutOption = None,
+    fault_matrix: MatrixOption = False,
+    only: OnlyOption = None,
+    assignments: SettingsOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Hardware in the loop: run the daemon on simulated hardware, and compare with the simulation.
+
+    Starts the simulated board or drive that CONFIG's driver asks for, and the daemon on it, both as processes of their own,
+    as a user would. Does the four releases of the paper's Fig. 8 and an excitation, and compares outcome, place of rest
+    and current with 'simulate'. The delay from encoder sample to current is read from the device's own log and stands
+    beside the one that the driver declares.
+
+    With --fault-matrix every fault is injected instead, each on a fresh device and daemon: which code was raised, when
+    the current was zero according to the device, and what the recording lost.
+    """
+    resolved = resolve_config(config, assignments)
+    device_plant = resolve_config(plant, None) if plant else None
+    if out is not None and out.exists() and not out.is_dir():
+        raise UsageError(f"{out} is a file; -o takes a folder")
+    if fault_matrix:
+        if plant is not None:
+            raise UsageError("--plant goes with the experiments; the fault matrix runs on CONFIG's own plant")
+        return _matrix(resolved, out, only, as_json)
+    from hapticd.hil.cases import FIG_8
+    from hapticd.hil.suite import run_suite
+    from hapticd.hil.words import suite_document, suite_text
+
+    known = [*(case.name for case in FIG_8), "excitation"]
+    _check_names(only, known)
+    with output.progress_bar("hil") as bar:
+        result = run_suite(
+            resolved,
+            plant=device_plant,
+            cases=[case for case in FIG_8 if not only or case.name in only],
+            with_excitation=not only or "excitation" in only,
+            keep=out,
+            progress=lambda fraction, what: bar(fraction),
+        )
+    document: dict[str, Any] = suite_document(result)
+    text = suite_text(result)
+    if out is not None:
+        from hapticd.hil.page import write_page
+
+        document["page"] = write_page(result, out)
+        text += f"\n{document['page']}"
+    output.emit(document, as_json, text)
+    return exits.DONE if result.agrees else exits.NO
+
+
+def _matrix(config: Any, out: Path | None, only: list[str] | None, as_json: bool) -> int:
+    from hapticd.hil.injections import INJECTIONS
+    from hapticd.hil.matrix import run_matrix
+    from hapticd.hil.words import matrix_document, matrix_markdown, matrix_text
+
+    possible = [injection for injection in INJECTIONS if config.driver.name in injection.devices]
+    if possible:  # else the device itself says which drivers have one
+        _check_names(only, [injection.name for injection in possible])
+    chosen = [injection for injection in possible if not only or injection.name in only]
+    with output.progress_bar("faults") as bar:
+        rows = run_matrix(config, injections=chosen, progress=lambda fraction, what: bar(fraction))
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / f"fault-matrix-{config.driver.name}.md").write_text(matrix_markdown(rows), encoding="utf-8")
+    document = matrix_document(rows)
+    output.emit(document, as_json, matrix_text(rows))
+    return exits.DONE if document["met"] else exits.NO
+
+
+def _check_names(only: list[str] | None, known: list[str]) -> None:
+    for name in only or ():
+        if name not in known:
+            raise UsageError(f"--only {name}: unknown (known: {', '.join(known)})")
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd hil examples/serial-board.yaml",
+        "hapticd hil examples/canopen-drive.yaml --set driver.interface=unix_seqpacket -o report",
+        "hapticd hil examples/serial-board.yaml --fault-matrix --only sigkill",
+    )
+    register(app, hil, *examples, codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE, exits.INTERRUPTED))

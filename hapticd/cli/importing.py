@@ -1,0 +1,58 @@
+"""``hapticd import``: measured data from elsewhere as a run file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.options import JsonOption, register
+
+FileArgument = Annotated[
+    Path, typer.Argument(metavar="FILE", show_default=False, help="Measured data: .csv, .mat, .npy or .parquet.")
+]
+MapOption = Annotated[
+    Path,
+    typer.Option(
+        "--map",
+        metavar="MAP.yaml",
+        show_default=False,
+        help="What the columns are, with their units; every key is in docs/reference/import-map.md.",
+    ),
+]
+OutOption = Annotated[
+    Path, typer.Option("-o", "--output", metavar="RUN", show_default=False, help="Run file to write (.arrow).")
+]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace RUN if it exists.")]
+
+
+def import_data(
+    file: FileArgument, mapping: MapOption, out: OutOption, force: ForceOption = False, as_json: JsonOption = False
+) -> int:
+    """Bring in measured data from elsewhere as a run that gap, energy and export read.
+
+    The map says which column is the time (or the rate), the position (counts, angle or length), and the command (current
+    or force), each with its unit; and whether the device is rotary or linear. Time stamps keep their jitter.
+    """
+    from hapticd.record import import_run, load_map
+
+    done = import_run(file, load_map(mapping), out, force=force)
+    for warning in done.warnings:
+        output.note(f"{file}: {warning}")
+    document = {
+        "run": done.path,
+        "rows": done.rows,
+        "duration_s": done.duration_s,
+        "resolution": done.resolution,
+        "warnings": list(done.warnings),
+    }
+    output.emit(document, as_json, f"{done.path}: {done.rows} rows, {output.number(done.duration_s)} s")
+    return exits.DONE
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    example = "hapticd import measured.csv --map columns.yaml -o measured.arrow"
+    register(app, import_data, example, codes=(exits.DONE, exits.USAGE), name="import")

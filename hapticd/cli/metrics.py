@@ -1,0 +1,71 @@
+"""``hapticd metrics``: the daemon's numbers for Prometheus, on stdout or as a file for node_exporter."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.options import JsonOption, SocketOption, connect, register
+
+OutOption = Annotated[
+    Path | None,
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE.prom",
+        show_default=False,
+        help="Replace this file, all at once, for node_exporter's textfile collector. Written without a daemon as well, "
+        "with hapticd_up 0 in it.",
+    ),
+]
+TestbedOption = Annotated[
+    str | None,
+    typer.Option(
+        "--testbed",
+        metavar="NAME",
+        show_default=False,
+        help="Add the label testbed=NAME to every sample, to tell several daemons on one machine apart.",
+    ),
+]
+
+
+def metrics(
+    out: OutOption = None, testbed: TestbedOption = None, socket: SocketOption = None, as_json: JsonOption = False
+) -> int:
+    """Show the daemon's metrics in Prometheus' text format.
+
+    Ticks, missed periods, lateness, state, faults, recorder and energies, as the daemon serves them on its socket; and
+    hapticd_up. The socket itself is never to be reached over a network: who can read it can start the motor.
+    """
+    from hapticd.client import DaemonUnreachable, textfile
+
+    client = connect(socket)
+    try:
+        text, up = client.metrics(), True
+    except DaemonUnreachable:
+        if out is None:
+            raise
+        text, up = "", False
+    text = textfile.labelled(text + textfile.up(up), testbed)
+    if out is not None:
+        textfile.replace(out, text)
+    if as_json:
+        output.emit({"up": up, "output": out, "samples": textfile.samples(text)}, True, "")
+    elif out is None:
+        print(text, end="")
+    if not up:
+        output.note(f"no daemon answers on {client.socket_path}; {out} says hapticd_up 0")
+        return exits.UNREACHABLE
+    return exits.DONE
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd metrics",
+        "hapticd metrics --testbed left -o /var/lib/prometheus/node-exporter/left.prom",
+    )
+    register(app, metrics, *examples, codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE))

@@ -1,0 +1,138 @@
+"""How far a recorded run on the device is from the same run in `simulate`, with the declared latency.
+
+The loop is nonlinear and the end of a long release is sensitive to thousandths of a tick, so three things are compared:
+the outcome, where the shaft ended, and the current trace over the first swing, before such differences have grown.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from hapticd.config import Driver
+from hapticd.record import read_run
+from hapticd.record.schema import FLAG_RUNNING
+from hapticd.servo.simulate import simulate
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.config import Config
+
+
+GROWTH: Final = ("over_speed", "excursion", "over_current", "encoder_jump")
+"""Faults that end a growing oscillation, as they should."""
+
+
+@dataclass(frozen=True)
+class Trace:
+    """One run from the first tick in which the spring was rendered."""
+
+    time_s: NDArray[np.float64]
+    ticks: NDArray[np.float64]
+    """Position in coarse ticks from the spring's origin, exact to one raw count."""
+    current: NDArray[np.float64]
+    """Commanded current, A."""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """A run on the device beside its simulation."""
+
+    measured: Trace
+    simulated: Trace
+    swing: int
+    """Periods of the first swing, over which the traces are compared."""
+    current_rms_error: float
+    """RMS difference of the current over the first swing, as a fraction of its RMS."""
+    position_rms_error: float
+    """RMS difference of the position over the first swing, ticks."""
+
+
+def measured_trace(path: Path, config: Config) -> Trace:
+    """The rendered part of a recording."""
+    run = read_run(path)
+    running = np.flatnonzero(run.columns["flags"] & FLAG_RUNNING)
+    rows = slice(int(running[0]), int(running[-1]) + 1) if len(running) else slice(0, 0)
+    counts = run.columns["encoder_counts"][rows].astype(float)
+    # What the spring saw names its origin, wherever the experiment had put it: ticks = floor((counts - origin) / N).
+    origin = float(run.metadata["origin_counts"])
+    time_s = run.columns["time_s"][rows]
+    return Trace(
+        time_s - (time_s[0] if len(time_s) else 0.0),
+        (counts - origin) / config.encoder.decimation,
+        run.columns["current_command_A"][rows],
+    )
+
+
+def simulated_trace(
+    config: Config, duration_s: float, deflection: float, excitation: NDArray[np.float64] | None = None
+) -> tuple[Trace, dict[str, Any]]:
+    """The same run in virtual time, and the simulation's report."""
+    blocks: list[NDArray[Any]] = []
+    result = simulate(
+        config,
+        duration_s,
+        deflection=deflection,
+        excitation=excitation,
+        safety=True,  # as the daemon has: growth ends in a fault, and the current is clamped
+        on_rows=lambda rows: blocks.append(rows.copy()),
+    )
+    report = result.report
+    if report["fault"] and report["fault"]["code"] in GROWTH:
+        report = {**report, "outcome": "growing"}
+    rows = np.concatenate(blocks)
+    counts = (rows["encoder_counts"] - config.origin_counts).astype(float)
+    return Trace(rows["time_s"], counts / config.encoder.decimation, rows["current_command_A"]), report
+
+
+def rest_range(config: Config, duration_s: float, deflection: float, latency_s: float) -> tuple[float, float]:
+    """Where the simulation comes to rest, coarse ticks, for all that is not known of a run on hardware.
+
+    The delay by a fifth, the deflection by half a raw count: a long release amplifies both into a good part of the band
+    in which stiction holds the shaft.
+    """
+    half_count = 0.5 / config.encoder.decimation
+    ends = []
+    for factor in (0.8, 0.9, 1.0, 1.1, 1.2):
+        driver = Driver(**{**config.driver.model_dump(), "latency_s": factor * latency_s})
+        trial = config.model_copy(update={"driver": driver})
+        for offset in (-half_count, 0.0, half_count):
+            trace, _ = simulated_trace(trial, duration_s, deflection + offset)
+            ends.append(float(trace.ticks[-1]))
+    return min(ends), max(ends)
+
+
+def compare(measured: Trace, simulated: Trace, span: int | None = None) -> Comparison:
+    """Compare two traces.
+
+    Args:
+        measured: on the device. simulated: in virtual time, on the same grid.
+        span: periods to compare; None: up to the end of the first swing there and back.
+    """
+    length = min(len(measured.ticks), len(simulated.ticks))
+    swing = min(length, span if span is not None else first_swing(simulated.ticks))
+    current = measured.current[:swing] - simulated.current[:swing]
+    scale = _rms(simulated.current[:swing])
+    return Comparison(
+        measured,
+        simulated,
+        swing,
+        _rms(current) / scale if scale else _rms(current),
+        _rms(measured.ticks[:swing] - simulated.ticks[:swing]),
+    )
+
+
+def first_swing(ticks: NDArray[np.float64]) -> int:
+    """Periods until the second reversal: once through the origin and back; at least 5."""
+    moves = np.flatnonzero(np.diff(ticks))
+    direction = np.sign(np.diff(ticks)[moves])
+    turns = moves[1:][np.diff(direction) != 0]
+    return max(5, int(turns[1]) + 1 if len(turns) > 1 else len(ticks))
+
+
+def _rms(values: NDArray[np.float64]) -> float:
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0

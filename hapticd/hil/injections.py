@@ -1,0 +1,177 @@
+"""The faults of the matrix: what is done to which side, and what must come of it."""
+
+from __future__ import annotations
+
+import signal
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+from hapticd.hil.daemon import DaemonProcess
+
+AT_S: Final = 0.5
+"""When a device-side fault strikes, after the first enable."""
+
+PERIODS: Final = 3
+"""Zero current within so many periods of a detectable communication fault."""
+
+SERIAL: Final = "serial_dac"
+CANOPEN: Final = "canopen"
+BOTH: Final = (SERIAL, CANOPEN)
+
+
+@dataclass(frozen=True)
+class Injection:
+    """One row of the matrix."""
+
+    name: str
+    what: str
+    devices: tuple[str, ...] = BOTH
+    faults: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
+    """Device-side faults by driver name, entries of the script."""
+    start: dict[str, Any] = field(default_factory=dict)
+    """How the device starts."""
+    act: Callable[[DaemonProcess], None] | None = None
+    """What is done to the daemon."""
+    codes: tuple[str, ...] = ()
+    """Fault codes that are right; none: it must be tolerated, and counted."""
+    by_watchdog: bool = False
+    """The daemon cannot act: the device must, within its watchdog time."""
+    refused: bool = False
+    """The daemon must refuse to start on such a device."""
+    clock_jump: bool = False
+    """The wall clock jumps; needs a C compiler."""
+
+
+def _device(serial: list[dict[str, Any]] | None = None, canopen: list[dict[str, Any]] | None = None) -> dict[str, Any]:
+    return {name: faults for name, faults in ((SERIAL, serial), (CANOPEN, canopen)) if faults is not None}
+
+
+def _same(**fault: Any) -> dict[str, Any]:
+    return _device([fault], [fault])
+
+
+def _frames(kind: str, serial: str, canopen: str, **more: Any) -> dict[str, Any]:
+    return _device([{"kind": kind, "frames": serial, **more}], [{"kind": kind, "frames": canopen, **more}])
+
+
+def _signal(number: int) -> Callable[[DaemonProcess], None]:
+    return lambda daemon: daemon.signal(number)
+
+
+def _stall(daemon: DaemonProcess) -> None:
+    daemon.signal(signal.SIGSTOP)
+    time.sleep(0.3)
+    daemon.signal(signal.SIGCONT)
+
+
+_FOREVER: Final = 1_000_000
+_LOST: Final = ("driver_lost", "missed_exchanges", "device_fault")
+
+INJECTIONS: Final = (
+    Injection("drop_one_reply", "one reply lost", faults=_frames("drop", "reply", "tpdo", count=1)),
+    Injection("drop_one_command", "one command lost", faults=_frames("drop", "command", "rpdo", count=1)),
+    Injection(
+        "drop_replies",
+        "every reply lost from now on",
+        faults=_frames("drop", "reply", "tpdo", count=_FOREVER),
+        codes=_LOST,
+    ),
+    Injection(
+        "drop_commands",
+        "every command lost from now on",
+        (SERIAL,),
+        faults=_device([{"kind": "drop", "frames": "command", "count": _FOREVER}]),
+        codes=_LOST,
+        by_watchdog=True,
+    ),
+    Injection(
+        "corrupt_one",
+        "one reply with a flipped bit",
+        (SERIAL,),
+        _device([{"kind": "corrupt", "frames": "reply", "count": 1}]),
+    ),
+    Injection(
+        "corrupt_replies",
+        "every reply with a flipped bit",
+        (SERIAL,),
+        _device([{"kind": "corrupt", "frames": "reply", "count": _FOREVER}]),
+        codes=_LOST,
+    ),
+    Injection("duplicate", "five replies sent twice", faults=_frames("duplicate", "reply", "tpdo", count=5)),
+    Injection("delay_one", "one reply 2 ms late", faults=_frames("delay", "reply", "tpdo", count=1, delay_s=0.002)),
+    Injection(
+        "delay_replies",
+        "every reply 2 ms late",
+        faults=_frames("delay", "reply", "tpdo", count=_FOREVER, delay_s=0.002),
+        codes=_LOST,
+    ),
+    Injection("reorder", "two replies change places", faults=_frames("reorder", "reply", "tpdo", count=1)),
+    Injection("garbage", "64 bytes of garbage on the line", (SERIAL,), _device([{"kind": "garbage", "bytes": 64}])),
+    Injection(
+        "encoder_glitch",
+        "the counter jumps by 100000 for one sample",
+        faults=_same(kind="encoder_glitch", counts=100_000, count=1),
+        codes=("encoder_jump",),
+    ),
+    Injection(
+        "freeze_counter",
+        "the counter stands still for 0.2 s: to the host, a shaft at rest",
+        faults=_same(kind="freeze_counter", duration_s=0.2),
+    ),
+    *(
+        Injection(kind, what, (SERIAL,), _device([{"kind": kind}]), codes=("device_fault",))
+        for kind, what in (
+            ("encoder_fault", "the board reports an encoder fault"),
+            ("amplifier_fault", "the board reports an amplifier fault"),
+            ("external_stop", "the board's stop input opens"),
+        )
+    ),
+    Injection("encoder_wrap", "the counter wraps around", start={"counts_offset": 2**32 - 1}),
+    Injection(
+        "silent",
+        "the device sends nothing, but still hears",
+        faults=_same(kind="silent"),
+        codes=_LOST,
+    ),
+    Injection("unplug", "the port disappears", faults=_same(kind="unplug"), codes=("driver_lost",), by_watchdog=True),
+    Injection(
+        "reboot",
+        "the device reboots",
+        faults=_same(kind="reboot"),
+        codes=("device_fault", "amplifier_dropped", *_LOST),
+    ),
+    Injection(
+        "bus_off", "the bus goes off", (CANOPEN,), _device(None, [{"kind": "bus_off"}]), codes=_LOST, by_watchdog=True
+    ),
+    Injection(
+        "emcy",
+        "emergency message (over-temperature)",
+        (CANOPEN,),
+        _device(None, [{"kind": "emcy", "code": 0x4310}]),
+        codes=("device_fault",),
+    ),
+    Injection(
+        "leave_operation_enabled",
+        "the drive leaves Operation Enabled by itself",
+        (CANOPEN,),
+        _device(None, [{"kind": "leave_operation_enabled"}]),
+        codes=("amplifier_dropped", "device_fault"),
+    ),
+    Injection(
+        "wrong_version", "protocol or identity of another device", faults=_same(kind="wrong_version"), refused=True
+    ),
+    Injection("sigkill", "SIGKILL of the daemon", act=_signal(signal.SIGKILL), by_watchdog=True),
+    Injection("sigsegv", "SIGSEGV of the daemon", act=_signal(signal.SIGSEGV), by_watchdog=True),
+    Injection("sigstop", "SIGSTOP of the daemon", act=_signal(signal.SIGSTOP), by_watchdog=True),
+    Injection(
+        "stall",
+        "the daemon stands still for 0.3 s, then goes on",
+        act=_stall,
+        codes=("device_fault", "amplifier_dropped"),
+        by_watchdog=True,
+    ),
+    Injection("sigterm", "SIGTERM of the daemon", act=_signal(signal.SIGTERM)),
+    Injection("clock_jump", "the host's clock jumps by an hour and back", clock_jump=True),
+)

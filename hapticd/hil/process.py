@@ -1,0 +1,104 @@
+"""A child process whose output is kept, that is waited for, and that never outlives us."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from hapticd.hil.errors import HilError
+
+_LAST_WORDS = 12
+
+
+class Child:
+    """A process of this suite.
+
+    Args:
+        name: what to call it in messages.
+        command: program and arguments.
+        log: file that takes its standard output and error.
+        environment: variables on top of ours.
+    """
+
+    def __init__(self, name: str, command: Sequence[str], log: Path, environment: dict[str, str] | None = None) -> None:
+        self.name = name
+        self.log = log
+        self._command = command
+        self._environment = {**os.environ, **(environment or {}), "PYTHONUNBUFFERED": "1"}
+        self._process: subprocess.Popen[bytes] | None = None
+
+    def __enter__(self) -> Self:
+        with self.log.open("wb") as out:
+            self._process = subprocess.Popen(
+                self._command, stdin=subprocess.DEVNULL, stdout=out, stderr=out, env=self._environment
+            )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.end()
+
+    def add_environment(self, variables: dict[str, str]) -> None:
+        """Variables for a process that is not yet started."""
+        self._environment |= variables
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        assert self._process is not None
+        return self._process.pid
+
+    @property
+    def running(self) -> bool:
+        """Whether it has not ended yet."""
+        return self._process is not None and self._process.poll() is None
+
+    def wait_until(self, condition: Callable[[], bool], what: str, timeout_s: float) -> None:
+        """Poll until something is so.
+
+        Raises:
+            HilError: the process ended first, or the time is over.
+        """
+        deadline = time.monotonic() + timeout_s
+        while not condition():
+            if not self.running:
+                raise HilError(f"{self.name} ended with code {self.code} before {what}:\n{self.last_words()}")
+            if time.monotonic() > deadline:
+                raise HilError(f"{self.name}: waited {timeout_s:g} s in vain for {what}:\n{self.last_words()}")
+            time.sleep(0.01)
+
+    @property
+    def code(self) -> int | None:
+        """Exit code, minus the signal's number when a signal ended it."""
+        return None if self._process is None else self._process.poll()
+
+    def signal(self, number: int) -> None:
+        """Send a signal."""
+        os.kill(self.pid, number)
+
+    def end(self, timeout_s: float = 20.0) -> int | None:
+        """SIGTERM, and SIGKILL when that is not enough; returns the exit code."""
+        process = self._process
+        if process is None:
+            return None
+        if process.poll() is None:
+            process.send_signal(signal.SIGCONT)  # a stopped process hears no SIGTERM
+            process.terminate()
+            try:
+                process.wait(timeout_s)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+        return process.returncode
+
+    def last_words(self) -> str:
+        """The last lines of its output."""
+        lines = self.log.read_text(errors="replace").splitlines()
+        return "\n".join(lines[-_LAST_WORDS:]) or "(it said nothing)"

@@ -1,0 +1,219 @@
+"""The suite: device up, daemon up, Fig. 8 and an excitation, everything compared with `simulate`, the delay measured."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from drivers import declared_latency
+from hapticd.client import RequestRefused
+from hapticd.config import Config, apply_settings
+from hapticd.hil.cases import EXCITATION, EXCITATION_S, EXCITATION_SPAN_S, FIG_8, Case
+from hapticd.hil.compare import GROWTH, Comparison, compare, measured_trace, rest_range, simulated_trace
+from hapticd.hil.daemon import DaemonProcess
+from hapticd.hil.device import Device
+from hapticd.servo import excitation
+
+ATTEMPTS: Final = 4
+"""A run that met a missed period or exchange is another experiment, and is repeated."""
+PATIENCE_S: Final = 0.02
+"""On a machine shared with other work the kernel may keep the bytes of a pseudo-terminal for some scheduler ticks of 4 ms.
+The default of two tolerated exchanges in a row would end most runs there; how many there were is in the report."""
+CURRENT_TOLERANCE: Final = 0.10
+"""Largest RMS difference of the current over the first swing, of its RMS."""
+REST_TOLERANCE_TICKS: Final = 0.1
+"""By how much the place of rest may be outside the range that the simulation gives for an uncertain delay."""
+
+
+@dataclass(frozen=True)
+class CaseResult:
+    """One experiment on the device beside its simulation."""
+
+    name: str
+    what: str
+    comparison: Comparison | None
+    report: dict[str, Any]
+    problems: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class SuiteResult:
+    """Everything the suite found."""
+
+    driver: str
+    cases: tuple[CaseResult, ...]
+    latency_s: np.ndarray[Any, np.dtype[np.float64]]
+    declared_s: float
+    timing: dict[str, Any]
+    warnings: tuple[str, ...] = field(default=())
+
+    @property
+    def agrees(self) -> bool:
+        """Whether every experiment came out as simulated."""
+        return not any(case.problems for case in self.cases)
+
+
+Progress = Callable[[float, str], None]
+
+
+def run_suite(
+    config: Config,
+    *,
+    plant: Config | None = None,
+    cases: Sequence[Case] = FIG_8,
+    with_excitation: bool = True,
+    keep: Path | None = None,
+    progress: Progress = lambda fraction, what: None,
+) -> SuiteResult:
+    """Run the suite against simulated hardware.
+
+    Args:
+        config: the daemon's; its driver names the device.
+        plant: the device's own plant; None: the config's.
+        cases: releases to do. with_excitation: whether to play an excitation as well.
+        keep: folder that takes recordings, logs and the device's log; None: they are thrown away.
+        progress: called with the fraction done and what is being done.
+
+    Raises:
+        HilError: a process did not come up, or the driver has no simulated device.
+        RequestRefused: the daemon refuses an experiment.
+    """
+    with tempfile.TemporaryDirectory(prefix="hapticd-hil-") as scratch:
+        # Sockets have short names: the folder to keep may be anywhere, the processes work in the scratch one.
+        folder = Path(scratch)
+        try:
+            return _run(config, plant, cases, with_excitation, folder, progress)
+        finally:
+            if keep is not None:
+                ignored = shutil.ignore_patterns("state", "*.sock", "tty")
+                shutil.copytree(folder, keep, dirs_exist_ok=True, ignore=ignored)
+
+
+def _run(
+    config: Config, plant: Config | None, cases: Sequence[Case], excited: bool, folder: Path, progress: Progress
+) -> SuiteResult:
+    config = _patient(config)
+    results: list[CaseResult] = []
+    steps = len(cases) + int(excited)
+    device = Device(config, folder, plant=plant)
+    with device:
+        progress(0.0, "device")
+        device.wait_ready()
+        with DaemonProcess(config, folder, device.options) as daemon:
+            progress(0.0, "daemon")
+            daemon.wait_ready()
+            for case in cases:
+                progress(len(results) / steps, f"case {case.name}")
+                results.append(_release(daemon, case))
+            if excited:
+                progress(len(results) / steps, EXCITATION)
+                results.append(_excite(daemon, config))
+            status = daemon.client.status()
+    progress(1.0, "done")
+    declared, doubt = declared_latency(daemon.config)
+    return SuiteResult(
+        config.driver.name,
+        tuple(results),
+        device.read_log().sample_to_current_s(),
+        declared,
+        {**status["timing"], "exchanges_missed": status["exchanges_missed"]},
+        (doubt,) if doubt else (),
+    )
+
+
+def _patient(config: Config) -> Config:
+    """The config with as many missed exchanges allowed as its rate has in `PATIENCE_S`."""
+    missed = config.safety.missed_exchanges
+    if missed:
+        missed = max(missed, round(PATIENCE_S * config.servo.rate_hz))
+    return config.model_copy(update={"safety": config.safety.model_copy(update={"missed_exchanges": missed})})
+
+
+def _release(daemon: DaemonProcess, case: Case) -> CaseResult:
+    client = daemon.client
+    client.set(dict(case.settings))
+    config = apply_settings(daemon.config, case.settings, source="Fig. 8")
+    result, tries = _undisturbed(daemon, lambda: client.release(case.deflection, case.duration_s))
+    achieved = float(result["achieved_deflection"])
+    measured = measured_trace(Path(result["run"]), config)
+    simulated, report = simulated_trace(config, case.duration_s, achieved)
+    comparison = compare(measured, simulated)
+    expected = "decaying" if report["outcome"] == "monotone" else report["outcome"]
+    found: dict[str, Any] = {
+        "achieved_deflection": achieved,
+        "outcome": result["outcome"],
+        "simulated_outcome": report["outcome"],
+        "paper": case.paper,
+        "final_ticks": float(measured.ticks[-1]) if len(measured.ticks) else None,
+        "simulated_final_ticks": float(simulated.ticks[-1]),
+        "fault": result.get("fault"),
+        **tries,
+        "run": result["run"],
+    }
+    problems = _trace_problems(comparison)
+    if result["outcome"] != expected:
+        problems.append(f"outcome {result['outcome']}, simulated {report['outcome']}")
+    if expected == "decaying" and result["outcome"] == "decaying":
+        low, high = rest_range(config, case.duration_s, achieved, declared_latency(config)[0])
+        found["simulated_rest_range_ticks"] = [low, high]
+        if not low - REST_TOLERANCE_TICKS <= found["final_ticks"] <= high + REST_TOLERANCE_TICKS:
+            problems.append(f"came to rest at {found['final_ticks']:.3g}, simulated {low:.3g} to {high:.3g} ticks")
+    return CaseResult(case.name, f"release at {case.deflection:g} ticks", comparison, found, tuple(problems))
+
+
+def _excite(daemon: DaemonProcess, config: Config) -> CaseResult:
+    client = daemon.client
+    client.set({"servo.rate_hz": config.servo.rate_hz, "encoder.decimation": config.encoder.decimation})
+    result, tries = _undisturbed(daemon, lambda: client.excite(EXCITATION, duration_s=EXCITATION_S))
+    fault = result.get("fault")
+    table = excitation.build(config, EXCITATION, duration_s=EXCITATION_S)
+    measured = measured_trace(Path(result["run"]), config)
+    # The shaft may stand anywhere within its raw count; the middle of it is the best guess.
+    start = 0.5 / config.encoder.decimation
+    simulated, _ = simulated_trace(config, EXCITATION_S, start, table)
+    comparison = compare(measured, simulated, round(EXCITATION_SPAN_S * config.servo.rate_hz))
+    found = {"fault": fault, **tries, "run": result["run"]}
+    problems = [f"fault {fault}"] if fault else _trace_problems(comparison)
+    return CaseResult("excitation", f"{EXCITATION}, {EXCITATION_S:g} s", comparison, found, tuple(problems))
+
+
+def _undisturbed(daemon: DaemonProcess, begin: Callable[[], dict[str, Any]]) -> tuple[dict[str, Any], dict[str, int]]:
+    """Do an experiment, again if a period or an exchange was missed in it; its result, and how often it was tried."""
+    client = daemon.client
+    attempts, disturbed = 0, 0
+    result: dict[str, Any] = {}
+    while attempts == 0 or (attempts < ATTEMPTS and (disturbed or result.get("fault") not in (None, *GROWTH))):
+        attempts += 1
+        before = _disturbances(client.status())
+        try:
+            result = client.wait(begin()["experiment"])["result"]
+        except RequestRefused as refusal:
+            if refusal.code != "fault" or attempts == ATTEMPTS:
+                raise
+            result = {"fault": refusal.code}
+        status = client.status()
+        disturbed = _disturbances(status) - before
+        if status["state"] == "fault":
+            client.clear()
+    return result, {"disturbances": disturbed, "attempts": attempts}
+
+
+def _disturbances(status: dict[str, Any]) -> int:
+    return int(status["timing"]["missed"]) + int(status["exchanges_missed"])
+
+
+def _trace_problems(comparison: Comparison) -> list[str]:
+    if comparison.swing < 5:
+        return ["the recording is too short to compare"]
+    if comparison.current_rms_error > CURRENT_TOLERANCE:
+        return [
+            f"the current differs by {100 * comparison.current_rms_error:.3g} % RMS over the first swing, "
+            f"{100 * CURRENT_TOLERANCE:g} % allowed"
+        ]
+    return []

@@ -1,0 +1,132 @@
+"""The daemon on simulated hardware in a process of its own, over each transport, and some faults of the matrix.
+
+Times are not asserted, but for bounds that only a broken safety path exceeds; `hapticd hil --fault-matrix` measures them.
+"""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticd.config import Config, parse_config
+from hapticd.hil.cases import FIG_8
+from hapticd.hil.device import Device
+from hapticd.hil.device_log import COMMAND, FAULT_INJECTED, SAMPLE, DeviceLog
+from hapticd.hil.errors import HilError
+from hapticd.hil.injections import INJECTIONS
+from hapticd.hil.matrix import _with_current, run_injection, run_matrix
+from hapticd.hil.suite import run_suite
+
+pytestmark = pytest.mark.realtime
+
+_ports = itertools.count(44_000)
+TRANSPORTS: dict[str, dict[str, Any]] = {
+    "serial board on a pty": {"name": "serial_dac", "port": "/dev/null"},
+    "CAN frames over a Unix socket": {"name": "canopen", "interface": "unix_seqpacket", "channel": "-"},
+    "CAN over udp_multicast": {
+        "name": "canopen",
+        "interface": "udp_multicast",
+        "channel": "239.74.163.77",
+        "watchdog_ms": 400,
+    },
+}
+
+
+def config(driver: dict[str, Any], rate_hz: float = 200.0) -> Config:
+    overrun = {"fault_after": None}
+    return parse_config({"driver": driver, "servo": {"rate_hz": rate_hz, "overrun": overrun}}, "test")
+
+
+@pytest.mark.parametrize("transport", TRANSPORTS)
+def test_case_c_stops_as_simulated(transport: str, tmp_path: Path) -> None:
+    (case_c,) = [case for case in FIG_8 if case.name == "c"]
+    result = run_suite(config(TRANSPORTS[transport]), cases=[case_c], with_excitation=False, keep=tmp_path / "kept")
+    (case,) = result.cases
+    assert case.report["outcome"] == "decaying"
+    assert abs(case.report["final_ticks"]) <= 1.0  # within the band in which stiction holds: sigma is 1
+    assert case.report["achieved_deflection"] == pytest.approx(2.3, abs=0.5 / 217)
+    assert len(result.latency_s) > 50
+    assert float(np.median(result.latency_s)) < 0.005
+    assert (tmp_path / "kept" / "device.arrow").exists()
+
+
+@pytest.mark.parametrize(
+    ("transport", "name"),
+    [
+        ("serial board on a pty", "sigkill"),
+        ("serial board on a pty", "unplug"),
+        ("CAN frames over a Unix socket", "sigkill"),
+        ("CAN frames over a Unix socket", "drop_replies"),
+        ("CAN frames over a Unix socket", "encoder_glitch"),
+    ],
+)
+def test_a_fault_ends_the_current(transport: str, name: str, tmp_path: Path) -> None:
+    (injection,) = [one for one in INJECTIONS if one.name == name]
+    row = run_injection(_with_current(config(TRANSPORTS[transport])), injection, tmp_path)
+    assert row.zero_after_s is not None
+    assert row.zero_after_s < 0.3
+    assert row.code in injection.codes or not injection.codes
+
+
+def test_a_device_of_another_version_is_refused(tmp_path: Path) -> None:
+    (injection,) = [one for one in INJECTIONS if one.name == "wrong_version"]
+    row = run_injection(config(TRANSPORTS["serial board on a pty"]), injection, tmp_path)
+    assert row.met
+    assert "version" in row.cause
+
+
+def test_a_driver_inside_the_daemon_has_no_device() -> None:
+    with pytest.raises(HilError, match="hil needs serial_dac or canopen"):
+        run_suite(config({"name": "loopback"}))
+
+
+def test_no_matrix_without_a_device() -> None:
+    with pytest.raises(HilError, match="hil needs serial_dac or canopen"):
+        run_matrix(config({"name": "loopback"}))
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel"), [("socketcan", "can0"), ("socketcan", "vcan99"), ("slcan", "/dev/ttyACM0")]
+)
+def test_a_bus_with_a_real_drive_on_it_is_refused(interface: str, channel: str, tmp_path: Path) -> None:
+    driver = {"name": "canopen", "interface": interface, "channel": channel}
+    with pytest.raises(HilError, match="a real drive may be there"):
+        Device(config(driver), tmp_path)
+
+
+def test_a_virtual_can_interface_is_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kernel = tmp_path / "devices" / "virtual" / "net" / "vcan0"
+    kernel.mkdir(parents=True)
+    (tmp_path / "net").mkdir()
+    (tmp_path / "net" / "vcan0").symlink_to(kernel)
+    monkeypatch.setattr("hapticd.hil.device.SYS_CLASS_NET", tmp_path / "net")
+    Device(config({"name": "canopen", "interface": "socketcan", "channel": "vcan0"}), tmp_path / "work")
+
+
+def log(rows: list[tuple[int, int, float]]) -> DeviceLog:
+    time_ns, event, applied = (np.array(column) for column in zip(*rows, strict=True))
+    return DeviceLog(time_ns, event, applied, applied, np.zeros(len(rows)))
+
+
+def test_the_current_is_zero_only_when_it_stays_so() -> None:
+    rows = [(0, COMMAND, 0.1), (10, FAULT_INJECTED, 0.1), (20, COMMAND, 0.0), (30, COMMAND, 0.1), (40, COMMAND, 0.0)]
+    found = log(rows)
+    assert found.injected_ns() == 10
+    assert found.zero_current_after(10) == 40
+    assert log(rows[:4]).zero_current_after(10) is None
+    assert found.until(35).zero_current_after(10) is None
+    assert found.flows_at(10)
+    assert not found.flows_at(25)
+    assert not found.flows_at(0)
+    assert log([(0, COMMAND, 0.0), (5, SAMPLE, 0.0)]).zero_current_after(3) == 3
+
+
+def test_the_delay_is_from_a_sample_to_its_own_command() -> None:
+    rows = [(0, SAMPLE, 0.0), (50_000, COMMAND, 0.0), (1_000_000, SAMPLE, 0.0), (2_000_000, SAMPLE, 0.0)]
+    assert log([*rows, (2_030_000, COMMAND, 0.0), (2_040_000, COMMAND, 0.0)]).sample_to_current_s() == pytest.approx(
+        [50e-6, 30e-6]
+    )
