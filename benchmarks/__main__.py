@@ -14,7 +14,19 @@ from pathlib import Path
 
 from benchmarks.report import print_table, progress
 
-NAMES = ("lateness", "flood", "tick", "simulate", "plant_propagation", "maps", "theorem", "cycles", "recorder")
+NAMES = (
+    "lateness",
+    "flood",
+    "tick",
+    "simulate",
+    "plant_propagation",
+    "maps",
+    "theorem",
+    "cycles",
+    "recorder",
+    "serial_roundtrip",
+    "hold",
+)
 
 
 def main() -> int:

@@ -1,0 +1,25 @@
+"""``python -m benchmarks.gap_real``: both measured data sets through import, force side and screening.
+
+The data are not part of the repository: the folder is found through the variable HAPTICD_DATASETS.
+"""
+
+from __future__ import annotations
+
+import sys
+import tempfile
+from pathlib import Path
+
+from benchmarks.gap_real import emps, odrive
+from benchmarks.gap_real.datasets import folder
+from benchmarks.report import Figure, run_alone
+
+
+def measure(quick: bool) -> list[Figure]:
+    """Both data sets; ``quick`` changes nothing, they take seconds."""
+    data = folder()
+    with tempfile.TemporaryDirectory() as scratch:
+        return [*emps.measure(data, Path(scratch)), *odrive.measure(data, Path(scratch))]
+
+
+if __name__ == "__main__":
+    sys.exit(run_alone("gap_real", measure))
