@@ -1,4 +1,5 @@
-# Two commands on a bare Debian machine: `make run` and `make test`. Everything else is for those who develop hapticd.
+# On a bare Debian machine: `make run` and `make test`, and `sudo make install` for the service. The rest is for those who
+# develop hapticd.
 SHELL := /bin/bash
 PYTHON ?= python3
 VENV   := .venv
@@ -6,7 +7,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test lint types layers bench docs clean help
+.PHONY: run test lint types layers bench docs site install uninstall system-test clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -32,10 +33,23 @@ bench: $(STAMP)  ## all benchmarks: a table each, JSON in benchmarks/results/
 
 docs: $(STAMP)   ## reference pages and figures that are made from the code
 	$(BIN)/python -m hapticd.config.reference > docs/reference/config.md
+	$(BIN)/python -m hapticd.cli.reference docs/reference
 	$(BIN)/python docs/make_figures.py
 
+site: $(STAMP)   ## the documentation as a web site in site/; a broken link or anchor is an error
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+install:         ## for the whole machine, as root: service, user, completions, manual pages
+	systemd/install.sh install
+
+uninstall:       ## take all of that away again, but configurations and recordings
+	systemd/install.sh uninstall
+
+system-test: $(STAMP)   ## a Debian guest with PREEMPT_RT, systemd and CAN under qemu; needs root
+	$(BIN)/python tests/system/run.py
+
 clean:           ## forget the virtual environment and every cache
-	rm -rf $(VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(STAMP): pyproject.toml constraints.txt install.sh
 	PYTHON=$(PYTHON) ./install.sh $(VENV)

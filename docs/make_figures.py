@@ -2,6 +2,8 @@
 
 `images/fig8.png`: the four cases of the paper's Fig. 8, run by the daemon in real time on the simulated testbed, each drawn
 over the exact simulation of the deflection that the daemon really achieved.
+
+`images/missing-effect-*.png`: the story of docs/tutorials/missing-effect.md.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import Any
 
 import matplotlib as mpl
 import numpy as np
+from figure_missing_effect import missing_effect
 
 from hapticd.config import Config, parse_config
 from hapticd.record import read_run
@@ -106,6 +109,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         os.environ["XDG_STATE_HOME"] = folder
         fig8(Path(folder))
+    missing_effect(IMAGES)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,29 @@
+"""Hook of the site's build: whole folders in the navigation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+
+def on_config(config: Any) -> Any:
+    """Replace every navigation entry ``folder/`` by the folder's pages, its README first."""
+    config.nav = _expanded(config.nav, Path(config.docs_dir))
+    return config
+
+
+def _expanded(entry: Any, root: Path) -> Any:
+    if isinstance(entry, list):
+        parts: list[Any] = []
+        for part in entry:
+            found = _expanded(part, root)
+            parts += found if isinstance(part, str) and isinstance(found, list) else [found]
+        return parts
+    if isinstance(entry, dict):
+        return {title: _expanded(part, root) for title, part in entry.items()}
+    if not entry.endswith("/"):
+        return entry
+    pages = sorted((root / entry).glob("*.md"), key=lambda page: (page.name != "README.md", page.name))
+    if not pages:
+        raise ValueError(f"mkdocs.yml, nav: {entry} holds no page")
+    return [page.relative_to(root).as_posix() for page in pages]

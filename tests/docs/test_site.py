@@ -1,0 +1,74 @@
+"""The documentation as a site: it builds, a broken link or anchor is an error, and reading it asks nobody for anything."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from .snippets import PAGES, ROOT
+
+
+def build(root: Path, site: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
+    return subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=200, check=False)
+
+
+@pytest.fixture
+def source(tmp_path: Path) -> Path:
+    shutil.copy(ROOT / "mkdocs.yml", tmp_path)
+    shutil.copytree(ROOT / "docs", tmp_path / "docs")
+    return tmp_path
+
+
+def test_site_builds_with_every_page_and_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
+    done = build(ROOT, tmp_path)
+    assert done.returncode == 0, done.stderr
+    made = {page.relative_to(tmp_path).with_suffix("") for page in tmp_path.rglob("*.html")}
+    for page in PAGES[1:]:
+        name = page.relative_to(ROOT / "docs").with_suffix("")
+        assert (name.with_name("index") if name.name == "README" else name) in made
+    html = (tmp_path / "index.html").read_text(encoding="utf-8")
+    loaded = re.findall(r'<(?:link|script|img|iframe)\b[^>]*(?:href|src)="(https?:)?//', html)
+    assert loaded == []
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("[gone](how-to/gone.md)", "how-to/gone.md"),
+        ("[gone](how-to/install.md#gone)", "#gone"),
+        ("[outside](../README.md)", "README.md"),
+        ("[absolute](/how-to/install.md)", "/how-to/install.md"),
+    ],
+)
+def test_broken_links_and_anchors_are_errors(source: Path, text: str, complaint: str) -> None:
+    page = source / "docs" / "index.md"
+    page.write_text(page.read_text(encoding="utf-8") + f"\n{text}\n", encoding="utf-8")
+    done = build(source, source / "site")
+    assert done.returncode != 0
+    assert complaint in done.stderr
+
+
+def test_page_outside_the_navigation_is_an_error(source: Path) -> None:
+    (source / "docs" / "how-to" / "lost.md").write_text("# Lost\n")
+    done = build(source, source / "site")
+    assert done.returncode != 0
+    assert "lost.md" in done.stderr
+
+
+def test_every_fault_is_on_the_troubleshooting_page() -> None:
+    text = (ROOT / "docs/how-to/troubleshoot.md").read_text(encoding="utf-8")
+    for page in (ROOT / "docs/faults").glob("[a-z]*.md"):
+        assert f"[{page.stem}](../faults/{page.name})" in text
+
+
+@pytest.mark.parametrize("page", ["README.md", "systemd/README.md"])
+def test_links_of_pages_outside_the_site_lead_to_files(page: str) -> None:
+    source = ROOT / page
+    links = re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", source.read_text(encoding="utf-8"))
+    assert [link for link in links if not (source.parent / link).exists()] == []
