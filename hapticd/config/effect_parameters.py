@@ -114,7 +114,11 @@ EFFECT_PARAMETERS: dict[str, tuple[Parameter, ...]] = {
         Parameter("i_max", "A", "A", neutral=math.inf, lower=1e-9, upper=1e6, scale="log", required=True),
     ),
     "dac_quantization": (_magnitude("q", ("A", "A"), 1e4),),
-    "backlash": (_magnitude("gap", _ANGLE, 10.0), _LOAD_SHARE),
+    "backlash": (
+        _magnitude("gap", _ANGLE, 10.0),
+        _LOAD_SHARE,
+        Parameter("restitution", *_NUMBER, neutral=0.0, lower=0.0, upper=0.95),
+    ),
     "flexible_coupling": (
         Parameter("f_r", "Hz", "Hz", neutral=math.inf, lower=0.1, upper=1e4, scale="log", required=True),
         _LOAD_SHARE,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.gap.evidence import window_weight
-from hapticd.gap.fit import evaluate
+from hapticd.gap.fit import evaluate, fit_states
 from hapticd.plant.effects.layout import word
 
 if TYPE_CHECKING:
@@ -196,6 +196,8 @@ class Context:
         """Total loss with one more term at given coordinates; initial states follow to first order."""
         hypothesis = self.fit.solution.hypothesis.with_term(term)
         u = np.concatenate([self.fit.solution.u, value])
+        if hypothesis.has_memory(u, 0):
+            return fit_states(self.segments, hypothesis, u, self.fit.solution.states, 2)[0].total
         solution, residuals = evaluate(self.segments, hypothesis, u, self.fit.solution.states)
         states = [
             segment.stepped(state, np.einsum("wil,wl->wi", gain, residual))

@@ -146,6 +146,8 @@ def fit_states(
     iterations: int = _STATE_ITERATIONS,
 ) -> tuple[Solution, list[Floats]]:
     """Best initial state of every window at fixed coordinates, by Gauss–Newton with a halved step where it fails."""
+    if hypothesis.has_memory(u, 0):
+        return _fit_chained(segments, hypothesis, u, [states], iterations)
     solution, residuals = evaluate(segments, hypothesis, u, states)
     for _ in range(iterations):
         jacobians = state_jacobian(segments, hypothesis, u, solution.states, residuals)
@@ -160,6 +162,18 @@ def fit_states(
         if before - solution.total < _CONVERGED * len(solution.loss) ** 0.5:
             break
     return solution, residuals
+
+
+def _fit_chained(
+    segments: Sequence[Segment], hypothesis: Hypothesis, u: Floats, tries: Sequence[Sequence[Floats]], iterations: int
+) -> tuple[Solution, list[Floats]]:
+    """Best initial states of a device with a memory, from several; rest and the smoothed motion are tried too."""
+    found = []
+    for number, segment in enumerate(segments):
+        own = [states[number] for states in tries]
+        rest = [segment.at_rest(own[0]), segment.first_states()]
+        found.append(segment.inherited(hypothesis.device(u, number), own + rest, iterations))
+    return evaluate(segments, hypothesis, u, found)
 
 
 def tangent(
@@ -225,10 +239,11 @@ def settled(
 ) -> tuple[Solution, list[Floats]]:
     """Evaluate at new coordinates, with the best initial states that can be had cheaply.
 
-    To first order the states move with the coordinates (`states`); but where a shaft begins to slip or to stick, a first
-    order is wrong by orders of magnitude, so each window may keep the state that it had. The better of the two is improved
-    with the gain known from `at`, and windows that still predict worse than before are fitted anew.
+    To first order the states move with the coordinates (`states`); where a shaft begins to slip or to stick that is wrong
+    by orders of magnitude, so each window may keep its state. Windows that predict worse than before are fitted anew.
     """
+    if hypothesis.has_memory(u, 0):
+        return _fit_chained(segments, hypothesis, u, [states, before.states], _STATE_ITERATIONS)
     solution, residuals = evaluate(segments, hypothesis, u, states)
     kept, fresh = evaluate(segments, hypothesis, u, before.states)
     solution, residuals = _better_states(segments, solution, kept, residuals, fresh)
@@ -238,9 +253,6 @@ def settled(
     ]
     trial, fresh = evaluate(segments, hypothesis, u, again)
     solution, residuals = _better_states(segments, solution, trial, residuals, fresh)
-    if hypothesis.has_memory(u, 0):
-        # What a window inherits depends on all windows before it: mending some means predicting all, many times over.
-        return solution, residuals
     return _mended(segments, solution, residuals, solution.loss > before.loss + _WORSE)
 
 
@@ -248,18 +260,14 @@ def _mended(
     segments: Sequence[Segment], solution: Solution, residuals: list[Floats], worse: NDArray[np.bool_]
 ) -> tuple[Solution, list[Floats]]:
     """Fit the initial states of some windows anew, starting from rest too."""
-    if not worse.any():
+    if not worse.any() or solution.hypothesis.has_memory(solution.u, 0):
         return solution, residuals
     parts = np.split(worse, np.cumsum([s.count for s in segments])[:-1])
-    iterations = _MENDING
-    if any(solution.hypothesis.has_memory(solution.u, number) for number in range(len(segments))):
-        # What a window inherits depends on all windows before it.
-        parts, iterations = [np.ones_like(part) for part in parts], 1
     few = [segment.chosen(part) for segment, part in zip(segments, parts, strict=True)]
     states = [state[part] for state, part in zip(solution.states, parts, strict=True)]
-    fitted, _ = fit_states(few, solution.hypothesis, solution.u, states, iterations)
+    fitted, _ = fit_states(few, solution.hypothesis, solution.u, states, _MENDING)
     for others in ([s.at_rest(x) for s, x in zip(few, states, strict=True)], [s.first_states() for s in few]):
-        other, fresh = fit_states(few, solution.hypothesis, solution.u, others, iterations)
+        other, fresh = fit_states(few, solution.hypothesis, solution.u, others, _MENDING)
         fitted, _ = _better_states(few, fitted, other, fresh, fresh)
     merged = []
     for state, part, better in zip(solution.states, parts, fitted.states, strict=True):
@@ -273,7 +281,7 @@ def _mended(
 def restarted(
     segments: Sequence[Segment], solution: Solution, residuals: list[Floats]
 ) -> tuple[Solution, list[Floats]]:
-    """Fit badly predicted windows anew from other initial states: one may have got stuck where a wrong model put it."""
+    """Fit badly predicted windows anew from other initial states: one may be stuck where a wrong model put it."""
     return _mended(segments, solution, residuals, solution.mean_square > _BAD)
 
 
@@ -337,7 +345,6 @@ def fit(
         at, steps = tangent(segments, solution, residuals, steps)
         if improved < max(_CONVERGED, patience * (first - solution.total)):
             break
-    if patience == 0.0:
-        solution, residuals = restarted(segments, solution, residuals)
-        at, _ = tangent(segments, solution, residuals, steps)
+    solution, residuals = restarted(segments, solution, residuals)
+    at, _ = tangent(segments, solution, residuals, steps)
     return Fit(solution, residuals, at)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ndtri
 
+from hapticd.gap.chained import fit_chain
 from hapticd.gap.hypothesis import has_memory
 from hapticd.gap.initial import smooth_motion
 from hapticd.gap.windows import Windows
@@ -180,6 +181,33 @@ class Segment:
             simulate = simulate_chain if has_memory(vector) else simulate_windows_serial
             simulate(vector, drive.time_s, drive.current, start, length, state, predicted, end)
         return np.ascontiguousarray(predicted[:, parts - 1 :: parts])
+
+    def inherited(self, device: Device, tries: Sequence[Floats], iterations: int) -> Floats:
+        """Initial states (w, STATE) of a device with a memory, each fitted before the next window takes it over.
+
+        Args:
+            device: whose memory is handed on.
+            tries: initial states to start from, each (w, STATE).
+            iterations: of each window.
+        """
+        substeps = 1 << (substeps_for(device.vector, self.recording.period_s) - 1).bit_length()
+        drive = self._drive(device, substeps)
+        parts = len(drive.time_s) // self.recording.rows
+        found = np.empty((self.count, STATE))
+        fit_chain(
+            device.vector,
+            drive.time_s,
+            drive.current,
+            parts * self.windows.start,
+            parts,
+            np.stack(tries),
+            self.observed,
+            self.position_step,
+            self.velocity_step,
+            iterations,
+            found,
+        )
+        return found
 
     def _predict_gripped(
         self,

@@ -19,6 +19,22 @@ _a = types.Array(_f8, 1, "C")
 _m = types.Array(_f8, 2, "C")
 
 
+@njit(types.void(_a, _a), counted=False)
+def inherit(state: NDArray[Any], before: NDArray[Any]) -> None:
+    """Take over the memory that a device has at the end of the window before.
+
+    The bristle keeps its deflection; the load keeps its place and velocity relative to the shaft.
+
+    Args:
+        state: new state, with shaft position and velocity set; changed in place.
+        before: state at the end of the window before.
+    """
+    state[BRISTLE] = before[BRISTLE]
+    state[LOAD_THETA] = state[THETA] + (before[LOAD_THETA] - before[THETA])
+    state[LOAD_OMEGA] = state[OMEGA] + (before[LOAD_OMEGA] - before[OMEGA])
+    state[CONTACT] = before[CONTACT]
+
+
 @njit(types.void(_a, _a, _m, types.Array(_i8, 1, "C"), _i8, _m, _m, _m))
 def simulate_chain(
     p: NDArray[Any],
@@ -32,19 +48,14 @@ def simulate_chain(
 ) -> None:
     """As `hapticd.plant.numeric.simulate_windows_serial`, for a device that remembers more than its motion.
 
-    Where a window begins at the row at which the one before ended, it takes over the bristle's deflection and the load's
-    position and velocity *relative to the shaft*; shaft position and velocity are those of `state0`. Other windows start
-    from `state0` as it is.
+    Where a window begins at the row at which the one before ended, it takes over what that one remembers (`inherit`); shaft
+    position and velocity are those of `state0`. Other windows start from `state0` as it is.
     """
     for w in range(len(start)):
         state = out_end[w]
         state[:] = state0[w]
         if w > 0 and start[w] == start[w - 1] + length:
-            before = out_end[w - 1]
-            state[BRISTLE] = before[BRISTLE]
-            state[LOAD_THETA] = state[THETA] + (before[LOAD_THETA] - before[THETA])
-            state[LOAD_OMEGA] = state[OMEGA] + (before[LOAD_OMEGA] - before[OMEGA])
-            state[CONTACT] = before[CONTACT]
+            inherit(state, out_end[w - 1])
         for j in range(length):
             k = start[w] + j
             mechanical(p, state, time_s[k], time_s[k + 1] - time_s[k], i_sub[k])

@@ -11,7 +11,7 @@ from numba import types
 
 from hapticd.jit import njit
 from hapticd.plant.effects.backlash import common_velocity
-from hapticd.plant.effects.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
+from hapticd.plant.effects.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, word
 from hapticd.plant.phases import MOST_PHASES, move, phase
 from hapticd.plant.slide import ACTIONS, Actions
 from hapticd.plant.spring import spring_functions
@@ -22,6 +22,11 @@ if TYPE_CHECKING:
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
 _HALVINGS = 80
+_RESTITUTION = word("backlash.restitution")
+_LEAST_REBOUND = 2.0
+"""Half gaps a second: masses that part more slowly stay together, or their rebounds would never end."""
+_APART = 1e-9
+"""Share of the half gap by which masses that rebound are apart, so that their next contact can be found."""
 
 
 @njit(ACTIONS(ACTIONS, _f8, _f8), inline=True)
@@ -70,7 +75,8 @@ def move_with_play(
     """Move motor and load, with play between them, through a step of constant action.
 
     In contact the two move as one for as long as the contact pushes the load; then the load coasts until the motor is at
-    one side of the play again, where an inelastic impact gives both the velocity that keeps the momentum.
+    one side of the play again, where an impact keeps the momentum; they part again at the speed of closing times the
+    restitution, or stay together where that is too slow to matter.
 
     Args:
         p: device vector.
@@ -109,8 +115,15 @@ def move_with_play(
             time = _time_of_contact(p, state, time, hit, half_gap, motor)
             x, v, z, _ = phase(p, state[THETA], state[OMEGA], state[BRISTLE], time, motor)
             load = x - hit * half_gap
+            closing = v - state[LOAD_OMEGA]
             v = common_velocity(motor.inertia, v, load_inertia, state[LOAD_OMEGA])
             state[LOAD_OMEGA] = v
+            rebound = p[_RESTITUTION] * closing
+            if abs(rebound) > _LEAST_REBOUND * half_gap:
+                v -= rebound * load_inertia / joined.inertia
+                state[LOAD_OMEGA] += rebound * motor.inertia / joined.inertia
+                load = x - hit * half_gap * (1.0 - _APART)
+                hit = 0.0
         state[THETA], state[OMEGA], state[BRISTLE] = x, v, z
         state[LOAD_THETA] = load
         state[CONTACT] = hit

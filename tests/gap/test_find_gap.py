@@ -85,3 +85,13 @@ def test_an_unknown_candidate_is_refused(hidden: Callable[..., Any]) -> None:
     recording, model = hidden([], 14, 6.0)
     with pytest.raises(ValueError, match="wobble"):
         find_gap([recording], model, candidates=["wobble"])
+
+
+def test_a_strong_bias_is_not_taken_for_a_ripple(hidden: Callable[..., Any]) -> None:
+    """Windows stuck in a wrong initial state must not decide: a law with more coordinates has more chances to free them."""
+    recording, model = hidden([{"name": "asymmetric_coulomb", "a": 0.0675}], 2034, 12.0)
+    names = ("asymmetric_coulomb", "constant_bias", "gravity", "torque_ripple")
+    result = find_gap([recording], model, candidates=names)
+    assert result.verdict == "effect_found"
+    assert result.effects[0] in names[:2]
+    assert result.gap.held_out_after < 1.2

@@ -14,6 +14,8 @@ from hapticd.plant.effects.spec import parameters_of
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from hapticd.gap.context import Context
+
     Floats = NDArray[np.float64]
 
 
@@ -58,3 +60,9 @@ def scalar_term(slug: str, *scalars: Scalar, trials: float = 1.0) -> Term:
     coordinates = tuple(s.coordinate(slug) for s in scalars)
     start = tuple(float(np.clip(s.at(s.start), c.lower, c.upper)) for s, c in zip(scalars, coordinates, strict=True))
     return Term(slug, coordinates, write, parameters, start, trials)
+
+
+def promising(context: Context, terms: list[Term], count: int = 2) -> list[Term]:
+    """The few of many starts from which the whole prediction is best: from afar a fit would not find the way."""
+    losses = np.array([context.loss_with(term, np.array(term.start)) for term in terms])
+    return [terms[k] for k in np.argsort(losses)[:count]]

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapticd.gap.candidates.build import Scalar, scalar_term
+from hapticd.gap.candidates.build import Scalar, promising, scalar_term
 
 if TYPE_CHECKING:
     from hapticd.gap.context import Context
@@ -16,11 +16,18 @@ if TYPE_CHECKING:
 def backlash(context: Context) -> list[Term]:
     """Play of width `gap` between motor and load, from half a resolution to half of what the shaft travels."""
     low, high = 0.5 * context.resolution, 0.5 * context.span
-    return [
-        scalar_term("backlash", Scalar("gap", float(gap), low, high, True), Scalar("load_share", 0.4, 0.02, 0.98))
+    terms = [
+        scalar_term(
+            "backlash",
+            Scalar("gap", float(gap), low, high, True),
+            Scalar("load_share", 0.4, 0.02, 0.98),
+            Scalar("restitution", rebound, 0.0, 0.9),
+        )
         for gap in np.array([3.0, 6.0, 12.0, 25.0, 50.0, 100.0]) * context.resolution
         if low < gap < high
+        for rebound in (0.0, 0.45)
     ]
+    return promising(context, terms)
 
 
 def flexible_coupling(context: Context) -> list[Term]:

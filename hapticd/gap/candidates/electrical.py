@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapticd.gap.candidates.build import Scalar, scalar_term
+from hapticd.gap.candidates.build import Scalar, promising, scalar_term
 
 if TYPE_CHECKING:
     from hapticd.gap.context import Context
@@ -14,15 +14,9 @@ if TYPE_CHECKING:
 
 _DAC_STEPS = 400
 """Neighbours on the grid differ by 1.5 %: at thirty steps of q the staircase is then half a step out of place."""
-_DELAYS, _STARTS = 12, 2
+_DELAYS = 12
 _LONGEST_DELAY = 200.0
 """In ticks: beyond, a lab sees it with the naked eye."""
-
-
-def _promising(context: Context, terms: list[Term]) -> list[Term]:
-    """The few of many starts from which the whole prediction is best: from afar a fit would not find the way."""
-    losses = np.array([context.loss_with(term, np.array(term.start)) for term in terms])
-    return [terms[k] for k in np.argsort(losses)[:_STARTS]]
 
 
 def transport_delay(context: Context) -> list[Term]:
@@ -30,7 +24,7 @@ def transport_delay(context: Context) -> list[Term]:
     high = _LONGEST_DELAY * context.period
     delays = context.period * np.geomspace(0.25, 0.7 * _LONGEST_DELAY, _DELAYS)
     terms = [scalar_term("transport_delay", Scalar("t_d", float(delay), 0.0, high)) for delay in delays]
-    return _promising(context, terms)
+    return promising(context, terms)
 
 
 def amplifier_lag(context: Context) -> list[Term]:
@@ -47,7 +41,7 @@ def amplifier_lag(context: Context) -> list[Term]:
         )
         for f in np.geomspace(1.5 * low, 0.7 / context.period, _DELAYS)
     ]
-    return _promising(context, terms)
+    return promising(context, terms)
 
 
 def current_saturation(context: Context) -> list[Term]:

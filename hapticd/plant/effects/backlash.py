@@ -1,4 +1,4 @@
-"""Play between motor and load: rigid, inelastic contact at ±gap/2."""
+"""Play between motor and load: rigid contact at ±gap/2, inelastic or with a rebound."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ EFFECT = EffectSpec(
     summary="Play between the motor, which has encoder and friction, and the load.",
     law=(
         "inertia (1 − load_share) J on the motor, load_share J behind a play of total width gap; contact is "
-        "rigid and without rebound, so that momentum is kept and the two move as one until the load would "
-        "have to be pulled"
+        "rigid and keeps the momentum; the two part again at restitution times the speed at which they met, and "
+        "at 0 move as one until the load would have to be pulled"
     ),
     parameters=parameters_of("backlash"),
-    source="Nordin and Gutman 2002, the limit of a stiff, well damped contact.",
+    source="Nordin and Gutman 2002, the limit of a stiff contact; restitution: Newton 1687.",
     where_it_shows=(
         "After a reversal the shaft accelerates as if it were lighter, then a jump of the velocity at contact."
     ),

@@ -145,3 +145,30 @@ def test_load_dragged_behind_the_play_is_a_lighter_motor_between_contacts() -> N
     _, state = simulated(p, np.full(1, 0.1))
     assert state[OMEGA] == pytest.approx(0.1 * KT * PERIOD / (0.75 * J), rel=1e-12)
     assert state[LOAD_OMEGA] == 0.0
+
+
+def test_masses_rebound_at_the_restitution() -> None:
+    share, restitution = 0.3, 0.6
+    p = vector(
+        coulomb=0.0,
+        viscous=0.0,
+        backlash__gap=0.01,
+        backlash__load_share=share,
+        backlash__restitution=restitution,
+    )
+    state = initial_state(0.0, 0.0)
+    state[OMEGA] = 3.0
+    momentum = (1.0 - share) * state[OMEGA]
+    closing, partings = [-3.0], 0
+    for _ in range(200):
+        _, state = simulated(p, np.zeros(1), state)
+        assert (1.0 - share) * state[OMEGA] + share * state[LOAD_OMEGA] == pytest.approx(momentum, rel=1e-9)
+        assert abs(state[THETA] - state[LOAD_THETA]) <= 0.005 * (1.0 + 1e-6)
+        speed = state[LOAD_OMEGA] - state[OMEGA]
+        if speed != pytest.approx(closing[-1], rel=1e-9):
+            closing.append(speed)
+            partings += 1
+    # Each contact turns the relative speed round and leaves a share of it.
+    assert partings >= 5
+    ratios = np.array(closing[1:6]) / np.array(closing[:5])
+    assert ratios == pytest.approx(-restitution, rel=1e-6)

@@ -1,0 +1,137 @@
+"""Initial states of windows of a device with a memory, fitted one window after the other.
+
+What a window inherits (a bristle, a load behind play or a spring) depends on all windows before it. Fitting all at once
+would chase a memory that changes with every step; so a window is fitted to the end before the next one takes over.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import types
+
+from hapticd.jit import njit
+from hapticd.plant.chain import inherit
+from hapticd.plant.effects.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA
+from hapticd.plant.numeric import measured, mechanical
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_f8, _i8 = types.float64, types.int64
+_a, _m = types.Array(_f8, 1, "C"), types.Array(_f8, 2, "C")
+_STATE = STATE
+_RIDGE = 1e-6
+_GAIN = 1e-3
+"""Share of a window's sum of squares below which a step is the last one."""
+
+
+@njit(_f8(_a, _a, _m, _i8, _i8, _a, _a, _a), counted=False)
+def _error(
+    p: NDArray[Any],
+    time_s: NDArray[Any],
+    i_sub: NDArray[Any],
+    start: int,
+    parts: int,
+    state: NDArray[Any],
+    observed: NDArray[Any],
+    error: NDArray[Any],
+) -> float:
+    """Sum of squared prediction errors of one window, which begins at `state` and leaves its end there."""
+    square = 0.0
+    for j in range(len(observed)):
+        for part in range(parts):
+            k = start + j * parts + part
+            mechanical(p, state, time_s[k], time_s[k + 1] - time_s[k], i_sub[k])
+        error[j] = observed[j] - measured(p, state[THETA])
+        square += error[j] * error[j]
+    return square
+
+
+@njit(types.void(_a, _a, _m, types.Array(_i8, 1, "C"), _i8, types.Array(_f8, 3, "C"), _m, _f8, _f8, _i8, _m))
+def fit_chain(
+    p: NDArray[Any],
+    time_s: NDArray[Any],
+    i_sub: NDArray[Any],
+    start: NDArray[Any],
+    parts: int,
+    tries: NDArray[Any],
+    observed: NDArray[Any],
+    position_step: float,
+    velocity_step: float,
+    iterations: int,
+    out: NDArray[Any],
+) -> None:
+    """Find the initial state of each window that predicts it best, given what the windows before left.
+
+    Args:
+        p: device vector.
+        time_s: times (n,) of the rows [s].
+        i_sub: motor current (n, substeps) [A].
+        start: first row (w,) of each window.
+        parts: rows of one recorded tick.
+        tries: states (t, w, STATE) to start from.
+        observed: positions (w, L).
+        position_step, velocity_step: difference steps, of the size of a sample's noise.
+        iterations: Gauss–Newton steps from the best of the tries.
+        out: (w, STATE) the initial states.
+    """
+    length = observed.shape[1]
+    end = np.zeros(_STATE)
+    begin, state, trial = np.empty(_STATE), np.empty(_STATE), np.empty(_STATE)
+    error, moved = np.empty(length), np.empty(length)
+    slope = np.empty((length, 2))
+    for w in range(len(start)):
+        follows = w > 0 and start[w] == start[w - 1] + length * parts
+        least = np.inf
+        for t in range(tries.shape[0]):
+            trial[:] = tries[t, w]
+            if follows:
+                inherit(trial, end)
+            state[:] = trial
+            square = _error(p, time_s, i_sub, start[w], parts, state, observed[w], moved)
+            if square < least or t == 0:
+                least = square
+                begin[:] = trial
+                error[:] = moved
+        for _ in range(iterations):
+            for part in range(2):
+                step = position_step if part == 0 else velocity_step
+                state[:] = begin
+                state[THETA if part == 0 else OMEGA] += step
+                state[LOAD_THETA if part == 0 else LOAD_OMEGA] += step
+                _error(p, time_s, i_sub, start[w], parts, state, observed[w], moved)
+                for j in range(length):
+                    slope[j, part] = (error[j] - moved[j]) / step
+            a = b = c = f = g = 0.0
+            for j in range(length):
+                a += slope[j, 0] ** 2
+                b += slope[j, 0] * slope[j, 1]
+                c += slope[j, 1] ** 2
+                f += slope[j, 0] * error[j]
+                g += slope[j, 1] * error[j]
+            a += _RIDGE * length
+            c += _RIDGE * length * (position_step / velocity_step) ** 2
+            determinant = a * c - b * b
+            better = False
+            for share in (1.0, 0.3, 0.1):
+                trial[:] = begin
+                go, speed = share * (c * f - b * g) / determinant, share * (a * g - b * f) / determinant
+                trial[THETA] += go
+                trial[LOAD_THETA] += go
+                trial[OMEGA] += speed
+                trial[LOAD_OMEGA] += speed
+                state[:] = trial
+                square = _error(p, time_s, i_sub, start[w], parts, state, observed[w], moved)
+                if square < least:
+                    better = square < (1.0 - _GAIN) * least
+                    least = square
+                    begin[:] = trial
+                    error[:] = moved
+                    break
+            if not better:
+                break
+        out[w] = begin
+        end[:] = begin
+        _error(p, time_s, i_sub, start[w], parts, end, observed[w], moved)
