@@ -23,6 +23,7 @@ _f8, _i8 = types.float64, types.int64
 _a, _m = types.Array(_f8, 1, "C"), types.Array(_f8, 2, "C")
 _STATE = STATE
 _RIDGE = 1e-6
+_ALWAYS = 2
 _GAIN = 1e-3
 """Share of a window's sum of squares below which a step is the last one."""
 
@@ -49,7 +50,7 @@ def _error(
     return square
 
 
-@njit(types.void(_a, _a, _m, types.Array(_i8, 1, "C"), _i8, types.Array(_f8, 3, "C"), _m, _f8, _f8, _i8, _m))
+@njit(types.void(_a, _a, _m, types.Array(_i8, 1, "C"), _i8, types.Array(_f8, 3, "C"), _m, _f8, _f8, _f8, _i8, _m))
 def fit_chain(
     p: NDArray[Any],
     time_s: NDArray[Any],
@@ -60,6 +61,7 @@ def fit_chain(
     observed: NDArray[Any],
     position_step: float,
     velocity_step: float,
+    good: float,
     iterations: int,
     out: NDArray[Any],
 ) -> None:
@@ -71,9 +73,10 @@ def fit_chain(
         i_sub: motor current (n, substeps) [A].
         start: first row (w,) of each window.
         parts: rows of one recorded tick.
-        tries: states (t, w, STATE) to start from.
+        tries: states (t, w, STATE) to start from; all but the first two only where these are not good.
         observed: positions (w, L).
         position_step, velocity_step: difference steps, of the size of a sample's noise.
+        good: mean squared error with which a window needs no other start.
         iterations: Gauss–Newton steps from the best of the tries.
         out: (w, STATE) the initial states.
     """
@@ -86,6 +89,8 @@ def fit_chain(
         follows = w > 0 and start[w] == start[w - 1] + length * parts
         least = np.inf
         for t in range(tries.shape[0]):
+            if t >= _ALWAYS and least < good * length:
+                break
             trial[:] = tries[t, w]
             if follows:
                 inherit(trial, end)

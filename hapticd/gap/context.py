@@ -196,7 +196,7 @@ class Context:
         """Total loss with one more term at given coordinates; initial states follow to first order."""
         hypothesis = self.fit.solution.hypothesis.with_term(term)
         u = np.concatenate([self.fit.solution.u, value])
-        if hypothesis.has_memory(u, 0):
+        if hypothesis.has_memory(u, 0) and not self.fit.solution.hypothesis.has_memory(self.fit.solution.u, 0):
             return fit_states(self.segments, hypothesis, u, self.fit.solution.states, 2)[0].total
         solution, residuals = evaluate(self.segments, hypothesis, u, self.fit.solution.states)
         states = [

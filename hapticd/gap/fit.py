@@ -35,7 +35,7 @@ _CONVERGED = 0.03
 """A step that lowers the loss by less than this is noise: a standard error of a coordinate changes it by 1."""
 _WORSE = 1.0
 _BAD = 3.0
-_MENDING = 4
+_MENDING, _CHAINED = 4, 2
 _STATE_RIDGE = 1e-6
 _COORDINATE_RIDGE = 1e-9
 _MOVED_LOW, _MOVED_HIGH = 0.02, 2.0
@@ -243,7 +243,7 @@ def settled(
     by orders of magnitude, so each window may keep its state. Windows that predict worse than before are fitted anew.
     """
     if hypothesis.has_memory(u, 0):
-        return _fit_chained(segments, hypothesis, u, [states, before.states], _STATE_ITERATIONS)
+        return _fit_chained(segments, hypothesis, u, [states, before.states], _CHAINED)
     solution, residuals = evaluate(segments, hypothesis, u, states)
     kept, fresh = evaluate(segments, hypothesis, u, before.states)
     solution, residuals = _better_states(segments, solution, kept, residuals, fresh)

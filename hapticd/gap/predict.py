@@ -45,6 +45,8 @@ _DELAY, _TRANSPORT_DELAY = word("delay_s"), word("transport_delay.t_d")
 _NEVER = 1e9
 _AT_REST = 0.3
 """Cells that a shaft predicted to be at rest moves in a window at the most."""
+_GOOD = 2.0
+"""Variances of a sample below which a window's mean squared error asks for no other initial state."""
 _NO_GRID = 1e-12
 """Cells of a recording that shows no quantisation, as a share of its range."""
 
@@ -204,6 +206,7 @@ class Segment:
             self.observed,
             self.position_step,
             self.velocity_step,
+            _GOOD * self._typical_sigma**2,
             iterations,
             found,
         )
