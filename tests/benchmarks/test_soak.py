@@ -27,7 +27,7 @@ def flaws(tick: np.ndarray = TICK, flags: np.ndarray = FLAGS, totals: Totals = T
 
 def test_rows_and_missed_make_the_span() -> None:
     found = accounts(TICK, FLAGS, TOTALS)
-    assert (found["periods"], found["missed"]) == (13, 3)
+    assert (found["periods"], found["missed"], found["missed_in_a_row"]) == (13, 3, 2)
     assert flaws() == set()
 
 
