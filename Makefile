@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test lint types layers bench soak docs site install uninstall system-test clean help
+.PHONY: run test lint types layers bench soak dist docs site install uninstall system-test clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -42,6 +42,9 @@ docs: $(STAMP)   ## reference pages and figures that are made from the code
 
 site: $(STAMP)   ## the documentation as a web site in site/; a broken link or anchor is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+dist: $(STAMP)   ## wheel and sdist in dist/, and what is in them checked
+	$(BIN)/python -m pytest tests/dist/check_dist.py
 
 install:         ## for the whole machine, as root: service, user, completions, manual pages
 	systemd/install.sh install
