@@ -238,31 +238,3 @@ class Context:
             acceleration = np.gradient(segment.velocity, segment.recording.time_s)
             result.append([-acceleration, -segment.velocity, -segment.smooth, np.ones_like(acceleration)])
         return result
-
-    def kicks(self) -> list[tuple[Floats, Floats, Floats]]:
-        """Residual (w, L), response to each tick's lost command (w, L, L) and weight (w,), in chunks of windows."""
-        votes = []
-        for number, segment in enumerate(self.segments):
-            current = segment.recording.current
-            lost = self.torque_constant * np.concatenate([[0.0], -np.diff(current)])
-            for first in range(0, segment.count, _CHUNK):
-                rows = slice(first, min(first + _CHUNK, segment.count))
-                ticks = segment.windows.rows[rows] - 1
-                moving = np.abs(segment.velocity[ticks]) > self.slowest_speed
-                response = self._response[number][None] * (lost[ticks] * moving)[:, None, :]
-                columns = self._projected(number, response / segment.sigma[rows][:, None, None], rows)
-                residual = self._projected(number, self.fit.residuals[number][rows][..., None], rows)[..., 0]
-                votes.append((residual, columns, self._weights[number][rows]))
-        return votes
-
-    def as_ticks(self, masks: Sequence[NDArray[np.bool_]]) -> list[NDArray[np.uint8]]:
-        """Lost ticks of windows, in the chunks of `kicks`, as one mask (n,) a recording."""
-        result, chunk = [], 0
-        for segment in self.segments:
-            ticks = np.zeros(len(segment.recording.time_s), dtype=np.uint8)
-            for first in range(0, segment.count, _CHUNK):
-                rows = slice(first, min(first + _CHUNK, segment.count))
-                ticks[(segment.windows.rows[rows] - 1)[masks[chunk]]] = 1
-                chunk += 1
-            result.append(ticks)
-        return result

@@ -14,27 +14,40 @@ if TYPE_CHECKING:
 
 _DAC_STEPS = 400
 """Neighbours on the grid differ by 1.5 %: at thirty steps of q the staircase is then half a step out of place."""
+_DELAYS, _STARTS = 12, 2
+_LONGEST_DELAY = 200.0
+"""In ticks: beyond, a lab sees it with the naked eye."""
+
+
+def _promising(context: Context, terms: list[Term]) -> list[Term]:
+    """The few of many starts from which the whole prediction is best: from afar a fit would not find the way."""
+    losses = np.array([context.loss_with(term, np.array(term.start)) for term in terms])
+    return [terms[k] for k in np.argsort(losses)[:_STARTS]]
 
 
 def transport_delay(context: Context) -> list[Term]:
-    """i(t − T_d), up to a window's length."""
-    high = context.window_s
-    return [
-        scalar_term("transport_delay", Scalar("t_d", share * context.period, 0.0, high)) for share in (0.25, 1.5, 4.0)
-    ]
+    """i(t − T_d). The command of the whole recording is known, so the delay may be longer than a window."""
+    high = _LONGEST_DELAY * context.period
+    delays = context.period * np.geomspace(0.25, 0.7 * _LONGEST_DELAY, _DELAYS)
+    terms = [scalar_term("transport_delay", Scalar("t_d", float(delay), 0.0, high)) for delay in delays]
+    return _promising(context, terms)
 
 
 def amplifier_lag(context: Context) -> list[Term]:
-    """Second-order lag; its low-frequency delay is 2δ/ω_a. Far above the Nyquist frequency it is no lag at all."""
-    low, high = 1.0 / context.window_s, 4.0 / context.period
-    return [
+    """Second-order lag; its low-frequency delay is 2δ/ω_a. Far above the Nyquist frequency it is no lag at all.
+
+    The current loop runs through the whole recording, so it may be slower than a window is long.
+    """
+    low, high = max(2.0 / context.duration, 1.0 / (_LONGEST_DELAY * context.period)), 4.0 / context.period
+    terms = [
         scalar_term(
             "amplifier_lag",
-            Scalar("f_a", 0.7 / (np.pi * delay * context.period), low, high, True),
+            Scalar("f_a", float(f), low, high, True),
             Scalar("delta", 0.7, 0.05, 5.0, True),
         )
-        for delay in (0.3, 1.0, 4.0)
+        for f in np.geomspace(1.5 * low, 0.7 / context.period, _DELAYS)
     ]
+    return _promising(context, terms)
 
 
 def current_saturation(context: Context) -> list[Term]:
