@@ -16,7 +16,8 @@ run: $(STAMP)    ## the daemon on the simulated RE35/Copley testbed, in real tim
 	$(BIN)/hapticd run
 
 test: $(STAMP) lint types layers   ## every check and test that needs no special machine
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m 'not realtime' -n 2 --dist worksteal
+	$(BIN)/python -m pytest -m realtime
 
 lint: $(STAMP)   ## ruff
 	$(BIN)/ruff check .

@@ -88,7 +88,7 @@ def evaluate(
         square = np.where(np.isfinite(square), square, 1e12)
         residuals.append(residual)
         squares.append(square)
-        losses.append(window_loss(square, segment.length) + hypothesis.latent_loss(u, number, segment))
+        losses.append(window_loss(square, segment.length) + hypothesis.latent_loss(number, segment))
     solution = Solution(hypothesis, u, tuple(states), np.concatenate(squares), np.concatenate(losses))
     return solution, residuals
 

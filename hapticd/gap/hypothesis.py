@@ -65,7 +65,9 @@ class Term:
     trials: float = 1.0
     """How many independent things were tried to find this form: it raises the bar for evidence."""
     lost: tuple[NDArray[np.uint8], ...] = ()
-    """Lost commands of each recording, for the one effect that has them as latent variables."""
+    """Lost commands (n,) of each recording, for the one effect that has them as latent variables."""
+    prices: tuple[Floats, ...] = ()
+    """What the freedom to choose each tick's fate costs, (n,) of each recording, in units of the loss."""
     grips: tuple[tuple[tuple[float, float], ...], ...] = ()
     """Intervals of a grip in each recording, for the one effect that comes and goes."""
     entry: Callable[[Floats], Mapping[str, object]] | None = None
@@ -116,14 +118,11 @@ class Hypothesis:
         """Whether the device remembers more than its position and velocity."""
         return has_memory(self.device(u, segment).vector)
 
-    def latent_loss(self, u: Floats, segment: int, windows: Segment) -> Floats | float:
-        """−2 log prior of the lost commands in each window: what the freedom to choose them costs."""
-        for number, term in enumerate(self.terms):
-            if term.lost:
-                probability = float(np.clip(term.parameters(self.share(u, number))["p"], 1e-6, 0.999))
-                lost = windows.per_window(term.lost[segment])
-                count = windows.length
-                return np.asarray(-2.0 * (lost * np.log(probability) + (count - lost) * np.log1p(-probability)))
+    def latent_loss(self, segment: int, windows: Segment) -> Floats | float:
+        """What the freedom to choose the lost commands costs each window."""
+        for term in self.terms:
+            if term.prices:
+                return windows.per_window(term.prices[segment])
         return 0.0
 
     def with_term(self, term: Term) -> Hypothesis:

@@ -248,8 +248,8 @@ class Segment:
         still[:, [OMEGA, LOAD_OMEGA]] = 0.0
         return still
 
-    def per_window(self, ticks: NDArray[np.uint8]) -> Floats:
-        """How many of the ticks that drive each window are set."""
+    def per_window(self, ticks: Floats) -> Floats:
+        """Sum of values (n,) over the ticks that drive each window."""
         return np.asarray(ticks[self.windows.rows - 1].sum(axis=1), dtype=np.float64)
 
 

@@ -1,9 +1,8 @@
-"""Commands that never arrived: in a lost tick the current of the tick before stays.
+"""Commands that never arrived.
 
-Which ticks were lost is not recorded. Each loss kicks the shaft for one tick, so a window's residual votes for or against
-every tick; a loss is accepted where it lowers the loss of the window by more than its prior costs, 2·log((1 − p)/p), and
-that price stays in the window's loss. The result is an upper bound on the marginal loss over all sets of losses: the
-freedom to choose them cannot buy evidence.
+Which ticks were lost is not recorded. Each window's residual votes for or against every loss (`fates`); the likeliest set
+is simulated, and what it leaves votes again. What the choice costs against all other sets stays in the window's loss, so
+that the freedom to choose buys no evidence.
 """
 
 from __future__ import annotations
@@ -12,74 +11,115 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapticd.gap.candidates.fates import Shaft, effective, find
+from hapticd.gap.fit import fit
 from hapticd.gap.hypothesis import Term
 from hapticd.plant.effects.layout import word
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from hapticd.gap.candidates.fates import Fates
     from hapticd.gap.context import Context
+    from hapticd.gap.fit import Fit
 
     Floats = NDArray[np.float64]
 
-_ROUNDS = 4
-_CLEAR = 30.0
-"""Loss that a lost command would cause, if it can be told at all whether it was lost."""
+_TURNS = 12
+_LEAST = 1.0
+"""Loss that a turn must save for another to be taken."""
+_CHUNK = 128
+_AT_REST = 1e-3
+"""Resolutions that a shaft predicted to stick moves in a tick at the most."""
 
 
-def _lost_in_windows(residual: Floats, kicks: Floats, weight: Floats, price: float, most: int) -> NDArray[np.bool_]:
-    """Greedy choice of lost ticks (w, L) in every window.
+class _Search:
+    """Fates assumed, and the probability of a loss that follows from them."""
 
-    Args:
-        residual: scaled residuals (w, L), initial state projected out.
-        kicks: (w, L, L): response, so projected, to the loss of each tick (last axis).
-        weight: robust weight (w,).
-        price: cost of one loss.
-        most: losses in one window at the most.
-    """
-    rest = residual.copy()
-    lost = np.zeros(residual.shape, dtype=bool)
-    power = np.einsum("wlj,wlj->wj", kicks, kicks)
-    rows = np.arange(len(rest))
-    for _ in range(most):
-        gain = weight[:, None] * (2.0 * np.einsum("wlj,wl->wj", kicks, rest) - power)
-        gain[lost] = -np.inf
-        best = np.argmax(gain, axis=1)
-        take = gain[rows, best] > price
-        if not take.any():
-            break
-        lost[rows[take], best[take]] = True
-        rest[take] -= kicks[rows[take], :, best[take]]
-    return lost
+    def __init__(self, context: Context) -> None:
+        self.context = context
+        self.commands = [segment.recording.current for segment in context.segments]
+        self.lost = [np.zeros(len(command), dtype=np.bool_) for command in self.commands]
+        self.prices = [np.zeros(len(command)) for command in self.commands]
+        self.probability, self.spread = 0.02, 0.0
+
+    def turn(self, fitted: Fit) -> None:
+        """Find the fates from what the prediction with those assumed so far leaves, and the probability from them.
+
+        The probability takes a Newton step to its largest likelihood; information is that of the fates less what the data
+        leave open of them (Louis 1982).
+        """
+        p, scores, open_ = self.probability, [], 0.0
+        ticks = losses = 0.0
+        for number, segment in enumerate(self.context.segments):
+            for first in range(0, segment.count, _CHUNK):
+                rows = segment.windows.rows[first : first + _CHUNK] - 1
+                found = self._found(fitted, number, slice(first, first + _CHUNK))
+                self.lost[number][rows] = found.lost
+                self.prices[number][rows] = found.price[:, None] / segment.length
+                scores.append((found.number - segment.length * p) / (p * (1.0 - p)))
+                open_ += float(found.spread.sum())
+                ticks += rows.size
+                losses += float(found.number.sum())
+        score = np.concatenate(scores)
+        whole = losses / p**2 + (ticks - losses) / (1.0 - p) ** 2
+        information = max(whole - open_ / (p * (1.0 - p)) ** 2, 1e-2 * whole)
+        self.probability = float(np.clip(p + score.sum() / information, 0.3 * p, min(3.0 * p, 0.5 + 0.5 * p)))
+        self.spread = float(np.sqrt(max(1.0 / information, float(score @ score) / information**2)))
+
+    def _found(self, fitted: Fit, number: int, part: slice) -> Fates:
+        context, segment, command = self.context, self.context.segments[number], self.commands[number]
+        rows, sigma = segment.windows.rows[part] - 1, segment.sigma[part][:, None]
+        residual = fitted.residuals[number][part]
+        predicted = segment.observed[part] - residual * sigma
+        moving = np.abs(np.gradient(predicted, axis=1)) > _AT_REST * segment.resolution
+        period = segment.recording.period_s
+        assumed = effective(command, self.lost[number])
+        shaft = Shaft(
+            float(np.exp(-context.viscous / context.inertia * period)),
+            context.torque_constant / context.inertia * period**2 / sigma * moving,
+        )
+        before = assumed[np.maximum(rows[:, 0] - 1, 0)]
+        return find(residual, shaft, command[rows], assumed[rows], before, self.probability)
+
+    def fitted(self) -> Fit:
+        """The present model with the fates assumed, initial states fitted."""
+        solution = self.context.fit.solution
+        hypothesis = solution.hypothesis.with_term(self.term())
+        return fit(self.context.segments, hypothesis, solution.u, solution.states, 0)
+
+    def term(self) -> Term:
+        """The effect with the fates assumed."""
+        index, probability = word("dropped_samples.p"), self.probability
+
+        def write(vector: Floats, u: Floats) -> None:
+            vector[index] = probability
+
+        def parameters(u: Floats) -> dict[str, float]:
+            return {"p": probability}
+
+        return Term(
+            "dropped_samples",
+            (),
+            write,
+            parameters,
+            (),
+            lost=tuple(mask.astype(np.uint8) for mask in self.lost),
+            prices=tuple(price.copy() for price in self.prices),
+            form={"p_standard_error": self.spread},
+        )
 
 
 def dropped_samples(context: Context) -> list[Term]:
     """Lost commands, found window by window, and the probability p that follows from them."""
-    probability = 0.01
-    masks: list[NDArray[np.bool_]] = []
-    votes = context.kicks()
-    if not votes:
-        return []
-    for _ in range(_ROUNDS):
-        price = 2.0 * float(np.log((1.0 - probability) / probability))
-        masks, found, visible = [], 0.0, 0.0
-        for residual, kicks, weight in votes:
-            lost = _lost_in_windows(residual, kicks, weight, max(price, 0.0), kicks.shape[1] // 2)
-            clear = weight[:, None] * np.einsum("wlj,wlj->wj", kicks, kicks) > _CLEAR
-            masks.append(lost)
-            found += float((lost & clear).sum())
-            visible += float(clear.sum())
-        probability = float(np.clip((found + 0.5) / (visible + 1.0), 1e-4, 0.9))
-        if found == 0.0:
-            return []
-    index = word("dropped_samples.p")
-    lost_ticks = tuple(context.as_ticks(masks))
-    spread = float(np.sqrt(probability * (1.0 - probability) / (visible + 1.0)))
-
-    def write(vector: Floats, u: Floats) -> None:
-        vector[index] = probability
-
-    def parameters(u: Floats) -> dict[str, float]:
-        return {"p": probability}
-
-    return [Term("dropped_samples", (), write, parameters, (), lost=lost_ticks, form={"p_standard_error": spread})]
+    search, fitted = _Search(context), context.fit
+    best, least = None, np.inf
+    for _ in range(_TURNS):
+        search.turn(fitted)
+        if not any(mask.any() for mask in search.lost):
+            break
+        fitted = search.fitted()
+        if fitted.solution.total > least - _LEAST:
+            break
+        best, least = search.term(), fitted.solution.total
+    return [best] if best else []
