@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test lint types layers bench docs site install uninstall system-test clean help
+.PHONY: run test lint types layers bench soak dist docs site install uninstall system-test clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -16,7 +16,8 @@ run: $(STAMP)    ## the daemon on the simulated RE35/Copley testbed, in real tim
 	$(BIN)/hapticd run
 
 test: $(STAMP) lint types layers   ## every check and test that needs no special machine
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -m 'not realtime' -n 2 --dist worksteal
+	$(BIN)/python -m pytest -m realtime
 
 lint: $(STAMP)   ## ruff
 	$(BIN)/ruff check .
@@ -31,6 +32,10 @@ layers: $(STAMP) ## import-linter: the rooms, and which way imports go
 bench: $(STAMP)  ## all benchmarks: a table each, JSON in benchmarks/results/
 	$(BIN)/python -m benchmarks
 
+MINUTES ?= 60
+soak: $(STAMP)   ## does memory stay, is every missed period counted: an hour at 1 kHz, or MINUTES=10
+	$(BIN)/python -m benchmarks.soak --minutes $(MINUTES)
+
 docs: $(STAMP)   ## reference pages and figures that are made from the code
 	$(BIN)/python -m hapticd.config.reference > docs/reference/config.md
 	$(BIN)/python -m hapticd.cli.reference docs/reference
@@ -38,6 +43,9 @@ docs: $(STAMP)   ## reference pages and figures that are made from the code
 
 site: $(STAMP)   ## the documentation as a web site in site/; a broken link or anchor is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
+dist: $(STAMP)   ## wheel and sdist in dist/, and what is in them checked
+	$(BIN)/python -m pytest tests/dist/check_dist.py
 
 install:         ## for the whole machine, as root: service, user, completions, manual pages
 	systemd/install.sh install

@@ -22,7 +22,7 @@ from hapticd.record import Run, read_run
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_START_S = 180.0
+_START_S = 600.0
 """The first start on a machine compiles the loop."""
 
 
@@ -32,12 +32,13 @@ class MeasuredDaemon:
     Args:
         settings: dotted config keys and their values.
         busy: keep one Python thread of the daemon's process computing without end.
+        environment: variables on top of ours.
 
     Raises:
         BenchmarkError: the daemon does not start; its last words are in the text.
     """
 
-    def __init__(self, settings: dict[str, str], busy: bool = False) -> None:
+    def __init__(self, settings: dict[str, str], busy: bool = False, environment: dict[str, str] | None = None) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="hapticd-benchmark-")
         self.folder = Path(self._folder.name)
         self.socket = self.folder / "s.sock"
@@ -49,25 +50,30 @@ class MeasuredDaemon:
         self._threads = self.folder / "threads.json"
         self._command = [sys.executable, "-m", "benchmarks.daemon_process", str(self._threads)]
         self._command += ["busy" if busy else "calm", *arguments]
+        self._environment = {**os.environ, "XDG_STATE_HOME": str(self.folder), **(environment or {})}
 
     def __enter__(self) -> MeasuredDaemon:
-        environment = {**os.environ, "XDG_STATE_HOME": str(self.folder)}
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
-                self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=environment
+                self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment
             )
         try:
             self._wait_for_answer()
             self.client.start()
         except BaseException:
-            self._end()
+            self._forget()
             raise
         return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._end()
+        self._forget()
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
 
     def set_rate(self, rate_hz: float) -> None:
         """Change the servo rate live."""
@@ -118,13 +124,18 @@ class MeasuredDaemon:
                     raise BenchmarkError(f"the daemon did not start; its last words:\n{words}") from None
                 time.sleep(0.1)
 
-    def _end(self) -> None:
+    def end(self) -> str:
+        """End the process, if it still runs; returns what it printed."""
         self._process.send_signal(signal.SIGTERM)
         try:
             self._process.wait(20.0)
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        return self._log.read_text(errors="replace")
+
+    def _forget(self) -> None:
+        self.end()
         self._folder.cleanup()
 
 

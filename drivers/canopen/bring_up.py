@@ -41,7 +41,7 @@ from hapticd.config.sections import Amplifier
 
 _CIA_402: Final = 402
 _WAIT_S: Final = 0.5
-_FIRST_SAMPLE_S: Final = 0.2
+_FIRST_SAMPLE_S: Final = 0.5
 
 
 @dataclass(frozen=True)

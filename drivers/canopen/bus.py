@@ -15,7 +15,8 @@ from drivers.interface import DriverError
 
 LISTEN_S: Final = 0.1
 """Silence that is waited for before the first frame: a master at 10 Hz or faster gives itself away."""
-_ECHO_S: Final = 0.05
+_ECHO_S: Final = 0.2
+"""Longest wait for our own frame to come back."""
 _SCAN_S: Final = 0.3
 _NOTIFIER_S: Final = 0.02
 
@@ -53,6 +54,13 @@ class Monitor(can.Listener):
         """The TPDO 1 after the first ``before`` ones, or None when it does not come in time."""
         with self._news:
             return self.sample if self._news.wait_for(lambda: self.samples > before, timeout_s) else None
+
+    def wait_command(self, identifier: int, timeout_s: float) -> bool:
+        """Whether a command with an identifier has been heard, or is heard in time."""
+        with self._news:
+            return self._news.wait_for(
+                lambda: any(heard.arbitration_id == identifier for heard in self.commands), timeout_s
+            )
 
 
 def is_command(message: can.Message, node_id: int) -> bool:
@@ -137,8 +145,7 @@ def describe_command(identifier: int, node_id: int) -> str:
 def stop_node(network: canopen.Network, monitor: Monitor, node_id: int) -> bool:
     """NMT: node to pre-operational. Returns whether the interface gives our own frames back (udp_multicast does)."""
     network.send_message(w.NMT, bytes([0x80, node_id]))
-    time.sleep(_ECHO_S)
-    echoes = any(heard.arbitration_id == w.NMT for heard in monitor.commands)
+    echoes = monitor.wait_command(w.NMT, _ECHO_S)
     if echoes:
         monitor.commands.clear()
     return echoes

@@ -134,7 +134,7 @@ def gap(
     else:
         result = _recorded(runs or [], model, assignments, analyse)
     output.emit(document, as_json, describe(document, out))
-    for warning in document["warnings"]:
+    for warning in document["warnings"] if live else ():
         output.note(f"warning: {warning}")
     return exits.NO if result.verdict == "unexplained" else exits.DONE
 
@@ -143,7 +143,11 @@ def _recorded(runs: Sequence[Path], model: str | None, assignments: list[str] | 
     from hapticd.gap.data import load_recording
 
     nominal = _model(runs[0], model, assignments)
-    return analyse(nominal, [load_recording(path, nominal) for path in runs])
+    recordings = [load_recording(path, nominal) for path in runs]
+    for recording in recordings:
+        for warning in recording.warnings:
+            output.note(f"warning: {warning}")
+    return analyse(nominal, recordings)
 
 
 def _live(

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.options import JsonOption, register
+
+if TYPE_CHECKING:
+    from hapticd.record import Imported
 
 FileArgument = Annotated[
     Path, typer.Argument(metavar="FILE", show_default=False, help="Measured data: .csv, .mat, .npy or .parquet.")
@@ -45,11 +48,26 @@ def import_data(
         "run": done.path,
         "rows": done.rows,
         "duration_s": done.duration_s,
+        "rate_hz": done.rate_hz,
         "resolution": done.resolution,
+        "position": list(done.position),
+        "force" if done.is_force else "current": list(done.command),
         "warnings": list(done.warnings),
     }
-    output.emit(document, as_json, f"{done.path}: {done.rows} rows, {output.number(done.duration_s)} s")
+    output.emit(document, as_json, _describe(done))
     return exits.DONE
+
+
+def _describe(done: Imported) -> str:
+    """What was read, in SI units, so that a wrong unit meets the eye."""
+    angle, force = ("m", "N") if done.is_linear else ("rad", "N m")
+    kind, unit = ("force", force) if done.is_force else ("current", "A")
+    low, high, least, most = (output.number(value) for value in (*done.position, *done.command))
+    return (
+        f"{done.path}: {done.rows} rows, {output.number(done.duration_s)} s at {output.number(done.rate_hz)} Hz\n"
+        f"  position {low} to {high} {angle} in steps of {output.number(done.resolution)} {angle}\n"
+        f"  {kind} {least} to {most} {unit}"
+    )
 
 
 def add_to(app: typer.Typer) -> None:

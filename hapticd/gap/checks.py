@@ -31,6 +31,8 @@ _GAP_SHARE = 0.2
 _SLOWEST_HZ, _FASTEST_HZ = 20.0, 100_000.0
 _PEAK_FACTOR = 30.0
 _BALANCE = 30.0
+_NEEDED = 200.0
+"""No effect of the catalogue makes a device move that should need so many times the commanded force."""
 _WRAPS = tuple(2.0**bits for bits in (8, 12, 14, 16, 20, 24, 32))
 _WRAP_TOLERANCE = 0.1
 
@@ -53,9 +55,9 @@ def check_recording(recording: Recording, model: Config) -> tuple[str, ...]:
         RecordingError: with all that is wrong, a line each.
     """
     problems = [*_unit_errors(recording, model), *_wraps(recording, model)]
-    motionless = _motionless(recording)
-    if motionless:
+    if motionless := _motionless(recording):
         problems.append(motionless)
+    problems = problems or list(_undriven(recording, model))
     if problems:
         raise RecordingError("\n".join(f"{recording.name}: {problem}" for problem in problems))
     return tuple(f"{recording.name}: {warning}" for warning in _warnings(recording, model))
@@ -77,7 +79,7 @@ def _sample_problems(time_s: FloatArray, position: FloatArray, current: FloatArr
 
 
 def _unit_errors(recording: Recording, model: Config) -> Iterator[str]:
-    period, unit = recording.period_s, "m" if recording.is_linear else "rad"
+    period, (unit, force_unit) = recording.period_s, ("m", "N") if recording.is_linear else ("rad", "N m")
     if period > 1.0 / _SLOWEST_HZ:
         likely = "ms" if period < 100.0 else "µs" if period < 1e5 else "ns"
         rate = f"{period:.4g} s between samples is {1.0 / period:.3g} Hz, slower than {_SLOWEST_HZ:g} Hz"
@@ -90,7 +92,7 @@ def _unit_errors(recording: Recording, model: Config) -> Iterator[str]:
     peak, largest = model.amplifier.peak_current, float(np.abs(recording.current).max())
     if peak is not None and largest > _PEAK_FACTOR * peak:
         limit = f"{largest / peak:.0f} times amplifier.peak_current = {peak:g} A of the model"
-        yield f"the current reaches {largest:.4g} A, {limit}; is it in mA? It must be in A"
+        yield f"the current reaches {largest:.4g} A, {limit}; is it in mA? It must be in A (a force in {force_unit})"
     steps = np.diff(recording.position)
     whole = np.array_equal(recording.position, np.rint(recording.position))
     if whole and float(np.ptp(recording.position)) > _FEWEST_CELLS and np.count_nonzero(steps) > _FEWEST_CELLS:
@@ -102,16 +104,15 @@ def _wraps(recording: Recording, model: Config) -> Iterator[str]:
     if recording.resolution <= 0.0:
         return
     steps = np.diff(recording.position) / recording.resolution
-    usual = float(np.quantile(np.abs(steps), 0.99))
     ranges = {*_WRAPS}
     if model.encoder.counts_per_rev is not None and not recording.is_linear:
         ranges.add(2.0 * np.pi / recording.resolution)
-    for row in np.flatnonzero(np.abs(steps) > max(100.0, 10.0 * usual)):
-        for span in sorted(ranges):
-            near = float(np.median(np.abs(steps[max(row - 5, 0) : row + 6])))
-            if abs(abs(steps[row]) - span) < _WRAP_TOLERANCE * span and near < _WRAP_TOLERANCE * span:
+    for span in sorted(ranges):
+        for row in np.flatnonzero(np.abs(np.abs(steps) - span) < _WRAP_TOLERANCE * span):
+            if float(np.median(np.abs(steps[max(row - 5, 0) : row + 6]))) < _WRAP_TOLERANCE * span:
                 jump = f"jumps by {steps[row]:.0f} counts in one sample at row {row + 1}"
-                yield f"position {jump}: a counter that overflows at {span:.0f}; import it with position.wrap"
+                hint = f"import it with position.wrap: {span:.0f}"
+                yield f"position {jump}: a counter that overflows at {span:.0f}; {hint}"
                 return
 
 
@@ -124,13 +125,37 @@ def _motionless(recording: Recording) -> str:
     return ""
 
 
-def _warnings(recording: Recording, model: Config) -> Iterator[str]:
-    if recording.duration_s < _SHORT_S:
-        yield f"{recording.duration_s:.3g} s is short: small effects cannot be told from chance; record 20 s"
+def _undriven(recording: Recording, model: Config) -> Iterator[str]:
+    """Motion that the command cannot have made, by orders of magnitude: a wrong column or unit, no missing physics."""
+    largest = float(np.abs(recording.current).max())
+    ratio = _needed_over_commanded(recording, model)
+    if largest == 0.0 and not _one_way(recording):
+        yield (
+            "the commanded current is 0 A in every row, and yet the shaft moves to and fro: is it the right column? "
+            "Predictions start from the command, so nothing can be concluded"
+        )
+    elif largest > 0.0 and ratio > _NEEDED:
+        unit, key = ("m", "counts_per_metre") if recording.is_linear else ("rad", "counts_per_rev")
+        yield (
+            f"the model would need {ratio:.3g} times the commanded force for this motion, more than {_NEEDED:g}: a unit is "
+            f"wrong by a large factor, the position jumps, or the model is of another device. Position must be in {unit}, "
+            f"or encoder_counts of encoder.{key} of the model; current in A"
+        )
+
+
+def _one_way(recording: Recording) -> str:
+    """The direction of nearly all motion, or nothing."""
     steps = np.diff(recording.position)
     forward, backward = float(steps[steps > 0.0].sum()), float(-steps[steps < 0.0].sum())
     if max(forward, backward) > _ONE_WAY * (forward + backward):
-        way = "positive" if forward > backward else "negative"
+        return "positive" if forward > backward else "negative"
+    return ""
+
+
+def _warnings(recording: Recording, model: Config) -> Iterator[str]:
+    if recording.duration_s < _SHORT_S:
+        yield f"{recording.duration_s:.3g} s is short: small effects cannot be told from chance; record 20 s"
+    if way := _one_way(recording):
         yield (
             f"the motion goes in the {way} direction only: Coulomb friction, a constant bias and asymmetric friction "
             "cannot be told apart"
@@ -157,22 +182,8 @@ def _gaps(recording: Recording) -> Iterator[str]:
 
 
 def _balance(recording: Recording, model: Config) -> Iterator[str]:
-    """Forces of the model along the motion against the commanded ones: a factor in the tens is a unit, not friction.
-
-    Positions a tenth of a second apart are far beyond noise for any motion that matters, and slow enough for all forces
-    to be of one size; so the comparison is of orders of magnitude only.
-    """
-    stride = max(1, round(0.01 / recording.period_s))
-    position, time_s = recording.position[::stride], recording.time_s[::stride]
-    if position.size < 5:
-        return
-    velocity = np.gradient(position, time_s)
-    plant = model.plant
-    passive = (
-        plant.inertia * np.gradient(velocity, time_s) + plant.viscous * velocity + plant.coulomb * np.sign(velocity)
-    )
-    drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(recording.current**2)))
-    ratio = float(np.sqrt(np.mean(passive**2))) / drive if drive > 0.0 else 1.0
+    """Forces of the model along the motion against the commanded ones: a factor in the tens is a unit, not friction."""
+    ratio = _needed_over_commanded(recording, model)
     if ratio > _BALANCE:
         yield (
             f"the model would need {ratio:.3g} times the commanded force for this motion; is position in degrees or mm, "
@@ -183,3 +194,22 @@ def _balance(recording: Recording, model: Config) -> Iterator[str]:
             f"the commanded force is {1.0 / ratio:.3g} times what the model needs for this motion; is the current in mA, "
             "or is the model of another device?"
         )
+
+
+def _needed_over_commanded(recording: Recording, model: Config) -> float:
+    """Force that the model needs for the motion over the commanded one, RMS each; 1 where there is none.
+
+    Positions a hundredth of a second apart are far beyond noise for any motion that matters, and slow enough for all
+    forces to be of one size; so the comparison is of orders of magnitude only.
+    """
+    stride = max(1, round(0.01 / recording.period_s))
+    position, time_s = recording.position[::stride], recording.time_s[::stride]
+    if position.size < 5:
+        return 1.0
+    velocity = np.gradient(position, time_s)
+    plant = model.plant
+    passive = (
+        plant.inertia * np.gradient(velocity, time_s) + plant.viscous * velocity + plant.coulomb * np.sign(velocity)
+    )
+    drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(recording.current**2)))
+    return max(float(np.sqrt(np.mean(passive**2))) / drive, 1e-9) if drive > 0.0 else 1.0

@@ -15,6 +15,7 @@ import numpy as np
 
 from hapticd.gap.evidence import window_weight
 from hapticd.gap.fit import evaluate, fit_states
+from hapticd.gap.windows import thinned
 from hapticd.plant.effects.layout import word
 
 if TYPE_CHECKING:
@@ -23,10 +24,11 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.gap.fit import Fit
-    from hapticd.gap.hypothesis import Term
+    from hapticd.gap.hypothesis import Hypothesis, Term
     from hapticd.gap.predict import Segment
 
     Floats = NDArray[np.float64]
+    Indices = NDArray[np.int64]
 
 _STRUCTURED_PER_WINDOW = 4.0
 """Independent values that a smooth force error leaves in a window."""
@@ -162,14 +164,13 @@ class Context:
         parts = np.cumsum([s.count for s in self.segments])[:-1]
         return [np.asarray(w) for w in np.split(window_weight(self.fit.solution.mean_square), parts)]
 
-    def _projected(self, number: int, columns: Floats, rows: slice | None = None) -> Floats:
+    def _projected(self, number: int, columns: Floats, rows: slice | Indices) -> Floats:
         """What the initial state does not absorb of scaled columns (w, L, p)."""
-        part = rows if rows is not None else slice(None)
-        gain = self.fit.at.state_gain[number][part]
-        jacobian = self.fit.at.state_jacobian[number][part]
+        gain = self.fit.at.state_gain[number][rows]
+        jacobian = self.fit.at.state_jacobian[number][rows]
         return np.asarray(columns - jacobian @ (gain @ columns))
 
-    def _columns(self, number: int, forces: Sequence[Floats], rows: slice) -> Floats:
+    def _columns(self, number: int, forces: Sequence[Floats], rows: slice | Indices) -> Floats:
         """Projected responses (w, L, p) of some windows to forces (n,) that act while the shaft moves."""
         segment = self.segments[number]
         ticks = segment.windows.rows[rows] - 1
@@ -192,21 +193,59 @@ class Context:
                 rights.append(np.einsum("wlp,wl->wp", weighted, residual))
         return np.concatenate(normals), np.concatenate(rights)
 
-    def loss_with(self, term: Term, value: Floats) -> float:
-        """Total loss with one more term at given coordinates; initial states follow to first order."""
-        hypothesis = self.fit.solution.hypothesis.with_term(term)
-        u = np.concatenate([self.fit.solution.u, value])
-        if hypothesis.has_memory(u, 0) and not self.fit.solution.hypothesis.has_memory(self.fit.solution.u, 0):
-            return fit_states(self.segments, hypothesis, u, self.fit.solution.states, 2)[0].total
-        solution, residuals = evaluate(self.segments, hypothesis, u, self.fit.solution.states)
-        states = [
+    @cached_property
+    def _few(self) -> tuple[list[Segment], list[Floats], list[Floats]]:
+        """A third of the windows, with their initial states and state gains."""
+        masks = [thinned(segment.count) for segment in self.segments]
+        segments = [segment.chosen(mask) for segment, mask in zip(self.segments, masks, strict=True)]
+        states = [state[mask] for state, mask in zip(self.fit.solution.states, masks, strict=True)]
+        gains = [gain[mask] for gain, mask in zip(self.fit.at.state_gain, masks, strict=True)]
+        return segments, states, gains
+
+    def _loss_of(self, hypothesis: Hypothesis, u: Floats) -> float:
+        segments, states, gains = self._few
+        known = self.fit.solution
+        if hypothesis.has_memory(u, 0) and not known.hypothesis.has_memory(known.u, 0):
+            # What the windows inherit is new to all of them.
+            return fit_states(segments, hypothesis, u, states, 2)[0].total
+        solution, residuals = evaluate(segments, hypothesis, u, states)
+        stepped = [
             segment.stepped(state, np.einsum("wil,wl->wi", gain, residual))
-            for segment, state, gain, residual in zip(
-                self.segments, solution.states, self.fit.at.state_gain, residuals, strict=True
-            )
+            for segment, state, gain, residual in zip(segments, states, gains, residuals, strict=True)
         ]
-        moved, _ = evaluate(self.segments, hypothesis, u, states)
+        moved, _ = evaluate(segments, hypothesis, u, stepped)
         return float(np.minimum(solution.loss, moved.loss).sum())
+
+    def loss_with(self, term: Term, value: Floats) -> float:
+        """Loss of a third of the windows with one more term at given coordinates; initial states follow to first order."""
+        solution = self.fit.solution
+        return self._loss_of(solution.hypothesis.with_term(term), np.concatenate([solution.u, value]))
+
+    @cached_property
+    def loss_without(self) -> float:
+        """Loss of the present model, as `loss_with` counts it."""
+        return self._loss_of(self.fit.solution.hypothesis, self.fit.solution.u)
+
+    def gains_of_currents(self, changes: Sequence[Sequence[Floats]]) -> Floats:
+        """Loss (p,) that changes of the motor current would save, by the linear response of a third of the windows.
+
+        Args:
+            changes: `changes[s][p]` is (n,) [A] for recording s.
+        """
+        saved = np.zeros(len(changes[0]))
+        late = float(self.base[word("delay_s")] + self.base[word("transport_delay.t_d")])
+        for number, segment in enumerate(self.segments):
+            ticks = round(late / segment.recording.period_s)
+            forces = [self.torque_constant * np.roll(change, ticks) for change in changes[number]]
+            windows = np.flatnonzero(thinned(segment.count))
+            for rows in np.array_split(windows, max(len(windows) // _CHUNK, 1)):
+                columns = self._columns(number, forces, rows)
+                residual, weight = self.fit.residuals[number][rows], self._weights[number][rows]
+                of_windows = 2.0 * np.einsum("wlp,wl->wp", columns, residual) - np.einsum(
+                    "wlp,wlp->wp", columns, columns
+                )
+                saved += weight @ of_windows
+        return saved
 
     def normal_of_harmonics(self, orders: Floats) -> tuple[Floats, Floats, float]:
         """Normal equations (2K, 2K), (2K,) of torques sin kθ, cos kθ, and the residual variance to judge gains by."""

@@ -17,7 +17,7 @@ import numpy as np
 from scipy.optimize import nnls
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -83,18 +83,24 @@ def estimate(error: Floats, speed: Floats, crossings: Floats, resolution: float)
     return Noise(float(sensor), float(jitter))
 
 
+def replicas(
+    segments: Sequence[Segment], predicted: Sequence[Floats], at: Tangent, rng: np.random.Generator
+) -> Iterator[list[Floats]]:
+    """Residuals (w, L) in standard deviations that noise and quantisation alone leave, a dozen times for each segment."""
+    for segment, position, jacobian, gain in zip(segments, predicted, at.state_jacobian, at.state_gain, strict=True):
+        true = segment.within_cell(position)
+        found = []
+        for _ in range(_REPLICAS):
+            error = (segment.remeasured(true, rng) - position) / segment.sigma[:, None]
+            found.append(error - np.einsum("wli,wi->wl", jacobian, np.einsum("wil,wl->wi", gain, error)))
+        yield found
+
+
 def floor(
     segments: Sequence[Segment], predicted: Sequence[Floats], at: Tangent, rng: np.random.Generator
 ) -> list[Floats]:
     """Mean squares (w, replicas) that noise and quantisation alone leave after fitting initial states, by segment."""
-    result = []
-    for segment, position, jacobian, gain in zip(segments, predicted, at.state_jacobian, at.state_gain, strict=True):
-        squares = np.empty((segment.count, _REPLICAS))
-        true = segment.within_cell(position)
-        for replica in range(_REPLICAS):
-            measured = segment.remeasured(true, rng)
-            error = (measured - position) / segment.sigma[:, None]
-            left = error - np.einsum("wli,wi->wl", jacobian, np.einsum("wil,wl->wi", gain, error))
-            squares[:, replica] = np.mean(left**2, axis=1)
-        result.append(squares)
-    return result
+    return [
+        np.stack([np.mean(left**2, axis=1) for left in found], axis=1)
+        for found in replicas(segments, predicted, at, rng)
+    ]

@@ -54,7 +54,7 @@ def page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["g"] = _number
+    environment.filters |= {"g": _number, "percent": lambda share: f"{100.0 * max(share, 0.0):.1f} %"}
     with style():
         figures = {name: _svg(figure) for name, figure in all_figures(result, model.is_linear).items()}
     return environment.get_template("report.html").render(

@@ -80,7 +80,9 @@ class GapResult:
     steps: tuple[Step, ...]
     gap: GapNumbers
     structure: tuple[str, ...] = ()
-    """What the remaining residual still depends on."""
+    """What the remaining residual still depends on, in words; empty where it is noise or too little to matter."""
+    residual_structure: Mapping[str, Any] = field(default_factory=dict)
+    """The tests behind that; see `hapticd.gap.structure`."""
     base: Mapping[str, Estimate] = field(default_factory=dict)
     """Base parameters, where they were fitted too."""
     where: tuple[Mapping[str, Any], ...] = ()
@@ -105,6 +107,7 @@ class GapResult:
                 "noise_floor": self.gap.noise_floor,
             },
             "structure": list(self.structure),
+            "residual_structure": dict(self.residual_structure),
             "base": {name: _estimate(value) for name, value in self.base.items()},
             "next_experiment": dict(self.next_experiment) if self.next_experiment else None,
             "warnings": list(self.warnings),

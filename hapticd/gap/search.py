@@ -17,6 +17,7 @@ from hapticd.gap.candidates import BUILDERS
 from hapticd.gap.crossval import held_out
 from hapticd.gap.evidence import MINIMUM_GAIN, Comparison, Scored, compare
 from hapticd.gap.fit import fit
+from hapticd.gap.windows import thinned
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -31,17 +32,19 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 T = TypeVar("T")
+K = TypeVar("K", str, tuple[str, int])
 
 _FIRST_LOOK = 3
 """Iterations that decide which start of a candidate is fitted to the end."""
-_CLOSE = 0.2
+_STARTS, _CLOSE = 2, 0.2
 """A second start is fitted too if its first look is within this share of the best gain."""
 _HOPE = 0.4
 """Share of the smallest gain that counts which a first look must show."""
 _SHARE_OF_LOOKS, _SHARE_OF_FITS = 0.08, 0.4
 """Candidates that gain less than this share of the best one's gain cannot win the round, nor tie: not fitted to the end,
 and not cross-validated."""
-_THIN, _RUN = 3, 4
+_SHARE_OF_TRIALS = 0.25
+"""The same after a fit to a third of the windows, which has converged and says more than a look."""
 _PATIENCE = 1e-3
 
 
@@ -77,27 +80,34 @@ class Judged:
         return compare(self.held_out, other.held_out, data.block, data.samples)
 
 
-def thinned(data: Data, states: Sequence[Floats]) -> tuple[Data, list[Floats]]:
-    """A third of the windows, in runs of a few: enough for a first look, and no second of the recording is left out."""
-    segments, kept, blocks, offset = [], [], [], 0
-    for segment, state in zip(data.segments, states, strict=True):
-        block = data.block[offset : offset + segment.count]
-        offset += segment.count
-        mask = np.arange(segment.count) // _RUN % _THIN == 0
-        segments.append(segment.chosen(mask))
-        kept.append(state[mask])
-        blocks.append(block[mask])
-    return Data(segments, np.concatenate(blocks)), kept
-
-
 def judge(data: Data, fitted: Fit, trials: float = 1.0) -> Judged:
     """Cross-validate a fit."""
     return Judged(fitted, held_out(data.segments, fitted, data.block), trials)
 
 
 @dataclass(frozen=True)
+class Few:
+    """A third of the windows, and the present model on them."""
+
+    data: Data
+    states: Sequence[Floats]
+    total: float
+    """Loss of the present model, its initial states fitted as those of a candidate will be."""
+
+
+def few_of(data: Data, present: Judged) -> Few:
+    """Thin the windows."""
+    solution = present.fit.solution
+    masks = [thinned(segment.count) for segment in data.segments]
+    segments = [segment.chosen(mask) for segment, mask in zip(data.segments, masks, strict=True)]
+    states = [state[mask] for state, mask in zip(solution.states, masks, strict=True)]
+    total = fit(segments, solution.hypothesis, solution.u, states, 0, _PATIENCE).solution.total
+    return Few(Data(segments, data.block[np.concatenate(masks)]), states, total)
+
+
+@dataclass(frozen=True)
 class Look:
-    """A few iterations from one start on a third of the data."""
+    """A fit to a third of the windows."""
 
     solution: Solution
     gain: float
@@ -105,35 +115,37 @@ class Look:
     trials: float
 
 
-def looks(data: Data, present: Judged, hypothesis: Hypothesis, terms: Sequence[Term]) -> list[Look]:
-    """Looks at a hypothesis with one more term, from each of several starts, best first; none without any gain."""
-    if not terms:
-        return []
-    few, few_states = thinned(data, present.fit.solution.states)
-    known = present.fit.solution.u
-    before = fit(few.segments, present.hypothesis, known, few_states, 0).solution.total
-    result = []
-    for term in terms:
-        larger = hypothesis.with_term(term)
-        start = larger.bounded(np.concatenate([known[: len(hypothesis.coordinates)], term.start]))
-        solution = fit(few.segments, larger, start, few_states, _FIRST_LOOK).solution
-        result.append(Look(solution, before - solution.total, term.trials))
-    bar = _HOPE * MINIMUM_GAIN * few.samples
-    return sorted((look for look in result if look.gain > bar), key=lambda look: -look.gain)
+def look(few: Few, hypothesis: Hypothesis, known: Floats, term: Term) -> Look:
+    """A few iterations from one start of a hypothesis with one more term."""
+    larger = hypothesis.with_term(term)
+    start = larger.bounded(np.concatenate([known, term.start]))
+    solution = fit(few.data.segments, larger, start, few.states, _FIRST_LOOK, _PATIENCE).solution
+    return Look(solution, few.total - solution.total, term.trials)
 
 
-def best_fit(data: Data, present: Judged, found: Sequence[Look]) -> tuple[Fit, float]:
-    """Full fit from the best look, and from the second where it is close; with the number of trials."""
-    best: Fit | None = None
-    for look in found[:2]:
-        if best is not None and look.gain < (1.0 - _CLOSE) * found[0].gain:
-            break
-        solution = look.solution
-        done = fit(data.segments, solution.hypothesis, solution.u, present.fit.solution.states, patience=_PATIENCE)
-        if best is None or done.solution.total < best.solution.total:
-            best = done
-    assert best is not None
-    return best, found[0].trials
+def hopeful(few: Few, seen: Sequence[Look]) -> list[Look]:
+    """The looks with any gain, best first; of those that follow the first only what comes close to it."""
+    bar = _HOPE * MINIMUM_GAIN * few.data.samples
+    found = sorted((one for one in seen if one.gain > bar), key=lambda one: -one.gain)[:_STARTS]
+    return [one for one in found if one.gain >= (1.0 - _CLOSE) * found[0].gain]
+
+
+def converged(few: Few, found: Sequence[Look]) -> Look:
+    """The best of several looks, each carried on until it gains no more."""
+    best = found[0]
+    for one in found:
+        start = one.solution
+        solution = fit(few.data.segments, start.hypothesis, start.u, start.states, patience=_PATIENCE).solution
+        if few.total - solution.total > best.gain:
+            best = Look(solution, few.total - solution.total, one.trials)
+    return best
+
+
+def full_fit(data: Data, present: Judged, found: Look) -> tuple[Fit, float]:
+    """Fit to all windows from where a look ended, with the number of trials."""
+    start = found.solution
+    done = fit(data.segments, start.hypothesis, start.u, present.fit.solution.states, patience=_PATIENCE)
+    return done, found.trials
 
 
 def search(
@@ -157,36 +169,29 @@ def search(
     Returns:
         Slug to the judged hypothesis, of those that improve the fit at all.
     """
-    hypothesis = present.hypothesis
+    hypothesis, known = present.hypothesis, present.fit.solution.u
     total = present.fit.solution.total
+    few = few_of(data, present)
     with _Pool(workers, told) as pool:
-        seen = pool.run(
-            {slug: partial(_looks_of, data, present, hypothesis, context, slug) for slug in slugs}, 0.0, 0.4
-        )
-        bar = _SHARE_OF_LOOKS * max((found[0].gain for found in seen.values() if found), default=0.0)
-        fits = pool.run(
-            {
-                slug: partial(best_fit, data, present, found)
-                for slug, found in seen.items()
-                if found and found[0].gain > bar
-            },
-            0.4,
-            0.8,
-        )
-        bar = _SHARE_OF_FITS * max((total - fitted.solution.total for fitted, _ in fits.values()), default=0.0)
-        return pool.run(
-            {
-                slug: partial(judge, data, fitted, trials)
-                for slug, (fitted, trials) in fits.items()
-                if total - fitted.solution.total > bar
-            },
-            0.8,
-            1.0,
-        )
+        terms = pool.run({slug: partial(BUILDERS[slug], context) for slug in slugs}, 0.0, 0.1)
+        starts = {
+            (slug, k): partial(look, few, hypothesis, known, t) for slug in slugs for k, t in enumerate(terms[slug])
+        }
+        seen = pool.run(starts, 0.1, 0.4)
+        found = {slug: hopeful(few, [seen[slug, k] for k in range(len(terms[slug]))]) for slug in slugs}
+        promising = _leading({slug: (of, of[0].gain) for slug, of in found.items() if of}, _SHARE_OF_LOOKS)
+        tried = pool.run({slug: partial(converged, few, of) for slug, of in promising.items()}, 0.4, 0.6)
+        left = _leading({slug: (one, one.gain) for slug, one in tried.items()}, _SHARE_OF_TRIALS)
+        fits = pool.run({slug: partial(full_fit, data, present, one) for slug, one in left.items()}, 0.6, 0.9)
+        last = _leading({slug: (of, total - of[0].solution.total) for slug, of in fits.items()}, _SHARE_OF_FITS)
+        return pool.run({slug: partial(judge, data, *of) for slug, of in last.items()}, 0.9, 1.0)
 
 
-def _looks_of(data: Data, present: Judged, hypothesis: Hypothesis, context: Context, slug: str) -> list[Look]:
-    return looks(data, present, hypothesis, BUILDERS[slug](context))
+def _leading(gains: Mapping[str, tuple[T, float]], share: float) -> dict[str, T]:
+    """What gains more than a share of the best gain, and anything at all; best first, so that no long job comes last."""
+    bar = share * max((gain for _, gain in gains.values()), default=0.0)
+    order = sorted(gains, key=lambda slug: -gains[slug][1])
+    return {slug: gains[slug][0] for slug in order if gains[slug][1] > max(bar, 0.0)}
 
 
 class _Pool:
@@ -202,10 +207,12 @@ class _Pool:
     def __exit__(self, *error: object) -> None:
         self._executor.shutdown(wait=True, cancel_futures=True)
 
-    def run(self, jobs: Mapping[str, Callable[[], T]], first: float, last: float) -> dict[str, T]:
+    def run(self, jobs: Mapping[K, Callable[[], T]], first: float, last: float) -> dict[K, T]:
         """Results of all jobs, in their order; progress goes from `first` to `last`."""
         running = {self._executor.submit(job): slug for slug, job in jobs.items()}
         for number, done in enumerate(as_completed(running)):
             done.result()
-            self._told(first + (last - first) * (number + 1) / len(running), running[done])
+            name = running[done]
+            slug = name if isinstance(name, str) else name[0]
+            self._told(first + (last - first) * (number + 1) / len(running), slug)
         return {slug: future.result() for future, slug in running.items()}

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 GOOD_ENOUGH = 1.2
 """Held-out gap up to which a model is as good as the data allow."""
+_TOLD = 2
 _STILL_THERE = 1.1
 """A gap that falls below this without its worst windows is the doing of these few."""
 
@@ -23,13 +24,27 @@ class Remaining:
     gap: float
     trimmed: float
     """The gap without the worst fiftieth of the windows."""
-    structure: Sequence[str]
+    structure: tuple[str, ...]
     """Coordinates that the residual still depends on, if that is too much to be left alone."""
+
+    @property
+    def too_large(self) -> bool:
+        """Whether predictions are worse than noise alone makes them, and not in a few windows only."""
+        return self.gap > GOOD_ENOUGH and self.trimmed > _STILL_THERE
 
     @property
     def unexplained(self) -> bool:
         """Whether something is missing that the model has no name for."""
-        return (self.gap > GOOD_ENOUGH and self.trimmed > _STILL_THERE) or bool(self.structure)
+        return self.too_large or bool(self.structure)
+
+    @property
+    def words(self) -> str:
+        """Why it is unexplained."""
+        worse = f"predictions are still {self.gap:.2f} times worse than noise allows"
+        if not self.structure:
+            return worse
+        depends = f"what is left is no noise, it depends on {' and on '.join(self.structure[:_TOLD])}"
+        return f"{worse}, and {depends}" if self.too_large else f"{depends} (gap {self.gap:.2f})"
 
 
 def decide(effects: Sequence[str], tied: Sequence[Sequence[str]], remaining: Remaining) -> tuple[Verdict, str]:
@@ -42,10 +57,10 @@ def decide(effects: Sequence[str], tied: Sequence[Sequence[str]], remaining: Rem
     """
     names = " and ".join(effects)
     if remaining.unexplained:
-        rest = f"predictions are still {remaining.gap:.2f} times worse than noise allows"
         if effects:
-            return "unexplained", f"{names} improve the model, but {rest}: something is missing that has no name here."
-        return "unexplained", f"No effect of the catalogue explains the gap: {rest}."
+            some = f"{names} improve{'s' if len(effects) == 1 else ''} the model, but {remaining.words}"
+            return "unexplained", f"{some}: something is missing that has no name here."
+        return "unexplained", f"No effect of the catalogue explains the gap: {remaining.words}."
     if not effects:
         return (
             "no_missing_effect",

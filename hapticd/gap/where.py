@@ -120,6 +120,11 @@ def coordinates_at(recording: Recording, motion: Motion, time_s: FloatArray) -> 
     return found
 
 
+def unit_of(coordinate: str, *, is_linear: bool) -> str:
+    """Unit of a coordinate."""
+    return (_UNITS | (_LINEAR if is_linear else _ROTARY)).get(coordinate, "")
+
+
 def map_residual(
     residual: FloatArray,
     coordinates: Mapping[str, FloatArray],
@@ -147,9 +152,8 @@ def map_residual(
     blocks = Blocks.of(coordinates["time"])
     shifts = np.random.default_rng(seed).integers(residual.size // 20, residual.size - residual.size // 20, _SHIFTS)
     moved = [np.roll(residual, shift) for shift in shifts]
-    units = _UNITS | (_LINEAR if is_linear else _ROTARY)
     places = [
-        _place(name, units.get(name, ""), residual, values, coordinates, blocks, noise, moved)
+        _place(name, unit_of(name, is_linear=is_linear), residual, values, coordinates, blocks, noise, moved)
         for name, values in coordinates.items()
         if np.ptp(values) > 0.0
     ]

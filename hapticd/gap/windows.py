@@ -26,6 +26,7 @@ _RESOLVED = 100.0
 """The typical force is to bend a window by this many standard deviations of one position sample."""
 _BLOCK_S = 1.0
 _FEWEST_BLOCKS = 10
+_THIN, _RUN = 3, 4
 
 
 @dataclass(frozen=True)
@@ -73,3 +74,8 @@ def cut(samples: int, period_s: float, length: int, skip: int = 0) -> Windows:
 def folds(block: NDArray[np.int64]) -> NDArray[np.int64]:
     """Fold of each window: every `FOLDS`-th block belongs to one fold, so that each fold spans the whole recording."""
     return np.asarray(block % min(FOLDS, int(block.max()) + 1))
+
+
+def thinned(count: int) -> NDArray[np.bool_]:
+    """A third of the windows, in runs of a few: enough for a first look, and no second of the recording is left out."""
+    return np.asarray(np.arange(count) // _RUN % _THIN == 0)

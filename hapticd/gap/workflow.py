@@ -20,6 +20,7 @@ from hapticd.gap.prepare import prepare
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
 from hapticd.gap.rivals import rival
 from hapticd.gap.search import Data, Judged, judge, search
+from hapticd.gap.structure import residual_structure
 from hapticd.gap.traces import traces_of
 from hapticd.plant.effects.layout import device_vector, word
 
@@ -113,7 +114,8 @@ def find_gap(
     result = _result(data, nominal, present, rounds, len(fixed), seed)
     vector = device_vector(model, declared_latency(model)[0])
     places = disagreement(recordings, model, float(vector[word("delay_s")]), seed)
-    result = replace(result, where=tuple(places))
+    noted = tuple(warning for recording in recordings for warning in recording.warnings)
+    result = replace(result, where=tuple(places), warnings=noted)
     if design and result.verdict == "ambiguous":
         start = 1.0 - 1.0 / (len(rounds) + 2.0)
         planned = _next_experiment(
@@ -240,7 +242,10 @@ def _result(data: Data, nominal: Judged, final: Judged, rounds: list[_Round], fi
             )
         )
     square = _square(data, final.held_out.mean_square)
-    left = verdict.Remaining(_gap(square, floor), _trimmed_gap(square, floor), ())
+    structure = residual_structure(data, final, seed)
+    left = verdict.Remaining(
+        _gap(square, floor), _trimmed_gap(square, floor), tuple(test.name for test in structure.left)
+    )
     effects = tuple(found.winner for found in rounds)
     answer, statement = verdict.decide(effects, tied_across, left)
     train = [_gap(_square(data, j.fit.solution.mean_square), floor) for j in (nominal, final)]
@@ -257,7 +262,18 @@ def _result(data: Data, nominal: Judged, final: Judged, rounds: list[_Round], fi
         _BASE[slug]: _scaled(estimates(final.hypothesis, where, number, is_linear)["r"], final.hypothesis.base, slug)
         for number, slug in enumerate(final.hypothesis.slugs[:fixed])
     }
-    return GapResult(answer, statement, effects, tuple(steps), numbers, traces=traces, base=base, details=details)
+    return GapResult(
+        answer,
+        statement,
+        effects,
+        tuple(steps),
+        numbers,
+        structure=left.structure,
+        residual_structure=structure.to_json(),
+        traces=traces,
+        base=base,
+        details=details,
+    )
 
 
 def _scaled(relative: Estimate, vector: Floats, slug: str) -> Estimate:

@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.config.effect_parameters import RIPPLE_ORDERS
+from hapticd.plant.coupled import is_underdamped
 from hapticd.plant.effects.layout import word
+from hapticd.plant.laws import has_bristle
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -19,7 +21,7 @@ MOST_SUBSTEPS = 64
 _PHASE_OF_FIELD = 0.5
 """Largest angle [rad] of a swing in a position-dependent torque during a substep."""
 _PHASE_OF_COUPLING = 0.35
-"""Largest angle [rad] of the two masses' oscillation during a substep."""
+"""Largest angle [rad] of the two masses' oscillation during a substep, where it is not exact (`hapticd.plant.coupled`)."""
 _PHASE_OF_LAG = 1.0
 _STRIBECK_PART = 0.5
 """Largest change of speed during a substep, in units of omega_s, at an acceleration of four times the friction."""
@@ -54,8 +56,10 @@ def substeps_for(p: NDArray[np.float64], period_s: float) -> int:
     stiffness += of("gravity.m_g_l")
     parts.append(math.sqrt(stiffness / inertia) * period_s / _PHASE_OF_FIELD)
     if of("flexible_coupling.f_r") < math.inf:
-        natural = 2.0 * math.pi * of("flexible_coupling.f_r") / math.sqrt(1.0 - of("flexible_coupling.load_share"))
-        parts.append(natural * period_s / _PHASE_OF_COUPLING)
+        share = of("flexible_coupling.load_share")
+        if has_bristle(p) or not is_underdamped(share / (1.0 - share), of("flexible_coupling.damping")):
+            natural = 2.0 * math.pi * of("flexible_coupling.f_r") / math.sqrt(1.0 - share)
+            parts.append(natural * period_s / _PHASE_OF_COUPLING)
     if of("amplifier_lag.f_a") < math.inf:
         parts.append(min(2.0 * math.pi * of("amplifier_lag.f_a") * period_s / _PHASE_OF_LAG, 8.0))
     return int(min(math.ceil(max(parts)), MOST_SUBSTEPS))

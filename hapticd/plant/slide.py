@@ -15,7 +15,7 @@ from numba import types
 
 from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions, time_and_way_to_rest
-from hapticd.plant.laws import damping_at, field_torque, friction_level
+from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws
 from hapticd.plant.spring import spring_functions, time_to_rest
 
 if TYPE_CHECKING:
@@ -47,6 +47,8 @@ class Actions(NamedTuple):
 
 _f8 = types.float64
 _p = types.Array(_f8, 1, "C")
+_HALF_SWING = 9.0
+"""Less than π²: squared phase of an undamped half swing."""
 ACTIONS = types.NamedUniTuple(_f8, 9, Actions)
 """Numba type of `Actions`."""
 
@@ -74,12 +76,16 @@ def glide(speed: float, a: float, span: float, rate: float, omega2: float) -> tu
             return span * (speed * phi1 + a * span * phi2), end, span
         time, way = time_and_way_to_rest(speed, -a, rate)
         return way, 0.0, min(time, span)
+    end_rate, s, p = spring_functions(span, 0.5 * rate, omega2)
+    end = speed * end_rate + a * s
+    # Zeros of the speed are half a swing apart: in less than that a positive end means no stop on the way.
+    if end > 0.0 and omega2 * span * span < _HALF_SWING:
+        return speed * s + a * p, end, span
     time = time_to_rest(speed, a, 0.5 * rate, omega2)
     if time < span:
         _, s, p = spring_functions(time, 0.5 * rate, omega2)
         return max(speed * s + a * p, 0.0), 0.0, time
-    end_rate, s, p = spring_functions(span, 0.5 * rate, omega2)
-    return speed * s + a * p, max(speed * end_rate + a * s, 0.0), span
+    return speed * s + a * p, max(end, 0.0), span
 
 
 @njit(types.UniTuple(_f8, 3)(_p, _f8, _f8, _f8, ACTIONS), counted=False)
@@ -105,6 +111,7 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tupl
         sign = math.copysign(1.0, v)
     speed = abs(v)
     way, end, time = 0.0, speed, span
+    is_exact = not has_smooth_laws(p)
     for attempt in range(3):
         mean_speed = 0.5 * (speed + end)
         level, total = damping_at(p, mean_speed, sign, friction_level(p, mean_speed, on.motor, on.warm), on.viscous)
@@ -117,7 +124,7 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tupl
             on.stiffness / on.inertia,
         )
         # A stop shortens the way over which the laws are averaged: once more.
-        if attempt == 1 and time == span:
+        if is_exact or (attempt == 1 and time == span):
             break
     if time == 0.0 and v == 0.0:
         return x, 0.0, span

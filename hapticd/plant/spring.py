@@ -21,7 +21,9 @@ from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions, propagate, time_and_way_to_rest
 
 _f8 = types.float64
-_SERIES_TERMS = 18
+_SERIES_TERMS = 17
+_INVERSE_FACTORIALS = tuple(1.0 / math.factorial(n) for n in range(_SERIES_TERMS + 2))
+_NEGLIGIBLE = 1e-19
 _LONG_SWING = 100.0
 
 
@@ -31,15 +33,16 @@ def spring_functions(t: float, alpha: float, omega2: float) -> tuple[float, floa
     a = alpha * t
     w2 = omega2 * t * t
     if a < 0.5 and w2 < 0.15:
-        # Taylor series in t: here 1 − S′ − 2α·S, which P needs below, would cancel.
+        # Taylor series in t: here 1 − S′ − 2α·S, which P needs below, would cancel. `term` is that of n!·S⁽ⁿ⁾(0)·tⁿ.
         before, term = 0.0, 1.0
-        factorial = 1.0
         rate = s = p = 0.0
-        for n in range(1, _SERIES_TERMS):
-            rate += term / factorial
-            factorial *= n
-            s += term / factorial
-            p += term / (factorial * (n + 1))
+        for n in range(_SERIES_TERMS):
+            part = term * _INVERSE_FACTORIALS[n]
+            rate += part
+            s += term * _INVERSE_FACTORIALS[n + 1]
+            p += term * _INVERSE_FACTORIALS[n + 2]
+            if abs(part) < _NEGLIGIBLE and abs(before) * _INVERSE_FACTORIALS[n] < _NEGLIGIBLE:
+                break
             before, term = term, -2.0 * a * term - w2 * before
         return rate, s * t, p * t * t
     kappa2 = (alpha - math.sqrt(omega2)) * (alpha + math.sqrt(omega2))

@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.jit import njit
+from hapticd.plant.coupled import Coupling, is_underdamped, move_coupled
 from hapticd.plant.effects.backlash import common_velocity
 from hapticd.plant.effects.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, word
+from hapticd.plant.laws import has_bristle
 from hapticd.plant.phases import MOST_PHASES, move, phase
 from hapticd.plant.slide import ACTIONS, Actions
 from hapticd.plant.spring import spring_functions
@@ -143,9 +145,10 @@ def move_with_coupling(
 ) -> None:
     """Move motor and load, joined by a spring and a damper, through a step of constant action.
 
-    The load's motion behind a motor of constant acceleration is exact, whatever the step; the motor feels the mean torque of
-    the coupling during the step, the part that depends on its own acceleration as an inertia. No step is unstable, and
-    momentum is kept to rounding.
+    With stiction and a coupling that swings, the motion is exact (`hapticd.plant.coupled`). On a bristle, or with a damper
+    too strong for that, the load's motion behind a motor of constant acceleration
+    is exact, whatever the step; the motor feels the mean torque of the coupling during the step, the part that depends on
+    its own acceleration as an inertia. No step is unstable, and momentum is kept to rounding.
 
     Args:
         p: device vector.
@@ -156,6 +159,12 @@ def move_with_coupling(
         natural: angular anti-resonance frequency 2π f_r [rad/s].
         damping: damping ratio of the load on its spring.
     """
+    motor_inertia = joined.inertia - load_inertia
+    ratio = load_inertia / motor_inertia
+    if is_underdamped(ratio, damping) and not has_bristle(p):
+        motor = _with_torque(joined, motor_inertia, 0.0)
+        move_coupled(p, state, span, motor, Coupling(load_inertia, ratio, damping * natural, natural * natural))
+        return
     rate, s, c = spring_functions(span, damping * natural, natural * natural)
     x, v, z = state[THETA], state[OMEGA], state[BRISTLE]
     twist, twist_rate = state[LOAD_THETA] - x, state[LOAD_OMEGA] - v

@@ -1,9 +1,13 @@
-"""The last ten seconds of rows in bounded memory, kept whether or not a recording is on, for when a fault asks."""
+"""The last ten seconds of rows in bounded memory, kept whether or not a recording is on, for when a fault asks.
+
+They lie in one block, which is as large at the start as ever: rows that came and went one by one would leave holes in the
+memory of a process that runs for weeks.
+"""
 
 from __future__ import annotations
 
 import math
-from collections import deque
+from bisect import bisect_right
 
 import numpy as np
 
@@ -24,16 +28,16 @@ class History:
     def __init__(self, seconds: float = HISTORY_S) -> None:
         self.seconds = seconds
         self.rows = 0
-        self._chunks: deque[Rows] = deque()
-        self._highest_rate = 0.0
+        self._block = empty_rows()
+        self._oldest = 0
 
     @property
     def nbytes(self) -> int:
         """Memory held, in bytes."""
-        return sum(chunk.nbytes for chunk in self._chunks)
+        return self._block.nbytes
 
     def add(self, rows: Rows, rate_hz: float) -> None:
-        """Append a copy of the rows and forget what is too old.
+        """Copy the rows and forget what is too old.
 
         Args:
             rows: shape (n,), in time order.
@@ -42,25 +46,36 @@ class History:
         check_rows(rows)
         if not rows.size:
             return
-        if self._chunks and rows["time_s"][0] < self._chunks[-1]["time_s"][-1]:
-            self._chunks.clear()
+        if self.rows and rows["time_s"][0] < self._time_s(self.rows - 1):
             self.rows = 0
-        self._highest_rate = max(self._highest_rate, rate_hz)
-        limit = math.ceil(self.seconds * self._highest_rate) + _SLACK_ROWS
-        rows = rows[-limit:]
-        # Small chunks, so that forgetting a whole one for its oldest row takes nothing that is still wanted.
-        for start in range(0, rows.size, _SLACK_ROWS):
-            self._chunks.append(rows[start : start + _SLACK_ROWS].copy())
+        size = math.ceil(self.seconds * rate_hz) + _SLACK_ROWS
+        if size > self._block.size:
+            self._enlarge(size)
+        rows = rows[-self._block.size :]
+        self._drop(self.rows + rows.size - self._block.size)
+        begin = (self._oldest + self.rows) % self._block.size
+        until_end = self._block.size - begin
+        self._block[begin : begin + rows.size] = rows[:until_end]
+        self._block[: max(rows.size - until_end, 0)] = rows[until_end:]
         self.rows += rows.size
-        oldest_time = rows["time_s"][-1] - self.seconds
-        while len(self._chunks) > 1 and (self.rows > limit or self._chunks[0]["time_s"][-1] <= oldest_time):
-            self.rows -= self._chunks.popleft().size
+        self._drop(bisect_right(range(self.rows), rows["time_s"][-1] - self.seconds, key=self._time_s))
 
     def snapshot(self) -> Rows:
         """Copy of the rows of the last ``seconds``, shape (n,), oldest first."""
-        if not self._chunks:
-            return empty_rows()
-        rows: Rows = np.concatenate(self._chunks)
-        first = np.flatnonzero(rows["time_s"] > rows["time_s"][-1] - self.seconds)[:1]
-        recent: Rows = rows[int(first[0]) :] if first.size else rows
-        return recent
+        end = self._oldest + self.rows
+        rows: Rows = np.concatenate([self._block[self._oldest : end], self._block[: max(end - self._block.size, 0)]])
+        return rows
+
+    def _time_s(self, index: int) -> float:
+        return float(self._block["time_s"][(self._oldest + index) % self._block.size])
+
+    def _drop(self, rows: int) -> None:
+        """Forget that many of the oldest rows; none when negative."""
+        if rows > 0:
+            self._oldest = (self._oldest + rows) % self._block.size
+            self.rows -= rows
+
+    def _enlarge(self, size: int) -> None:
+        kept = self.snapshot()
+        self._block, self._oldest = empty_rows(size), 0
+        self._block[: kept.size] = kept

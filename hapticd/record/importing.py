@@ -34,15 +34,22 @@ class Imported:
     """What an import wrote.
 
     Attributes:
-        path: the run file. rows: its rows. duration_s: from the first to the last.
-        resolution: one count in rad or m.
+        path: the run file. rows: its rows. duration_s: from the first to the last. rate_hz: of the median period.
+        resolution: one count in rad or m. position: smallest and largest, rad or m, from the file's zero.
+        command: smallest and largest current in A, or force in N m or N where the file holds forces.
+        is_linear, is_force: which units these are.
         warnings: what a reader should know before trusting it.
     """
 
     path: Path
     rows: int
     duration_s: float
+    rate_hz: float
     resolution: float
+    position: tuple[float, float]
+    command: tuple[float, float]
+    is_linear: bool
+    is_force: bool
     warnings: tuple[str, ...]
 
 
@@ -81,10 +88,24 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
     finally:
         part.unlink(missing_ok=True)
     time_s = rows["time_s"]
-    size = 1.0 if mapping.is_linear else 2.0 * np.pi
+    resolution = (1.0 if mapping.is_linear else 2.0 * np.pi) / counts_per_unit
+    period = float(np.median(np.diff(time_s)))
     return Imported(
-        target, rows.size, float(time_s[-1] - time_s[0]), size / counts_per_unit, tuple(time_warnings(time_s))
+        path=target,
+        rows=rows.size,
+        duration_s=float(time_s[-1] - time_s[0]),
+        rate_hz=1.0 / period if period > 0.0 else float("nan"),
+        resolution=resolution,
+        position=_ends(rows["encoder_counts"] * resolution),
+        command=_ends(rows["force_command" if mapping.force is not None else "current_command_A"]),
+        is_linear=mapping.is_linear,
+        is_force=mapping.force is not None,
+        warnings=tuple(time_warnings(time_s)),
     )
+
+
+def _ends(values: FloatArray) -> tuple[float, float]:
+    return float(values.min()), float(values.max())
 
 
 def _counts_per_unit(path: Path, mapping: ImportMap, model: Config | None) -> float:
@@ -127,12 +148,9 @@ def _rows(source: Source, mapping: ImportMap, model: Config | None, counts_per_u
     if mapping.current_measured is not None:
         signal = mapping.current_measured
         measured = _values(source, signal, "current_measured") * CURRENT_UNITS[signal.unit or "A"]
-    lengths = {
-        "time": time_s.size,
-        "position": counts.size,
-        command_key: driven.size,
-        "current_measured": measured.size,
-    }
+    lengths = {"time": time_s.size, "position": counts.size, command_key: driven.size}
+    if mapping.current_measured is not None:
+        lengths["current_measured"] = measured.size
     if len(set(lengths.values())) != 1:
         listed = ", ".join(f"{key} {length}" for key, length in lengths.items())
         raise RunFileError(f"{source.path}: the columns have different lengths: {listed}")

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from hapticd.config.nearest import nearest_name
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
+from hapticd.record.reader import delimiter_hint
 
 _MATLAB_PRIVATE = ("__header__", "__version__", "__globals__")
 
@@ -50,12 +51,29 @@ class Source:
             close = nearest_name(reference, self.named)
             has = ", ".join(self.named) or "no named columns; use numbers from 0"
             hint = f"did you mean {close}? (it has: {has})" if close else f"the file has: {has}"
+            hint = delimiter_hint(self.named) or hint
             raise RunFileError(f"{self.path}: {key} = {reference}: no such column; {hint}")
         if values.dtype.kind == "u":
             values = values.astype(np.int64 if values.size == 0 or int(values.max()) < 2**63 else np.float64)
+        if not values.size:
+            raise RunFileError(f"{self.path}: {key} = {reference}: the column is empty")
         if values.dtype.kind not in "if":
-            raise RunFileError(f"{self.path}: {key} = {reference}: the column holds {values.dtype}, not numbers")
+            raise RunFileError(f"{self.path}: {key} = {reference}: the column holds {_other(values)}, not numbers")
         return values
+
+
+def _other(values: NDArray[Any]) -> str:
+    """What a column without numbers holds, with the first value that is none."""
+    if values.dtype.kind not in "OUS":
+        return str(values.dtype)
+    for row, value in enumerate(values):
+        if value is None:
+            return f"nothing in row {row}"
+        try:
+            float(value)
+        except (TypeError, ValueError):
+            return f"text ({str(value)[:20]!r} in row {row})"
+    return "text"
 
 
 def read_source(path: Path, mapping: ImportMap) -> Source:
@@ -100,7 +118,10 @@ def _csv(path: Path, mapping: ImportMap) -> Source:
             convert_options=pacsv.ConvertOptions(decimal_point=style.decimal),
         )
     except pa.ArrowException as error:
-        raise RunFileError(f"{path} is not a readable CSV file: {str(error).splitlines()[0]}") from None
+        why = str(error).splitlines()[0]
+        if "columns, got" in why:
+            why += f" (csv.delimiter is {style.delimiter!r}, csv.skip_lines {style.skip_lines})"
+        raise RunFileError(f"{path} is not a readable CSV file: {why}") from None
     return _from_table(path, table, named=style.header)
 
 
@@ -111,7 +132,7 @@ def _parquet(path: Path, mapping: ImportMap) -> Source:
     try:
         return _from_table(path, pq.read_table(path, partitioning=None), named=True)
     except pa.ArrowException as error:
-        raise RunFileError(f"{path} is not a Parquet file: {str(error).splitlines()[0]}") from None
+        raise RunFileError(f"{path} is not a Parquet file: {str(error).splitlines()[0].rpartition(': ')[2]}") from None
 
 
 def _from_table(path: Path, table: Any, *, named: bool) -> Source:
@@ -123,8 +144,11 @@ def _from_table(path: Path, table: Any, *, named: bool) -> Source:
 def _npy(path: Path, mapping: ImportMap) -> Source:
     try:
         data = np.load(path, allow_pickle=False)
-    except (ValueError, EOFError) as error:
-        raise RunFileError(f"{path} is not a readable .npy file: {error}") from None
+    except EOFError:
+        raise RunFileError(f"{path} is empty") from None
+    except ValueError as error:
+        why = "it holds no plain array of numbers" if "pickle" in str(error) else str(error)
+        raise RunFileError(f"{path} is not a readable .npy file: {why}") from None
     if not isinstance(data, np.ndarray):
         raise RunFileError(f"{path} holds several arrays (.npz); save the one that is meant as .npy")
     if data.dtype.names:

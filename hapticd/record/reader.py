@@ -22,6 +22,10 @@ from hapticd.record.schema import COLUMNS, ROW
 
 CSV_METADATA_LINE = "# hapticd "
 _NEEDED = (("time_s",), ("encoder_counts", "position"), ("current_command_A", "force"))
+_ELSEWHERE = (".mat", ".npy", ".npz", ".xlsx", ".xls", ".txt", ".tsv", ".h5", ".hdf5")
+_IMPORT = "'hapticd import' brings in files with other names, units and formats"
+_LARGEST = 2.0**63
+_DELIMITERS = ((";", ";"), ("\t", "\\t"), ("|", "|"), (" ", " "))
 _FLOATS = [name for name in ROW.names or () if ROW[name].kind == "f"] + ["position", "force"]
 
 
@@ -67,6 +71,8 @@ def read_run(path: str | Path) -> Run:
         raise RunFileError(f"cannot read {path}: {error.strerror}") from error
     if not head:
         raise RunFileError(f"{path} is empty: its recording ended before anything was written")
+    if path.suffix.lower() in _ELSEWHERE:
+        raise RunFileError(f"{path} is not a run file; {_IMPORT}")
     readers = {".csv": _read_csv, ".parquet": _read_parquet}
     table, events, whole = readers.get(path.suffix.lower(), _read_stream)(path)
 
@@ -157,7 +163,8 @@ def _check_names(path: Path, names: list[str]) -> None:
     missing = [" or ".join(choice) for choice in _NEEDED if not set(choice) & set(names)]
     if missing:
         has = ", ".join(names) or "none"
-        raise RunFileError(f"{path} lacks the column(s) {'; '.join(missing)} (it has: {has})")
+        hint = delimiter_hint(names) or _IMPORT
+        raise RunFileError(f"{path} lacks the column(s) {'; '.join(missing)} (it has: {has}); {hint}")
 
 
 def _column(path: Path, name: str, column: Any) -> NDArray[Any]:
@@ -168,10 +175,30 @@ def _column(path: Path, name: str, column: Any) -> NDArray[Any]:
     wanted = ROW[name] if name in (ROW.names or ()) else np.dtype(np.float64)
     if values.size and values.dtype.kind not in "iuf":
         raise RunFileError(f"{path}: column {name} holds {column.type}, not numbers")
-    if wanted.kind == "i" and values.dtype.kind == "f" and not np.array_equal(values, np.rint(values)):
-        raise RunFileError(f"{path}: column {name} must hold whole numbers, none missing")
+    if wanted.kind == "i" and values.dtype.kind == "f":
+        _check_whole(path, name, values)
     converted: NDArray[Any] = values.astype(wanted)
     return converted
+
+
+def _check_whole(path: Path, name: str, values: NDArray[Any]) -> None:
+    rest = f"column {name} must hold whole numbers, none missing"
+    if (bad := np.flatnonzero(values != np.rint(values))).size:
+        raise RunFileError(
+            f"{path}: {rest}; row {bad[0]} holds {values[bad[0]]:g}, and {bad.size} row(s) are not whole"
+        )
+    if (bad := np.flatnonzero(np.abs(values) >= _LARGEST)).size:
+        raise RunFileError(f"{path}: {rest}; row {bad[0]} holds {values[bad[0]]:g}, more than the 64 bits of a counter")
+
+
+def delimiter_hint(names: Iterable[str]) -> str:
+    """What to do about a header that is one name with delimiters in it; nothing for any other header."""
+    only = list(names)
+    for sign, shown in _DELIMITERS:
+        if len(only) == 1 and sign in only[0].strip():
+            way = f"csv: {{delimiter: '{shown}'}} in its map"
+            return f"its values are separated by '{shown}': 'hapticd import' reads it with {way}"
+    return ""
 
 
 def _standard_units(names: Iterable[str], metadata: dict[str, Any]) -> dict[str, str]:

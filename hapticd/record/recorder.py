@@ -11,7 +11,7 @@ import contextlib
 import importlib
 import logging
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -33,7 +33,8 @@ class Recorder:
     """Records what the servo loop leaves in its ring; starts its thread at once.
 
     Args:
-        drain: takes all rows waiting in the ring, at most the ring's size; called by one thread at a time.
+        drain: takes the rows that wait in the ring when it is called, at most the ring's size, in portions, of which there
+            is at least one, be it empty; called by one thread at a time.
         dropped: rows the ring had to drop since the servo loop began.
         rate_hz: the servo rate now, Hz.
         metadata: what describes a run begun now; see `metadata.run_metadata`.
@@ -42,7 +43,7 @@ class Recorder:
 
     def __init__(
         self,
-        drain: Callable[[], Rows],
+        drain: Callable[[], Iterable[Rows]],
         dropped: Callable[[], int],
         rate_hz: Callable[[], float],
         metadata: Callable[[], Mapping[str, Any]],
@@ -178,9 +179,9 @@ class Recorder:
     def _pull(self) -> None:
         """Take what the ring holds, once: the time is bounded by the ring's size, however fast the producer is."""
         try:
-            rows = self._drain()
-            self._history.add(rows, self._rate_hz())
-            self._record(rows)
+            for rows in self._drain():
+                self._history.add(rows, self._rate_hz())
+                self._record(rows)
         except Exception as error:
             # Whatever broke, the thread lives on: it serves the next recording and the next fault.
             self._fail(f"recording stopped: {type(error).__name__}: {error}")

@@ -25,7 +25,7 @@ from hapticd.record.metadata import complete_metadata, to_plain
 from hapticd.record.schema import Rows, check_rows, empty_rows
 
 FLUSH_S = 0.1
-BATCH_ROWS = 16384
+BATCH_ROWS = 1024
 _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 

@@ -18,7 +18,7 @@ import numpy as np
 from hapticd.record import RecordingError, read_run
 from hapticd.record.schema import FLAG_RUNNING
 from hapticd.service.control import Refused
-from hapticd.servo import faults
+from hapticd.servo import excitation, faults
 from hapticd.servo import layout as w
 from hapticd.stability.outcome import STRETCHES, decide
 
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from hapticd.config import Config
     from hapticd.service.rig import Rig
 
 log = logging.getLogger(__name__)
@@ -68,6 +69,128 @@ class Experiment:
 
 
 IDLE = {"id": 0, "kind": None, "state": "idle", "progress": 0.0, "result": None}
+
+
+class Experiments:
+    """Begins experiments and knows the newest.
+
+    Args:
+        rig: the rig in force.
+        prepare: switches off, ends what is being recorded and returns a permit to run; raises when nothing may begin.
+        run_loop: takes that permit and returns when the loop renders; raises when it does not.
+    """
+
+    def __init__(self, rig: Callable[[], Rig], prepare: Callable[[], int], run_loop: Callable[[int], None]) -> None:
+        self._rig, self._prepare, self._run_loop = rig, prepare, run_loop
+        self._newest: Experiment | None = None
+
+    def report(self) -> dict[str, Any]:
+        """The newest experiment."""
+        return self._newest.report() if self._newest else dict(IDLE)
+
+    def refuse_running(self) -> None:
+        """Refuse while one is running.
+
+        Raises:
+            Refused: with its number.
+        """
+        newest = self._newest
+        if newest and newest.state == "running":
+            raise Refused("busy", f"experiment {newest.id} ({newest.kind}) is running; 'hapticd stop' ends it")
+
+    def cancel(self) -> None:
+        """End the one that is running, if any, and wait for it."""
+        newest = self._newest
+        if newest and newest.thread and newest.state == "running":
+            newest.cancelled.set()
+            newest.thread.join(5.0)
+
+    def release(self, deflection: float, duration_s: float | None) -> dict[str, Any]:
+        """The Fig. 8 experiment: the origin is moved, never the shaft; from rest, at zero current."""
+        rig = self._rig()
+        decimation = rig.config.encoder.decimation
+        refuse_deflection(rig.config, round(deflection * decimation))
+        permit = self._prepare()
+        counts = wait_for_rest(rig, permit)
+        origin = counts - round(deflection * decimation)
+        achieved = (counts - origin) / decimation
+        experiment = Experiment("release", duration_s or RELEASE_DURATION_S)
+        rig.ask(origin_counts=origin)
+        path = start_recording(rig, "release")
+
+        def conclude() -> dict[str, Any]:
+            found = release_result(path, decimation, origin, rig.fault_number)
+            return {"achieved_deflection": achieved, **found}
+
+        self._launch(experiment, path, permit, lambda: experiment.elapsed_s() >= experiment.duration_s, conclude)
+        return {
+            "experiment": experiment.id,
+            "achieved_deflection": achieved,
+            "duration_s": experiment.duration_s,
+            "run": str(path),
+        }
+
+    def excite(self, name: str, options: dict[str, Any]) -> dict[str, Any]:
+        """Play an identification experiment about the shaft's present position."""
+        rig = self._rig()
+        table = excitation.build(rig.config, name, **options)
+        ticks = table.shape[1]
+        if ticks > rig.core.excitation.shape[1]:
+            longest = rig.core.excitation.shape[1] / rig.config.servo.rate_hz
+            raise excitation.ExcitationError(f"{name} would last too long at this rate: at most {longest:.0f} s")
+        permit = self._prepare()
+        counts = wait_for_rest(rig, permit)
+        experiment = Experiment(f"excite {name}", ticks / rig.config.servo.rate_hz)
+        rig.core.excitation[:, :ticks] = table
+        rig.ask(origin_counts=counts, excitation_id=experiment.id, excitation_length=ticks)
+        path = start_recording(rig, f"excite-{name}")
+
+        def finished() -> bool:
+            return rig.core.load(w.C_EXCITATION_DONE) == experiment.id
+
+        self._launch(experiment, path, permit, finished, lambda: {"excitation": name, "ticks": ticks})
+        return {"experiment": experiment.id, "duration_s": experiment.duration_s, "run": str(path)}
+
+    def _launch(
+        self,
+        experiment: Experiment,
+        path: Path,
+        permit: int,
+        finished: Callable[[], bool],
+        conclude: Callable[[], dict[str, Any]],
+    ) -> None:
+        try:
+            self._run_loop(permit)
+        except BaseException:
+            self._rig().recorder.stop()
+            raise
+        experiment.begin()
+        self._newest = experiment
+        experiment.thread = threading.Thread(
+            target=run_job,
+            args=(experiment, self._rig(), path, finished, conclude),
+            name="hapticd-experiment",
+            daemon=True,
+        )
+        experiment.thread.start()
+
+
+def refuse_deflection(config: Config, counts: int) -> None:
+    """Refuse a release from farther than the shaft may go.
+
+    Args:
+        config: the configuration in force.
+        counts: the deflection in raw counts.
+
+    Raises:
+        Refused: with the limit.
+    """
+    limit, unit = config.safety.max_excursion, "m" if config.is_linear else "rad"
+    asked = abs(counts) * config.raw_resolution
+    if limit and asked > limit:
+        raise Refused(
+            "excursion", f"a deflection of {asked:.4g} {unit} is beyond safety.max_excursion = {limit:g} {unit}"
+        )
 
 
 def wait_for_rest(rig: Rig, permit: int, timeout_s: float = REST_TIMEOUT_S) -> int:

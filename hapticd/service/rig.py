@@ -8,7 +8,7 @@ from __future__ import annotations
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -74,15 +74,15 @@ class Rig:
             self.driver.close()
             raise
 
-    def _drain(self) -> Rows:
-        """Rows for the recorder; on their way the energies are booked, to within one drain of a changed setting."""
-        rows = self.core.drain()
-        settings = (self.config, self.origin_counts)
-        if settings != self._energy_settings:
-            self._energy_settings = settings
-            self.energy.configure(self.config, self.driver.latency_s, self.origin_counts)
-        self.energy.update(rows)
-        return rows
+    def _drain(self) -> Iterator[Rows]:
+        """Rows for the recorder; on their way the energies are booked, to within one portion of a changed setting."""
+        for rows in self.core.portions():
+            settings = (self.config, self.origin_counts)
+            if settings != self._energy_settings:
+                self._energy_settings = settings
+                self.energy.configure(self.config, self.driver.latency_s, self.origin_counts)
+            self.energy.update(rows)
+            yield rows
 
     def _metadata(self) -> dict[str, Any]:
         return run_metadata(

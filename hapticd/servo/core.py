@@ -21,10 +21,15 @@ from hapticd.servo.loop import run
 from hapticd.servo.timing import BUCKETS, quantiles_us
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from drivers.interface import Driver
     from hapticd.config import Config
+
+
+PORTION_ROWS = 1024
 
 
 @njit("void(float64[:,::1], int64[::1], float64[::1])", counted=False)
@@ -209,6 +214,21 @@ class ServoCore:
         """Take all rows that are waiting (a copy); one consumer only."""
         rows, _ = self.drain_with_truth()
         return rows
+
+    def portions(self, rows: int = PORTION_ROWS) -> Iterator[NDArray[Any]]:
+        """Take the rows that are waiting now (copies), at least one portion, be it empty; one consumer only.
+
+        However long nobody has drained, what is then worked on fits into a few hundred kilobytes.
+        """
+        head = self.load(w.C_RING_HEAD)
+        while True:
+            tail = int(self.control[w.C_RING_TAIL])
+            begin = tail & (len(self.ring) - 1)
+            taken = self.ring[begin : begin + min(head - tail, rows)].copy()
+            self.store(w.C_RING_TAIL, tail + len(taken))
+            yield taken
+            if tail + len(taken) == head:
+                return
 
     def drain_with_truth(self) -> tuple[NDArray[Any], NDArray[np.float64]]:
         """Rows that are waiting and the simulated device's true (position, velocity) beside them."""

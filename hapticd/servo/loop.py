@@ -174,10 +174,11 @@ def run(
                 tick += missed
                 ns, frac = grid_instant(ints[w.W_GRID_NS], floats[w.V_GRID_FRAC], grid + missed, period_ns)
                 late = woke - ns
-                control[w.C_MISSED] += missed
             if atomic_load(control, w.C_STOP) != 0:
                 leave(params, ints, floats, exchange, exchange_floats, pointers, woke)
                 return w.RETURN_STOPPED
+            # After the stop, so that ticks done and missed add up to the tick number also at the end.
+            control[w.C_MISSED] += missed
         if take_parameters(mailbox, control, params, ints):
             # A new rate starts a new grid at this tick, so the change itself moves no sample in time.
             ints[w.W_GRID_TICK] = tick

@@ -75,7 +75,12 @@ def _accept(m: Machine, kind: int, low: int, data: int, now: int) -> None:
 
 @njit((MACHINE, I64, I64, I64), counted=False)
 def receive(m: Machine, low: int, data: int, now: int) -> None:
-    """One frame has come at an instant; replies wait in ``m.out`` afterwards."""
+    """One frame has come at an instant; replies wait in ``m.out`` afterwards.
+
+    A frame that was there when this process woke up later than the life time came, for all it can know, in time: the drive
+    that is stood in for would have been awake.
+    """
+    now = min(now, m.d[w.TIMER + w.GUARD_TIMER] - 1)
     advance(m, now)
     if sending.connected(m, now):
         kind = _kind(m, low)

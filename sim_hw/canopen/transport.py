@@ -82,14 +82,14 @@ class UnixBus:
         drive.end()
 
     def close(self) -> None:
-        """Hang up on every client and remove the socket."""
-        for client in range(CLIENTS):
-            hang_up(self._fds, client)
-        self._fds[LISTENER] = -1
+        """Remove the socket, then hang up on every client: who has been hung up on finds no socket any more."""
         if self._listener is not None:
+            self._path.unlink(missing_ok=True)
             self._listener.close()
             self._listener = None
-            self._path.unlink(missing_ok=True)
+        self._fds[LISTENER] = -1
+        for client in range(CLIENTS):
+            hang_up(self._fds, client)
 
 
 def _remove_stale(path: Path) -> None:

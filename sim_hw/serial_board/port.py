@@ -52,10 +52,10 @@ class Port:
             os.close(slave)
 
     def unplug(self) -> None:
-        """Hang up on the host and take the link away, unless it is another's by now."""
+        """Take the link away, unless it is another's by now, then hang up: a host that is hung up on finds no link."""
         if self.master < 0:
             return
-        os.close(self.master)
-        self.master = -1
         if self.link.is_symlink() and str(self.link.readlink()) == self.path:
             self.link.unlink()
+        os.close(self.master)
+        self.master = -1

@@ -183,8 +183,11 @@ def serve(sim: Sim, line: Line) -> int:
                 _note_line(sim, now, 0 if events & POLLHUP else 1)
             continue
         # Bytes that were there when this process woke up later than the watchdog's time came, for all it can know,
-        # in time: the board that is stood in for would have been awake.
-        now = min(now, max(_next_due_ns(sim) - 1, 0))
+        # in time: the board that is stood in for would have been awake. Whatever else was due comes before them.
+        now = min(now, max(sim.s[b.WATCHDOG_DUE_NS] - 1, 0))
+        reason = _do_due(sim, line, now)
+        if reason != STOPPED:
+            return reason
         size = _read(sim.s[b.MASTER], line.buffer.ctypes.data, b.BUFFER_BYTES)
         if size > 0:
             _note_line(sim, now, 1)

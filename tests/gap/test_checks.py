@@ -48,6 +48,22 @@ ERRORS: dict[str, tuple[Spoil, str]] = {
     ),
     "12 bits": (lambda r: _wrapped(r, 4096), "a counter that overflows at 4096; import it with position.wrap"),
     "one revolution": (lambda r: _wrapped(r, 8192), "a counter that overflows at 8192; import it with position.wrap"),
+    "16 bits, moving fast": (
+        lambda r: _wrapped(replace(r, position=40 * r.position), 65536),
+        "a counter that overflows at 65536; import it with position.wrap: 65536",
+    ),
+    "position in mrad": (
+        lambda r: replace(r, position=1e3 * r.position, resolution=1e3 * r.resolution),
+        "times the commanded force for this motion, more than 200: a unit is wrong by a large factor",
+    ),
+    "current in kA": (
+        lambda r: replace(r, current=1e-3 * r.current),
+        "times the commanded force for this motion, more than 200: a unit is wrong by a large factor",
+    ),
+    "no current": (
+        lambda r: replace(r, current=0 * r.current),
+        "the commanded current is 0 A in every row, and yet the shaft moves to and fro: is it the right column?",
+    ),
     "a quarter missing": (
         lambda r: replace(r, time_s=r.time_s + np.where(r.time_s > 5.0, 8.0, 0.0)),
         "more than 20 % of the record is missing",
@@ -76,7 +92,11 @@ WARNINGS: dict[str, tuple[Spoil, str]] = {
         lambda r: replace(r, time_s=r.time_s + np.where(r.time_s > 5.0, 0.5, 0.0)),
         "1 gap(s) of more than 10 periods, 0.501 s in all, the longest 0.501 s at row 5001; what happened in them",
     ),
-    "no command": (lambda r: replace(r, current=0 * r.current), "the commanded current never changes"),
+    "one command": (lambda r: replace(r, current=0 * r.current + 0.1), "the commanded current never changes"),
+    "coasting": (
+        lambda r: replace(r, current=0 * r.current, position=np.maximum.accumulate(r.position)),
+        "the commanded current never changes",
+    ),
     "degrees": (
         lambda r: replace(r, position=57.3 * r.position, resolution=57.3 * r.resolution),
         "times the commanded force for this motion; is position in degrees or mm",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -68,6 +69,12 @@ def test_progress_rises_to_one_and_a_document_comes_out(hidden: Callable[..., An
     result = find_gap([recording], model, candidates=CATALOGUE, progress=lambda share, text: shares.append(share))
     assert shares[-1] == 1.0
     assert result.to_json()["verdict"] == result.verdict
+
+
+def test_what_limits_the_conclusions_goes_with_the_result(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([], 14, 6.0)
+    result = find_gap([replace(recording, warnings=("hidden: one way only",))], model, candidates=[])
+    assert result.to_json()["warnings"] == ["hidden: one way only"]
 
 
 def test_an_interrupt_comes_through(hidden: Callable[..., Any]) -> None:

@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
@@ -47,7 +47,7 @@ class Ring:
             self.chunks.append(rows)
             self.made += count
 
-    def drain(self) -> Rows:
+    def drain(self) -> Iterator[Rows]:
         with self.lock:
             self.inside += 1
             self.most_inside = max(self.most_inside, self.inside)
@@ -57,7 +57,8 @@ class Ring:
             rows = np.concatenate([empty_rows(), *self.chunks])
             self.chunks = []
             self.inside -= 1
-        return rows
+        for first in range(0, max(rows.size, 1), 256):
+            yield rows[first : first + 256]
 
 
 def wait_until(condition: Callable[[], bool]) -> None:

@@ -22,7 +22,16 @@ def test_holds_exactly_the_last_ten_seconds_in_bounded_memory(rate_hz: float, pu
     kept = history.snapshot()
     assert np.array_equal(kept["tick"], np.arange(total - kept.size, total))
     assert abs(kept.size - 10 * rate_hz) <= 1
-    assert history.nbytes == history.rows * ROW.itemsize
+    assert history.nbytes == (10 * rate_hz + 1024) * ROW.itemsize
+
+
+def test_memory_is_all_there_with_the_first_row() -> None:
+    history = History()
+    history.add(make_rows(1), 1000.0)
+    first = history.nbytes
+    for begin in range(1, 30_000, 37):
+        history.add(make_rows(37, begin), 1000.0)
+    assert history.nbytes == first
 
 
 def test_a_live_rate_change_keeps_ten_seconds_across_it() -> None:

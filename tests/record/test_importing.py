@@ -188,7 +188,7 @@ def test_a_clock_that_runs_backwards_is_said(tmp_path: Path) -> None:
 WRONG_FILES: dict[str, tuple[dict[str, Any], dict[str, NDArray[Any]], str]] = {
     "name": (changed(current={"column": "I_m"}), {"i_m": CURRENT}, "current.column = I_m: no such column; did you mean i_m"),
     "number": (changed(current={"column": 7}), {}, "current.column = 7: no such column; the file has columns 0 to 2"),
-    "text": (changed(), {"i": np.array(["a"] * N)}, "current.column = i: the column holds object, not numbers"),
+    "text": (changed(), {"i": np.array(["a"] * N)}, r"i: the column holds text \('a' in row 0\), not numbers"),
     "nan": (changed(), {"i": np.where(TIME[9] == TIME, np.nan, CURRENT)}, "missing or not finite, first in row 9"),
     "huge": (changed(), {"q": 1e300 * CURRENT}, "counts are more than a position can have"),
     "span": (changed(from_s=100.0), {}, "from_s and until_s leave fewer than 2 samples"),
@@ -211,6 +211,48 @@ def test_columns_of_different_lengths(tmp_path: Path) -> None:
     savemat(tmp_path / "data.mat", {"t": TIME, "q": COUNTS[:-1], "i": CURRENT})
     with pytest.raises(RunFileError, match="different lengths: time 400, position 399, current 400"):
         bring(tmp_path / "data.mat", ROTARY)
+
+
+WRONG_CSV: dict[str, tuple[str, str]] = {
+    "header only": ("t,q,i\n", "position.column = q: the column is empty"),
+    "semicolons": ("t;q;i\n0;1;2\n", r"separated by ';': 'hapticd import' reads it with csv: {delimiter: ';'}"),
+    "tabs": ("t\tq\ti\n0\t1\t2\n", r"csv: {delimiter: '\\t'}"),
+    "decimal comma": ("t;q;i\n0,1;1;0,5\n", r"csv.delimiter is ','"),
+    "a word": ("t,q,i\n0,1,2\n1,2,off\n", r"the column holds text \('off' in row 1\)"),
+    "one row": ("t,q,i\n0,1,2\n", r"has 1 sample\(s\); a run needs at least 2"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_CSV)
+def test_wrong_csv(name: str, tmp_path: Path) -> None:
+    content, statement = WRONG_CSV[name]
+    (tmp_path / "data.csv").write_text(content)
+    with pytest.raises(RunFileError, match=statement):
+        bring(tmp_path / "data.csv", ROTARY)
+
+
+def test_a_value_that_is_none_is_found_in_every_kind_of_file(tmp_path: Path) -> None:
+    current = CURRENT.copy()
+    current[9] = np.nan
+    table = np.stack([TIME, COUNTS, current])
+    np.save(tmp_path / "data.npy", table)
+    savemat(tmp_path / "data.mat", {"t": TIME, "q": COUNTS, "i": current})
+    np.savetxt(tmp_path / "data.csv", table.T, delimiter=",", header="t,q,i", comments="")
+    parquet(tmp_path, i=current)
+    by_number = changed(
+        time={"column": 0}, position={"column": 1, "unit": "count"}, current={"column": 2}, csv={"header": True}
+    )
+    for form in ("csv", "npy", "mat", "parquet"):
+        with pytest.raises(RunFileError, match=r"current: 1 value\(s\) are missing or not finite, first in row 9"):
+            bring(tmp_path / f"data.{form}", by_number if form == "npy" else ROTARY)
+
+
+def test_what_was_read_is_told_in_si_units(tmp_path: Path) -> None:
+    done = import_run(parquet(tmp_path), parse_map(ROTARY, "map.yaml"), tmp_path / "run.arrow")
+    assert done.rate_hz == pytest.approx(1.0 / np.median(np.diff(TIME)))
+    assert done.command == (CURRENT.min(), CURRENT.max())
+    assert done.position == pytest.approx((COUNTS.min() * done.resolution, COUNTS.max() * done.resolution))
+    assert (done.is_linear, done.is_force) == (False, False)
 
 
 @pytest.mark.parametrize("name", ["data.csv", "data.npy", "data.mat", "data.parquet"])

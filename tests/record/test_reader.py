@@ -110,7 +110,8 @@ def test_missing_columns_are_named_beside_those_that_are_there(tmp_path: Path) -
     with pytest.raises(RunFileError) as caught:
         read_run(path)
     assert str(caught.value) == (
-        f"{path} lacks the column(s) encoder_counts or position; current_command_A or force (it has: time_s, speed)"
+        f"{path} lacks the column(s) encoder_counts or position; current_command_A or force (it has: time_s, speed); "
+        "'hapticd import' brings in files with other names, units and formats"
     )
     parquet = tmp_path / "a.parquet"
     pq.write_table(pa.table({"position": [1.0], "force": [2.0]}), parquet)

@@ -2,35 +2,41 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pytest
 
 import drivers
 from hapticd.service.daemon import Daemon
 from hapticd.service.latch import FaultLatch
+from tests.polling import wait_until
 from tests.servo.scripted import Scripted, config
 
 SOCKET = Path("test.sock")
-
-
-def wait_until(condition: Callable[[], bool], what: str, timeout_s: float = 20.0) -> None:
-    """Poll; the time-out is only there so that a broken test ends."""
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        if time.monotonic() > deadline:
-            pytest.fail(f"never happened: {what}")
-        time.sleep(0.01)
+ATTEMPTS = 6
+Found = TypeVar("Found")
 
 
 def wait_for_state(daemon: Daemon, state: str) -> dict[str, Any]:
     """Wait for a state and return the status."""
     wait_until(lambda: daemon.status()["state"] == state, f"state {state}")
     return daemon.status()
+
+
+def undisturbed(run: Callable[[], Found], missed: Callable[[Found], int]) -> Found:
+    """What a run in real time found; it is repeated where the machine missed periods or exchanges in it.
+
+    Such a run is another experiment. The machine, not the outcome, decides that; where it never gives an undisturbed run,
+    nothing can be said, and the test is skipped.
+    """
+    for _ in range(ATTEMPTS):
+        found = run()
+        if missed(found) == 0:
+            return found
+    pytest.skip(f"this machine missed periods in each of {ATTEMPTS} runs: no statement")
 
 
 @pytest.fixture(autouse=True)
@@ -60,6 +66,8 @@ def daemon_on(
         monkeypatch.setattr(drivers, "create", create)
     sections.setdefault("record", {})["directory"] = str(tmp_path / "runs")
     sections["servo"] = {"overrun": {"fault_after": None}, **sections.get("servo", {})}
+    # On a busy machine the supervisor may get no processor for longer than the half second that it has by default.
+    sections["safety"] = {"heartbeat_timeout_s": 10, **sections.get("safety", {})}
     daemon = Daemon(config(**sections), None, FaultLatch(SOCKET))
     try:
         yield daemon, opened

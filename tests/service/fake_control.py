@@ -14,6 +14,7 @@ from hapticd.service.api import ApiServer
 from hapticd.service.control import DriverFailure, JsonDict, Refused
 from hapticd.service.socket import bind
 from hapticd.servo import excitation
+from tests.polling import PATIENCE_S
 
 PERCENTILES = {"p50": 18.0, "p99": 40.0, "p999": 380.0, "max": 500.0}
 FAULT = {"code": "over_speed", "cause": "speed 401 rad/s is above 400 rad/s", "help": "docs/faults/over_speed.md"}
@@ -40,7 +41,7 @@ class FakeControl:
         self.calls.append(call)
         if not self.gate.is_set():
             self.waiting.set()
-            self.gate.wait(10)
+            self.gate.wait(PATIENCE_S)
         if self.fails_with is not None:
             raise self.fails_with
 

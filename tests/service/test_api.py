@@ -13,6 +13,7 @@ from hapticd.client import Client, DaemonUnreachable, RequestRefused
 from hapticd.service.api import ApiServer
 from hapticd.service.control import Control
 from hapticd.service.socket import SocketError, bind
+from tests.polling import PATIENCE_S, wait_until
 
 from .fake_control import FakeControl, serve
 
@@ -94,7 +95,7 @@ def test_stops_are_answered_while_everything_else_waits(client: Client, control:
 
     with ThreadPoolExecutor(60) as pool:
         waiting = [pool.submit(ask, number) for number in range(60)]
-        assert control.waiting.wait(5)
+        assert control.waiting.wait(PATIENCE_S)
         assert client.estop()["fault"]["code"] == "estop"
         assert client.stop()["state"] == "off"
         assert client.status()["state"] == "off"
@@ -139,10 +140,7 @@ def test_stop_leaves_no_thread_and_no_socket(control: FakeControl, tmp_path: Pat
     client.clear()
     server.stop()
     server.stop()
-    deadline = time.monotonic() + 5
-    while (left := set(threading.enumerate()) - before) and time.monotonic() < deadline:
-        time.sleep(0.01)
-    assert left == set()
+    wait_until(lambda: set(threading.enumerate()) <= before, "the end of its threads")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -152,10 +150,10 @@ def test_stop_does_not_wait_for_a_request_that_hangs(control: FakeControl, tmp_p
     server.start()
     with ThreadPoolExecutor(1) as pool:
         hanging = pool.submit(Client(tmp_path / "h.sock").start)
-        assert control.waiting.wait(5)
+        assert control.waiting.wait(PATIENCE_S)
         server.stop()
         with pytest.raises((DaemonUnreachable, RequestRefused)):
-            hanging.result(5)
+            hanging.result(PATIENCE_S)
         control.gate.set()
     assert list(tmp_path.iterdir()) == []
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from tests.service.daemons import daemon_on, state_home, wait_for_state, wait_until
+from tests.polling import wait_until
+from tests.service.daemons import daemon_on, state_home, wait_for_state
 
 __all__ = ["state_home"]
 
@@ -31,7 +32,9 @@ def test_metrics_follow_the_daemon(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         bounds = [value for (name, _), value in found.items() if name == "hapticd_lateness_seconds_bucket"]
         assert bounds == sorted(bounds)
         count = found["hapticd_lateness_seconds_count", ()]
-        assert bounds[-1] == count == pytest.approx(found["hapticd_ticks_total", ()], abs=5)
+        assert bounds[-1] == count
+        # The histogram is read a moment after the ticks, while the loop goes on.
+        assert found["hapticd_ticks_total", ()] - 2 <= count <= status["timing"]["ticks"] + 2
         daemon.estop()
         wait_for_state(daemon, "fault")
         wait_until(

@@ -18,12 +18,13 @@ import yaml
 
 from hapticd.client import Client, DaemonUnreachable
 from hapticd.record import read_run
-from tests.service.daemons import wait_until
+from tests.polling import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.realtime
 
 CONFIG: dict[str, Any] = {
     "driver": {"name": "witness"},
+    "safety": {"heartbeat_timeout_s": 2},
     "servo": {"overrun": {"fault_after": None}},
     "amplifier": {"bandwidth_hz": 0, "dac_bits": 0},
 }
@@ -36,6 +37,7 @@ class Rig:
         self.folder = folder
         self.socket = folder / "h.sock"
         self.log = folder / "witness.log"
+        self.output = folder / "output.txt"
         self.config = folder / "rig.yaml"
         self.config.write_text(yaml.safe_dump({**CONFIG, "record": {"directory": str(folder / "runs")}}))
         plugin = folder / "plugin" / "witness-1.dist-info"
@@ -56,17 +58,17 @@ class Rig:
     def command(self, *words: str) -> subprocess.CompletedProcess[str]:
         """A command line against this daemon."""
         line = [sys.executable, "-m", "hapticd.cli", *words]
-        return subprocess.run(line, env=self.environment, capture_output=True, text=True, timeout=120, check=False)
+        return subprocess.run(line, env=self.environment, capture_output=True, text=True, timeout=250, check=False)
 
     def launch(self) -> subprocess.Popen[str]:
         """Start the daemon and wait until it answers."""
         line = [sys.executable, "-m", "hapticd.cli", "run", str(self.config), "--socket", str(self.socket)]
-        pipe = subprocess.PIPE
-        process = subprocess.Popen(line, env=self.environment, stdout=pipe, stderr=subprocess.STDOUT, text=True)
+        with self.output.open("w") as output:
+            process = subprocess.Popen(line, env=self.environment, stdout=output, stderr=subprocess.STDOUT, text=True)
         self.processes.append(process)
-        wait_until(lambda: process.poll() is not None or self.answers(), "an answering daemon", 120)
+        wait_until(lambda: process.poll() is not None or self.answers(), "an answering daemon", 250)
         if process.poll() is not None:
-            pytest.fail(f"the daemon ended: {process.communicate()[0]}")
+            pytest.fail(f"the daemon ended: {self.output.read_text()}")
         return process
 
     def answers(self) -> bool:
@@ -106,7 +108,7 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
         if process.poll() is None:
             process.send_signal(signal.SIGCONT)
             process.kill()
-            process.communicate()
+            process.wait()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -114,7 +116,8 @@ def test_signal_ends_at_zero_current(rig: Rig, number: int) -> None:
     process = rig.launch()
     rig.render()
     process.send_signal(number)
-    output, _ = process.communicate(timeout=30)
+    process.wait(PATIENCE_S)
+    output = rig.output.read_text()
     assert process.returncode == 0, output
     rig.check_end()
     assert not rig.socket.exists()
@@ -132,12 +135,12 @@ def test_a_request_that_never_ends_does_not_keep_the_motor_alive(rig: Rig) -> No
         half_sent.connect(str(rig.socket))
         half_sent.sendall(b"POST /set HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\n\r\n{")
         process.terminate()
-        process.communicate(timeout=30)
+        process.wait(PATIENCE_S)
     rig.check_end()
     lines = rig.commands()
     last = max(index for index, line in enumerate(lines) if line[0] == "-")
     # With the API ended first there would be hundreds of currents and hardly a zero at the end.
-    assert sum(line == "0.0 0" for line in lines[last:]) > 300
+    assert sum(line == "0.0 0" for line in lines[last:]) > 50
 
 
 def test_a_latched_fault_ends_in_5_and_outlives_the_process(rig: Rig) -> None:
@@ -145,7 +148,7 @@ def test_a_latched_fault_ends_in_5_and_outlives_the_process(rig: Rig) -> None:
     rig.render()
     assert rig.command("estop", "--socket", str(rig.socket)).returncode == 0
     process.terminate()
-    process.communicate(timeout=30)
+    process.wait(PATIENCE_S)
     assert process.returncode == 5
     rig.check_end()
     rig.launch()
@@ -166,13 +169,13 @@ def test_hangup_reloads_and_refuses_a_bad_config_while_it_keeps_rendering(rig: R
     wait_until(lambda: rig.client.config()["spring"]["stiffness"] == 0.02, "the new stiffness")
     rig.config.write_text(good + "spring: {stiffnes: 0.03}\n")
     process.send_signal(signal.SIGHUP)
-    time.sleep(0.5)
+    refused = "reload refused, the old configuration stays in force"
+    wait_until(lambda: refused in rig.output.read_text(), "the refusal")
     assert rig.client.status()["state"] == "running"
     assert rig.client.config()["spring"]["stiffness"] == 0.02
     process.terminate()
-    output, _ = process.communicate(timeout=30)
-    assert "reload refused, the old configuration stays in force" in output
-    assert "spring.stiffnes: unknown key; did you mean spring.stiffness?" in output
+    process.wait(PATIENCE_S)
+    assert "spring.stiffnes: unknown key; did you mean spring.stiffness?" in rig.output.read_text()
     rig.check_end()
 
 
@@ -192,7 +195,7 @@ def test_after_sigkill_the_socket_is_taken_over_and_the_recording_reads(rig: Rig
     wait_until(lambda: rig.client.status()["recorder"]["rows"] > 400, "recorded rows")
     rows = rig.client.status()["recorder"]["rows"]
     process.kill()
-    process.communicate()
+    process.wait()
     assert rig.socket.exists()
     run = read_run(next((rig.folder / "runs").glob("run-*.arrow")))
     assert len(run.columns["tick"]) >= rows - 500
@@ -204,7 +207,7 @@ def test_a_frozen_daemon_faults_when_it_thaws(rig: Rig) -> None:
     process = rig.launch()
     rig.render()
     process.send_signal(signal.SIGSTOP)
-    time.sleep(1.0)
+    time.sleep(3.0)
     process.send_signal(signal.SIGCONT)
     wait_until(lambda: rig.client.status()["state"] == "fault", "a fault")
     status = rig.client.status()

@@ -77,6 +77,28 @@ def test_full_ring_drops_and_counts_but_does_not_stop() -> None:
     assert list(core.drain()["tick"]) == [100, 101, 102]
 
 
+def test_a_backlog_comes_in_portions_and_ends_where_it_ended_when_asked() -> None:
+    from drivers.null import NullDriver
+
+    driver = NullDriver(config())
+    driver.open()
+    core = ServoCore(driver, ring_rows=64, excitation_rows=1)
+    assert [len(rows) for rows in core.portions(20)] == [0]
+    core.publish(parameters(config(), Request()))
+    core.begin(0)
+    core.run(real_time=False, ticks=50)
+    assert [len(rows) for rows in core.portions(20)] == [20, 20, 10]
+    core.run(real_time=False, ticks=40)
+    portions = core.portions(20)
+    taken = [list(next(portions)["tick"])]
+    core.run(real_time=False, ticks=7)
+    taken += [list(rows["tick"]) for rows in portions]
+    assert [len(ticks) for ticks in taken] == [14, 20, 6]  # the ring's end lies after 64 rows
+    assert sum(taken, []) == list(range(50, 90))
+    assert list(core.drain()["tick"]) == list(range(90, 97))
+    assert core.dropped() == 0
+
+
 def test_timing_is_empty_before_the_first_tick() -> None:
     timing = bare_core().timing()
     assert timing["ticks"] == 0

@@ -15,6 +15,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from sim_hw.log import EVENTS, read_log
+from tests.polling import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
 START_S = 120.0
@@ -31,8 +32,12 @@ class Board:
 
     def stop(self, number: int = signal.SIGTERM) -> NDArray[Any]:
         self.process.send_signal(number)
-        assert self.process.wait(10) == 0
+        assert self.process.wait(PATIENCE_S) == 0
         return read_log(self.log)
+
+    def wait_for_event(self, event: str, count: int = 1) -> None:
+        """Wait until the log has so many rows of an event."""
+        wait_until(lambda: len(rows(read_log(self.log), event)) >= count, f"{count} of {event} in the log")
 
 
 def rows(log: NDArray[Any], *events: str) -> NDArray[Any]:

@@ -8,6 +8,8 @@ import tty
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.polling import PATIENCE_S
+
 ENABLED, WATCHDOG, ENCODER_FAULT, AMPLIFIER_FAULT = 1, 2, 4, 8
 BAD_FRAME, REJECTED, EXTERNAL_STOP, UNCONFIGURED = 16, 32, 64, 128
 MIDDLE = 1 << 13
@@ -67,7 +69,7 @@ class Sample:
 class Host:
     """Talks to a board over a port's path; every reply is awaited for ``timeout_s`` at most."""
 
-    def __init__(self, path: Path, timeout_s: float = 1.0) -> None:
+    def __init__(self, path: Path, timeout_s: float = PATIENCE_S) -> None:
         self.fd = os.open(path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK)
         tty.setraw(self.fd)
         self.timeout_s = timeout_s
@@ -103,7 +105,7 @@ class Host:
 
     def hello(self, nonce: int = 0x1234, version: int = 1) -> Hello:
         self.send(struct.pack("<BBH", 0x01, version, nonce))
-        reply = self.receive(3.0)
+        reply = self.receive()
         assert reply is not None
         assert len(reply) == 20
         kind, *fields = struct.unpack("<BBHBIBHHIH", reply)

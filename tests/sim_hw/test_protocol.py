@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.polling import wait_until
 from tests.sim_hw.boards import Board, rows, running_board
 from tests.sim_hw.host import (
     BAD_FRAME,
@@ -63,14 +64,15 @@ def test_hello_and_configure(host: Host) -> None:
 
 
 def test_one_exchange(host: Host) -> None:
-    host.begin(200)
+    host.begin(10_000)
+    before_ns = time.monotonic_ns()
     first = host.sample()
     assert first.status == 0
     host.command(MIDDLE, 1)
     second = host.sample()
     assert second.status == ENABLED
     assert second.command_seq == first.seq
-    assert 0 < second.time_us - first.time_us < 1_000_000
+    assert 0 < second.time_us - first.time_us <= (time.monotonic_ns() - before_ns) // 1000 + 1
     assert host.configure(20) == 0  # not while the output is on
     host.hello()
     assert host.sample().status == 0
@@ -92,8 +94,7 @@ def test_watchdog_is_latched_until_disabled(host: Host) -> None:
     host.begin(20)
     host.sample()
     host.command(MIDDLE, 1)
-    time.sleep(0.1)
-    assert host.sample().status == WATCHDOG
+    wait_until(lambda: host.sample().status == WATCHDOG, "the watchdog's trip")
     host.command(MIDDLE, 1)
     assert host.sample().status == WATCHDOG | REJECTED
     host.command(MIDDLE, 0)
@@ -137,13 +138,13 @@ def test_a_frame_in_pieces(host: Host) -> None:
 
 def test_several_hosts_one_after_the_other(tmp_path: Path) -> None:
     with running_board(tmp_path) as board:
-        for _ in range(2):
+        for number in (1, 2):
             host = Host(board.link)
             host.begin(30)
             host.sample()
             host.command(MIDDLE + 100, 1)
             host.close()
-            time.sleep(0.1)
+            board.wait_for_event("WATCHDOG", number)
         host = Host(board.link)
         assert host.hello().version == 1
         assert host.sample().status == WATCHDOG

@@ -15,6 +15,7 @@ import canopen
 
 from drivers.canopen.profile import FOLDER
 from drivers.seqpacket_bus import SeqpacketBus
+from tests.polling import PATIENCE_S
 
 OBJECTS: dict[tuple[int, int], int] = {
     (0x1018, 1): 0xAB,
@@ -96,7 +97,7 @@ class FakeDrive(can.Listener):
         self._put({(0x6041, 0): _STATES.get(word, 0x0250)})
 
     def _serve(self) -> None:
-        self._listening.settimeout(10.0)
+        self._listening.settimeout(PATIENCE_S)
         try:
             connected, _ = self._listening.accept()
         except OSError:

@@ -60,7 +60,7 @@ class Bench:
         self.s.view(np.float64)[w.COMMAND_PER_AMPERE] = 500.0
         self.exchange = CallbackExchange(self.line, self.s, echoes=echoes)
         self.x = new_exchange()
-        self.x.view(np.float64)[X_PERIOD_NS] = 2e7
+        self.x.view(np.float64)[X_PERIOD_NS] = 5e8
 
     def tick(self, current: float, *answers: can.Message) -> tuple[int, int, list[str]]:
         self.line.answers, self.line.sent = list(answers), []

@@ -20,6 +20,7 @@ from drivers.interface import (
     X_STATUS,
 )
 from tests.drivers.canopen.wire import Wire
+from tests.polling import PATIENCE_S
 
 DISABLED = "< 181#5002D204000000FE"  # statusword 0x0250, position 1234, actual -512
 READY = "< 181#3102D204000000FE"
@@ -111,7 +112,7 @@ def test_after_a_lost_answer_one_tick_listens(wire: Wire) -> None:
     assert wire.read("> 080#", period_ns=2e7) == MISSED
     assert wire.read(period_ns=2e7) == MISSED
     assert wire.nothing_sent()
-    assert wire.read("> 080#", "< 181#5002020000000000", period_ns=1e8) == OK
+    assert wire.read("> 080#", "< 181#5002020000000000") == OK
     assert wire.x[X_COUNTS] == 2
 
 
@@ -129,16 +130,14 @@ def test_other_frames_are_passed_over_while_waiting(wire: Wire) -> None:
 
 
 def test_sign_of_life_comes_with_the_command_every_quarter_of_the_watchdog() -> None:
-    with Wire(guard_ms=100) as wire:
-        period = 5e7
+    with Wire(guard_ms=100_000) as wire:
+        period = 5e10
         assert wire.read("> 080#", DISABLED) == OK
         assert wire.write(0.0, 0, "> 201#00000000", "> 701#R", period_ns=period) == OK
-        begin = time.monotonic()
         assert wire.read("< 701#05", "> 080#", DISABLED) == OK
         assert wire.write(0.0, 0, "> 201#00000000", period_ns=period) == OK
-        if time.monotonic() - begin < 0.04:
-            assert wire.nothing_sent()
-        time.sleep(max(0.0, begin + 0.06 - time.monotonic()))
+        assert wire.nothing_sent()
+        wire.s[w.GUARD_SENT_NS] -= 60 * 10**9  # a minute passes
         assert wire.read("> 080#", DISABLED) == OK
         assert wire.write(0.0, 0, "> 201#00000000", "> 701#R", period_ns=period) == OK
         assert wire.read("< 701#85", "> 080#", DISABLED) == OK
@@ -189,6 +188,8 @@ def test_fault_is_reset_by_one_edge_when_the_amplifier_is_asked_for_again(wire: 
     ):
         assert wire.read("> 080#", sample) == OK
         assert wire.write(0.0, enabled, f"> 201#{command}000000") == OK
+        if wire.s[w.RESETTING_NS]:
+            wire.s[w.RESETTING_NS] += 10**12  # however slow this machine is, its time is not over
 
 
 def test_fault_that_cannot_be_reset_is_reported_again(wire: Wire) -> None:
@@ -302,4 +303,4 @@ def test_babbling_bus_does_not_hold_the_loop(wire: Wire) -> None:
     """Frames that arrive faster than they are taken in end with the time-out, not never."""
     begin = time.monotonic()
     assert wire.read("> 080#", *["< 702#05"] * 200, period_ns=4e7) == MISSED
-    assert time.monotonic() - begin < 10.0
+    assert time.monotonic() - begin < PATIENCE_S

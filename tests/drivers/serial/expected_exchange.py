@@ -16,15 +16,22 @@ from drivers.interface import X_CODE, X_CURRENT, X_ENABLE, X_PERIOD_NS, new_exch
 from drivers.serial_dac import SerialDacDriver
 from hapticd.config import Config, parse_config
 from tests.drivers.serial.reference import framed
+from tests.polling import PATIENCE_S
 
-Pair = tuple[str, str | bytes]
+
+class HangUp:
+    """As a reply: the board's side of the line is gone; ``done`` says when."""
+
+    def __init__(self) -> None:
+        self.done = threading.Event()
+
+
+Pair = tuple[str, str | bytes | HangUp]
 
 RATE_HZ = 10.0
-_PEER_S = 5.0
+IMPATIENT_S = 0.06
+"""Period of a read that has no reply to wait for."""
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p)
-
-HANG_UP = "hang up"
-"""As a reply: the board's side of the line is gone."""
 HELLO = "00 07 01 01 34 12 66 3e 00"
 OPENING = [
     (HELLO, "09 81 01 34 12 0e 80 8d 5b 03 20 05 05 e8 03 ef be 01 05 02 01 4e 8f 00"),  # 14 bits, 6 A, 32-bit counter
@@ -42,8 +49,8 @@ COMMAND_2 = "08 04 02 ab 22 01 aa 48 00"
 
 
 def config(port: str = "/dev/null", **changes: Any) -> Config:
-    """A rate so low that a peer in Python answers in time."""
-    driver = {"name": "serial_dac", "port": port, "watchdog_ms": 200, "reply_timeout_s": 0.09}
+    """A config for a board of 14 bits and ± 6 A."""
+    driver = {"name": "serial_dac", "port": port, "watchdog_ms": 200}
     document: dict[str, Any] = {"servo": {"rate_hz": RATE_HZ}, **changes}
     document["driver"] = {**driver, **changes.get("driver", {})}
     document["driver"] = {key: value for key, value in document["driver"].items() if value is not ...}
@@ -70,15 +77,15 @@ def hello_reply(version: int = 1, nonce: int = 0x1234, **changes: int) -> bytes:
 
 
 class Loop:
-    """Calls an open driver as the servo loop does."""
+    """Calls an open driver as the servo loop does; a read waits most of its period, so that a peer in Python is in time."""
 
     def __init__(self, driver: SerialDacDriver) -> None:
         self.driver = driver
         self.x = new_exchange()
         self.floats = self.x.view("f8")
-        self.floats[X_PERIOD_NS] = 1e9 / RATE_HZ
 
-    def read(self) -> int:
+    def read(self, period_s: float = PATIENCE_S) -> int:
+        self.floats[X_PERIOD_NS] = 1e9 * period_s
         return int(_FUNCTION(self.driver.read_address)(self.driver.state_address, self.x.ctypes.data))
 
     def write(self, code: int, enable: int) -> int:
@@ -87,8 +94,8 @@ class Loop:
         return int(_FUNCTION(self.driver.write_address)(self.driver.state_address, self.x.ctypes.data))
 
 
-def _raw(text: str | bytes) -> str | bytes:
-    return bytes.fromhex(text) if isinstance(text, str) and text != HANG_UP else text
+def _raw(reply: str | bytes | HangUp) -> bytes | HangUp:
+    return bytes.fromhex(reply) if isinstance(reply, str) else reply
 
 
 class Peer(threading.Thread):
@@ -105,7 +112,7 @@ class Peer(threading.Thread):
         for number, (expected, reply) in enumerate(self.pairs):
             got = b""
             while len(got) < len(expected):
-                if not select.select([self.master], [], [], _PEER_S)[0]:
+                if not select.select([self.master], [], [], PATIENCE_S)[0]:
                     break
                 got += os.read(self.master, len(expected) - len(got))
             if got != expected:
@@ -118,9 +125,11 @@ class Peer(threading.Thread):
                 null = os.open(os.devnull, os.O_RDWR)
                 os.dup2(null, self.master)
                 os.close(null)
+                reply.done.set()
 
     def finish(self) -> None:
-        self.join(2 * _PEER_S)
+        self.join(2 * PATIENCE_S)
+        assert not self.is_alive()
         assert self.wrong is None, self.wrong
         rest = os.read(self.master, 4096) if select.select([self.master], [], [], 0)[0] else b""
         assert rest == b"", f"sent beyond what was expected: {rest.hex(' ')}"

@@ -3,6 +3,7 @@
 import fcntl
 import logging
 import os
+import select
 import struct
 import termios
 from pathlib import Path
@@ -13,6 +14,16 @@ import pytest
 from drivers import DriverError
 from drivers.serial_dac import port
 from tests.drivers.serial.expected_exchange import line
+from tests.polling import PATIENCE_S
+
+
+def arrived(descriptor: int, size: int) -> bytes:
+    """So many bytes: the kernel hands a terminal's bytes on when it comes to it, and in pieces."""
+    got = b""
+    while len(got) < size:
+        assert select.select([descriptor], [], [], PATIENCE_S)[0], f"{len(got)} of {size} bytes arrived"
+        got += os.read(descriptor, 512)
+    return got
 
 
 def test_every_byte_passes_both_ways_unchanged() -> None:
@@ -20,9 +31,9 @@ def test_every_byte_passes_both_ways_unchanged() -> None:
     with line() as (master, path):
         opened = port.open_port(path, 921_600)
         os.write(opened.fileno(), every)
-        assert os.read(master, 512) == every
+        assert arrived(master, len(every)) == every
         os.write(master, every)
-        assert os.read(opened.fileno(), 512) == every
+        assert arrived(opened.fileno(), len(every)) == every
         opened.close()
 
 
@@ -32,6 +43,7 @@ def test_an_idle_line_and_a_dead_one_are_told_apart() -> None:
         with pytest.raises(BlockingIOError):
             os.read(opened.fileno(), 1)
         os.dup2(os.open(os.devnull, os.O_RDWR), master)
+        assert select.select([opened.fileno()], [], [], PATIENCE_S)[0]
         assert os.read(opened.fileno(), 1) == b""
         opened.close()
 

@@ -6,9 +6,9 @@ from drivers import DriverError
 from drivers.serial_dac import session
 from tests.drivers.serial.expected_exchange import (
     CLOSING_1,
-    HANG_UP,
     HELLO,
     OPENING,
+    HangUp,
     Pair,
     expected_exchange,
     hello_reply,
@@ -24,20 +24,21 @@ OFF_AND_SAMPLE = [(OFF_1, ""), (SAMPLE_1, "")]
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "_HELLO_S", 0.5)
-    monkeypatch.setattr(session, "_HELLO_EVERY_S", 0.5)
+    monkeypatch.setattr(session, "_HELLO_S", 1.5)
+    monkeypatch.setattr(session, "_HELLO_EVERY_S", 1.5)
+    monkeypatch.setattr(session, "_REPLY_S", 1.5)
     monkeypatch.setattr(session, "_ATTEMPTS", 1)
 
 
 @pytest.mark.parametrize(
     ("pairs", "said"),
     [
-        ([(HELLO, "")], "no board answers within 0.5 s (nothing came in; is the board powered"),
+        ([(HELLO, "")], "no board answers within 1.5 s (nothing came in; is the board powered"),
         (
             [(HELLO, b"boot ok\r\n\0")],
             "10 bytes came in, with 1 bad frames and no answer among them; is driver.baud the board's",
         ),
-        ([(HELLO, hello_reply(nonce=0x4321))], "no board answers within 0.5 s (24 bytes came in, with 0 bad frames"),
+        ([(HELLO, hello_reply(nonce=0x4321))], "no board answers within 1.5 s (24 bytes came in, with 0 bad frames"),
         ([(HELLO, hello_reply(version=2))], "the board speaks version 2 of the protocol, this driver version 1"),
         (
             [(HELLO, framed(bytes.fromhex("81 03 34 12")))],
@@ -77,8 +78,8 @@ def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
             [*OPENING[:3], (SAMPLE_1, reply(1, 0, status=32, command_seq=0)), *CLOSING_0],
             "the board does not take zero current and disable (status 0x20)",
         ),
-        ([(HELLO, HANG_UP)], "the port is gone"),
-        ([*OPENING[:1], (CONFIGURE, HANG_UP)], "the port is gone"),
+        ([(HELLO, HangUp())], "the port is gone"),
+        ([*OPENING[:1], (CONFIGURE, HangUp())], "the port is gone"),
     ],
 )
 def test_a_beginning_that_fails(monkeypatch: pytest.MonkeyPatch, pairs: list[Pair], said: str) -> None:
@@ -91,7 +92,7 @@ def test_a_beginning_that_fails(monkeypatch: pytest.MonkeyPatch, pairs: list[Pai
 
 
 def test_a_board_that_first_has_to_boot_is_asked_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "_HELLO_EVERY_S", 0.05)
+    monkeypatch.setattr(session, "_HELLO_S", 30.0)
     second = ("07 01 01 35 12 57 0d 00", hello_reply(nonce=0x1235))  # lost with the text before it
     third = ("07 01 01 36 12 04 58 00", hello_reply(nonce=0x1236))
     with expected_exchange(monkeypatch, [(HELLO, b"boot\r\n"), second, third, *OPENING[1:], *CLOSING_1]) as driver:

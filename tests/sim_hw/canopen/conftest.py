@@ -44,7 +44,7 @@ class DriveProcess:
         """End it by a signal; the log's rows."""
         if self.process.poll() is None:
             self.process.send_signal(number)
-        _, self.stderr = self.process.communicate(timeout=20)
+        _, self.stderr = self.process.communicate(timeout=60)
         self.returncode = self.process.returncode
         return read_log(self.log)
 

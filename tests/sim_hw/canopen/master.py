@@ -4,10 +4,14 @@ import socket
 import struct
 import time
 
+from tests.polling import PATIENCE_S
+
 FRAME = struct.Struct("<IB3x8s")
 REMOTE = 0x40000000
 ERROR = 0x20000000
 DISABLED, READY, SWITCHED_ON, ENABLED, QUICK_STOP, REACTION, FAULT = 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08
+READ_DEVICE_TYPE = bytes.fromhex("40 00 10 00 00 00 00 00")
+"""SDO request for 0x1000."""
 
 
 def drive_state(statusword):
@@ -27,7 +31,18 @@ class Master:
         self.node = node
         self.seen = []
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
-        self._socket.connect(str(path))
+        self._connect(str(path))
+
+    def _connect(self, path):
+        """Again and again until somebody listens there."""
+        end = time.monotonic() + PATIENCE_S
+        while True:
+            try:
+                return self._socket.connect(path)
+            except (FileNotFoundError, ConnectionRefusedError):
+                if time.monotonic() > end:
+                    raise
+            time.sleep(0.01)
 
     def close(self):
         self._socket.close()
@@ -35,7 +50,7 @@ class Master:
     def send(self, cob_id, data=b""):
         self._socket.send(FRAME.pack(cob_id, len(data), data.ljust(8, b"\0")))
 
-    def receive(self, timeout=2.0):
+    def receive(self, timeout=PATIENCE_S):
         """Next frame as (identifier with flags, data), None when none comes in time; EOFError when hung up."""
         self._socket.settimeout(timeout)
         try:
@@ -48,7 +63,7 @@ class Master:
         self.seen.append((cob_id, data[:length]))
         return self.seen[-1]
 
-    def wait_for(self, cob_id, timeout=2.0):
+    def wait_for(self, cob_id, timeout=PATIENCE_S):
         """Data of the next frame with an identifier."""
         end = time.monotonic() + timeout
         while (left := end - time.monotonic()) > 0:
@@ -57,12 +72,28 @@ class Master:
                 return frame[1]
         raise TimeoutError(f"no frame 0x{cob_id:X} within {timeout} s")
 
-    def drain(self, quiet=0.03):
-        """All frames until the bus has been quiet for a while."""
-        frames = []
-        while (frame := self.receive(quiet)) is not None:
-            frames.append(frame)
-        return frames
+    def settle(self):
+        """All frames that come until the drive has dealt with everything sent before; SDO must be possible."""
+        before = len(self.seen)
+        self.read(0x1018, 1)
+        return self.seen[before:-1]
+
+    def unanswered(self, cob_id, reply_id, data=b""):
+        """Whether a frame brings no reply before the answer to a guarding request sent after it."""
+        self.send(cob_id, data)
+        before = len(self.seen)
+        self.guard()
+        return reply_id not in [frame[0] for frame in self.seen[before:]]
+
+    def wait_for_hang_up(self):
+        """Take in frames until the drive closes the connection."""
+        end = time.monotonic() + PATIENCE_S
+        try:
+            while time.monotonic() < end:
+                self.receive()
+        except EOFError:
+            return
+        raise AssertionError("never hung up")
 
     # SDO ------------------------------------------------------------------
 
@@ -118,7 +149,7 @@ class Master:
         self.write(0x6040, 0, word, 2)
         return self.state()
 
-    def wait_state(self, state, timeout=2.0):
+    def wait_state(self, state, timeout=PATIENCE_S):
         """Ask until the drive is in a state that it enters by itself; the states before it."""
         end, before = time.monotonic() + timeout, set()
         while (now := self.state()) != state:
@@ -150,14 +181,18 @@ class Master:
         self.map_pdo(0x1400, 0x1600, 0x200 + self.node, 255, [0x60400010, target])
         self.nmt(1)
         if enable:
-            for word in (0x06, 0x07, 0x0F):
-                self.command(word, 0)
+            self.enable()
             assert self.state() == ENABLED
+
+    def enable(self):
+        """Up to Operation Enabled, without a look at whether the drive stays there."""
+        for word in (0x06, 0x07, 0x0F):
+            self.command(word, 0)
 
     def command(self, control, target):
         self.send(0x200 + self.node, struct.pack("<Hh", control, target))
 
-    def sync(self, timeout=2.0):
+    def sync(self, timeout=PATIENCE_S):
         """SYNC and its TPDO1: statusword, counts, current or torque."""
         self.send(0x80)
         return struct.unpack("<Hih", self.wait_for(0x180 + self.node, timeout))

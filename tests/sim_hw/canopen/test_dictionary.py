@@ -6,7 +6,7 @@ import canopen
 import pytest
 
 from sim_hw.canopen.dictionary import EDS
-from tests.sim_hw.canopen.master import SdoAbortError
+from tests.sim_hw.canopen.master import READ_DEVICE_TYPE, SdoAbortError
 
 
 def test_canopen_package_reads_the_eds_without_a_warning(caplog):
@@ -94,6 +94,6 @@ def test_node_id_and_drive_without_cyclic_torque(start_drive):
     assert master.read(0x6502) == 0
     assert master.refused(0x6060, 0, 10, 1) == 0x06090030
     assert master.read(0x1800, 1) == 0x400001AA
-    master.node = 1
-    with pytest.raises(TimeoutError):
-        master.read(0x1000)
+    master.send(0x601, READ_DEVICE_TYPE)
+    master.read(0x1000)
+    assert 0x581 not in [frame[0] for frame in master.seen]

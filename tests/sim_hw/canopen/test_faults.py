@@ -6,7 +6,8 @@ import time
 import pytest
 
 from sim_hw import kinds, log
-from tests.sim_hw.canopen.master import DISABLED, ENABLED, ERROR, Master, drive_state
+from tests.polling import wait_until
+from tests.sim_hw.canopen.master import DISABLED, ENABLED, ERROR, READ_DEVICE_TYPE, Master, drive_state
 
 
 def _frame_fault(kind, frames, **more):
@@ -23,8 +24,7 @@ def test_dropped_syncs_and_tpdos_bring_no_tpdo(start_drive):
         drive, master = start_drive(script=_frame_fault("drop", frames, count=2))
         master.bring_up()
         for _ in range(2):
-            with pytest.raises(TimeoutError):
-                master.sync(0.1)
+            assert master.unanswered(0x80, 0x181)
         assert drive_state(master.sync()[0]) == ENABLED
         rows = drive.stop()
         assert (rows["event"] == log.SAMPLE).sum() == (1 if frames == "sync" else 3)
@@ -34,7 +34,6 @@ def test_dropped_command_is_never_applied(start_drive):
     drive, master = start_drive(script=_frame_fault("drop", "rpdo", count=1))
     master.bring_up()
     master.command(0x0F, 300)
-    master.drain()
     assert master.read(0x6071) == 0
     assert _injected(drive) == [kinds.DROP]
 
@@ -68,7 +67,7 @@ def test_duplicates_come_twice(start_drive):
     drive, master = start_drive(script=_frame_fault("duplicate", "tpdo", count=1))
     master.bring_up()
     master.send(0x80)
-    assert [frame[0] for frame in master.drain(0.1)] == [0x181, 0x181]
+    assert [frame[0] for frame in master.settle()] == [0x181, 0x181]
     assert _injected(drive) == [kinds.DUPLICATE]
 
 
@@ -84,7 +83,7 @@ def test_delayed_command_is_applied_late(start_drive):
     drive, master = start_drive(script=_frame_fault("delay", "rpdo", count=1, delay_s=0.05))
     master.bring_up()
     master.command(0x0F, 300)
-    master.drain(0.15)
+    wait_until(lambda: master.read(0x6071) == 300, "the late command")
     rows = drive.stop()
     injected = rows[rows["event"] == log.FAULT_INJECTED][0]
     command = rows[rows["event"] == log.COMMAND][-1]
@@ -97,7 +96,7 @@ def test_reordered_commands_change_places(start_drive):
     master.bring_up()
     master.command(0x0F, 100)
     master.command(0x0F, 200)
-    master.drain()
+    master.settle()
     rows = drive.stop()
     commanded = rows["command_A"][rows["event"] == log.COMMAND][-2:]
     assert commanded[0] == pytest.approx(2 * commanded[1])
@@ -105,8 +104,7 @@ def test_reordered_commands_change_places(start_drive):
 
 def test_sdo_replies_can_be_dropped(start_drive):
     _, master = start_drive(script={"faults": [{"kind": "drop", "at_s": 0, "frames": "reply", "count": 1}]})
-    with pytest.raises(TimeoutError):
-        master.read(0x1000)
+    assert master.unanswered(0x601, 0x581, READ_DEVICE_TYPE)
     assert master.read(0x1000) == 0x00020192
 
 
@@ -115,7 +113,7 @@ def test_frozen_counter_and_glitch_and_wrap(start_drive):
         "start": {"counts_offset": 2**31 - 5},
         "faults": [
             {"kind": "encoder_glitch", "at_s": 0, "from": "enabled", "counts": 1000, "count": 1},
-            {"kind": "freeze_counter", "at_s": 0.3, "from": "enabled", "duration_s": 0.1},
+            {"kind": "freeze_counter", "at_s": 0.6, "from": "enabled", "duration_s": 0.3},
         ],
     }
     drive, master = start_drive(script=script)
@@ -126,13 +124,14 @@ def test_frozen_counter_and_glitch_and_wrap(start_drive):
     assert after == 2**31 - 5
     master.command(0x0F, 200)
     counts = []
-    while len(counts) < 400:
+    end = time.monotonic() + 1.2
+    while time.monotonic() < end:
         counts.append(master.sync()[1])
         time.sleep(0.001)
     rows = drive.stop()
     sampled = rows[rows["event"] == log.SAMPLE][2:]
     start = rows["time_ns"][(rows["event"] == log.FAULT_INJECTED) & (rows["code"] == kinds.FREEZE_COUNTER)][0]
-    frozen = (sampled["time_ns"] > start) & (sampled["time_ns"] < start + 100_000_000)
+    frozen = (sampled["time_ns"] > start) & (sampled["time_ns"] < start + 300_000_000)
     shown = {count for count, still in zip(counts, frozen, strict=True) if still}
     assert len(shown) == 1
     assert min(counts) < 0 < max(counts) or max(counts) < 0  # it went through the wrap
@@ -141,28 +140,26 @@ def test_frozen_counter_and_glitch_and_wrap(start_drive):
 
 
 def test_unplugged_socket_is_gone_and_comes_back(start_drive):
-    script = {"faults": [{"kind": "unplug", "at_s": 0.1, "from": "enabled", "duration_s": 0.3}]}
+    script = {"faults": [{"kind": "unplug", "at_s": 0.1, "from": "enabled", "duration_s": 1.0}]}
     drive, master = start_drive(script=script)
-    master.bring_up()
-    with pytest.raises(EOFError):
-        master.drain(0.5)
+    master.bring_up(enable=False)
+    master.enable()
+    master.wait_for_hang_up()
     assert not drive.socket.exists()
-    time.sleep(0.5)
     again = Master(drive.socket)
     assert drive_state(again.sync()[0]) == ENABLED
     again.close()
 
 
 def test_silent_drive_still_listens(start_drive):
-    script = {"faults": [{"kind": "silent", "at_s": 0, "from": "enabled", "duration_s": 0.2}]}
+    script = {"faults": [{"kind": "silent", "at_s": 0, "from": "enabled", "duration_s": 1.0}]}
     drive, master = start_drive(script=script)
     master.bring_up(enable=False)
-    for word in (0x06, 0x07, 0x0F):
-        master.command(word, 0)
+    master.enable()
     master.command(0x0F, 300)
     with pytest.raises(TimeoutError):
         master.sync(0.1)
-    time.sleep(0.15)
+    time.sleep(1.0)
     assert drive_state(master.sync()[0]) == ENABLED
     assert drive.stop()["applied_A"].max() > 0.5
 
@@ -170,15 +167,16 @@ def test_silent_drive_still_listens(start_drive):
 def test_bus_off_sends_an_error_frame_and_then_nothing_passes(start_drive):
     script = {"faults": [{"kind": "bus_off", "at_s": 0.05, "from": "enabled"}]}
     drive, master = start_drive(script=script)
-    master.bring_up()
-    master.write(0x100C, 0, 25, 2)
+    master.bring_up(enable=False)
+    master.write(0x100C, 0, 250, 2)
     master.write(0x100D, 0, 4, 1)
     master.guard()
+    master.enable()
     master.command(0x0F, 300)
     assert len(master.wait_for(ERROR | 0x40)) == 8
     master.command(0x0F, 0)
     with pytest.raises(TimeoutError):
-        master.sync(0.3)
+        master.sync(1.1)  # longer than the life time
     rows = drive.stop()
     assert rows["code"][rows["event"] == log.EMCY].tolist() == [0x8130]
     assert rows["applied_A"][-1] == 0.0
@@ -187,7 +185,8 @@ def test_bus_off_sends_an_error_frame_and_then_nothing_passes(start_drive):
 def test_drive_that_leaves_operation_enabled(start_drive):
     script = {"faults": [{"kind": "leave_operation_enabled", "at_s": 0.05, "from": "enabled"}]}
     drive, master = start_drive(script=script)
-    master.bring_up()
+    master.bring_up(enable=False)
+    master.enable()
     master.command(0x0F, 300)
     while drive_state(master.sync()[0]) == ENABLED:
         time.sleep(0.001)
@@ -204,13 +203,13 @@ def test_drive_that_leaves_operation_enabled(start_drive):
 def test_rebooting_node_loses_its_state(start_drive):
     script = {"faults": [{"kind": "reboot", "at_s": 0.1, "from": "enabled", "off_s": 0.2}]}
     drive, master = start_drive(script=script)
-    master.bring_up()
+    master.bring_up(enable=False)
+    master.enable()
     master.command(0x0F, 300)
     assert master.wait_for(0x701) == b"\0"
     assert master.read(0x6087) == 1000
     assert master.state() == DISABLED
-    with pytest.raises(TimeoutError):
-        master.sync(0.1)
+    assert master.unanswered(0x80, 0x181)
     rows = drive.stop()
     reboot = rows[rows["event"] == log.REBOOT][0]
     boot = rows[(rows["event"] == log.STATE) & (rows["detail"] == 0)][-1]

@@ -2,7 +2,6 @@
 
 import contextlib
 import queue
-import random
 import struct
 
 import can
@@ -12,11 +11,12 @@ from canopen.profiles.p402 import BaseNode402
 
 from sim_hw import log
 from sim_hw.canopen.dictionary import EDS
+from tests.polling import PATIENCE_S, multicast_group
 
 
 @pytest.fixture
 def channel():
-    return f"239.74.{random.randrange(256)}.{random.randrange(1, 255)}"
+    return multicast_group()
 
 
 def test_canopen_package_drives_it_over_udp_multicast(start_drive, channel):
@@ -28,7 +28,7 @@ def test_canopen_package_drives_it_over_udp_multicast(start_drive, channel):
         stack.callback(network.disconnect)
         node = BaseNode402(1, str(EDS))
         network.add_node(node)
-        node.sdo.RESPONSE_TIMEOUT = 2.0
+        node.sdo.RESPONSE_TIMEOUT = PATIENCE_S
         assert node.sdo[0x1000].raw == 0x00020192
         assert node.sdo[0x1008].raw == "hapticd simulated servo drive"
         with pytest.raises(canopen.SdoAbortedError) as refusal:
@@ -58,11 +58,11 @@ def test_canopen_package_drives_it_over_udp_multicast(start_drive, channel):
         node.tpdo[1].add_callback(arrived.put)
         for _ in range(20):
             network.sync.transmit()
-            arrived.get(timeout=2.0)
+            arrived.get(timeout=PATIENCE_S)
             node.rpdo[1][0x6071].raw = 150
             node.rpdo[1].transmit()
         network.sync.transmit()
-        arrived.get(timeout=2.0)
+        arrived.get(timeout=PATIENCE_S)
         assert node.tpdo[1][0x6041].raw & 0x6F == 0x27
         assert node.tpdo[1][0x6077].raw == 150
         assert node.tpdo[1][0x6064].raw > 0
@@ -77,7 +77,7 @@ def test_guarding_over_python_can(start_drive, channel):
         states = []
         for _ in range(2):
             bus.send(can.Message(arbitration_id=0x701, is_remote_frame=True, is_extended_id=False))
-            while (reply := bus.recv(2.0)).is_remote_frame:  # udp_multicast may show us our own
+            while (reply := bus.recv(PATIENCE_S)).is_remote_frame:  # udp_multicast may show us our own
                 pass
             assert reply.arbitration_id == 0x701
             states.append(struct.unpack("<B", reply.data)[0])

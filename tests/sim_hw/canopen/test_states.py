@@ -65,7 +65,8 @@ def test_quick_stop_ends_by_itself_or_stays_by_its_option(master):
 
 def test_fault_and_its_reset_on_the_rising_edge(start_drive):
     _, master = start_drive(script={"faults": [{"kind": "emcy", "at_s": 0.05, "from": "enabled", "code": 0x2310}]})
-    master.bring_up()
+    master.bring_up(enable=False)
+    master.enable()
     emergency = master.wait_for(0x81)
     assert emergency == bytes.fromhex("1023 03 04000000 00")  # error code, register, latched faults
     assert master.wait_state(FAULT) <= {REACTION}  # 13 and 14

@@ -1,0 +1,100 @@
+"""What a daemon lives with as a service: a manager whose watchdog wants to be fed, and somebody who reads its metrics."""
+
+from __future__ import annotations
+
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+SCRAPE_S = 1.0
+
+
+class Manager:
+    """Stands in for systemd, from ``with`` to its end: listens for keep-alives and counts them.
+
+    Args:
+        watchdog_s: the watchdog's time, s; the unit's is 5 s.
+
+    Attributes:
+        environment: what the daemon must be started with.
+        fed: keep-alives so far.
+        longest_hunger_s: longest time between two of them.
+    """
+
+    def __init__(self, watchdog_s: float = 5.0) -> None:
+        self.watchdog_s = watchdog_s
+        self.fed = 0
+        self.longest_hunger_s = 0.0
+        self._last = float("nan")
+        self._folder = tempfile.TemporaryDirectory(prefix="hapticd-manager-")
+        address = str(Path(self._folder.name) / "notify")
+        self.environment = {"NOTIFY_SOCKET": address, "WATCHDOG_USEC": str(round(watchdog_s * 1e6))}
+        self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        self._socket.bind(address)
+        self._thread = threading.Thread(target=self._listen, name="manager", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as own:
+            own.sendto(b"", self.environment["NOTIFY_SOCKET"])
+        self._thread.join()
+        self._socket.close()
+        self._folder.cleanup()
+
+    def _listen(self) -> None:
+        while message := self._socket.recv(4096):
+            if b"WATCHDOG=1" not in message.splitlines():
+                continue
+            now = time.monotonic()
+            if self.fed:
+                self.longest_hunger_s = max(self.longest_hunger_s, now - self._last)
+            self.fed, self._last = self.fed + 1, now
+
+
+class Poller:
+    """Asks again and again, from ``with`` to its end.
+
+    Args:
+        ask: one request.
+        interval_s: from one to the next.
+
+    Attributes:
+        answered: requests that were answered.
+        failed: the first error; asking ends with it.
+    """
+
+    def __init__(self, ask: Callable[[], Any], interval_s: float = SCRAPE_S) -> None:
+        self.answered = 0
+        self.failed: Exception | None = None
+        self._ask, self._interval_s = ask, interval_s
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._poll, name="poller", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._ending.set()
+        self._thread.join()
+
+    def _poll(self) -> None:
+        while not self._ending.wait(self._interval_s):
+            try:
+                self._ask()
+            except Exception as error:
+                self.failed = error
+                return
+            self.answered += 1

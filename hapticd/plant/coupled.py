@@ -1,0 +1,230 @@
+"""Motor and load on a spring and a damper, phase by phase and exactly, for a device with stiction.
+
+While the motor keeps its direction, its way y, its speed s, and the twist w and twist rate r of the load ahead of it obey
+
+    s′ = a − b·s − k·y + μ·q,      r′ = −q − s′,      q = ω₀²·w + 2ζω₀·r,      y′ = s,  w′ = r,
+
+with μ = J_L/J_M. Their Taylor series converges to rounding over a radian of the two masses' oscillation, the longest a
+phase lasts. Where the motor sticks the load swings on a fixed end. Laws that vary with position or speed are taken at
+their mean over a phase, as in `hapticd.plant.slide`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from numba import types
+
+from hapticd.jit import njit
+from hapticd.plant.effects.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
+from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws
+from hapticd.plant.phases import MOST_PHASES
+from hapticd.plant.slide import ACTIONS, Actions
+from hapticd.plant.spring import spring_functions
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+class Coupling(NamedTuple):
+    """What joins motor and load."""
+
+    inertia: float
+    """Of the load [kg m² or kg]."""
+    ratio: float
+    """μ: of the load to the motor."""
+    damping: float
+    """ζω₀ [1/s]."""
+    stiffness: float
+    """ω₀² [1/s²], with the anti-resonance at ω₀."""
+
+
+_f8 = types.float64
+_a = types.Array(_f8, 1, "C")
+COUPLING = types.NamedUniTuple(_f8, 4, Coupling)
+"""Numba type of `Coupling`."""
+_MOTION = types.UniTuple(_f8, 4)
+
+_TERMS = 40
+_NEGLIGIBLE = 1e-17
+_HALVINGS = 60
+_PRECISION = 1e-12
+"""Of the instant of a stop or of a breakaway, as a share of its phase."""
+
+
+@njit(_MOTION(_f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
+def swing(
+    t: float, speed: float, twist: float, twist_rate: float, a: float, rate: float, omega2: float, to: Coupling
+) -> tuple[float, float, float, float]:
+    """Return way, speed, twist and twist rate after a time `t` in which the motor keeps its direction, all along it."""
+    way = 0.0
+    y, s, w, r = 0.0, speed, twist, twist_rate
+    scale = _NEGLIGIBLE * (abs(speed) + abs(a * t) + abs(twist_rate) + math.sqrt(to.stiffness) * abs(twist))
+    push, was_small = a, False
+    for n in range(1, _TERMS):
+        h = t / n
+        q = to.stiffness * w + 2.0 * to.damping * r
+        ds = (push - rate * s - omega2 * y + to.ratio * q) * h
+        y, w = s * h, r * h
+        s, r = ds, -q * h - ds
+        way += y
+        speed += s
+        twist += w
+        twist_rate += r
+        push = 0.0
+        is_small = abs(s) + abs(r) <= scale
+        if is_small and was_small:
+            break
+        was_small = is_small
+    return way, speed, twist, twist_rate
+
+
+@njit(_f8(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
+def _time_of_stop(
+    early: float,
+    late: float,
+    speed: float,
+    twist: float,
+    twist_rate: float,
+    a: float,
+    rate: float,
+    omega2: float,
+    to: Coupling,
+) -> float:
+    """Return when the speed, positive at `early` and not at `late`, is zero (regula falsi, Illinois)."""
+    low = swing(early, speed, twist, twist_rate, a, rate, omega2, to)[1]
+    high = swing(late, speed, twist, twist_rate, a, rate, omega2, to)[1]
+    tolerance, kept = _PRECISION * late, 0
+    for _ in range(_HALVINGS):
+        if not (late - early > tolerance and low > 0.0 > high):
+            break
+        time = min(max((early * high - late * low) / (high - low), early), late)
+        found = swing(time, speed, twist, twist_rate, a, rate, omega2, to)[1]
+        if found <= 0.0:
+            late, high = time, found
+            low = 0.5 * low if kept == 1 else low
+            kept = 1
+        else:
+            early, low = time, found
+            high = 0.5 * high if kept == -1 else high
+            kept = -1
+    return late
+
+
+@njit(_f8(_f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
+def _latest_moving(
+    span: float, speed: float, twist: float, twist_rate: float, a: float, rate: float, omega2: float, to: Coupling
+) -> float:
+    """Return an instant before the first stop of a motor that has stopped at `span` or has turned twice by then."""
+    time = 0.0 if speed > 0.0 else span
+    for _ in range(_HALVINGS):
+        if swing(time, speed, twist, twist_rate, a, rate, omega2, to)[1] > 0.0:
+            break
+        time *= 0.5
+    return time
+
+
+@njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, COUPLING), counted=False, inline=True)
+def _swing_on_fixed_end(t: float, twist: float, twist_rate: float, to: Coupling) -> tuple[float, float]:
+    rate, s, c = spring_functions(t, to.damping, to.stiffness)
+    return twist * (1.0 - to.stiffness * c) + twist_rate * s, twist_rate * rate - to.stiffness * twist * s
+
+
+@njit(_f8(_a, _f8, _f8, _f8, _f8, COUPLING), counted=False)
+def _stick(state: NDArray[Any], span: float, x: float, pull: float, level: float, to: Coupling) -> float:
+    """Let the load swing behind a motor at rest until its torque breaks stiction; `pull` is all other torques.
+
+    Returns:
+        Time taken.
+    """
+    twist, twist_rate = state[LOAD_THETA] - x, state[LOAD_OMEGA]
+    time = span
+    end, end_rate = _swing_on_fixed_end(span, twist, twist_rate, to)
+    torque = pull + to.inertia * (to.stiffness * end + 2.0 * to.damping * end_rate)
+    if abs(torque) > level:
+        side = math.copysign(1.0, torque)
+        early = 0.0
+        while time - early > _PRECISION * span:
+            middle = 0.5 * (early + time)
+            end, end_rate = _swing_on_fixed_end(middle, twist, twist_rate, to)
+            if side * (pull + to.inertia * (to.stiffness * end + 2.0 * to.damping * end_rate)) > level:
+                time = middle
+            else:
+                early = middle
+        end, end_rate = _swing_on_fixed_end(time, twist, twist_rate, to)
+    state[LOAD_THETA], state[LOAD_OMEGA] = x + end, end_rate
+    return time
+
+
+@njit(_f8(_a, _a, _f8, ACTIONS, COUPLING), counted=False)
+def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Actions, to: Coupling) -> float:
+    """Move motor and load until the motor stops or breaks away, or to the end of `span`; return the time taken."""
+    x, v = state[THETA], state[OMEGA]
+    sign = math.copysign(1.0, v)
+    if v == 0.0:
+        level = friction_level(p, 0.0, on.motor, on.warm)
+        pull = on.drive + field_torque(p, x, x, on.current) - on.stiffness * (x - on.rest)
+        whole = pull + to.inertia * (to.stiffness * (state[LOAD_THETA] - x) + 2.0 * to.damping * state[LOAD_OMEGA])
+        if abs(whole) <= level:
+            return _stick(state, span, x, pull, level, to)
+        sign = math.copysign(1.0, whole)
+    speed = abs(v)
+    twist, twist_rate = sign * (state[LOAD_THETA] - x), sign * (state[LOAD_OMEGA] - v)
+    way, end, end_twist, end_rate, time = 0.0, speed, twist, twist_rate, span
+    is_exact = not has_smooth_laws(p)
+    for attempt in range(3):
+        mean_speed = 0.5 * (speed + end)
+        level, viscous = damping_at(p, mean_speed, sign, friction_level(p, mean_speed, on.motor, on.warm), on.viscous)
+        pull = on.drive + field_torque(p, x, x + sign * way, on.current) - on.stiffness * (x - on.rest)
+        a, rate, omega2 = (
+            (sign * pull - level) / on.inertia,
+            (viscous + on.damping) / on.inertia,
+            on.stiffness / on.inertia,
+        )
+        time = span
+        way, end, end_twist, end_rate = swing(span, speed, twist, twist_rate, a, rate, omega2, to)
+        first = a - rate * speed + to.ratio * (to.stiffness * twist + 2.0 * to.damping * twist_rate)
+        last = a - rate * end - omega2 * way + to.ratio * (to.stiffness * end_twist + 2.0 * to.damping * end_rate)
+        latest = span
+        if end > 0.0 and first < 0.0 < last and min(speed, end) < -first * span:
+            # A motor that slows down and speeds up again may have been at rest in between.
+            latest = span * first / (first - last)
+        if end <= 0.0 or (latest < span and swing(latest, speed, twist, twist_rate, a, rate, omega2, to)[1] <= 0.0):
+            early = _latest_moving(latest, speed, twist, twist_rate, a, rate, omega2, to)
+            time = _time_of_stop(early, latest, speed, twist, twist_rate, a, rate, omega2, to)
+            way, _, end_twist, end_rate = swing(time, speed, twist, twist_rate, a, rate, omega2, to)
+            end = 0.0
+        # A stop shortens the way over which the laws are averaged: once more.
+        if is_exact or (attempt == 1 and time == span):
+            break
+    state[THETA], state[OMEGA] = x + sign * way, sign * end if end > 0.0 else 0.0
+    state[LOAD_THETA], state[LOAD_OMEGA] = state[THETA] + sign * end_twist, state[OMEGA] + sign * end_rate
+    return time
+
+
+@njit(types.boolean(_f8, _f8), counted=False, inline=True)
+def is_underdamped(ratio: float, damping_ratio: float) -> bool:
+    """Whether the two masses swing against each other: beyond, their motion is too stiff for a series."""
+    return damping_ratio * damping_ratio * (1.0 + ratio) <= 1.0
+
+
+@njit(types.void(_a, _a, _f8, ACTIONS, COUPLING), counted=False)
+def move_coupled(p: NDArray[Any], state: NDArray[Any], span: float, motor: Actions, to: Coupling) -> None:
+    """Move motor and load through a step of constant action.
+
+    Args:
+        p: device vector.
+        state: mechanical state, changed in place.
+        span: duration [s].
+        motor: what acts on the motor; the inertia is the motor's alone.
+        to: the load, `is_underdamped`.
+    """
+    frequency = math.sqrt(to.stiffness * (1.0 + to.ratio) + motor.stiffness / motor.inertia)
+    longest = 1.0 / (frequency + (motor.viscous + motor.damping) / motor.inertia)
+    remaining = span
+    for _ in range(MOST_PHASES):
+        parts = math.ceil(remaining / longest)
+        remaining -= _phase(p, state, remaining / max(parts, 1.0), motor, to)
+        if not remaining > 1e-15 * span:
+            break

@@ -1,0 +1,44 @@
+"""Which tests run against the wall clock, and what follows from it.
+
+Those that compute are run side by side; those that start processes, threads or the servo loop in real time are run one
+after another. On a shared machine without a real-time kernel such a test may meet a stall of a tenth of a second: it is
+then repeated, at most twice, and the summary names it (docs/decisions/0014-two-kinds-of-tests.md).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+TESTS = Path(__file__).parent
+WALL_CLOCK = (
+    "cli/test_cli_daemon.py",
+    "cli/test_cli_gap_live.py",
+    "cli/test_cli_metrics.py",
+    "docs/test_snippets.py",
+    "doctor",
+    "drivers/canopen",
+    "drivers/serial",
+    "drivers/test_libc.py",
+    "drivers/test_seqpacket_bus.py",
+    "gap/test_live_story.py",
+    "hil",
+    "record/test_crash.py",
+    "record/test_history.py",
+    "record/test_recorder.py",
+    "service",
+    "servo/test_mailbox.py",
+    "sim_hw",
+)
+REPEATS = 2
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what runs against the wall clock ``realtime``, and have it repeated when it fails."""
+    for item in items:
+        place = item.path.relative_to(TESTS)
+        if any(place.is_relative_to(folder) for folder in WALL_CLOCK):
+            item.add_marker(pytest.mark.realtime)
+        if item.get_closest_marker("realtime"):
+            item.add_marker(pytest.mark.flaky(reruns=REPEATS))
