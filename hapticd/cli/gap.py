@@ -15,7 +15,9 @@ from hapticd.cli.options import (
     JsonOption,
     SettingsOption,
     SocketOption,
+    check_folder,
     connect,
+    folder_option,
     parse_settings,
     register,
     resolve_config,
@@ -41,16 +43,7 @@ ModelOption = Annotated[
         help="The nominal model: a config or a preset. Default: the config inside the first recording.",
     ),
 ]
-OutOption = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        show_default=False,
-        help="Folder for report.html, model.yaml and gap.json; made if missing.",
-    ),
-]
+OutOption = Annotated[Path, folder_option("report.html, model.yaml and gap.json")]
 RefitOption = Annotated[bool, typer.Option("--refit-base", help="Fit inertia and friction of the model as well.")]
 EffectOption = Annotated[
     list[str] | None,
@@ -100,8 +93,7 @@ def gap(
     With --live the daemon excites the device and records; where the answer is open, the designed experiment follows, and
     the answer is sought in both recordings. Ctrl-C stops the daemon. Default model: the daemon's config.
     """
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is a file; -o takes a folder")
+    check_folder(out)
     if live == bool(runs):
         raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
     if excite and not live:

@@ -9,7 +9,15 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SettingsOption, register, resolve_config
+from hapticd.cli.options import (
+    JsonOption,
+    SettingsOption,
+    check_folder,
+    folder_option,
+    only_option,
+    register,
+    resolve_config,
+)
 
 HilConfigArgument = Annotated[
     str,
@@ -28,28 +36,11 @@ PlantOption = Annotated[
         help="Config whose plant, amplifier, encoder and hand the simulated device has. Default: CONFIG's own.",
     ),
 ]
-OutOption = Annotated[
-    Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        show_default=False,
-        help="Keep report.html, recordings and logs in this folder; made if missing.",
-    ),
-]
+OutOption = Annotated[Path | None, folder_option("report.html, recordings and logs")]
 MatrixOption = Annotated[
     bool, typer.Option("--fault-matrix", help="Inject every fault, one after the other, instead of the experiments.")
 ]
-OnlyOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--only",
-        metavar="NAME",
-        show_default=False,
-        help="Only this case (a, b, c, d, excitation) or fault. Repeatable.",
-    ),
-]
+OnlyOption = Annotated[list[str] | None, only_option("this case (a, b, c, d, excitation) or fault")]
 
 
 def hil(
@@ -73,8 +64,7 @@ def hil(
     """
     resolved = resolve_config(config, assignments)
     device_plant = resolve_config(plant, None) if plant else None
-    if out is not None and out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is a file; -o takes a folder")
+    check_folder(out)
     if fault_matrix:
         if plant is not None:
             raise UsageError("--plant goes with the experiments; the fault matrix runs on CONFIG's own plant")

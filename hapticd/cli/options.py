@@ -6,7 +6,7 @@ import inspect
 import math
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -51,6 +51,27 @@ ConfigArgument = Annotated[
         "Default: re35, simulated.",
     ),
 ]
+
+
+def folder_option(holds: str) -> Any:
+    """``-o DIR`` of a command that writes several files; :func:`check_folder` looks at what was given."""
+    text = f"Folder for {holds}; made if missing."
+    return typer.Option("-o", "--output", metavar="DIR", show_default=False, help=text)
+
+
+def only_option(what: str) -> Any:
+    """``--only NAME`` of a command that does several things."""
+    return typer.Option("--only", metavar="NAME", show_default=False, help=f"Only {what}. Repeatable.")
+
+
+def check_folder(out: Path | None) -> None:
+    """Refuse a file where a folder is wanted.
+
+    Raises:
+        UsageError: it is one.
+    """
+    if out is not None and out.exists() and not out.is_dir():
+        raise UsageError(f"{out} is a file; -o takes a folder")
 
 
 def register(

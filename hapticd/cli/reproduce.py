@@ -9,29 +9,12 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.options import JsonOption, check_folder, folder_option, only_option, register
 from hapticd.cli.output import number
 
-OutOption = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="DIR",
-        show_default=False,
-        help="Folder for page, figures and numbers; made if missing.",
-    ),
-]
+OutOption = Annotated[Path, folder_option("page, figures and numbers")]
 QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser maps and shorter runs, for a first look.")]
-OnlyOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--only",
-        metavar="NAME",
-        show_default=False,
-        help="Only this: table1, table2, fig3 to fig9, fig11 or fig12. Repeatable.",
-    ),
-]
+OnlyOption = Annotated[list[str] | None, only_option("this: table1, table2, fig3 to fig9, fig11 or fig12")]
 
 
 def reproduce(out: OutOption, quick: QuickOption = False, only: OnlyOption = None, as_json: JsonOption = False) -> int:
@@ -43,8 +26,7 @@ def reproduce(out: OutOption, quick: QuickOption = False, only: OnlyOption = Non
 
     Files appear when all are finished: Ctrl-C leaves DIR as it was.
     """
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"{out} is a file; -o takes a folder")
+    check_folder(out)
     from hapticd.reproduce.build import PAGE
     from hapticd.reproduce.build import reproduce as run
 
