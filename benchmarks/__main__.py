@@ -24,6 +24,7 @@ NAMES = (
     "theorem",
     "cycles",
     "recorder",
+    "service",
     "serial_roundtrip",
     "hold",
 )

@@ -11,7 +11,7 @@ import tempfile
 import time
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -52,7 +52,7 @@ class MeasuredDaemon:
         self._command += ["busy" if busy else "calm", *arguments]
         self._environment = {**os.environ, "XDG_STATE_HOME": str(self.folder), **(environment or {})}
 
-    def __enter__(self) -> MeasuredDaemon:
+    def __enter__(self) -> Self:
         with self._log.open("wb") as log:
             self._process = subprocess.Popen(
                 self._command, stdin=subprocess.DEVNULL, stdout=log, stderr=log, env=self._environment

@@ -15,10 +15,10 @@ RATE_HZ = 10_000.0
 RECORDER, SERVO = THREADS = ("hapticd-recorder", "hapticd-servo")
 
 
-def measure(quick: bool) -> list[Figure]:
+def measure(quick: bool, daemon_kind: type[MeasuredDaemon] = MeasuredDaemon) -> list[Figure]:
     """Figures of one recording, from before its start to after its end."""
     seconds = 5.0 if quick else 60.0
-    with MeasuredDaemon({"servo.rate_hz": str(RATE_HZ)}) as daemon:
+    with daemon_kind({"servo.rate_hz": str(RATE_HZ)}) as daemon:
         progress(f"recording at {RATE_HZ:g} Hz for {seconds:g} s")
         path = daemon.new_path()
         asked = time.monotonic()

@@ -7,9 +7,13 @@ import tempfile
 import threading
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+
+from benchmarks.daemon import MeasuredDaemon
+from benchmarks.report import BenchmarkError
 
 SCRAPE_S = 1.0
 
@@ -98,3 +102,42 @@ class Poller:
                 self.failed = error
                 return
             self.answered += 1
+
+
+class ServicedDaemon(MeasuredDaemon):
+    """A daemon to measure that is also fed, scraped and watched as a service is; see :class:`MeasuredDaemon`."""
+
+    def __init__(self, settings: dict[str, str], busy: bool = False) -> None:
+        self.manager = Manager()
+        super().__init__(settings, busy, self.manager.environment)
+        self.scraper = Poller(self.client.metrics)
+
+    def __enter__(self) -> Self:
+        with ExitStack() as stack:
+            stack.enter_context(self.manager)
+            super().__enter__()
+            stack.push(super().__exit__)
+            stack.enter_context(self.scraper)
+            self._company = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._company.__exit__(kind, error, trace)
+
+    def require_healthy(self) -> dict[str, Any]:
+        """The status, when the loop still renders, every scrape was answered and the watchdog never starved.
+
+        Raises:
+            BenchmarkError: one of these is not so.
+        """
+        status = super().require_healthy()
+        if self.scraper.failed:
+            raise BenchmarkError(f"a scrape of the metrics was not answered: {self.scraper.failed}")
+        if not self.manager.fed or self.manager.longest_hunger_s > self.manager.watchdog_s:
+            raise BenchmarkError(
+                f"the watchdog would have bitten: fed {self.manager.fed} times, once after "
+                f"{self.manager.longest_hunger_s:.1f} s"
+            )
+        return status

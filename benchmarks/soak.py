@@ -13,7 +13,6 @@ import json
 import re
 import sys
 import time
-from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -22,7 +21,7 @@ import numpy as np
 
 from benchmarks.daemon import MeasuredDaemon
 from benchmarks.report import BenchmarkError, Figure, document, print_table, progress
-from benchmarks.service_load import Manager, Poller
+from benchmarks.service_load import Poller, ServicedDaemon
 from hapticd.record import Run, read_run
 from hapticd.record.schema import FLAG_MISSED_PERIOD
 
@@ -93,20 +92,19 @@ def soak(seconds: float) -> Soaked:
     settings = {"servo.rate_hz": str(RATE_HZ), **trips}
     memory: list[tuple[float, int]] = []
     interrupted = False
-    with ExitStack() as stack:
-        manager = stack.enter_context(Manager())
-        daemon = stack.enter_context(MeasuredDaemon(settings, environment=manager.environment))
+    with ServicedDaemon(settings) as daemon:
         path = daemon.new_path()
         daemon.client.record_start(path)
-        with Poller(daemon.client.metrics) as scraper, Poller(daemon.client.status, STATUS_S) as poller:
+        with Poller(daemon.client.status, STATUS_S) as poller:
             try:
                 _watch(daemon, seconds, memory)
             except KeyboardInterrupt:
                 interrupted = True
                 progress("interrupted: what there is, is judged")
-        for company in (scraper, poller):
-            if company.failed and not interrupted:
-                raise BenchmarkError(f"a request was not answered: {company.failed}")
+        if not interrupted:
+            daemon.require_healthy()
+            if poller.failed:
+                raise BenchmarkError(f"status was not answered: {poller.failed}")
         # The recording goes on to the very last tick, so that it can be held against the daemon's last words.
         totals = Totals.of(daemon.end())
         run = read_run(path)
@@ -114,10 +112,10 @@ def soak(seconds: float) -> Soaked:
         memory=memory,
         totals=totals,
         run=run,
-        fed=manager.fed,
-        hunger_s=manager.longest_hunger_s,
-        watchdog_s=manager.watchdog_s,
-        scrapes=scraper.answered,
+        fed=daemon.manager.fed,
+        hunger_s=daemon.manager.longest_hunger_s,
+        watchdog_s=daemon.manager.watchdog_s,
+        scrapes=daemon.scraper.answered,
         polls=poller.answered,
         interrupted=interrupted,
     )
