@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from matplotlib.ticker import NullFormatter
 
 from hapticd.reproduce.style import BLUE, GREY, ORANGE, new_figure
 
@@ -17,6 +18,12 @@ if TYPE_CHECKING:
 
 _WIDTH: Final = 9.0
 _BINS: Final = 120
+_DECADE: Final = 15.0
+"""Ranges beyond this have labels at powers of ten only."""
+
+
+def _plain(value: float, _: object) -> str:
+    return f"{value:g}"
 
 
 def gap_over_time(traces: Sequence[Trace]) -> Figure:
@@ -34,6 +41,8 @@ def gap_over_time(traces: Sequence[Trace]) -> Figure:
             axis.axhline(1.0, color=GREY, lw=1.0, ls="--")
             axis.set_yscale("log")
             axis.set_ylim(bins[0], bins[-1])
+            axis.yaxis.set_major_formatter(_plain)
+            axis.yaxis.set_minor_formatter(NullFormatter() if bins[-1] / bins[0] > _DECADE else _plain)
         over_time.set_title(
             f"{trace.name}: prediction error over noise, each window predicted by a model not fitted to it"
         )
@@ -79,7 +88,9 @@ def where(entries: Sequence[Mapping[str, Any]]) -> Figure:
 
 
 def _label(entry: Mapping[str, Any]) -> str:
-    return f"{entry['coordinate']}: {entry['range']}"
+    low, high = ("" if end is None else f"{end:.3g}" for end in entry["range"])
+    ends = f"{low} … {high}" if low and high else f"above {low}" if low else f"below {high}" if high else "anywhere"
+    return f"{entry['coordinate']} {ends} {entry.get('unit', '')}".rstrip()
 
 
 def ranking(step: Step) -> Figure:

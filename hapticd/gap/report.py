@@ -14,6 +14,7 @@ from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
 from hapticd.gap.figures import all_figures
+from hapticd.plant.effects.catalogue import CATALOGUE
 from hapticd.reproduce.markup import STYLE
 from hapticd.reproduce.style import style
 
@@ -27,7 +28,7 @@ if TYPE_CHECKING:
 HEADLINES: Final = {
     "effect_found": "Missing from the model: {effects}",
     "no_missing_effect": "Nothing is missing from the model",
-    "ambiguous": "Missing: {effects}, and these data leave it open which",
+    "ambiguous": "Missing: {either}; these data leave open which",
     "unexplained": "Something is missing that has no name here",
 }
 
@@ -76,21 +77,26 @@ def headline(result: GapResult) -> str:
     effects = " and ".join(result.effects)
     if result.verdict == "unexplained" and result.effects:
         return f"{HEADLINES['unexplained']}, beside {effects}"
-    return HEADLINES[result.verdict].format(effects=effects)
+    either = " and ".join(" or ".join((step.effect, *step.indistinguishable_from)) for step in result.steps)
+    return HEADLINES[result.verdict].format(effects=effects, either=either)
 
 
 def confidence(result: GapResult) -> str:
     """How sure, in words."""
+    tried = len(result.details.get("candidates", CATALOGUE))
+    which = (
+        "Every effect of the catalogue"
+        if tried == len(CATALOGUE)
+        else f"{tried} of the catalogue's {len(CATALOGUE)} effects"
+    )
     if not result.steps:
-        return (
-            "Every effect of the catalogue was tried on windows that it was not fitted to; none helps more than chance."
-        )
+        return f"{which} was tried on windows that it was not fitted to; none helps more than chance does in 0.5 % of runs."
     sentences = []
     for step in result.steps:
         other = (
             f"; these data do not tell it from {', '.join(step.indistinguishable_from)}"
             if step.indistinguishable_from
-            else "; every other effect of the catalogue predicts significantly worse"
+            else "; every other effect tried predicts significantly worse"
         )
         sentences.append(f"{step.effect}: {step.evidence:.1f} standard errors of held-out evidence{other}.")
     return " ".join(sentences)

@@ -115,7 +115,8 @@ def find_gap(
     vector = device_vector(model, declared_latency(model)[0])
     places = disagreement(recordings, model, float(vector[word("delay_s")]), seed)
     noted = tuple(warning for recording in recordings for warning in recording.warnings)
-    result = replace(result, where=tuple(places), warnings=noted)
+    details = {**result.details, "candidates": slugs}
+    result = replace(result, where=tuple(places), warnings=noted, details=details)
     if design and result.verdict == "ambiguous":
         start = 1.0 - 1.0 / (len(rounds) + 2.0)
         planned = _next_experiment(
