@@ -59,6 +59,9 @@ class LogWriter:
         self._schema = pa.schema(fields, metadata=dict(metadata))
         self._file = path.open("wb")
         self._stream = pa.ipc.new_stream(self._file, self._schema)
+        # Arrow writes the schema with the first batch: from here on the file can be read.
+        self._stream.write_batch(pa.RecordBatch.from_pylist([], schema=self._schema))
+        self._file.flush()
 
     def write(self, rows: NDArray[Any]) -> None:
         """Append rows (structured, dtype ROW) as one batch."""

@@ -2,11 +2,8 @@
 
 import contextlib
 import json
-import os
 import select
 import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +13,7 @@ from numpy.typing import NDArray
 
 from sim_hw.log import EVENTS, read_log
 from tests.polling import PATIENCE_S, wait_until
+from tests.sim_hw.forked import ForkedDevice
 
 ROOT = Path(__file__).resolve().parents[2]
 START_S = 120.0
@@ -25,7 +23,7 @@ START_S = 120.0
 class Board:
     """A running board; ``stop`` ends it and gives its log."""
 
-    process: subprocess.Popen[str]
+    process: ForkedDevice
     link: Path
     log: Path
     ready: dict[str, Any]
@@ -48,19 +46,16 @@ def rows(log: NDArray[Any], *events: str) -> NDArray[Any]:
 
 @contextlib.contextmanager
 def running_board(folder: Path, script: str = "", plant: str = "", *options: str) -> Iterator[Board]:
-    """``python -m sim_hw serial`` on a link in ``folder``."""
+    """What ``python -m sim_hw serial`` runs, on a link in ``folder``."""
     link, log = folder / "board", folder / "truth.arrow"
-    command = [sys.executable, "-m", "sim_hw", "serial", "--link", str(link), "--log", str(log), *options]
+    command = ["serial", "--link", str(link), "--log", str(log), *options]
     for name, text in (("script", script), ("plant", plant)):
         if text:
             (folder / f"{name}.yaml").write_text(text)
             command += [f"--{name}", str(folder / f"{name}.yaml")]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT, env={**os.environ})
+    process = ForkedDevice(command, ROOT)
     try:
-        assert process.stdout is not None
         assert select.select([process.stdout], [], [], START_S)[0]
         yield Board(process, link, log, json.loads(process.stdout.readline()))
     finally:
-        process.kill()
-        process.wait()
-        process.stdout.close()
+        process.close()

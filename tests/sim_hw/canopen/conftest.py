@@ -1,40 +1,30 @@
 import contextlib
 import json
-import os
 import signal
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 import yaml
 
 from sim_hw.log import read_log
 from tests.sim_hw.canopen.master import Master
+from tests.sim_hw.forked import ForkedDevice
 
 
 class DriveProcess:
-    """``python -m sim_hw canopen`` in a process of its own, on a Unix socket."""
+    """What ``python -m sim_hw canopen`` runs, in a process of its own, on a Unix socket."""
 
     def __init__(self, folder, *options, script=None, plant=None, bus=None):
         self.folder = folder
+        self.stderr = None
         self.socket, self.log = folder / "can", folder / "drive.arrow"
-        arguments = [sys.executable, "-m", "sim_hw", "canopen", "--log", str(self.log), *map(str, options)]
+        arguments = ["canopen", "--log", str(self.log), *map(str, options)]
         arguments += bus if bus is not None else ["--socket", str(self.socket)]
         for name, content in (("script", script), ("plant", plant)):
             if content is not None:
                 path = folder / f"{name}.yaml"
                 path.write_text(yaml.safe_dump(content))
                 arguments += [f"--{name}", str(path)]
-        root = str(Path(__file__).parents[3])
-        self.process = subprocess.Popen(
-            arguments,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
-            env={**os.environ, "PYTHONPATH": root},
-            cwd=folder,
-        )
+        self.process = ForkedDevice(arguments, folder)
         line = self.process.stdout.readline()
         if not line:
             raise RuntimeError(self.process.communicate()[1])
@@ -42,10 +32,10 @@ class DriveProcess:
 
     def stop(self, number=signal.SIGTERM):
         """End it by a signal; the log's rows."""
-        if self.process.poll() is None:
+        if self.stderr is None:
             self.process.send_signal(number)
-        _, self.stderr = self.process.communicate(timeout=60)
-        self.returncode = self.process.returncode
+            _, self.stderr = self.process.communicate(timeout=60)
+            self.returncode = self.process.returncode
         return read_log(self.log)
 
 
