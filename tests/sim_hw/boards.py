@@ -18,7 +18,7 @@ from sim_hw.log import EVENTS, read_log
 from tests.polling import PATIENCE_S, wait_until
 
 ROOT = Path(__file__).resolve().parents[2]
-START_S = 120.0
+START_S = 250.0
 
 
 @dataclass
