@@ -113,7 +113,7 @@ class Session:
         for seq in range(1, _ATTEMPTS + 1):
             self.send_off(seq, dac_bits)
             self.send(messages.sample(seq))
-            reply = self.receive(lambda payload, seq=seq: _with_seq(payload, seq), _REPLY_S)  # type: ignore[misc]
+            reply = self.receive(_sample_reply_to(seq), _REPLY_S)
             if reply is not None and reply.command_seq == seq and not reply.status & messages.STATUS_ENABLED:
                 return reply
         if reply is None:
@@ -185,6 +185,11 @@ class Session:
         )
 
 
-def _with_seq(payload: bytes, seq: int) -> messages.SampleReply | None:
-    reply = messages.sample_reply(payload)
-    return reply if reply is not None and reply.seq == seq else None
+def _sample_reply_to(seq: int) -> Callable[[bytes], messages.SampleReply | None]:
+    """What picks the reply to one SAMPLE out of the payloads."""
+
+    def wanted(payload: bytes) -> messages.SampleReply | None:
+        reply = messages.sample_reply(payload)
+        return reply if reply is not None and reply.seq == seq else None
+
+    return wanted

@@ -56,8 +56,8 @@ def hil(
 
     Starts the simulated board or drive that CONFIG's driver asks for, and the daemon on it, both as processes of their own,
     as a user would. Does the four releases of the paper's Fig. 8 and an excitation, and compares outcome, place of rest
-    and current with 'simulate'. The delay from encoder sample to current is read from the device's own log and stands
-    beside the one that the driver declares.
+    and current with 'simulate'. The delay from encoder sample to current is read from the device's own log and judged
+    against the one that the driver declares.
 
     With --fault-matrix every fault is injected instead, each on a fresh device and daemon: which code was raised, when
     the current was zero according to the device, and what the recording lost.

@@ -51,6 +51,12 @@ time_t time(time_t *t) {
 """
 
 
+def _complaint(text: str) -> str:
+    """The first error in a compiler's output."""
+    lines = [line.strip() for line in text.splitlines() if line.strip()]
+    return next((line for line in lines if "error" in line), lines[-1] if lines else "nothing")
+
+
 class JumpingClock:
     """The wall clock of a process that is started with `environment`.
 
@@ -58,7 +64,7 @@ class JumpingClock:
         folder: takes the library and the file that says how far the clock is off.
 
     Raises:
-        HilError: there is no C compiler to make the library with.
+        HilError: there is no C compiler, or it cannot make the library.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -67,7 +73,12 @@ class JumpingClock:
             raise HilError("clock_jump needs a C compiler: apt-get install gcc libc6-dev")
         library, self._file = folder / "clock.so", folder / "clock-offset"
         command = [compiler, "-shared", "-fPIC", "-O2", "-x", "c", "-o", str(library), "-"]
-        subprocess.run(command, input=_SOURCE, text=True, check=True)
+        made = subprocess.run(command, input=_SOURCE, text=True, capture_output=True, check=False)
+        if made.returncode != 0:
+            raise HilError(
+                f"clock_jump: {compiler} cannot make the library of the jumping clock (exit code {made.returncode}); "
+                f"are the C library's headers there (apt-get install libc6-dev)? It says: {_complaint(made.stderr)}"
+            )
         self.jump(0)
         self.environment = {"LD_PRELOAD": str(library), "CLOCK_OFFSET_FILE": str(self._file)}
 

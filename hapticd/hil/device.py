@@ -61,7 +61,7 @@ class Device(Child):
             interface, channel = options.get("interface", "socketcan"), str(options.get("channel", "can0"))
             if interface != "unix_seqpacket":
                 _check_no_real_bus(interface, channel)
-                return ["canopen", "--interface", interface, "--channel", channel, *node]
+                return ["canopen", "--interface", interface, "--channel", channel, *node, *_bus_arguments(config)]
             path = folder / "can.sock"
             self.options = {"channel": str(path)}
             return ["canopen", "--socket", str(path), *node]
@@ -87,6 +87,17 @@ class Device(Child):
     def read_log(self) -> DeviceLog:
         """What the device wrote down; complete once it has ended."""
         return DeviceLog.read(self.log_path)
+
+
+def _bus_arguments(config: Config) -> list[str]:
+    """``driver.bus`` for the device too, where python-can serves it: both ends must be on the same bus."""
+    options = config.driver.options
+    if options.get("interface", "socketcan") == "socketcan":
+        return []  # the device opens the kernel's socket itself; arguments of python-can are the daemon's affair
+    given = options.get("bus") or {}
+    if not isinstance(given, dict):
+        raise HilError(f"driver.bus = {given!r}: must be a mapping of arguments for the python-can interface")
+    return [word for name, value in given.items() for word in ("--bus", f"{name}={json.dumps(value)}")]
 
 
 def _check_no_real_bus(interface: str, channel: str) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from hapticd.hil.suite import CaseResult, SuiteResult
-from hapticd.hil.words import latency, suite_text
+from hapticd.hil.words import suite_text
 from hapticd.reproduce.markup import STYLE
 from hapticd.reproduce.style import BLUE, GREY, ORANGE, new_figure, style
 
@@ -37,7 +37,7 @@ def _page(result: SuiteResult) -> str:
     traced = [case for case in result.cases if case.comparison is not None]
     with style():
         traces, delays = _embed(_traces(traced)), _embed(_delays(result)) if len(result.latency_s) else ""
-    declared = latency(result)["declared_us"]
+    declared = 1e6 * result.declared_s
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f"<title>Hardware in the loop: {escape(result.driver)}</title><style>{STYLE}</style></head><body>"

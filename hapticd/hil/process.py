@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
+import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -14,6 +15,17 @@ from typing import Self
 from hapticd.hil.errors import HilError
 
 _LAST_WORDS = 12
+_TIED = """
+import ctypes, os, sys
+parent, *command = sys.argv[1:]
+if ctypes.CDLL(None, use_errno=True).prctl(1, 9) != 0:
+    sys.exit(f"prctl: {os.strerror(ctypes.get_errno())}")
+if os.getppid() != int(parent):
+    sys.exit("the suite has ended")
+os.execvp(command[0], command)
+"""
+"""What stands before every command: PR_SET_PDEATHSIG (1) with SIGKILL (9) ties the process to ours, however ours ends, and
+outlives execve; a parent that was gone before it took effect is noticed."""
 
 
 class Child:
@@ -29,14 +41,18 @@ class Child:
     def __init__(self, name: str, command: Sequence[str], log: Path, environment: dict[str, str] | None = None) -> None:
         self.name = name
         self.log = log
-        self._command = command
+        self.command = command
         self._environment = {**os.environ, **(environment or {}), "PYTHONUNBUFFERED": "1"}
         self._process: subprocess.Popen[bytes] | None = None
 
     def __enter__(self) -> Self:
         with self.log.open("wb") as out:
             self._process = subprocess.Popen(
-                self._command, stdin=subprocess.DEVNULL, stdout=out, stderr=out, env=self._environment
+                [sys.executable, "-I", "-S", "-c", _TIED, str(os.getpid()), *self.command],
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=out,
+                env=self._environment,
             )
         return self
 

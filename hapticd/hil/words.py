@@ -5,24 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-import numpy as np
-
+from hapticd.hil import delay
 from hapticd.hil.matrix import Row
 from hapticd.hil.suite import CaseResult, SuiteResult
-
-
-def latency(result: SuiteResult) -> dict[str, float | None]:
-    """Sample to current at the device, in µs: ``p50``, ``p99``, ``max``, and what the driver declares."""
-    delays = result.latency_s * 1e6
-    if not len(delays):
-        return {"declared_us": result.declared_s * 1e6, "p50_us": None, "p99_us": None, "max_us": None}
-    p50, p99 = np.quantile(delays, [0.5, 0.99])
-    return {
-        "declared_us": result.declared_s * 1e6,
-        "p50_us": float(p50),
-        "p99_us": float(p99),
-        "max_us": float(delays.max()),
-    }
 
 
 def suite_document(result: SuiteResult) -> dict[str, Any]:
@@ -31,7 +16,10 @@ def suite_document(result: SuiteResult) -> dict[str, Any]:
         "driver": result.driver,
         "agrees": result.agrees,
         "cases": [_case(case) for case in result.cases],
-        "latency": {**latency(result), "commands": len(result.latency_s)},
+        "latency": {
+            **delay.document(_delay(result), result.declared_s, delay.realtime_kernel()),
+            "commands": len(result.latency_s),
+        },
         "timing": result.timing,
         "warnings": list(result.warnings),
     }
@@ -79,14 +67,19 @@ def suite_text(result: SuiteResult) -> str:
     return "\n".join(lines)
 
 
+def _delay(result: SuiteResult) -> delay.Delay | None:
+    return delay.measured(result.latency_s, result.declared_s)
+
+
 def _latency_lines(result: SuiteResult) -> list[str]:
-    found = latency(result)
-    if found["p50_us"] is None:
-        return ["latency       no command followed its sample in the device's log"]
+    found = _delay(result)
+    if found is None:
+        return ["latency       no command followed its sample in the device's log: no verdict"]
     return [
-        f"latency       sample to current {found['p50_us']:.0f} µs median, {found['p99_us']:.0f} µs p99, "
-        f"{found['max_us']:.0f} µs max, in the device's log",
-        f"declared      {found['declared_us']:.0f} µs by the driver, which check and simulate use",
+        f"latency       sample to current {1e6 * found.median_s:.0f} µs median, {1e6 * found.p99_s:.0f} µs p99, "
+        f"{1e6 * found.max_s:.0f} µs max, in the device's log",
+        f"declared      {1e6 * found.declared_s:.0f} µs by the driver, which check and simulate use",
+        f"verdict       {delay.verdict(found, delay.realtime_kernel())}",
     ]
 
 

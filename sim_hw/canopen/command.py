@@ -7,6 +7,9 @@ import re
 from pathlib import Path
 from typing import Any
 
+import yaml
+
+from hapticd.config import ConfigError, Problem
 from sim_hw.process import add_common_options, run_device
 
 _SETTING = re.compile(r"(0[xX][0-9a-fA-F]{4})(?::(\d+))?=(-?(?:0[xX][0-9a-fA-F]+|\d+))")
@@ -33,6 +36,13 @@ def _setting(text: str) -> tuple[tuple[int, int], int]:
     return (int(match[1], 16), int(match[2] or 0)), int(match[3], 0)
 
 
+def _argument(text: str) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not (equals and name.isidentifier()):
+        raise argparse.ArgumentTypeError(f"{text}: must be NAME=VALUE, such as port=43114")
+    return name, yaml.safe_load(value)
+
+
 def add_parser(devices: Any) -> None:
     """Describe the subcommand."""
     parser = devices.add_parser(
@@ -52,6 +62,14 @@ def add_parser(devices: Any) -> None:
         "--interface", metavar="NAME", help="python-can interface: socketcan (served compiled), udp_multicast, slcan, …"
     )
     parser.add_argument("--channel", metavar="X", help="channel of --interface, such as vcan0 or 239.74.163.2")
+    parser.add_argument(
+        "--bus",
+        metavar="NAME=VALUE",
+        type=_argument,
+        action="append",
+        default=[],
+        help="further argument of python-can's --interface, such as port=43114; may be given again",
+    )
     parser.add_argument("--node-id", metavar="N", type=_node_id, default=1, help="CANopen node id (default: 1)")
     parser.add_argument(
         "--no-cst", action="store_true", help="no cyclic synchronous torque: 0x6502 does not offer mode 10"
@@ -88,7 +106,10 @@ def _run(options: argparse.Namespace) -> None:
     override: dict[tuple[int, int], int] = dict(script.override) | dict(options.set)
     if script.wrong_version is not None:
         override |= {(0x1000, 0): WRONG_DEVICE_TYPE, (0x1018, 1): WRONG_VENDOR}
-    transport = open_transport(options.socket, options.interface, options.channel)
+    if options.bus and options.interface in (None, "socketcan"):
+        message = "is for the interfaces that python-can serves; a Unix socket and socketcan take no further arguments"
+        raise ConfigError([Problem("command line", "--bus", None, message)])
+    transport = open_transport(options.socket, options.interface, options.channel, dict(options.bus))
     try:
         drive = Drive(
             config,
@@ -98,6 +119,8 @@ def _run(options: argparse.Namespace) -> None:
             override=override,
             missing=(*script.missing, *options.missing),
         )
+        drive.objects.check("command line", dict(options.set), options.missing)
+        drive.objects.check(str(options.script), script.override, script.missing)
         ready: dict[str, object] = {"node_id": options.node_id}
         if options.socket is not None:
             ready["socket"] = str(options.socket)

@@ -64,9 +64,7 @@ class Drive:
         cyclic_torque: whether the drive has mode 10; Copley's programmed current it always has.
         override: power-up values of objects that differ from what the plant says, by (index, sub-index).
         missing: indexes of objects that this drive does not have.
-
-    Raises:
-        KeyError: ``override`` names an object that the drive does not have.
+        What it has no room for is left out; ``objects.check`` says so.
     """
 
     def __init__(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from canopen import objectdictionary
 from canopen.objectdictionary import ODVariable, datatypes
 
+from hapticd.config import ConfigError, Problem
 from sim_hw.canopen import layout as w
 
 if TYPE_CHECKING:
@@ -33,6 +34,13 @@ INVALID_VALUE = 0x06090030
 VALUE_TOO_HIGH = 0x06090031
 VALUE_TOO_LOW = 0x06090032
 WRONG_DEVICE_STATE = 0x08000022
+
+
+_ABSENT = f"the drive has no such object; it has those of {EDS.name}"
+
+
+def _name(index: int, subindex: int) -> str:
+    return f"0x{index:04X}:{subindex}" if subindex else f"0x{index:04X}"
 
 
 class AbortError(Exception):
@@ -82,6 +90,42 @@ class ObjectDictionary:
             key = (variable.index, variable.subindex)
             if variable.index < below and key in self._slots:
                 self._words[self._slots[key]] = self._power_up.get(key, variable.default or 0)
+
+    def check(self, source: str, values: Mapping[tuple[int, int], int], missing: Iterable[int]) -> None:
+        """Refuse what cannot be meant: power-up values that no object has room for, and objects missing that never were.
+
+        Args:
+            source: who asks, for the message. values: power-up values by (index, sub-index). missing: indexes.
+
+        Raises:
+            ConfigError: with everything that is wrong.
+        """
+        found = [
+            Problem(source, _name(*key), str(value), message)
+            for key, value in values.items()
+            if (message := self._refusal(*key, value)) is not None
+        ]
+        found += [
+            Problem(source, f"0x{index:04X}", None, f"cannot be missing: {_ABSENT}")
+            for index in missing
+            if index not in self._objects
+        ]
+        if found:
+            raise ConfigError(found)
+
+    def _refusal(self, index: int, subindex: int, value: int) -> str | None:
+        """Why an object cannot have a power-up value, in words; None where it can."""
+        if index in self._missing:
+            return "is to be missing, and to have a value"
+        try:
+            variable = self.variable(index, subindex)
+        except AbortError as abort:
+            return _ABSENT if abort.code == NO_OBJECT else "the object has no such sub-index"
+        if (index, subindex) not in self._slots:
+            return "is a text, not a number"
+        bits, signed = len(variable), variable.data_type in datatypes.SIGNED_TYPES
+        low, high = (-(1 << bits - 1), (1 << bits - 1) - 1) if signed else (0, (1 << bits) - 1)
+        return None if low <= value <= high else f"must be between {low} and {high}: it has {bits} bits"
 
     def variable(self, index: int, subindex: int) -> ODVariable:
         """Description of one object.

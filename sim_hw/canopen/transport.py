@@ -7,7 +7,7 @@ import os
 import socket
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import can
 import numpy as np
@@ -20,7 +20,7 @@ from sim_hw.canopen.serve import CLIENTS, DESCRIPTOR_WORDS, LISTENER, hang_up, s
 from sim_hw.canopen.timeline import next_wake
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from sim_hw.canopen.device import Drive
 
@@ -140,16 +140,18 @@ class PythonCan:
 
     Args:
         interface: name of the interface, such as ``udp_multicast``. channel: as that interface has it.
+        arguments: further ones of that interface.
 
     Raises:
-        OSError: the interface cannot be opened.
+        OSError: the interface cannot be opened, or does not take the arguments.
     """
 
-    def __init__(self, interface: str, channel: str) -> None:
+    def __init__(self, interface: str, channel: str, arguments: Mapping[str, Any]) -> None:
         try:
-            self._bus = can.Bus(channel=channel, interface=interface)
-        except can.CanError as error:
-            raise OSError(f"cannot open {interface} {channel}: {error}") from error
+            self._bus = can.Bus(channel=channel, interface=interface, **arguments)
+        except (can.CanError, TypeError, ValueError) as error:
+            given = "".join(f" {name}={value}" for name, value in arguments.items())
+            raise OSError(f"cannot open {interface} {channel}{given}: {error}") from error
 
     def serve(self, drive: Drive) -> None:
         """Wait for a frame or for the drive's next instant, answer, and again."""
@@ -192,8 +194,10 @@ def _drain(drive: Drive) -> Iterator[can.Message]:
     machine.d[w.OUT_COUNT] = 0
 
 
-def open_transport(path: Path | None, interface: str | None, channel: str | None) -> Transport:
-    """The transport that the command line asks for.
+def open_transport(
+    path: Path | None, interface: str | None, channel: str | None, arguments: Mapping[str, Any]
+) -> Transport:
+    """The transport that the command line asks for; ``arguments`` are further ones of a python-can interface.
 
     Raises:
         OSError: it cannot be opened.
@@ -202,4 +206,4 @@ def open_transport(path: Path | None, interface: str | None, channel: str | None
         return UnixBus(path)
     if interface == "socketcan":
         return CanSocket(channel or "can0")
-    return PythonCan(interface or "", channel or "")
+    return PythonCan(interface or "", channel or "", arguments)

@@ -5,6 +5,8 @@ Times are not asserted, but for bounds that only a broken safety path exceeds; `
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +14,16 @@ import numpy as np
 import pytest
 
 from hapticd.config import Config, parse_config
+from hapticd.hil import delay
 from hapticd.hil.cases import FIG_8
+from hapticd.hil.clock import JumpingClock
 from hapticd.hil.device import Device
 from hapticd.hil.device_log import COMMAND, FAULT_INJECTED, SAMPLE, DeviceLog
 from hapticd.hil.errors import HilError
 from hapticd.hil.injections import INJECTIONS
 from hapticd.hil.matrix import _with_current, run_injection, run_matrix
 from hapticd.hil.suite import run_suite
-from tests.polling import multicast_group
+from tests.polling import multicast_group, wait_until
 
 pytestmark = pytest.mark.realtime
 
@@ -122,6 +126,58 @@ def test_a_virtual_can_interface_is_taken(tmp_path: Path, monkeypatch: pytest.Mo
     (tmp_path / "net" / "vcan0").symlink_to(kernel)
     monkeypatch.setattr("hapticd.hil.device.SYS_CLASS_NET", tmp_path / "net")
     Device(config({"name": "canopen", "interface": "socketcan", "channel": "vcan0"}), tmp_path / "work")
+
+
+def test_a_child_ends_with_its_parent_however_that_ends(tmp_path: Path) -> None:
+    pid_file = tmp_path / "pid"
+    child = f"import os, pathlib, time; pathlib.Path({str(pid_file)!r}).write_text(str(os.getpid())); time.sleep(300)"
+    parent = (
+        "import pathlib, sys, time\n"
+        "from hapticd.hil.process import Child\n"
+        f"with Child('a child', [sys.executable, '-c', {child!r}], pathlib.Path({str(tmp_path / 'out')!r})):\n"
+        "    time.sleep(300)\n"
+    )
+    with subprocess.Popen([sys.executable, "-c", parent]) as process:
+        wait_until(lambda: pid_file.exists() and pid_file.read_text() != "", "the child")
+        process.kill()
+    stat = Path("/proc") / pid_file.read_text() / "stat"
+    wait_until(lambda: not stat.exists() or stat.read_text().rpartition(")")[2].split()[0] in "ZX", "the child's end")
+
+
+def test_a_compiler_that_fails_is_told_in_words(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = tmp_path / "cc"
+    compiler.write_text("#!/bin/sh\necho '<stdin>:3:10: fatal error: fcntl.h: No such file or directory' >&2\nexit 1\n")
+    compiler.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(HilError, match=r"exit code 1.*libc6-dev.*fatal error: fcntl\.h: No such file"):
+        JumpingClock(tmp_path)
+
+
+def test_bus_arguments_reach_the_device(tmp_path: Path) -> None:
+    driver = {**TRANSPORTS["CAN over udp_multicast"], "bus": {"port": 44_001, "fd": False}}
+    words = Device(config(driver), tmp_path).command
+    assert words[words.index("--bus") :][:4] == ["--bus", "port=44001", "--bus", "fd=false"]
+
+
+@pytest.mark.parametrize(
+    ("delays_us", "realtime", "said"),
+    [
+        ([100, 150, 300], True, "within the declared delay: the median is 50 µs below it; 33.3 % of the commands took"),
+        ([250, 260, 270], True, "above the declared delay: the median by 60 µs (30 %); put driver.latency_s: 0.00026"),
+        ([100], False, "This kernel is not a real-time one"),
+    ],
+)
+def test_the_delay_is_judged(delays_us: list[int], realtime: bool, said: str) -> None:
+    found = delay.measured(1e-6 * np.array(delays_us, float), 200e-6)
+    assert found is not None
+    text = delay.verdict(found, realtime)
+    assert said in text
+    assert ("real-time" in text) is not realtime
+
+
+def test_no_delay_no_verdict() -> None:
+    assert delay.measured(np.zeros(0), 2e-4) is None
+    assert delay.document(None, 2e-4, True)["within_declared"] is None
 
 
 def log(rows: list[tuple[int, int, float]]) -> DeviceLog:

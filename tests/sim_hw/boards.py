@@ -16,7 +16,7 @@ from tests.polling import PATIENCE_S, wait_until
 from tests.sim_hw.forked import ForkedDevice
 
 ROOT = Path(__file__).resolve().parents[2]
-START_S = 120.0
+START_S = 250.0
 
 
 @dataclass

@@ -3,9 +3,12 @@
 import logging
 
 import canopen
+import numpy as np
 import pytest
 
-from sim_hw.canopen.dictionary import EDS
+from hapticd.config import ConfigError
+from sim_hw.canopen import layout as w
+from sim_hw.canopen.dictionary import EDS, ObjectDictionary
 from tests.sim_hw.canopen.master import READ_DEVICE_TYPE, SdoAbortError
 
 
@@ -97,3 +100,29 @@ def test_node_id_and_drive_without_cyclic_torque(start_drive):
     master.send(0x601, READ_DEVICE_TYPE)
     master.read(0x1000)
     assert 0x581 not in [frame[0] for frame in master.seen]
+
+
+WRONG = [
+    ({(0x5000, 0): 1}, [], "here: 0x5000 = 1: the drive has no such object; it has those of drive.eds"),
+    ({(0x1018, 9): 1}, [], "here: 0x1018:9 = 1: the object has no such sub-index"),
+    ({(0x6060, 0): 300}, [], "here: 0x6060 = 300: must be between -128 and 127: it has 8 bits"),
+    ({(0x6076, 0): -1}, [], "here: 0x6076 = -1: must be between 0 and 4294967295: it has 32 bits"),
+    ({(0x1008, 0): 1}, [], "here: 0x1008 = 1: is a text, not a number"),
+    ({(0x6076, 0): 1}, [0x6076], "here: 0x6076 = 1: is to be missing, and to have a value"),
+    ({}, [0x5000], "here: 0x5000: cannot be missing: the drive has no such object; it has those of drive.eds"),
+]
+
+
+@pytest.mark.parametrize(("values", "missing", "message"), WRONG)
+def test_power_up_values_that_cannot_be_meant(values, missing, message):
+    objects = ObjectDictionary(np.zeros(w.BLOCK_WORDS, np.int64), 1, values, missing)
+    with pytest.raises(ConfigError) as raised:
+        objects.check("here", values, missing)
+    assert str(raised.value) == message
+
+
+def test_power_up_values_that_fit_are_taken():
+    values = {(0x6076, 0): 2**32 - 1, (0x6060, 0): -128, (0x1018, 1): 5}
+    objects = ObjectDictionary(np.zeros(w.BLOCK_WORDS, np.int64), 1, values, [0x6502])
+    objects.check("here", values, [0x6502])
+    assert objects[0x1018, 1] == 5

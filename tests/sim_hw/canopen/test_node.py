@@ -139,6 +139,12 @@ def test_a_socket_in_use_or_bad_options_are_clear_errors(start_drive, tmp_path):
         ([str(tmp_path / "x"), "--script", str(script)], 2, "bus_off"),
         ([str(tmp_path / "x"), "--node-id", "128"], 2, "1 to 127"),
         ([str(tmp_path / "x"), "--set", "0x6076"], 2, "INDEX[:SUB]=VALUE"),
+        ([str(tmp_path / "x"), "--set", "0x5000=1"], 2, "command line: 0x5000 = 1: the drive has no such object"),
+        (
+            [str(tmp_path / "x"), "--bus", "port=1"],
+            2,
+            "command line: --bus: is for the interfaces that python-can serves",
+        ),
     ):
         environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
         ended = subprocess.run([*command, *arguments], capture_output=True, text=True, env=environment)
