@@ -36,6 +36,7 @@ LEAST_SHARE: Final = 0.05
 _FLIPS = 9999
 _FEWEST_UNITS = 20
 """Short recordings have few blocks: these are halved until there are so many signs to flip."""
+_OF_ITSELF = ("successive", "smooth")
 _NAMES = {
     "current_rate": "the current's rate",
     "since_reversal": "the time since the last reversal",
@@ -97,8 +98,9 @@ class Structure:
 
     @property
     def left(self) -> tuple[Dependence, ...]:
-        """What is left and matters."""
-        return tuple(test for test in self.tests if test.matters)
+        """What is left and matters: first the coordinates, from which a person can go on, those that explain most first."""
+        found = (test for test in self.tests if test.matters)
+        return tuple(sorted(found, key=lambda test: (test.coordinate in _OF_ITSELF, -test.share)))
 
     @property
     def words(self) -> str:

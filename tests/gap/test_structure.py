@@ -88,6 +88,8 @@ def test_what_is_sure_but_small_does_not_matter() -> None:
     assert large.matters
     assert "too little to matter" in Structure((small,), 20).words
     assert Structure((large, small), 20).left == (large,)
+    itself = Dependence("smooth", 1e-4, 0.4)
+    assert Structure((itself, large), 20).left == (large, itself)
     assert large.words == (
         "What is left depends on position, which explains 20 % of it, most between 0 and 1 rad (p = 0.0001 in all tests "
         "together)."
