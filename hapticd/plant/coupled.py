@@ -51,6 +51,9 @@ _NEGLIGIBLE = 1e-17
 _HALVINGS = 60
 _PRECISION = 1e-12
 """Of the instant of a stop or of a breakaway, as a share of its phase."""
+_BREAKS = 1.0 + 1e-9
+"""Stiction holds a little more than friction takes: a torque that just touches it moves the motor for a time that can be
+told from none."""
 
 
 @njit(_MOTION(_f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
@@ -163,7 +166,7 @@ def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Actions, to: C
     x, v = state[THETA], state[OMEGA]
     sign = math.copysign(1.0, v)
     if v == 0.0:
-        level = friction_level(p, 0.0, on.motor, on.warm)
+        level = _BREAKS * friction_level(p, 0.0, on.motor, on.warm)
         pull = on.drive + field_torque(p, x, x, on.current) - on.stiffness * (x - on.rest)
         whole = pull + to.inertia * (to.stiffness * (state[LOAD_THETA] - x) + 2.0 * to.damping * state[LOAD_OMEGA])
         if abs(whole) <= level:

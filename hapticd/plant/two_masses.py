@@ -29,6 +29,8 @@ _LEAST_REBOUND = 2.0
 """Half gaps a second: masses that part more slowly stay together, or their rebounds would never end."""
 _APART = 1e-9
 """Share of the half gap by which masses that rebound are apart, so that their next contact can be found."""
+_AT_ONCE = 1e-6
+"""Share of a step."""
 
 
 @njit(ACTIONS(ACTIONS, _f8, _f8), inline=True)
@@ -100,7 +102,7 @@ def move_with_play(
         side = state[CONTACT]
         if side != 0.0:
             x, v, z, time = phase(p, state[THETA], state[OMEGA], state[BRISTLE], remaining, joined)
-            # Masses that part and meet again at once, by rounding, stay together.
+            # Masses that part and meet again at once, within what a phase can tell, stay together for a phase.
             if side * (v - state[OMEGA]) >= 0.0 or parted:
                 state[THETA], state[OMEGA], state[BRISTLE] = x, v, z
                 state[LOAD_THETA], state[LOAD_OMEGA] = x - side * half_gap, v
@@ -130,7 +132,7 @@ def move_with_play(
         state[LOAD_THETA] = load
         state[CONTACT] = hit
         remaining -= time
-        parted = parted and time == 0.0
+        parted = parted and time <= _AT_ONCE * span
 
 
 @njit(types.void(_a, _a, _f8, ACTIONS, _f8, _f8, _f8), counted=False)
