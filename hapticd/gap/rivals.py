@@ -36,20 +36,20 @@ class Rival:
     """The model with all its effects."""
 
 
-def rival(model: Config, judged: Judged, final: Judged) -> Rival | None:
+def rival(model: Config, judged: Judged, final: Judged, slug: str) -> Rival | None:
     """An explanation from the round in which it competed.
 
     Args:
         model: the nominal model.
-        judged: the explanation; its last effect is what it stands for.
+        judged: the explanation.
         final: the last model of the search, whose effects after that one are taken over.
+        slug: the effect that it stands for.
 
     Returns:
         None where it cannot be simulated in an experiment to come: which commands get lost cannot be known beforehand,
         and a fitted parameter may lie where no config may.
     """
     hypothesis, u = judged.hypothesis, judged.fit.solution.u
-    slug = hypothesis.slugs[-1]
     count = len(hypothesis.terms)
     before = sum(len(term.coordinates) for term in final.hypothesis.terms[:count])
     for term in final.hypothesis.terms[count:]:

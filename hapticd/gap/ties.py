@@ -3,6 +3,9 @@
 Two effects are tied when neither predicts held-out windows better than chance would: whatever a table of near-ties says,
 the data at hand decide. Effects of one exact class (the same law in other parameters) are tied on any data, and naming one
 of them names all.
+
+Some laws contain a simpler one as a limit: no data could ever exclude them when the simpler one is true. They are rivals
+only where they predict better.
 """
 
 from __future__ import annotations
@@ -12,12 +15,20 @@ from typing import TYPE_CHECKING
 from hapticd.plant.effects.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
+    from hapticd.gap.hypothesis import Term
     from hapticd.gap.search import Data, Judged
 
 RESOLVED = 3.0
 """Standard errors by which a rival must be behind to be ruled out: one in a thousand."""
+_SIMPLER = 1.645
+"""Standard errors by which a law must be better than one that it contains to be taken for it: one in twenty."""
+_CONTAINED = {
+    "thermal_drift": {"coulomb_friction"},  # t_w → 0
+    "stribeck": {"coulomb_friction"},  # omega_s → ∞
+    "hand_impedance": {"inertia_error", "viscous_friction"},  # held all the time
+}
 
 
 def exact_class(slug: str) -> tuple[str, ...]:
@@ -25,14 +36,38 @@ def exact_class(slug: str) -> tuple[str, ...]:
     return CATALOGUE[slug].equivalent_to
 
 
+def contains(rich: Term, slug: str) -> bool:
+    """Whether a law has another one as a limit: one with parameters to spare."""
+    orders = rich.form.get("orders")
+    if rich.slug == "torque_ripple" and isinstance(orders, list):
+        return slug == "gravity" and 1.0 in orders
+    return slug in _CONTAINED.get(rich.slug, ())
+
+
+def first(good: Iterable[str], round_of: Mapping[str, Judged], data: Data) -> str:
+    """Of effects that are worth adding, the one that predicts held-out windows best, or a simpler one that it contains."""
+    order = sorted(good, key=lambda slug: float(round_of[slug].held_out.loss.sum()))
+    best = round_of[order[0]]
+    for slug in order[1:]:
+        if contains(_term(best, order[0]), slug) and best.against(round_of[slug], data).z < _SIMPLER:
+            return slug
+    return order[0]
+
+
 def rivals(winner: str, round_of: Mapping[str, Judged], data: Data) -> list[str]:
     """Candidates of a round that are not ruled out against its winner, best first."""
     best = round_of[winner]
     tied = []
     for slug, judged in round_of.items():
-        if slug != winner and best.against(judged, data).z < RESOLVED:
+        if slug == winner or contains(_term(judged, slug), winner):
+            continue
+        if best.against(judged, data).z < RESOLVED:
             tied.append(slug)
     return sorted(tied, key=lambda slug: float(round_of[slug].held_out.loss.sum()))
+
+
+def _term(judged: Judged, slug: str) -> Term:
+    return next(term for term in judged.hypothesis.terms if term.slug == slug)
 
 
 def across_classes(winner: str, tied: list[str]) -> list[str]:

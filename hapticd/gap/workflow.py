@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,6 +18,7 @@ from hapticd.gap.hypothesis import Hypothesis
 from hapticd.gap.intervals import estimates, posterior
 from hapticd.gap.prepare import prepare
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
+from hapticd.gap.revise import Round, dropped, prefix, replaced
 from hapticd.gap.rivals import rival
 from hapticd.gap.search import Data, Judged, judge, search
 from hapticd.gap.structure import residual_structure
@@ -35,17 +36,10 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _MOST_EFFECTS = 4
+_MOST_STEPS = 10
 _BASE = {"inertia_error": "inertia", "viscous_friction": "viscous", "coulomb_friction": "coulomb"}
 """What `refit_base` fits: effect and the base parameter that it corrects."""
 _WORST = 0.02
-
-
-@dataclass(frozen=True)
-class _Round:
-    winner: str
-    before: Judged
-    after: Judged
-    judged: dict[str, Judged]
 
 
 def find_gap(
@@ -87,30 +81,12 @@ def find_gap(
     present = judge(data, fit(data.segments, base, np.zeros(0), [s.first_states() for s in data.segments]))
     data, present = _with_noise(data, present)
     nominal = present
-    rounds: list[_Round] = []
-    remaining = list(slugs)
+    fixed: tuple[str, ...] = ()
     if refit_base:
         present = _refitted(data, present)
-        remaining = [slug for slug in slugs if slug not in (*_BASE, "torque_constant_error")]
-    fixed = present.hypothesis.slugs
-    while remaining and len(rounds) < _MOST_EFFECTS:
-        first = len(rounds) / (len(rounds) + 2.0)
-        step = 1.0 / (len(rounds) + 1.0) - 1.0 / (len(rounds) + 2.0)
-
-        def report(share: float, slug: str, first: float = first, step: float = step) -> None:
-            told(first + step * share, f"effect {len(rounds) + 1}: {slug}")
-
-        device = present.hypothesis.device(present.fit.solution.u, 0).vector
-        context = Context(data.segments, present.fit, device)
-        judged = search(data, present, context, remaining, report, workers)
-        winner = _winner(judged, present, data, len(slugs))
-        if winner is None:
-            break
-        judged[winner] = _polished(data, judged[winner])
-        rounds.append(_Round(winner, present, judged[winner], judged))
-        present = judged[winner]
-        remaining.remove(winner)
-        remaining = [slug for slug in remaining if slug not in ties.exact_class(winner)]
+        fixed = present.hypothesis.slugs
+        slugs = [slug for slug in slugs if slug not in (*_BASE, "torque_constant_error")]
+    present, rounds = _explained(data, present, slugs, told, workers)
     result = _result(data, nominal, present, rounds, len(fixed), seed)
     vector = device_vector(model, declared_latency(model)[0])
     places = disagreement(recordings, model, float(vector[word("delay_s")]), seed)
@@ -131,6 +107,36 @@ def find_gap(
     return result
 
 
+def _explained(
+    data: Data, base: Judged, slugs: Sequence[str], told: Callable[[float, str], None], workers: int | None
+) -> tuple[Judged, list[Round]]:
+    """Add effects to a base model, look back at those added early, and go on until nothing changes."""
+    present, fixed = base, len(base.hypothesis.terms)
+    rounds: list[Round] = []
+
+    for step in range(_MOST_STEPS):
+
+        def report(share: float, slug: str, step: int = step, number: int = len(rounds) + 1) -> None:
+            told(1.0 - (1.0 - share / (step + 2.0)) / (step + 1.0), f"effect {number}: {slug}")
+
+        used = {slug for found in rounds for slug in (found.winner, *ties.exact_class(found.winner))}
+        remaining = [slug for slug in slugs if slug not in used]
+        winner = None
+        if remaining and len(rounds) < _MOST_EFFECTS:
+            device = present.hypothesis.device(present.fit.solution.u, 0).vector
+            judged = search(data, present, Context(data.segments, present.fit, device), remaining, report, workers)
+            winner = _winner(judged, present, data, len(slugs))
+        if winner is not None:
+            judged[winner] = _polished(data, judged[winner])
+            rounds.append(Round(winner, present, judged[winner], judged))
+            present, rounds = dropped(data, judged[winner], rounds, fixed)
+        else:
+            present, rounds, changed = replaced(data, present, rounds, fixed, report, workers)
+            if not changed:
+                break
+    return present, rounds
+
+
 def _refitted(data: Data, nominal: Judged) -> Judged:
     """The base model with its inertia and friction fitted. The torque constant stays: all four together are one scale."""
     hypothesis = nominal.hypothesis
@@ -142,14 +148,14 @@ def _refitted(data: Data, nominal: Judged) -> Judged:
 
 
 def _next_experiment(
-    model: Config, data: Data, rounds: Sequence[_Round], seed: int, told: Callable[[float, str], None]
+    model: Config, data: Data, rounds: Sequence[Round], seed: int, told: Callable[[float, str], None]
 ) -> dict[str, Any] | None:
     """The experiment for the first round that ended in a tie."""
     for found in rounds:
         tied = ties.across_classes(found.winner, ties.rivals(found.winner, found.judged, data))
         if tied:
             best = found.judged[found.winner]
-            claims = [rival(model, found.judged[slug], rounds[-1].after) for slug in (found.winner, *tied)]
+            claims = [rival(model, found.judged[slug], rounds[-1].after, slug) for slug in (found.winner, *tied)]
             now = min(best.against(found.judged[slug], data).z for slug in tied)
             noise = float(np.median(np.concatenate([segment.extra_sigma for segment in data.segments])))
             return next_experiment(model, [claim for claim in claims if claim], noise, now, told, seed)
@@ -180,13 +186,9 @@ def _with_noise(data: Data, present: Judged) -> tuple[Data, Judged]:
 
 
 def _winner(judged: dict[str, Judged], present: Judged, data: Data, catalogue: int) -> str | None:
-    """The significant candidate that predicts held-out windows best."""
-    good = {
-        slug: float(j.held_out.loss.sum())
-        for slug, j in judged.items()
-        if j.against(present, data).significant(catalogue * j.trials)
-    }
-    return min(good, key=lambda slug: good[slug]) if good else None
+    """The significant candidate that predicts held-out windows best, or a simpler one as good (`ties.first`)."""
+    good = [slug for slug, j in judged.items() if j.against(present, data).significant(catalogue * j.trials)]
+    return ties.first(good, judged, data) if good else None
 
 
 def _polished(data: Data, judged: Judged) -> Judged:
@@ -211,7 +213,7 @@ def _gap(square: Floats, floor: Floats) -> float:
     return float(np.sqrt(square.mean() / floor.mean()))
 
 
-def _result(data: Data, nominal: Judged, final: Judged, rounds: list[_Round], fixed: int, seed: int) -> GapResult:
+def _result(data: Data, nominal: Judged, final: Judged, rounds: list[Round], fixed: int, seed: int) -> GapResult:
     floor = _floor_of(data, final, seed)
     is_linear = data.segments[0].recording.is_linear
 
@@ -220,6 +222,7 @@ def _result(data: Data, nominal: Judged, final: Judged, rounds: list[_Round], fi
 
     where = posterior(data.segments, final.fit, data.block, seed)
     steps, tied_across = [], []
+    chain = _chain(data, final, rounds, fixed)
     for number, found in enumerate(rounds):
         tied = ties.rivals(found.winner, found.judged, data)
         same = ties.exact_class(found.winner)
@@ -233,8 +236,8 @@ def _result(data: Data, nominal: Judged, final: Judged, rounds: list[_Round], fi
             Step(
                 effect=found.winner,
                 parameters=estimates(final.hypothesis, where, fixed + number, is_linear),
-                gap_before=gap_of(found.before),
-                gap_after=gap_of(found.after),
+                gap_before=gap_of(chain[number]),
+                gap_after=gap_of(chain[number + 1]),
                 evidence=comparison.z,
                 log_likelihood_gain=0.5 * comparison.gain,
                 indistinguishable_from=(*same, *across),
@@ -277,6 +280,13 @@ def _result(data: Data, nominal: Judged, final: Judged, rounds: list[_Round], fi
     )
 
 
+def _chain(data: Data, final: Judged, rounds: Sequence[Round], fixed: int) -> list[Judged]:
+    """The model without any effect, with the first, and so on to the last."""
+    if len(rounds) < 2:
+        return [*(found.before for found in rounds), final]
+    return [*(prefix(data, final, fixed + number) for number in range(len(rounds))), final]
+
+
 def _scaled(relative: Estimate, vector: Floats, slug: str) -> Estimate:
     """A base parameter from its relative correction r."""
     nominal = float(vector[word(_BASE[slug])])
@@ -290,7 +300,7 @@ def _trimmed_gap(square: Floats, floor: Floats) -> float:
     return float(np.sqrt(np.sort(square)[:keep].sum() / len(square) / floor.mean()))
 
 
-def _ranking(found: _Round, data: Data, gap_of: Callable[[Judged], float]) -> list[Ranked]:
+def _ranking(found: Round, data: Data, gap_of: Callable[[Judged], float]) -> list[Ranked]:
     best = found.judged[found.winner]
     rows = []
     for slug, judged in sorted(found.judged.items(), key=lambda item: float(item[1].held_out.loss.sum())):

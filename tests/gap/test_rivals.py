@@ -35,7 +35,7 @@ def effects(found: Rival | None) -> dict[str, dict[str, object]]:
 
 def test_a_rival_is_the_model_with_its_own_effect_and_those_found_later() -> None:
     final = judged(DRAG, DELAY, VISCOUS)
-    found = rival(MODEL, judged(DRAG, LAG), final)
+    found = rival(MODEL, judged(DRAG, LAG), final, LAG.slug)
     assert found is not None
     assert found.slug == "amplifier_lag"
     assert found.hypothesis.slugs == ("quadratic_drag", "amplifier_lag", "viscous_friction")
@@ -46,7 +46,7 @@ def test_a_rival_is_the_model_with_its_own_effect_and_those_found_later() -> Non
 
 
 def test_nobody_holds_the_handle_in_an_experiment_to_come() -> None:
-    found = rival(MODEL, judged(DRAG, GRIP), judged(DRAG, GRIP, DELAY))
+    found = rival(MODEL, judged(DRAG, GRIP), judged(DRAG, GRIP, DELAY), GRIP.slug)
     assert found is not None
     assert (found.slug, found.hypothesis.slugs) == ("hand_impedance", ("quadratic_drag", "transport_delay"))
     np.testing.assert_allclose(found.u, [1e-7, 2e-3])
@@ -55,7 +55,7 @@ def test_nobody_holds_the_handle_in_an_experiment_to_come() -> None:
 
 def test_lost_commands_cannot_be_known_beforehand() -> None:
     lost = Term("dropped_samples", (), lambda vector, u: None, lambda u: {"p": 0.1}, (), lost=(np.ones(3, np.uint8),))
-    assert rival(MODEL, judged(lost), judged(lost)) is None
+    assert rival(MODEL, judged(lost), judged(lost), lost.slug) is None
 
 
 def test_every_rival_is_tried_against_the_first_both_ways() -> None:
