@@ -49,12 +49,14 @@ fill_cache() {
 
 uninstall() {
   if with_systemd; then
-    for unit in $(systemctl list-units --all --plain --no-legend 'hapticd*' | awk '{print $1}'); do
+    # Ours and the instances of our templates, and no other unit whose name begins like them.
+    for unit in $(systemctl list-units --all --plain --no-legend "${units[@]/@./@*.}" | awk '{print $1}'); do
       systemctl disable --now "$unit" 2>/dev/null || systemctl stop "$unit" || true
     done
   fi
   files | while read -r _ target; do rm -f "$target"; done
   rm -rf "$prefix" "$cache" /run/hapticd
+  find /var/log -maxdepth 1 \( -name hapticd -o -name 'hapticd-*' \) -type d -empty -delete
   rm -f "$local/bin/hapticd" "$local/share/bash-completion/completions/hapticd" \
     "$local/share/zsh/site-functions/_hapticd" "$local"/share/man/man1/hapticd.1 "$local"/share/man/man1/hapticd-*.1
   reload

@@ -10,7 +10,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 GUEST = ROOT / "tests/system/guest"
-SERVICE = "hapticd-system-test.service"
+SERVICE = "system-test.service"
 SIZE = "5G"
 COMPILED_FOR = {"NUMBA_CPU_NAME": "generic", "NUMBA_CPU_FEATURES": "", "NUMBA_CACHE_DIR": "/var/cache/hapticd"}
 """Host and guest are different CPUs to Numba, which keeps compiled code apart by CPU: both shall say the same."""

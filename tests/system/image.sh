@@ -35,10 +35,10 @@ make_root() {
   requirements > "$1/root/requirements.txt"
   cp constraints.txt "$1/root/"
   # The wheels are fetched by this machine's pip, with its settings, and installed in the guest without an index.
-  .venv/bin/python -m pip download --quiet --disable-pip-version-check --only-binary :all: --python-version 3.11 \
+  .venv/bin/python -m pip download -qq --disable-pip-version-check --only-binary :all: --python-version 3.11 \
     --dest "$1/root/wheels" -r "$1/root/requirements.txt" -c constraints.txt 'setuptools>=77' wheel
   chroot "$1" python3 -m venv /opt/hapticd
-  chroot "$1" /opt/hapticd/bin/python -m pip install --quiet --disable-pip-version-check --no-index \
+  chroot "$1" /opt/hapticd/bin/python -m pip install -qq --disable-pip-version-check --no-index \
     --find-links /root/wheels -r /root/requirements.txt setuptools wheel
   rm -rf "$1/root/wheels"
 }
