@@ -26,6 +26,7 @@ from harness import (
     HungThread,
     api,
     compiled,
+    drive_log,
     journal,
     sh,
     start,
@@ -298,17 +299,25 @@ def clean_stop() -> str:
 
 @check
 def fig_8_over_socketcan() -> str:
-    """All four releases and the excitation at the paper's rates; hil starts a drive and a daemon of its own."""
+    """All four releases and the excitation at the paper's rates; hil starts a drive and a daemon of its own.
+
+    The simulation beside them wants to know the delay from sample to current. Here it is neither a wire's nor a PC's, so
+    the one that the drive measured while the service ran is declared, as a lab would declare its own.
+    """
+    (delay,) = drive_log("median(log.sample_to_current_s())")
     if drive is not None:
         drive.terminate()
         drive.wait(60)
-    Path("/root/hil.yaml").write_text(CAN_CONFIG)
+    Path("/root/hil.yaml").write_text(CAN_CONFIG.replace("profile: copley", f"profile: copley, latency_s: {delay}"))
     text = sh("cd /root && hapticd hil hil.yaml --json 2>/root/hil.err", 900, ok=(0, 1))
     document = json.loads(text)
-    outcomes = {case["name"]: (case.get("outcome"), case["problems"]) for case in document["cases"]}
-    assert not any(problems for _, problems in outcomes.values()), outcomes
-    found = ", ".join(f"{name} {outcome or 'as simulated'}" for name, (outcome, _) in outcomes.items())
-    return f"{found}; sample to current {document['latency']['p50_us']:.0f} µs median"
+    outcomes = {case["name"]: case.get("outcome") for case in document["cases"]}
+    found = (
+        f"{outcomes}, sample to current {document['latency']['p50_us']:.0f} µs, declared {1e6 * float(delay):.0f} µs"
+    )
+    problems = {case["name"]: case["problems"] for case in document["cases"] if case["problems"]}
+    assert not problems, f"{found}: {problems}"
+    return found
 
 
 @check

@@ -104,13 +104,18 @@ def start() -> None:
     until(lambda: status()["state"] == "running", "the spring to be rendered", 30)
 
 
+def drive_log(*expressions: str) -> list[str]:
+    """What the drive wrote down: expressions of ``log``, a DeviceLog, as text."""
+    script = (
+        "from pathlib import Path; from statistics import median; from hapticd.hil.device_log import DeviceLog; "
+        f"log = DeviceLog.read(Path('{DRIVE_LOG}')); print({', '.join(expressions)})"
+    )
+    return sh(f'{PYTHON} -c "{script}"').split()[-len(expressions) :]
+
+
 def zero_current_after(struck_ns: int) -> float:
     """From an instant to the motor's last current, s, as the drive wrote it down; it must have flowed at that instant."""
-    script = (
-        "from pathlib import Path; from hapticd.hil.device_log import DeviceLog; "
-        f"log = DeviceLog.read(Path('{DRIVE_LOG}')); print(log.flows_at({struck_ns}), log.zero_current_after({struck_ns}))"
-    )
-    flowed, zero = sh(f'{PYTHON} -c "{script}"').split()[-2:]
+    flowed, zero = drive_log(f"log.flows_at({struck_ns})", f"log.zero_current_after({struck_ns})")
     assert flowed == "True", "no current flowed before"
     assert zero != "None", "current flows on"
     return (int(zero) - struck_ns) * 1e-9
