@@ -11,6 +11,7 @@ cd "$(dirname "$0")/.."
 
 prefix=/opt/hapticd
 local=/usr/local
+cache=/var/cache/hapticd
 units=(hapticd.service hapticd@.service hapticd-can0.service hapticd-metrics@.service hapticd-metrics@.timer)
 
 fail() { echo "install: $*" >&2; exit 1; }
@@ -37,14 +38,25 @@ reload() {
   fi
 }
 
+fill_cache() {
+  # As the daemon's user, where the unit looks: with this, the first start does not compile for a minute.
+  install -d -m 755 "$cache"
+  chown -R hapticd:hapticd "$cache"
+  say "compiling the servo loop into $cache (about a minute; what is there already is kept) …"
+  (cd / && runuser -u hapticd -- env NUMBA_CACHE_DIR="$cache" "$prefix/bin/python" -m hapticd.service.precompile) |
+    while read -r line; do say "  $line"; done
+}
+
 uninstall() {
   if with_systemd; then
-    for unit in $(systemctl list-units --all --plain --no-legend 'hapticd*' | awk '{print $1}'); do
+    # Ours and the instances of our templates, and no other unit whose name begins like them.
+    for unit in $(systemctl list-units --all --plain --no-legend "${units[@]/@./@*.}" | awk '{print $1}'); do
       systemctl disable --now "$unit" 2>/dev/null || systemctl stop "$unit" || true
     done
   fi
   files | while read -r _ target; do rm -f "$target"; done
-  rm -rf "$prefix" /var/cache/hapticd /run/hapticd
+  rm -rf "$prefix" "$cache" /run/hapticd
+  find /var/log -maxdepth 1 \( -name hapticd -o -name 'hapticd-*' \) -type d -empty -delete
   rm -f "$local/bin/hapticd" "$local/share/bash-completion/completions/hapticd" \
     "$local/share/zsh/site-functions/_hapticd" "$local"/share/man/man1/hapticd.1 "$local"/share/man/man1/hapticd-*.1
   reload
@@ -58,6 +70,7 @@ install_all() {
     env DEBIAN_FRONTEND=noninteractive apt-get install -y -q --no-install-recommends python3-venv
   fi
   [ -x "$prefix/bin/python" ] || python3 -m venv "$prefix"
+  say "hapticd and its dependencies into $prefix …"
   "$prefix/bin/python" -m pip install --quiet --disable-pip-version-check --constraint constraints.txt "${WHEEL:-.}"
 
   files | while read -r source target; do install -D -m 644 "$source" "$target"; done
@@ -76,6 +89,7 @@ install_all() {
     mv /etc/hapticd/hapticd.yaml.new /etc/hapticd/hapticd.yaml
     say "/etc/hapticd/hapticd.yaml is the simulated testbed; put your driver there"
   fi
+  fill_cache
   reload
   say "done: systemctl enable --now hapticd; who is in the group hapticd may command it (adduser YOU hapticd)"
 }

@@ -16,6 +16,8 @@ COMPILED_INTERFACES: Final = ("socketcan", "unix_seqpacket")
 """python-can interfaces with a descriptor that carries ``struct can_frame``; all others go through Python."""
 WIRELESS_INTERFACES: Final = ("unix_seqpacket", "udp_multicast", "virtual")
 """Interfaces between processes: frames take no time on a wire."""
+_WIRELESS_CHANNELS: Final = ("vcan", "vxcan")
+"""The kernel's virtual CAN interfaces, by the names that Linux gives them."""
 _WATCHDOG_MS: Final = (bus_load.GUARDS_PER_WATCHDOG, 60_000)
 _REPLY_SHARE: Final = 0.8
 
@@ -85,6 +87,12 @@ class Options:
         return self.interface in COMPILED_INTERFACES
 
     @property
+    def wireless(self) -> bool:
+        """Whether frames take no time on a wire: an interface between processes, or a virtual one of the kernel."""
+        virtual = self.interface == "socketcan" and self.channel.startswith(_WIRELESS_CHANNELS)
+        return virtual or self.interface in WIRELESS_INTERFACES
+
+    @property
     def guard_ms(self) -> int:
         """Guard time (0x100C) in ms: a quarter of the watchdog's time, rounded down."""
         return self.watchdog_ms // bus_load.GUARDS_PER_WATCHDOG
@@ -123,7 +131,7 @@ class Options:
         """Sample-to-current latency in s: the one declared, or TPDO 1 and RPDO 1 on the wire, if any, and processing."""
         if self.latency_s is not None:
             return self.latency_s
-        wire_s = 0.0 if self.interface in WIRELESS_INTERFACES else bus_load.wire_time_s(self.bitrate)
+        wire_s = 0.0 if self.wireless else bus_load.wire_time_s(self.bitrate)
         return wire_s + PROCESSING_S
 
 

@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import drivers
 from drivers.canopen import bus_load
+from drivers.interface import PROCESSING_S
 from hapticd.config import parse_config
 from hapticd.stability.cautions import rate_limit
 
@@ -42,6 +44,24 @@ def test_known_lengths_and_the_limits_that_follow() -> None:
         rate = bus_load.fastest_rate_hz(bitrate)
         assert rate == 0.0 or bus_load.bus_load(rate, bitrate) == pytest.approx(bus_load.USABLE)
     assert bus_load.wire_time_s(1e6) == pytest.approx(230e-6)
+
+
+@pytest.mark.parametrize(
+    ("interface", "channel", "wire_s"),
+    [
+        ("socketcan", "can0", 230e-6),
+        ("slcan", "/dev/ttyACM0", 230e-6),
+        ("socketcan", "vcan0", 0.0),
+        ("socketcan", "vxcan1", 0.0),
+        ("unix_seqpacket", "/tmp/vcan.sock", 0.0),
+        ("slcan", "vcan0", 230e-6),
+    ],
+)
+def test_only_what_has_a_wire_declares_its_time(interface: str, channel: str, wire_s: float) -> None:
+    config = parse_config({"driver": {"name": "canopen", "interface": interface, "channel": channel}}, "test")
+    latency_s, doubt = drivers.declared_latency(config)
+    assert latency_s == pytest.approx(wire_s + PROCESSING_S)
+    assert doubt is None
 
 
 def test_check_knows_the_limit_of_the_config() -> None:

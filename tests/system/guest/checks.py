@@ -6,7 +6,6 @@ as one line of JSON each.
 
 from __future__ import annotations
 
-import contextlib
 import json
 import os
 import re
@@ -15,21 +14,38 @@ import sys
 import time
 import traceback
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
-SOURCE = Path("/root/hapticd")
-SOCKET = "/run/hapticd/hapticd.sock"
+from harness import (
+    CACHE,
+    DRIVE_LOG,
+    PYTHON,
+    SOCKET,
+    SOURCE,
+    HungThread,
+    api,
+    compiled,
+    drive_log,
+    journal,
+    sh,
+    start,
+    status,
+    unit,
+    until,
+    until_active,
+    zero_current_after,
+)
+
 CONFIG = Path("/etc/hapticd/hapticd.yaml")
-DRIVE_LOG = Path("/root/drive.arrow")
-OUT = Path("/dev/ttyS1").open("w")  # noqa: SIM115 - open for as long as the guest lives
-CAN_CONFIG = """\
-servo: {rate_hz: 100, overrun: {fault_after: null}}
-encoder: {decimation: 217}
-safety: {missed_exchanges: 20, heartbeat_timeout_s: 5}
-driver: {name: canopen, interface: socketcan, channel: vcan0, profile: copley, watchdog_ms: 1000, reply_timeout_s: 0.008}
+RATE_HZ = 1000.0
+WATCHDOG_S = 0.1
+RUNS = "/var/lib/hapticd/runs"
+CAN_CONFIG = f"""\
+servo: {{rate_hz: {RATE_HZ:g}}}
+encoder: {{decimation: 217}}
+driver: {{name: canopen, interface: socketcan, channel: vcan0, profile: copley, watchdog_ms: {1e3 * WATCHDOG_S:g}}}
 """
-GUARD_S = 1.0
 checks: list[Callable[[], str]] = []
 drive: subprocess.Popen[bytes] | None = None
 
@@ -39,65 +55,31 @@ def check(function: Callable[[], str]) -> Callable[[], str]:
     return function
 
 
-def sh(command: str, timeout: float = 600.0, ok: tuple[int, ...] = (0,)) -> str:
-    """Run a shell command and return its output; its exit code must be one of ``ok``."""
-    done = subprocess.run(
-        ["bash", "-c", command],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-        timeout=timeout,
-        check=False,
-    )
-    if done.returncode not in ok:
-        raise AssertionError(f"{command!r} ended with {done.returncode}: {done.stdout[-600:]}")
-    return done.stdout
-
-
-def status() -> dict[str, Any]:
-    return dict(json.loads(sh(f"hapticd status --json --socket {SOCKET} 2>/dev/null", 120)))
-
-
-def until(condition: Callable[[], Any], what: str, timeout: float = 300.0) -> Any:
-    deadline = time.monotonic() + timeout
-    while True:
-        with contextlib.suppress(AssertionError, subprocess.TimeoutExpired):
-            if found := condition():
-                return found
-        if time.monotonic() > deadline:
-            raise AssertionError(f"waited {timeout:g} s in vain for: {what}")
-        time.sleep(0.5)
-
-
-def unit(key: str) -> str:
-    return sh(f"systemctl show hapticd -p {key} --value").strip()
-
-
-def until_active() -> None:
-    until(lambda: unit("ActiveState") == "active", "the service to be active")
-
-
 @check
 def kernel() -> str:
     version = sh("uname -v")
     assert "PREEMPT_RT" in version, version
-    until(
-        lambda: sh("systemctl is-system-running", ok=(0, 1)).strip() in ("running", "starting", "degraded"), "systemd"
-    )
     return sh("uname -r").strip() + ", PREEMPT_RT"
 
 
 @check
 def readme() -> str:
-    """The newcomer's path in the README, line by line; without a network the dependencies are there, and pip is told so."""
+    """The newcomer's path in the README, line by line, by a user who may sudo; pip.conf says that there is no index."""
     text = (SOURCE / "README.md").read_text()
     (block,) = re.findall(r"<!-- system test: run as it stands -->\s*```sh\n(.*?)```", text, re.S)
-    lines = [line.split("  #")[0].rstrip() for line in block.splitlines() if line.strip()]
-    wheel = next((SOURCE / "dist").glob("*.whl"))
-    preamble = f'sudo() {{ "$@"; }}; cd {SOURCE}; export WHEEL={wheel} PIP_NO_INDEX=1; '
+    lines = [line for line in block.splitlines() if line.strip()]
+    (wheel,) = (SOURCE / "dist").glob("hapticd-*.whl")
+    numba = " ".join(f"{key}={value}" for key, value in os.environ.items() if key.startswith("NUMBA_CPU_"))
+    took = []
+    before = compiled()
     for line in lines:
-        sh(preamble + line, 1500)
-    return f"{len(lines)} lines, ending with the service on the simulated testbed"
+        script = Path("/tmp/line.sh")
+        script.write_text(f"cd {SOURCE}\nexport WHEEL={wheel} {numba}\n{line}\n")
+        begin = time.monotonic()
+        # A virtual PC is not fit for every rate, and the doctor's exit code 1 says so.
+        sh(f"runuser -l lab -c 'bash {script}'", 1500, (0, 1) if "hapticd doctor" in line else (0,))
+        took.append(f"{line.split('#')[0].strip()!r} {time.monotonic() - begin:.0f} s")
+    return f"{', '.join(took)}; compiled here: {compiled() - before} functions"
 
 
 @check
@@ -106,7 +88,8 @@ def active_and_notified() -> str:
     assert unit("Type") == "notify"
     text = until(lambda: unit("StatusText"), "a status text")
     assert unit("User") == "hapticd"
-    found = until(lambda: (s := status())["state"] == "off" and s, "the daemon to answer")
+    found = status()
+    assert found["state"] == "off", found["state"]  # the README's last line
     assert found["timing"]["ticks"] > 0
     threads = sh(f"ps -L -o cls=,rtprio=,comm= -p {unit('MainPID')}")
     assert re.search(r"FF\s+80\s+hapticd-servo", threads), threads
@@ -119,7 +102,7 @@ def hardened() -> str:
     words = sh("systemd-analyze security --no-pager hapticd.service").splitlines()[-1]
     exposure = float(re.search(r"([0-9.]+)", words.split(":")[1])[1])  # type: ignore[index]
     assert exposure <= 3.0, words
-    return f"systemd-analyze security {exposure}"
+    return f"systemd-analyze verify is silent, security {exposure}"
 
 
 @check
@@ -138,7 +121,6 @@ def metrics_for_node_exporter() -> str:
     sh("systemctl disable --now hapticd-metrics@hapticd.timer; systemctl stop hapticd")
     sh("systemctl start hapticd-metrics@hapticd.service")
     assert prom.read_text().splitlines()[-1] == 'hapticd_up{testbed="hapticd"} 0'
-    sh("systemctl start hapticd", 600)
     words = sh("systemd-analyze security --no-pager hapticd-metrics@hapticd.service").splitlines()[-1]
     prom.unlink()
     return f"hapticd_ticks_total {ticks[1]}, then hapticd_up 0; {' '.join(words.split())}"
@@ -153,10 +135,9 @@ def udev_rules() -> str:
 
 @check
 def install_again() -> str:
-    before = CONFIG.read_text()
-    CONFIG.write_text("# mine\n" + before)
-    wheel = next((SOURCE / "dist").glob("*.whl"))
-    sh(f"cd {SOURCE} && WHEEL={wheel} PIP_NO_INDEX=1 systemd/install.sh", 900)
+    CONFIG.write_text("# mine\n" + CONFIG.read_text())
+    (wheel,) = (SOURCE / "dist").glob("hapticd-*.whl")
+    sh(f"cd {SOURCE} && WHEEL={wheel} systemd/install.sh", 900)
     assert CONFIG.read_text().startswith("# mine")
     assert "hapticd run" in sh("man hapticd-run | col -b")
     assert sh("bash -c 'source /usr/local/share/bash-completion/completions/hapticd; complete -p hapticd'")
@@ -167,7 +148,7 @@ def install_again() -> str:
 def drive_simulator() -> str:
     global drive
     sh("modprobe vcan && ip link add vcan0 type vcan && ip link set vcan0 up")
-    command = ["/opt/hapticd/bin/python", "-m", "sim_hw", "canopen", "--interface", "socketcan", "--channel", "vcan0"]
+    command = [PYTHON, "-m", "sim_hw", "canopen", "--interface", "socketcan", "--channel", "vcan0"]
     out = Path("/root/drive.out").open("wb")  # noqa: SIM115
     drive = subprocess.Popen([*command, "--log", str(DRIVE_LOG)], stdout=out, stderr=out)
     until(lambda: "ready" in Path("/root/drive.out").read_text(), "the drive to be ready", 600)
@@ -177,154 +158,189 @@ def drive_simulator() -> str:
 @check
 def service_on_can() -> str:
     CONFIG.write_text(CAN_CONFIG)
+    sh(f"mount -t tmpfs -o size=16M,mode=0777 tmpfs {RUNS}")  # a disk that is soon full
     sh("systemctl restart hapticd", 600)
     until_active()
-    sh(f"hapticd start --socket {SOCKET}", 120)
-    until(lambda: status()["state"] == "running", "running on the drive")
-    return "brought up, Operation Enabled"
+    begin = compiled()
+    start()
+    before = status()
+    time.sleep(5)
+    after = status()
+    ticks, missed = (after["timing"][key] - before["timing"][key] for key in ("ticks", "missed"))
+    exchanges = after["exchanges_missed"] - before["exchanges_missed"]
+    assert after["state"] == "running", after["fault"]
+    assert missed <= 0.01 * ticks, (ticks, missed)
+    assert exchanges <= 0.01 * ticks, (ticks, exchanges)
+    return (
+        f"{RATE_HZ:g} Hz: Operation Enabled; of {ticks} ticks {missed} missed, {exchanges} exchanges missed; "
+        f"compiled here: {compiled() - begin} functions"
+    )
 
 
 @check
 def frames_on_the_bus() -> str:
+    """SYNC, TPDO 1, RPDO 1 in each period, at the rate; and the sign of life four times within the watchdog's time."""
     lines = sh("timeout 3 candump -L vcan0", ok=(0, 124)).splitlines()
-    frames = [line.split()[2].split("#")[0] for line in lines]
-    cycle = [name for name in frames if name in ("080", "181", "201")]
-    orders = sum(cycle[i : i + 3] == ["080", "181", "201"] for i in range(len(cycle) - 2))
-    assert len(cycle) > 60, lines[:20]
-    assert orders > 0.3 * len(cycle), cycle[:30]
-    guards = sum(line.split()[2].startswith("701#R") for line in lines)
-    assert guards > 0, frames[:30]
-    return f"{orders} times SYNC 080, TPDO 181, RPDO 201 in 3 s, {guards} guard requests"
+    frames = [(float(line[1:].split(")")[0]), line.split()[2]) for line in lines]
+    names = {"080#": "S", "181#": "T", "201#": "R"}
+    order = "".join(names.get(frame[:4], "") for _, frame in frames)
+    seconds = frames[-1][0] - frames[0][0]
+    whole = order.count("STR")
+    assert abs(whole / seconds - RATE_HZ) < 0.02 * RATE_HZ, (whole, seconds)
+    assert whole >= 0.98 * order.count("S"), order[:200]
+    sizes = {name: {len(frame[4:]) // 2 for _, frame in frames if frame[:4] == name} for name in names}
+    assert sizes == {"080#": {0}, "181#": {8}, "201#": {4}}, sizes
+    controlwords = {frame[4:8] for _, frame in frames if frame.startswith("201#")}
+    assert controlwords == {"0F00"}, controlwords
+    guards = [frame for _, frame in frames if frame.startswith("701#R")]
+    replies = [frame for _, frame in frames if frame in ("701#05", "701#85")]
+    assert len(guards) >= 0.95 * seconds * 4 / WATCHDOG_S, (len(guards), seconds)
+    assert all(one != other for one, other in pairwise(replies)), "the toggle bit stands still"
+    return (
+        f"{whole} times SYNC 080, TPDO 181 (8 bytes), RPDO 201 (4 bytes) in {seconds:.2f} s, Enable operation; "
+        f"{len(guards)} guard requests, {len(replies)} replies that toggle"
+    )
+
+
+@check
+def reload_good_and_bad() -> str:
+    """While the spring is rendered: a live key changes, a bad file is refused, and the daemon renders on."""
+    CONFIG.write_text(CAN_CONFIG.replace("decimation: 217", "decimation: 434"))
+    sh("systemctl reload hapticd")
+    until(lambda: api("/config")["encoder"]["decimation"] == 434, "the new configuration", 60)
+    CONFIG.write_text("servo: {rate_hz: -5}\n")
+    sh("systemctl reload hapticd")
+    until(lambda: "reload refused" in journal(), "the refusal in the journal", 60)
+    assert api("/config")["encoder"]["decimation"] == 434
+    assert status()["state"] == "running"
+    CONFIG.write_text(CAN_CONFIG)
+    sh("systemctl reload hapticd")
+    until(lambda: api("/config")["encoder"]["decimation"] == 217, "the old configuration", 60)
+    return "decimation 434 in force while running, rate −5 refused and the spring rendered on, 217 again"
+
+
+@check
+def disk_full() -> str:
+    """Under the running spring: the recorder says so, and the loop goes on."""
+    sh(f"dd if=/dev/zero of={RUNS}/filler bs=64k", ok=(0, 1))
+    error = until(lambda: status()["recorder"]["error"], "the recorder's complaint", 60)
+    before = status()["timing"]
+    time.sleep(2)
+    after = status()["timing"]
+    assert after["ticks"] - before["ticks"] > RATE_HZ, (before, after)
+    assert status()["state"] == "running"
+    api("/stop", "POST")
+    sh(f"rm {RUNS}/filler; umount --lazy {RUNS}")
+    return f"the loop goes on; status says: {error}"
+
+
+def _back_unarmed(struck_ns: int, restarts: int) -> tuple[float, str]:
+    """The unit is back, and 10 s later the motor still has no current: s from the instant to zero current, and the state."""
+    until(lambda: int(unit("NRestarts")) > restarts and unit("ActiveState") == "active", "the unit to be back")
+    found = until(status, "an answer")
+    assert found["state"] in ("off", "fault"), found["state"]
+    time.sleep(10)
+    assert status()["state"] == found["state"]
+    seconds = zero_current_after(struck_ns)
+    assert seconds <= 1.2 * WATCHDOG_S, f"{seconds:.3f} s"
+    return seconds, found["state"]
 
 
 @check
 def killed_daemon() -> str:
     """SIGKILL: the drive is at zero current within its guard time, the unit is back, and nothing is armed."""
+    start()
     restarts = int(unit("NRestarts"))
+    pid = unit("MainPID")
     struck = time.monotonic_ns()
-    sh(f"kill -KILL {unit('MainPID')}")
-    until(lambda: int(unit("NRestarts")) > restarts and unit("ActiveState") == "active", "the unit to be back")
-    found = until(status, "an answer")
-    assert found["state"] in ("off", "fault"), found["state"]
-    time.sleep(2)
-    script = (
-        "import sys, numpy as np; from pathlib import Path; from hapticd.hil.device_log import DeviceLog; "
-        f"log = DeviceLog.read(Path('{DRIVE_LOG}')); print(log.zero_current_after({struck}))"
-    )
-    text = sh(f'/opt/hapticd/bin/python -c "{script}"').strip().splitlines()[-1]
-    assert text != "None", "current flows on"
-    seconds = (int(text) - struck) * 1e-9
-    assert seconds <= GUARD_S + 0.2, f"{seconds:.2f} s"
-    return f"zero current after {1e3 * seconds:.0f} ms (guard time {GUARD_S:g} s), restarted, state {found['state']}"
+    os.kill(int(pid), 9)
+    seconds, state = _back_unarmed(struck, restarts)
+    return f"zero current after {1e3 * seconds:.0f} ms (guard time {1e3 * WATCHDOG_S:g} ms), restarted, state {state}"
 
 
 @check
 def hung_servo_thread() -> str:
-    """The servo thread gets no CPU, everything else lives: the watchdog must notice."""
-    until_active()
-    until(lambda: status()["timing"]["ticks"] > 0, "ticks")
+    """The servo thread stands still, everything else lives: the drive lets go, and systemd's watchdog notices."""
+    start()
     restarts = int(unit("NRestarts"))
     pid = unit("MainPID")
     threads = sh(f"ps -L -o tid=,comm= -p {pid}")
-    tid = next(line.split()[0] for line in threads.splitlines() if "hapticd-servo" in line)
-    sh("sysctl -q kernel.sched_rt_runtime_us=-1")
-    hog = subprocess.Popen(["taskset", "-c", "1", "chrt", "-f", "97", "sh", "-c", "while :; do :; done"])
-    try:
-        sh(f"taskset -p -c 1 {tid}")
-        until(lambda: int(unit("NRestarts")) > restarts, "the watchdog to strike", 120)
-    finally:
-        hog.kill()
-    until_active()
-    log = sh("journalctl -u hapticd --no-pager -n 200 | grep -i watchdog | tail -1").strip()
-    assert "watchdog" in log.lower(), log
-    found = until(status, "an answer")
-    assert found["state"] in ("off", "fault")
-    return f"watchdog, restarted, state {found['state']}"
+    tid = next(int(line.split()[0]) for line in threads.splitlines() if "hapticd-servo" in line)
+    struck = time.monotonic_ns()
+    with HungThread(tid) as hung:
 
+        def struck_down() -> bool:
+            hung.bury()
+            return unit("MainPID") != pid or int(unit("NRestarts")) > restarts
 
-@check
-def reload_good_and_bad() -> str:
-    if status()["state"] == "fault":
-        sh(f"hapticd clear --socket {SOCKET}", 60)
-    CONFIG.write_text(CAN_CONFIG.replace("decimation: 217", "decimation: 434"))
-    sh("systemctl reload hapticd")
-    digest = until(
-        lambda: "434" in sh(f"curl -s --unix-socket {SOCKET} http://h/config || true") or "changed",
-        "the new configuration",
+        until(struck_down, "the watchdog to strike", 60)
+        noticed = (time.monotonic_ns() - struck) * 1e-9
+    seconds, state = _back_unarmed(struck, restarts)
+    assert "watchdog" in sh("journalctl -u hapticd --no-pager -n 200").lower()
+    return (
+        f"zero current after {1e3 * seconds:.0f} ms, the daemon ended by the watchdog within {noticed:.0f} s, restarted, "
+        f"state {state}"
     )
-    before = until(status, "an answer")["config_digest"]
-    CONFIG.write_text("servo: {rate_hz: -5}\n")
-    sh("systemctl reload hapticd")
-    until(lambda: "reload refused" in sh("journalctl -u hapticd --no-pager -n 50"), "the refusal in the journal")
-    assert status()["config_digest"] == before
-    CONFIG.write_text(CAN_CONFIG)
-    return f"good one in force ({digest and before}), bad one refused, daemon goes on"
-
-
-@check
-def disk_full() -> str:
-    sh("mount -t tmpfs -o size=1M,mode=0777 tmpfs /var/lib/hapticd/runs")
-    try:
-        sh("systemctl restart hapticd", 600)
-        until_active()
-        sh(f"hapticd start --socket {SOCKET}", 120)
-        sh("dd if=/dev/zero of=/var/lib/hapticd/runs/filler bs=64k", ok=(0, 1))
-        error = until(lambda: status()["recorder"]["error"], "the recorder's complaint", 180)
-        ticks = status()["timing"]["ticks"]
-        until(lambda: status()["timing"]["ticks"] > ticks + 50, "the loop to go on")
-        assert status()["state"] == "running"
-        sh(f"hapticd stop --socket {SOCKET}", 60)
-    finally:
-        sh("systemctl stop hapticd; umount /var/lib/hapticd/runs", ok=(0, 32))
-    return f"the loop goes on; status says: {error}"
-
-
-@check
-def fig_8_over_socketcan() -> str:
-    """Cases c and d run at 100 Hz, which this emulation holds; hil starts a drive and a daemon of its own."""
-    global drive
-    if drive is not None:
-        drive.terminate()
-        drive.wait(60)
-    Path("/root/hil.yaml").write_text(CAN_CONFIG)
-    text = sh("cd /root && hapticd hil hil.yaml --only c --only d --json 2>/root/hil.err", 900, ok=(0, 1))
-    document = json.loads(text)
-    outcomes = {
-        case["name"]: (case["outcome"], case["simulated_outcome"], case["problems"]) for case in document["cases"]
-    }
-    assert outcomes["c"][0] == "decaying", outcomes
-    assert outcomes["d"][0] == "growing", outcomes
-    latency = document["latency"]
-    return f"c decays, d grows, as simulated; sample to current {latency['p50_us']:.0f} µs median"
 
 
 @check
 def clean_stop() -> str:
-    CONFIG.write_text("driver: {name: loopback}\n")
-    sh("systemctl restart hapticd", 600)
-    until_active()
+    """From the running spring: the current is zero long before the drive's watchdog could have done it."""
+    start()
+    struck = time.monotonic_ns()
     sh("systemctl stop hapticd", 60)
     assert unit("Result") == "success", unit("Result")
     assert not Path(SOCKET).exists()
-    return "stopped, the socket is gone"
+    seconds = zero_current_after(struck)
+    left = sh("timeout 1 candump -L vcan0", ok=(0, 124)).split()
+    assert not left, left[:5]
+    return f"success, zero current {1e3 * seconds:.0f} ms after the order, the socket is gone, the bus silent"
+
+
+@check
+def fig_8_over_socketcan() -> str:
+    """All four releases and the excitation at the paper's rates; hil starts a drive and a daemon of its own.
+
+    The simulation beside them wants to know the delay from sample to current. Here it is neither a wire's nor a PC's, so
+    the one that the drive measured while the service ran is declared, as a lab would declare its own.
+    """
+    (delay,) = drive_log("median(log.sample_to_current_s())")
+    if drive is not None:
+        drive.terminate()
+        drive.wait(60)
+    Path("/root/hil.yaml").write_text(CAN_CONFIG.replace("profile: copley", f"profile: copley, latency_s: {delay}"))
+    text = sh("cd /root && hapticd hil hil.yaml --json 2>/root/hil.err", 900, ok=(0, 1))
+    document = json.loads(text)
+    outcomes = {case["name"]: case.get("outcome") for case in document["cases"]}
+    found = (
+        f"{outcomes}, sample to current {document['latency']['p50_us']:.0f} µs, declared {1e6 * float(delay):.0f} µs"
+    )
+    problems = {case["name"]: case["problems"] for case in document["cases"] if case["problems"]}
+    assert not problems, f"{found}: {problems}"
+    return found
 
 
 @check
 def uninstall() -> str:
+    """Everything of ours is gone, and nothing else: another unit with a name like ours goes on."""
+    sh("systemd-run --unit=hapticd-of-another sleep infinity")
     sh(f"cd {SOURCE} && systemd/install.sh uninstall")
     left = sh(
-        "find / -xdev \\( -path /proc -o -path /sys -o -path /root -o -path /etc/hapticd -o -path /var/lib/hapticd "
-        "-o -path /var/log -o -path /tmp -o -path /run \\) -prune -o -iname '*hapticd*' -print"
+        "find / -xdev \\( -path /proc -o -path /sys -o -path /root -o -path /home -o -path /etc/hapticd "
+        "-o -path /var/lib/hapticd -o -path /tmp \\) -prune -o -iname '*hapticd*' -print"
     ).split()
-    left = [path for path in left if "hapticd-system-test" not in path]
     assert not left, left
+    assert sh("systemctl is-active hapticd-of-another.service", ok=(0, 3, 4)).strip() == "active", "not ours to stop"
+    sh("systemctl stop hapticd-of-another.service")
+    assert not (units := sh("systemctl list-units --all --plain --no-legend 'hapticd*'").strip()), units
     assert CONFIG.exists()
     return "nothing left but /etc/hapticd and /var/lib/hapticd"
 
 
 def main() -> None:
     only = json.loads((SOURCE / "tests/system/guest/only.json").read_text())
-    os.environ["HOME"] = "/root"
+    os.environ |= {"HOME": "/root", "NUMBA_CACHE_DIR": str(CACHE)}
+    out = Path("/dev/ttyS1").open("w")  # noqa: SIM115 - open for as long as the guest lives
     for function in checks:
         if only and function.__name__ not in only:
             continue
@@ -336,8 +352,8 @@ def main() -> None:
             detail, ok = f"{type(error).__name__}: {error}", False
         seconds = round(time.monotonic() - begin, 1)
         line = {"name": function.__name__, "ok": ok, "detail": " ".join(detail.split())[:800], "seconds": seconds}
-        print(json.dumps(line), file=OUT, flush=True)
-    print(json.dumps({"name": "end", "ok": True, "detail": "", "seconds": 0}), file=OUT, flush=True)
+        print(json.dumps(line), file=out, flush=True)
+    print(json.dumps({"name": "end", "ok": True, "detail": "", "seconds": 0}), file=out, flush=True)
 
 
 if __name__ == "__main__":
