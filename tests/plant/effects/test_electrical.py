@@ -78,7 +78,16 @@ def test_a_lost_command_leaves_the_last_one() -> None:
 def test_substeps_follow_the_fastest_effect() -> None:
     assert substeps_for(vector(), PERIOD) == 1
     assert substeps_for(vector(backlash__gap=0.1, transport_delay__t_d=1e-3, return_spring__k_s=1.0), PERIOD) == 1
-    slow = substeps_for(vector(flexible_coupling__f_r=20.0), PERIOD)
-    fast = substeps_for(vector(flexible_coupling__f_r=200.0), PERIOD)
+    slow = substeps_for(vector(stribeck__s=0.5, stribeck__omega_s=2.0), PERIOD)
+    fast = substeps_for(vector(stribeck__s=0.5, stribeck__omega_s=0.2), PERIOD)
     assert 1 <= slow < fast <= 64
-    assert substeps_for(vector(flexible_coupling__f_r=200.0), PERIOD / 10) < fast
+    assert substeps_for(vector(stribeck__s=0.5, stribeck__omega_s=0.2), PERIOD / 10) < fast
+
+
+@pytest.mark.parametrize("f_r", [20.0, 200.0])
+def test_a_coupling_that_swings_is_exact_and_one_that_creeps_takes_substeps(f_r: float) -> None:
+    coupling = {"flexible_coupling__f_r": f_r, "flexible_coupling__load_share": 0.5}
+    assert substeps_for(vector(flexible_coupling__damping=0.1, **coupling), PERIOD) == 1
+    bristle = {"presliding__breakaway": 0.01, "presliding__sigma_1": 1e-4}
+    for more in ({"flexible_coupling__damping": 0.8}, {"flexible_coupling__damping": 0.1, **bristle}):
+        assert substeps_for(vector(**coupling, **more), PERIOD) == (1 if f_r == 20.0 else 6)
