@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test lint types layers bench soak dist docs site install uninstall system-test clean help
+.PHONY: run test compiled lint types layers bench soak dist docs site install uninstall system-test clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -15,9 +15,13 @@ help:            ## this list
 run: $(STAMP)    ## the daemon on the simulated RE35/Copley testbed, in real time
 	$(BIN)/hapticd run
 
-test: $(STAMP) lint types layers   ## every check and test that needs no special machine
+test: $(STAMP) lint types layers compiled   ## every check and test that needs no special machine
 	$(BIN)/python -m pytest -m 'not realtime' -n 2 --dist worksteal
 	$(BIN)/python -m pytest -m realtime
+
+compiled: $(STAMP)   ## fill the compile caches of daemon and simulated hardware, side by side
+	$(BIN)/python -c 'import sim_hw.canopen.command, sim_hw.canopen.serve, sim_hw.serial_board.command, sim_hw.serial_board.service' & \
+	  $(BIN)/python -m hapticd.service.precompile && wait $$!
 
 lint: $(STAMP)   ## ruff
 	$(BIN)/ruff check .
