@@ -138,6 +138,9 @@ class CanopenDriver(Driver):
         floats = block.view(np.float64)
         floats[w.COMMAND_PER_AMPERE] = drive.command_per_ampere
         floats[w.AMPERE_PER_ACTUAL] = drive.ampere_per_actual
+        if drive.ampere_per_demand is not None:
+            block[w.READ_BACK] = 1
+            floats[w.AMPERE_PER_DEMAND] = drive.ampere_per_demand
 
     def close(self) -> None:
         """Zero current, power stage off, node pre-operational, watchdog off; the bus is closed in any case."""
@@ -165,8 +168,7 @@ class CanopenDriver(Driver):
     def describe(self) -> str:
         """Mode, identity, resolution of the command, and how full the bus is."""
         options = self._options
-        load = bus_load.bus_load(self.config.servo.rate_hz, options.bitrate, options.watchdog_ms)
-        fastest = bus_load.fastest_rate_hz(options.bitrate, options.watchdog_ms)
+        load, fastest = options.bus_load(self.config.servo.rate_hz), options.fastest_rate_hz()
         bus = (
             f"{options.interface} {options.channel}, node {options.node_id}, {options.bitrate // 1000} kbit/s, bus load "
             f"{load:.0%} (fastest rate {math.floor(fastest)} Hz)"
@@ -174,4 +176,5 @@ class CanopenDriver(Driver):
         if self._drive is None:
             return f"CANopen drive, profile {self._profile.name}, on {bus}"
         step = 1e3 / self._drive.command_per_ampere
-        return f"CANopen drive, {self._drive.mode}, {step:.3g} mA a step ({self._drive.identity}), on {bus}"
+        back = "read back" if self._drive.ampere_per_demand is not None else "not read back"
+        return f"CANopen drive, {self._drive.mode}, {step:.3g} mA a step, {back} ({self._drive.identity}), on {bus}"

@@ -23,7 +23,7 @@ from drivers.canopen.bus import (
 )
 from drivers.canopen.objects import Objects
 from drivers.canopen.options import Options
-from drivers.canopen.pdo import Entry, map_pdos
+from drivers.canopen.pdo import Entry, can_send, map_pdos, set_deadline
 from drivers.canopen.profile import Mode, Profile
 from drivers.canopen.state_machine import (
     DISABLE_VOLTAGE,
@@ -52,6 +52,8 @@ class Drive:
     identity: str
     command_per_ampere: float
     ampere_per_actual: float
+    ampere_per_demand: float | None
+    """Of the demand that comes back in TPDO 2; None: it does not come."""
     objects: Objects
     echoes: bool
     """The interface gives back the frames that it sends."""
@@ -94,6 +96,7 @@ def bring_up(
     command = rated.command_per_ampere(mode.target.unit, amplifier.peak_current)
     actual = rated.ampere_per_raw(profile.actual.unit)
     objects.set(mode.target.object, 0, 0, f"target of {mode.name}")
+    demand = _demand(objects, options, mode)
     map_pdos(
         objects,
         node_id,
@@ -103,12 +106,15 @@ def bring_up(
             Entry(profile.actual.object, 16, "actual current"),
         ),
         (Entry(profile.controlword, 16, "controlword"), Entry(mode.target.object, 16, f"target of {mode.name}")),
+        demand,
+        options.watchdog_ms,
     )
     _set_watchdog(objects, profile, options, options.guard_ms)
     _start(network, monitor, node_id)
     if not echoes:
         refuse_other_master(monitor, node_id)
-    return Drive(mode.name, identity, command, actual, objects, echoes)
+    read_back = rated.ampere_per_raw(mode.demand.unit) if demand is not None and mode.demand is not None else None
+    return Drive(mode.name, identity, command, actual, read_back, objects, echoes)
 
 
 def release(objects: Objects, profile: Profile, options: Options) -> None:
@@ -118,6 +124,7 @@ def release(objects: Objects, profile: Profile, options: Options) -> None:
         DriverError: the drive does not answer, or does not switch off.
     """
     _set_watchdog(objects, profile, options, 0)
+    set_deadline(objects, 0)
     if not objects.read(profile.statusword, 0, "statusword") & FAULT_BIT:
         _disable(objects, profile)
 
@@ -222,6 +229,14 @@ def _set_mode(objects: Objects, mode: Mode) -> None:
                 f"waited {_WAIT_S:g} s"
             )
         time.sleep(0.005)
+
+
+def _demand(objects: Objects, options: Options, mode: Mode) -> Entry | None:
+    """The object that shows whether commands arrive, for TPDO 2; None where it is not to be had."""
+    if mode.demand is None or not options.read_back:
+        return None
+    entry = Entry(mode.demand.object, 16, f"demand of {mode.name}")
+    return entry if can_send(objects, entry) else None
 
 
 def _rated(objects: Objects, profile: Profile, amplifier: Amplifier) -> Rated:

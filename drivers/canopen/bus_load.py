@@ -28,6 +28,8 @@ def frame_bits(data_bytes: int) -> int:
 
 TICK_BITS: Final = frame_bits(0) + frame_bits(8) + frame_bits(4)
 """SYNC, TPDO 1 and RPDO 1: 285 bits."""
+READ_BACK_BITS: Final = frame_bits(2)
+"""TPDO 2, which brings the demand back: 75 bits."""
 GUARD_BITS: Final = frame_bits(0) + frame_bits(1)
 """A node guarding request and its reply: 120 bits."""
 
@@ -36,18 +38,30 @@ def _guard_bits_per_s(watchdog_ms: float) -> float:
     return GUARD_BITS * GUARDS_PER_WATCHDOG * 1e3 / watchdog_ms
 
 
-def bus_load(rate_hz: float, bitrate: float = DEFAULT_BITRATE, watchdog_ms: float = DEFAULT_WATCHDOG_MS) -> float:
+def tick_bits(read_back: bool) -> int:
+    """Bits of one tick at worst, with or without TPDO 2."""
+    return TICK_BITS + (READ_BACK_BITS if read_back else 0)
+
+
+def bus_load(
+    rate_hz: float,
+    bitrate: float = DEFAULT_BITRATE,
+    watchdog_ms: float = DEFAULT_WATCHDOG_MS,
+    read_back: bool = True,
+) -> float:
     """Share of the bus that the loop fills at worst, 1 being all of it.
 
     Args:
-        rate_hz: servo rate, Hz. bitrate: bit/s. watchdog_ms: the drive's watchdog, ms.
+        rate_hz: servo rate, Hz. bitrate: bit/s. watchdog_ms: the drive's watchdog, ms. read_back: with TPDO 2.
     """
-    return (TICK_BITS * rate_hz + _guard_bits_per_s(watchdog_ms)) / bitrate
+    return (tick_bits(read_back) * rate_hz + _guard_bits_per_s(watchdog_ms)) / bitrate
 
 
-def fastest_rate_hz(bitrate: float = DEFAULT_BITRATE, watchdog_ms: float = DEFAULT_WATCHDOG_MS) -> float:
+def fastest_rate_hz(
+    bitrate: float = DEFAULT_BITRATE, watchdog_ms: float = DEFAULT_WATCHDOG_MS, read_back: bool = True
+) -> float:
     """Highest servo rate in Hz that keeps the loop within USABLE of the bus."""
-    return max(0.0, (USABLE * bitrate - _guard_bits_per_s(watchdog_ms)) / TICK_BITS)
+    return max(0.0, (USABLE * bitrate - _guard_bits_per_s(watchdog_ms)) / tick_bits(read_back))
 
 
 def slowest_rate_hz(watchdog_ms: float = DEFAULT_WATCHDOG_MS) -> float:

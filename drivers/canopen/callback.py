@@ -13,6 +13,7 @@ import can
 import numpy as np
 
 from drivers.canopen import layout as w
+from drivers.canopen.read_back import stops_node
 from drivers.canopen.supervision import (
     answered,
     asks_error_code,
@@ -78,6 +79,8 @@ class CallbackExchange:
         if s[w.REASON] in (w.LOST_CLOSED, w.LOST_SOCKET):
             return LOST
         self._send()
+        if stops_node(s):
+            self._send()
         if sign_of_life(s, now, float(x.view(np.float64)[X_PERIOD_NS])):
             self._send()
         if asks_error_code(s):

@@ -13,6 +13,7 @@ from numba import types
 from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
+from drivers.canopen.read_back import stops_node
 from drivers.canopen.supervision import (
     answered,
     asks_error_code,
@@ -105,6 +106,8 @@ def write(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
     if s[w.REASON] == w.LOST_CLOSED or s[w.REASON] == w.LOST_SOCKET:
         return LOST
     sent = _send(s)
+    if stops_node(s):
+        _send(s)
     if sign_of_life(s, now, period_ns):
         _send(s)
     if asks_error_code(s):

@@ -25,6 +25,10 @@ COMMAND_PER_AMPERE: Final = 7
 """f64: raw target per A."""
 AMPERE_PER_ACTUAL: Final = 8
 """f64: A per raw actual current (or torque)."""
+READ_BACK: Final = 9
+"""1: TPDO 2 brings the demand back on every SYNC."""
+AMPERE_PER_DEMAND: Final = 10
+"""f64: A per raw demand."""
 
 # What the drive said last.
 STATUSWORD: Final = 16
@@ -77,7 +81,24 @@ STALE: Final = 44
 IGNORED: Final = 45
 """Frames that are none of this driver's business."""
 
-SCRATCH: Final = 48
+DEMAND: Final = 46
+"""Demand in the last TPDO 2, raw."""
+DEMAND_FRESH: Final = 47
+"""TPDO 2 since the demand was last looked at."""
+UNHEARD: Final = 48
+"""Samples in a row whose demand was none of the latest commands, in Operation enabled."""
+COMMANDED: Final = 49
+"""f64: the latest COMMANDS_KEPT commands in A, as the target's steps have them."""
+COMMANDS_KEPT: Final = 3
+"""The demand of a SYNC is the command before it, or one that the drive took up late; a lost TPDO 2 shows it a tick later."""
+NODE_STOPPED: Final = COMMANDED + COMMANDS_KEPT
+"""1: the node was stopped by NMT, because it does not take its commands."""
+DEMAND_SEEN: Final = NODE_STOPPED + 1
+"""1: the demand that was looked at last had come since."""
+SAMPLED: Final = DEMAND_SEEN + 1
+"""1: a TPDO 1 has come since the demand was last looked at."""
+
+SCRATCH: Final = SAMPLED + 1
 FRAME: Final = SCRATCH + LIBC_SCRATCH
 """Two words: the frame just received. The words after them: the frame to send."""
 OUT: Final = FRAME + 2
@@ -89,10 +110,12 @@ LOST_BUS_OFF: Final = 3
 LOST_REBOOTED: Final = 4
 LOST_GUARD: Final = 5
 LOST_STATE: Final = 6
+LOST_DEAF: Final = 7
 
 EVENT_MASTER: Final = 1
 EVENT_LENGTH: Final = 2
 EVENT_TRANSITION: Final = 3
+EVENT_LENGTH_2: Final = 4
 
 # struct can_frame (linux/can.h) as two little-endian words.
 EXTENDED: Final = 0x80000000
@@ -106,6 +129,7 @@ NMT: Final = 0x000
 SYNC: Final = 0x080
 EMCY_BASE: Final = 0x080
 TPDO1: Final = 0x180
+TPDO2: Final = 0x280
 RPDO1: Final = 0x200
 SDO_REPLY: Final = 0x580
 SDO_REQUEST: Final = 0x600
@@ -113,7 +137,10 @@ GUARD: Final = 0x700
 NMT_OPERATIONAL: Final = 5
 
 TPDO1_BYTES: Final = 8
+TPDO2_BYTES: Final = 2
 RPDO1_BYTES: Final = 4
+UNHEARD_LIMIT: Final = 3
+"""So many samples in a row without a trace of the commands, and the drive is stopped by other means."""
 GUARD_TRIES: Final = 4
 """Life time factor: so many signs of life may go missing (0x100D)."""
 TRANSITION_NS: Final = 500_000_000

@@ -41,6 +41,8 @@ class Options:
     """Time that TPDO 1 may take after SYNC, s; None: four fifths of a servo period."""
     latency_s: float | None = None
     """Declared sample-to-current latency, s; None: what the wire takes."""
+    read_back: bool = True
+    """Have the drive's demand come back on every SYNC (TPDO 2), where the profile names it and the drive has it."""
     bus: dict[str, Any] = field(default_factory=dict)
     """Further arguments for the python-can interface, such as ``port`` of udp_multicast."""
 
@@ -63,6 +65,8 @@ class Options:
                 raise _wrong(key, given[key], "must be text")
         if given.get("interface", cls.interface) != "socketcan" and "channel" not in given:
             raise DriverConfigError(f"driver.channel is missing: name the channel of {given['interface']}")
+        if not isinstance(given.get("read_back", True), bool):
+            raise _wrong("read_back", given["read_back"], "must be true or false")
         if not isinstance(given.get("bus", {}), dict):
             raise _wrong("bus", given["bus"], "must be a mapping of arguments for the python-can interface")
         _whole(given, "node_id", 1, 127, "")
@@ -102,14 +106,24 @@ class Options:
         """The EDS that the config names."""
         return None if self.eds is None else Path(self.eds).expanduser()
 
+    def bus_load(self, rate_hz: float) -> float:
+        """Share of the bus that a servo rate in Hz fills."""
+        return bus_load.bus_load(rate_hz, self.bitrate, self.watchdog_ms, self.read_back)
+
+    def fastest_rate_hz(self) -> float:
+        """Highest servo rate in Hz that the bit rate allows."""
+        return bus_load.fastest_rate_hz(self.bitrate, self.watchdog_ms, self.read_back)
+
     def check_rate(self, rate_hz: float) -> str | None:
         """Why a servo rate in Hz cannot be had (bus too slow for it, drive's watchdog too quick); None where it can."""
-        fastest = bus_load.fastest_rate_hz(self.bitrate, self.watchdog_ms)
+        fastest = self.fastest_rate_hz()
         if rate_hz > fastest:
-            load = bus_load.bus_load(rate_hz, self.bitrate, self.watchdog_ms)
+            without = bus_load.fastest_rate_hz(self.bitrate, self.watchdog_ms, read_back=False)
+            more = f" (driver.read_back: false: {math.floor(without)} Hz)" if self.read_back else ""
             return (
-                f"servo.rate_hz = {rate_hz:g} Hz: SYNC, TPDO and RPDO would fill {load:.0%} of the bus at driver.bitrate = "
-                f"{self.bitrate} bit/s; the loop may fill {bus_load.USABLE:.0%}, which allows {math.floor(fastest)} Hz"
+                f"servo.rate_hz = {rate_hz:g} Hz: SYNC, TPDO and RPDO would fill {self.bus_load(rate_hz):.0%} of the bus at "
+                f"driver.bitrate = {self.bitrate} bit/s; the loop may fill {bus_load.USABLE:.0%}, which allows "
+                f"{math.floor(fastest)} Hz{more}"
             )
         slowest = 1e3 / self.guard_ms
         if rate_hz < slowest:

@@ -1,4 +1,4 @@
-"""PDO mapping: TPDO 1 on every SYNC, RPDO 1 applied on receipt, all others off; each written and read back.
+"""PDO mapping: TPDO 1 (and 2, the demand) on every SYNC, RPDO 1 applied on receipt, all others off; all of it read back.
 
 The order is that of CiA 301, 7.5.2.36: switch the PDO off, set the number of mapped objects to 0, write the entries, set
 the number, then the transmission type, then switch it on.
@@ -16,6 +16,7 @@ from drivers.interface import DriverError
 _INVALID: Final = 0x80000000
 _NO_RTR: Final = 0x40000000
 _PDOS: Final = 4
+_DEADLINE: Final = "deadline of RPDO 1 (event timer, ms)"
 _ON_EVERY_SYNC, _ON_RECEIPT = 1, 255
 
 
@@ -28,17 +29,28 @@ class Entry:
     what: str
 
 
-def map_pdos(objects: Objects, node_id: int, sample: tuple[Entry, ...], command: tuple[Entry, ...]) -> None:
-    """Map both PDOs of the cyclic exchange.
+def map_pdos(
+    objects: Objects,
+    node_id: int,
+    sample: tuple[Entry, ...],
+    command: tuple[Entry, ...],
+    demand: Entry | None = None,
+    deadline_ms: int = 0,
+) -> None:
+    """Map the PDOs of the cyclic exchange.
 
     Args:
         objects: the drive. node_id: its number. sample, command: the objects of TPDO 1 and RPDO 1, in order.
+        demand: the object of TPDO 2; None: no TPDO 2.
+        deadline_ms: within which RPDO 1 must come again (0x1400:5), where the drive watches that.
 
     Raises:
         DriverError: an object cannot be mapped, or the drive keeps something else than was written.
     """
     _check_entries(objects, sample, "TPDO 1")
     _check_entries(objects, command, "RPDO 1")
+    if demand is not None:
+        _check_entries(objects, (demand,), "TPDO 2")
     for number in range(_PDOS):
         for base, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
             index, what = base + number, f"COB-ID of {name} {number + 1}"
@@ -46,12 +58,32 @@ def map_pdos(objects: Objects, node_id: int, sample: tuple[Entry, ...], command:
                 cob_id = objects.read(index, 1, what)
                 if not cob_id & _INVALID:
                     objects.set(index, 1, cob_id | _INVALID, what)
-    for index, name in ((0x1800, "TPDO 1"),):
+    for index, name in ((0x1800, "TPDO 1"), *(((0x1801, "TPDO 2"),) if demand is not None else ())):
         for sub, what in ((3, "inhibit time"), (5, "event timer")):
             if objects.known(index, sub):
                 objects.set(index, sub, 0, f"{what} of {name}")
     _map(objects, 0x1800, w.TPDO1 + node_id, _ON_EVERY_SYNC, sample, "TPDO 1")
+    if demand is not None:
+        _map(objects, 0x1801, w.TPDO2 + node_id, _ON_EVERY_SYNC, (demand,), "TPDO 2")
+    set_deadline(objects, deadline_ms)
     _map(objects, 0x1400, w.RPDO1 + node_id, _ON_RECEIPT, command, "RPDO 1")
+
+
+def set_deadline(objects: Objects, deadline_ms: int) -> None:
+    """Have the drive watch that RPDO 1 keeps coming (event timer, CiA 301, 7.5.2.35), where it can; 0: no longer.
+
+    Raises:
+        DriverError: the drive keeps another time.
+    """
+    if objects.present(0x1400, 5, _DEADLINE):
+        objects.set(0x1400, 5, deadline_ms, _DEADLINE)
+
+
+def can_send(objects: Objects, entry: Entry) -> bool:
+    """Whether EDS and drive have an object that may go into TPDO 2, and a TPDO 2."""
+    return all(
+        objects.present(*what) for what in ((entry.index, 0, entry.what), (0x1801, 1, "COB-ID of TPDO 2"))
+    ) and bool(objects.variable(entry.index, 0, entry.what).pdo_mappable)
 
 
 def _check_entries(objects: Objects, entries: tuple[Entry, ...], pdo: str) -> None:

@@ -60,6 +60,8 @@ class Mode(_Part):
     requires_mode: Annotated[int, Field(ge=1, le=32)] | None = None
     """Number of the mode of operation that the drive's supported modes must offer."""
     target: Quantity
+    demand: Quantity | None = None
+    """Object that shows the command in force, behind limits and slopes; read back on every SYNC where the drive has it."""
     settings: tuple[Setting, ...] = ()
     display: Index | None = None
     """Object that shows the mode of operation in force; it must become ``requires_mode``."""

@@ -26,6 +26,7 @@ _ERROR_CODES: Final = (
     (0x6000, 0xF000, "drive software"),
     (0x7300, 0xFF00, "sensor, such as the encoder"),
     (0x7000, 0xF000, "additional modules"),
+    (0x8250, 0xFFFF, "RPDO time-out: the drive did not hear the loop's commands in time"),
     (0x8130, 0xFFFF, "life guard or heartbeat: the drive did not hear the loop in time"),
     (0x8100, 0xFF00, "communication"),
     (0x8600, 0xFF00, "position controller"),
@@ -42,6 +43,18 @@ def error_code_text(code: int) -> str:
     return "not in CiA 301"
 
 
+def _deaf(block: NDArray[Any]) -> str:
+    node, samples, floats = int(block[w.NODE]), int(block[w.DETAIL]), block.view("f8")
+    stopped = "the node was stopped by NMT"
+    if samples < 0:
+        return f"node {node} sent no TPDO 2 (0x{w.TPDO2 + node:03x}) with {-samples} samples in a row; {stopped}"
+    demand = block[w.DEMAND] * floats[w.AMPERE_PER_DEMAND]
+    return (
+        f"node {node} does not take its commands (RPDO 1, 0x{w.RPDO1 + node:03x}): in {samples} samples in a row its demand "
+        f"was none of the latest, last {demand:.3g} A where {floats[w.COMMANDED]:.3g} A was commanded; {stopped}"
+    )
+
+
 def explain(block: NDArray[Any]) -> str | None:
     """What stopped the exchange, or None when nothing did."""
     node, detail = int(block[w.NODE]), int(block[w.DETAIL])
@@ -51,6 +64,7 @@ def explain(block: NDArray[Any]) -> str | None:
         w.LOST_BUS_OFF: "bus-off: the CAN controller has left the bus after too many errors (wiring, termination, bit rate)",
         w.LOST_REBOOTED: f"node {node} rebooted: it sent its boot-up message and has lost its settings",
         w.LOST_GUARD: f"node {node} left {detail} guarding requests in a row without a valid answer",
+        w.LOST_DEAF: _deaf(block),
         w.LOST_STATE: f"node {node} is {_NMT_STATES.get(detail, f'in NMT state {detail}')}, no longer operational",
     }
     if block[w.REASON] != 0:
@@ -66,9 +80,10 @@ def explain(block: NDArray[Any]) -> str | None:
         return f"node {node}: {named}; statusword 0x{statusword:04x}, {state}"
     if block[w.EVENT_TOLD] == w.EVENT_MASTER:
         return f"another master is on the bus: it sent {describe_command(detail, node)}"
-    if block[w.EVENT_TOLD] == w.EVENT_LENGTH:
+    mapped = {w.EVENT_LENGTH: (1, w.TPDO1_BYTES), w.EVENT_LENGTH_2: (2, w.TPDO2_BYTES)}
+    if (told := mapped.get(int(block[w.EVENT_TOLD]))) is not None:
         return (
-            f"TPDO 1 of node {node} came with {detail} bytes, {w.TPDO1_BYTES} are mapped: another node uses its "
+            f"TPDO {told[0]} of node {node} came with {detail} bytes, {told[1]} are mapped: another node uses its "
             "identifier, or somebody changed the mapping"
         )
     if block[w.EVENT_TOLD] == w.EVENT_TRANSITION:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
+from drivers.canopen.read_back import heard, remember
 from drivers.canopen.state_machine import (
     DISABLE_VOLTAGE,
     ENABLE_OPERATION,
@@ -119,6 +120,12 @@ def take_frame(s: NDArray[Any], low: int, data: int) -> None:
             s[w.FRESH] += 1
         else:
             note(s, w.EVENT_LENGTH, length)
+    elif cob == w.TPDO2 + node and s[w.READ_BACK] == 1:
+        if length == w.TPDO2_BYTES:
+            s[w.DEMAND] = _signed16(data)
+            s[w.DEMAND_FRESH] = 1
+        else:
+            note(s, w.EVENT_LENGTH_2, length)
     elif cob == w.EMCY_BASE + node:
         if length == 8:
             s[w.EMCY] = data & 0xFFFF
@@ -193,6 +200,7 @@ def verdict(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
     s[w.FRESH] = 0
     if fresh > 0:
         s[w.OWED] = 0
+        s[w.SAMPLED] = 1
         s[w.STALE] += fresh - 1
         position = s[w.POSITION]
         if s[w.BEGUN] == 0:
@@ -249,7 +257,9 @@ def command(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
         s[w.RESETTING_NS] = 0
     s[w.WANTED] = 1 if enable else 0
 
-    result = OK
+    result = int(heard(s))
+    if result == LOST:
+        lose(s, w.LOST_DEAF, s[w.UNHEARD] if s[w.DEMAND_SEEN] == 1 else -s[w.UNHEARD])
     target = 0
     if not enable:
         word = DISABLE_VOLTAGE
@@ -267,6 +277,7 @@ def command(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
         elif word == ENABLE_OPERATION and state_of(statusword) == ENABLED:
             raw = np.rint(x.view(np.float64)[X_CURRENT] * f[w.COMMAND_PER_AMPERE])
             target = int(min(max(raw, -_RAW_MAX), _RAW_MAX))
+    remember(s, target)
     s[w.CONTROLWORD] = word
     s[w.OUT] = (w.RPDO1 + s[w.NODE]) | w.RPDO1_BYTES << 32
     s[w.OUT + 1] = word | (target & 0xFFFF) << 16

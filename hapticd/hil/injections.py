@@ -13,6 +13,9 @@ from hapticd.hil.daemon import DaemonProcess
 AT_S: Final = 0.5
 """When a device-side fault strikes, after the first enable."""
 
+PUSH: Final = 0.006
+"""Force of the hand, N m or N."""
+
 PERIODS: Final = 3
 """Zero current within so many periods of a detectable communication fault."""
 
@@ -32,6 +35,8 @@ class Injection:
     """Device-side faults by driver name, entries of the script."""
     start: dict[str, Any] = field(default_factory=dict)
     """How the device starts."""
+    hand: list[dict[str, Any]] = field(default_factory=list)
+    """Steps of the hand: it must move for the commands to change, and a CAN drive's demand to show that they are lost."""
     act: Callable[[DaemonProcess], None] | None = None
     """What is done to the daemon."""
     codes: tuple[str, ...] = ()
@@ -81,8 +86,8 @@ INJECTIONS: Final = (
     Injection(
         "drop_commands",
         "every command lost from now on",
-        (SERIAL,),
-        faults=_device([{"kind": "drop", "frames": "command", "count": _FOREVER}]),
+        faults=_frames("drop", "command", "rpdo", count=_FOREVER),
+        hand=[{"at_s": AT_S, "force": PUSH, "from": "enabled"}, {"at_s": AT_S + 0.05, "force": 0.0, "from": "enabled"}],
         codes=_LOST,
         by_watchdog=True,
     ),

@@ -138,6 +138,8 @@ def _inject(config: Config, injection: Injection, folder: Path) -> Row:
     script: dict[str, Any] = {"faults": faults}
     if injection.start:
         script["start"] = injection.start
+    if injection.hand:
+        script["hand"] = injection.hand
     device = Device(config, folder, script=script)
     clock = JumpingClock(folder) if injection.clock_jump else None
     with device:

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator
 from typing import Final
 
-from drivers.canopen.bus_load import DEFAULT_BITRATE, DEFAULT_WATCHDOG_MS, TICK_BITS, fastest_rate_hz
+from drivers.canopen.bus_load import DEFAULT_BITRATE, DEFAULT_WATCHDOG_MS, fastest_rate_hz, tick_bits
 from hapticd.config import Config
 from hapticd.stability.criterion import QUANTUM, criterion_margin, sampling_bound_ok, sampling_ratio
 from hapticd.stability.effects import uncounted
@@ -23,8 +23,8 @@ def rate_limit(config: Config) -> float:
     return fastest_rate_hz(*_bus(config))
 
 
-def _bus(config: Config) -> tuple[float, float]:
-    """Bit rate in bit/s and watchdog in ms of the config's CAN bus; the defaults where an option is not a number."""
+def _bus(config: Config) -> tuple[float, float, bool]:
+    """Bit rate in bit/s, watchdog in ms and TPDO 2 or not of the config's CAN; the default for what is no number."""
     options = config.driver.options
     given = [
         (options.get("bitrate"), float(DEFAULT_BITRATE)),
@@ -33,7 +33,7 @@ def _bus(config: Config) -> tuple[float, float]:
     bitrate, watchdog_ms = (
         float(value) if isinstance(value, int | float) and value > 0 else default for value, default in given
     )
-    return bitrate, watchdog_ms
+    return bitrate, watchdog_ms, options.get("read_back") is not False
 
 
 def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: float | None) -> tuple[str, ...]:
@@ -80,9 +80,10 @@ def _outside_the_theory(config: Config) -> Iterator[str]:
 def _interface(config: Config, loop: Loop) -> Iterator[str]:
     limit, rate = rate_limit(config), config.servo.rate_hz
     if rate > limit:
+        bitrate, _, read_back = _bus(config)
         yield (
-            f"servo.rate_hz is {rate:g} Hz, but classic CAN at {1e-6 * _bus(config)[0]:g} Mbit/s ends near "
-            f"{math.floor(limit)} Hz: SYNC, command and reply take {1e6 * TICK_BITS / _bus(config)[0]:.0f} µs on the wire"
+            f"servo.rate_hz is {rate:g} Hz, but classic CAN at {1e-6 * bitrate:g} Mbit/s ends near {math.floor(limit)} Hz: "
+            f"SYNC, command and replies take {1e6 * tick_bits(read_back) / bitrate:.0f} µs on the wire"
         )
     amplifier = config.amplifier
     if amplifier.dac_bits and amplifier.dac_full_scale and loop.stiffness > 0.0:

@@ -139,7 +139,9 @@ TIMER = _OWN + 24
     WAKE_TIMER,
     TPDO_TIMER,
 ) = range(8)
-TIMERS = TPDO_TIMER + 4
+RPDO_TIMER = TPDO_TIMER + 4
+"""Deadlines of RPDO 1…4, after four timers of TPDOs."""
+TIMERS = RPDO_TIMER + 4
 LAZY_TIMERS = 2
 """The first timers are no reason to wake: nobody outside sees them before the next frame."""
 

@@ -111,6 +111,8 @@ def compile_pdos(objects: ObjectDictionary, words: NDArray[np.int64]) -> None:
             words[at : at + 4] = slot, first_bit, len(variable), signed
             first_bit += len(variable)
         words[base + w.PDO_BYTES] = (first_bit + 7) // 8
+        words[base + w.PDO_EVENT_MS] = objects[communication, _EVENT]
         if transmits:
             words[base + w.PDO_INHIBIT_NS] = objects[communication, _INHIBIT] * _UNIT_OF_INHIBIT_NS
-            words[base + w.PDO_EVENT_MS] = objects[communication, _EVENT]
+        elif not words[base + w.PDO_EVENT_MS]:
+            words[w.TIMER + w.RPDO_TIMER + number] = w.NEVER

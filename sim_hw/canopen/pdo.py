@@ -121,6 +121,8 @@ def receive_rpdo(m: Machine, number: int, length: int, data: int, now: int) -> N
         emergency(m, _LENGTH_ERROR, now)
         return
     m.d[base + w.PDO_DATA] = data
+    if m.d[base + w.PDO_EVENT_MS]:
+        m.d[w.TIMER + w.RPDO_TIMER + number] = now + m.d[base + w.PDO_EVENT_MS] * _NS_PER_MS
     if m.d[base + w.PDO_TYPE] > LAST_SYNCHRONOUS:
         _apply(m, base, now)
     else:
@@ -153,7 +155,9 @@ def synchronise(m: Machine, now: int) -> None:
 
 @njit((MACHINE,), counted=False)
 def forget(m: Machine) -> None:
-    """No SYNC counted and no RPDO waiting any more: a node that leaves Operational loses them."""
+    """No SYNC counted, no RPDO waiting or overdue any more: a node that leaves Operational loses them."""
+    for number in range(4):
+        m.d[w.TIMER + w.RPDO_TIMER + number] = w.NEVER
     for number in range(8):
         m.d[w.PDO + number * w.PDO_WORDS + w.PDO_PENDING] = 0
         m.d[w.PDO + number * w.PDO_WORDS + w.PDO_SYNCS] = 0

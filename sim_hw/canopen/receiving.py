@@ -77,10 +77,12 @@ def _accept(m: Machine, kind: int, low: int, data: int, now: int) -> None:
 def receive(m: Machine, low: int, data: int, now: int) -> None:
     """One frame has come at an instant; replies wait in ``m.out`` afterwards.
 
-    A frame that was there when this process woke up later than the life time came, for all it can know, in time: the drive
+    A frame that was there when this process woke up later than a time-out came, for all it can know, in time: the drive
     that is stood in for would have been awake.
     """
     now = min(now, m.d[w.TIMER + w.GUARD_TIMER] - 1)
+    for number in range(4):
+        now = min(now, m.d[w.TIMER + w.RPDO_TIMER + number] - 1)
     advance(m, now)
     if sending.connected(m, now):
         kind = _kind(m, low)

@@ -7,7 +7,7 @@ from sim_hw import kinds
 from sim_hw import layout as common
 from sim_hw.canopen import layout as w
 from sim_hw.canopen import node, pdo, power, sending
-from sim_hw.canopen.drive import enter, fail, refresh_status
+from sim_hw.canopen.drive import abort_connection, enter, fail, refresh_status
 from sim_hw.canopen.layout import MACHINE, Machine
 from sim_hw.canopen.states import FAULT, OPERATION_ENABLED, SWITCH_ON_DISABLED
 from sim_hw.faults import begin_fault, fault_due_ns, next_fault
@@ -17,6 +17,8 @@ from sim_hw.motion import move_to
 
 _EMERGENCY, _LEAVE, _REBOOT = kinds.EMERGENCY, kinds.LEAVE_OPERATION_ENABLED, kinds.REBOOT
 _BUS_OFF, _UNPLUG = kinds.BUS_OFF, kinds.UNPLUG
+_RPDO_TIMEOUT = 0x8250
+"""EMCY: RPDO time-out."""
 
 
 @njit((MACHINE, I64, I64), counted=False)
@@ -55,6 +57,8 @@ def _expire(m: Machine, timer: int, now: int) -> None:
         enter(m, FAULT, now)  # transition 14
     elif timer == w.WAKE_TIMER:
         node.boot(m, now)
+    elif timer >= w.RPDO_TIMER:
+        abort_connection(m, _RPDO_TIMEOUT, now)
     else:
         pdo.refresh_inputs(m, now)
         pdo.transmit(m, timer - w.TPDO_TIMER, now)

@@ -71,6 +71,10 @@ def test_a_drive_is_set_up_and_left_disabled(bench: Bench) -> None:
         (0x1A00, 1): 0x60410010,
         (0x1A00, 2): 0x60630020,
         (0x1A00, 3): 0x221C0010,
+        (0x1801, 1): 0x281,
+        (0x1801, 2): 1,
+        (0x1A01, 0): 1,
+        (0x1A01, 1): 0x60740010,
         (0x1400, 1): 0x201,
         (0x1400, 2): 255,
         (0x1600, 0): 2,
@@ -81,13 +85,38 @@ def test_a_drive_is_set_up_and_left_disabled(bench: Bench) -> None:
     assert drive.value(0x6041) == 0x0250
     assert drive.node.nmt.state == "OPERATIONAL"
     assert driver.describe() == (
-        "CANopen drive, cyclic synchronous torque, 1.99 mA a step (vendor 0xab, product 0x0, revision 0x0, serial number "
-        f"0), on unix_seqpacket {drive.path}, node 1, 1000 kbit/s, bus load 29% (fastest rate 2961 Hz)"
+        "CANopen drive, cyclic synchronous torque, 1.99 mA a step, read back (vendor 0xab, product 0x0, revision 0x0, "
+        f"serial number 0), on unix_seqpacket {drive.path}, node 1, 1000 kbit/s, bus load 37% (fastest rate 2344 Hz)"
     )
     driver.close()
     driver.close()
     assert (drive.value(0x100C), drive.value(0x100D), drive.value(0x6041)) == (0, 0, 0x0250)
     assert drive.node.nmt.state == "PRE-OPERATIONAL"
+
+
+@pytest.mark.parametrize(
+    ("options", "lies"),
+    [
+        ({"read_back": False}, {}),
+        ({}, {"aborts": {(0x6074, 0): 0x06020000}}),
+        ({}, {"overrides": {(0x6502, 0): 1 << 3}}),  # programmed current: the profile names no demand
+    ],
+)
+def test_without_a_demand_nothing_is_read_back(bench: Bench, options: dict[str, Any], lies: dict[str, Any]) -> None:
+    fake, open_driver = bench
+    drive = fake(**lies)
+    driver = open_driver(options)
+    assert "a step, not read back (" in driver.describe()
+    assert drive.value(0x1801, 1) & 0x80000000
+
+
+def test_a_drive_that_watches_rpdo_1_is_told_the_deadline(bench: Bench) -> None:
+    fake, open_driver = bench
+    drive = fake(eds=FOLDER / "cia402.eds")
+    driver = open_driver({"profile": "cia402", "watchdog_ms": 60})
+    assert drive.value(0x1400, 5) == 60
+    driver.close()
+    assert drive.value(0x1400, 5) == 0
 
 
 def test_programmed_current_where_there_is_no_cyclic_torque(bench: Bench) -> None:
@@ -333,11 +362,13 @@ def test_wrong_options(options: dict[str, Any], text: str) -> None:
     ("rate_hz", "options", "text"),
     [
         (
-            3000,
+            2400,
             {},
-            "would fill 86% of the bus at driver.bitrate = 1000000 bit/s; the loop may fill 85%, which allows 2965 Hz",
+            "would fill 87% of the bus at driver.bitrate = 1000000 bit/s; the loop may fill 85%, which allows 2347 Hz "
+            "(driver.read_back: false: 2965 Hz)",
         ),
-        (1000, {"bitrate": 250_000}, "which allows 728 Hz"),
+        (3000, {"read_back": False}, "would fill 86% of the bus at driver.bitrate = 1000000 bit/s"),
+        (1000, {"bitrate": 250_000}, "which allows 576 Hz"),
         (
             39,
             {},
@@ -352,7 +383,7 @@ def test_rates_that_bus_or_watchdog_do_not_allow(rate_hz: float, options: dict[s
     assert text in str(caught.value)
 
 
-@pytest.mark.parametrize("rate_hz", [1, 7, 39.9, 100, 2965])
+@pytest.mark.parametrize("rate_hz", [1, 7, 39.9, 100, 2347])
 def test_the_advice_about_a_slow_rate_is_enough(rate_hz: float) -> None:
     driver = drivers.create(parse_config({"driver": {"name": "canopen"}, "servo": {"rate_hz": 100}}, "test"))
     text = driver.check_rate(rate_hz)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -39,10 +41,12 @@ def test_no_pattern_is_longer_and_the_worst_one_is_met(data_bytes: int) -> None:
 
 def test_known_lengths_and_the_limits_that_follow() -> None:
     assert (bus_load.frame_bits(8), bus_load.TICK_BITS, bus_load.GUARD_BITS) == (135, 285, 120)
-    assert bus_load.bus_load(1000.0) == pytest.approx((285_000 + 120 * 40) / 1e6)
-    for bitrate in bus_load.BITRATES:
-        rate = bus_load.fastest_rate_hz(bitrate)
-        assert rate == 0.0 or bus_load.bus_load(rate, bitrate) == pytest.approx(bus_load.USABLE)
+    assert bus_load.READ_BACK_BITS == bus_load.frame_bits(2) == 75
+    assert bus_load.bus_load(1000.0) == pytest.approx((360_000 + 120 * 40) / 1e6)
+    assert bus_load.bus_load(1000.0, read_back=False) == pytest.approx((285_000 + 120 * 40) / 1e6)
+    for bitrate, read_back in itertools.product(bus_load.BITRATES, (True, False)):
+        rate = bus_load.fastest_rate_hz(bitrate, read_back=read_back)
+        assert rate == 0.0 or bus_load.bus_load(rate, bitrate, read_back=read_back) == pytest.approx(bus_load.USABLE)
     assert bus_load.wire_time_s(1e6) == pytest.approx(230e-6)
 
 
@@ -67,3 +71,5 @@ def test_only_what_has_a_wire_declares_its_time(interface: str, channel: str, wi
 def test_check_knows_the_limit_of_the_config() -> None:
     config = parse_config({"driver": {"name": "canopen", "bitrate": 500_000, "watchdog_ms": 40}}, "test")
     assert rate_limit(config) == bus_load.fastest_rate_hz(500_000, 40)
+    without = parse_config({"driver": {"name": "canopen", "read_back": False}}, "test")
+    assert rate_limit(without) == bus_load.fastest_rate_hz(read_back=False)

@@ -105,3 +105,12 @@ def test_long_frames_are_passed_over() -> None:
     long = can.Message(arbitration_id=0x181, is_extended_id=False, is_fd=True, data=bytes(12))
     assert bench.tick(0.5, long, ENABLED)[0] == OK
     assert bench.s[w.IGNORED] == 1
+
+
+def test_a_drive_that_takes_no_commands_is_stopped_here_too() -> None:
+    bench = Bench()
+    bench.s[w.READ_BACK], bench.s.view(np.float64)[w.AMPERE_PER_DEMAND] = 1, 0.002
+    held = can.Message(arbitration_id=0x281, is_extended_id=False, data=bytes.fromhex("FA00"))
+    assert bench.tick(0.5, held, ENABLED)[:2] == (OK, OK)
+    assert [bench.tick(0.1, held, ENABLED)[1] for _ in range(5)] == [OK, OK, OK, OK, MISSED]
+    assert bench.tick(0.1, held, ENABLED)[1:] == (LOST, ["080#", "201#02000000", "000#0201"])

@@ -304,3 +304,93 @@ def test_babbling_bus_does_not_hold_the_loop(wire: Wire) -> None:
     begin = time.monotonic()
     assert wire.read("> 080#", *["< 702#05"] * 200, period_ns=4e7) == MISSED
     assert time.monotonic() - begin < PATIENCE_S
+
+
+@pytest.fixture
+def echoing() -> Iterator[Wire]:
+    with Wire(read_back=True) as made:
+        enable(made)
+        yield made
+
+
+def tick(wire: Wire, demand: str | None, current: float, sent: str, *more: str, sample: str = ENABLED) -> int:
+    """One tick: the demand of the SYNC before has come in meanwhile; what the write returns."""
+    before = [f"< 281#{demand}"] if demand is not None else []
+    assert wire.read(*before, "> 080#", sample) == OK
+    return wire.write(current, 1, f"> 201#{sent}", *more)
+
+
+def test_a_demand_that_follows_one_sample_late_is_right(echoing: Wire) -> None:
+    exchanges = [
+        ("0000", 0.5, "0F00FA00"),
+        ("0000", 0.2, "0F006400"),
+        ("FA00", -0.2, "0F009CFF"),
+        ("6400", 0.0, "0F000000"),
+    ]
+    for demand, current, sent in exchanges:
+        assert tick(echoing, demand, current, sent) == OK
+    assert echoing.s[w.UNHEARD] == 0
+
+
+def test_a_drive_that_takes_no_commands_is_stopped_by_nmt(echoing: Wire) -> None:
+    assert tick(echoing, "0000", 0.5, "0F00FA00") == OK
+    results = [tick(echoing, "FA00", 0.4 - 0.1 * n, f"0F00{200 - 50 * n:02X}00") for n in range(4)]
+    assert results == [OK, OK, OK, OK]  # 0.5 A may still be a command that was taken up late
+    assert tick(echoing, "FA00", 0.0, "0F000000") == MISSED
+    assert tick(echoing, "FA00", 0.0, "02000000", "> 000#0201") == LOST
+    assert echoing.why == (
+        "node 1 does not take its commands (RPDO 1, 0x201): in 3 samples in a row its demand was none of the latest, last "
+        "0.5 A where 0 A was commanded; the node was stopped by NMT"
+    )
+    assert echoing.read() == LOST
+    assert echoing.write(0.0, 0, "> 201#00000000") == LOST
+    assert echoing.nothing_sent()
+
+
+def test_lost_commands_show_only_when_they_change(echoing: Wire) -> None:
+    for _ in range(20):
+        assert tick(echoing, "0000", 0.0, "0F000000") == OK
+
+
+def test_one_lost_command_is_tolerated(echoing: Wire) -> None:
+    demands = ["0000", "0000", "6400", "6400", "C800", "FA00"]  # the third command got lost
+    commands = [(0.2, "6400"), (0.3, "9600"), (0.4, "C800"), (0.5, "FA00"), (0.5, "FA00"), (0.5, "FA00")]
+    for demand, (current, sent) in zip(demands, commands, strict=True):
+        assert tick(echoing, demand, current, f"0F00{sent}") == OK
+
+
+def test_a_demand_that_stays_out_is_no_proof_either(echoing: Wire) -> None:
+    assert tick(echoing, "0000", 0.1, "0F003200") == OK
+    assert tick(echoing, None, 0.1, "0F003200") == OK
+    assert tick(echoing, None, 0.1, "0F003200") == MISSED
+    assert tick(echoing, None, 0.1, "02000000", "> 000#0201") == LOST
+    assert echoing.why == "node 1 sent no TPDO 2 (0x281) with 3 samples in a row; the node was stopped by NMT"
+
+
+def test_a_demand_at_a_limit_may_be_less_but_not_more(echoing: Wire) -> None:
+    limited = "< 181#370AD204000000FE"  # bit 11: internal limit active
+    assert tick(echoing, "0000", 0.5, "0F00FA00") == OK
+    for _ in range(5):
+        assert tick(echoing, "6400", 0.5, "0F00FA00", sample=limited) == OK
+    for _ in range(2):
+        tick(echoing, "2C01", 0.5, "0F00FA00", sample=limited)
+    assert tick(echoing, "2C01", 0.5, "02000000", "> 000#0201", sample=limited) == LOST
+
+
+def test_outside_operation_enabled_the_demand_does_not_count() -> None:
+    with Wire(read_back=True) as wire:
+        for _ in range(6):
+            assert wire.read("< 281#FA00", "> 080#", DISABLED) == OK
+            assert wire.write(0.0, 0, "> 201#00000000") == OK
+
+
+def test_a_second_command_in_a_tick_asks_no_second_time(echoing: Wire) -> None:
+    assert tick(echoing, "0000", 0.1, "0F003200") == OK
+    for _ in range(3):
+        assert echoing.write(0.1, 1, "> 201#0F003200") == OK
+
+
+def test_a_demand_of_the_wrong_length_is_an_error(echoing: Wire) -> None:
+    assert echoing.read("< 281#FA") == ERROR
+    assert echoing.why is not None
+    assert echoing.why.startswith("TPDO 2 of node 1 came with 1 bytes, 2 are mapped")

@@ -40,7 +40,7 @@ def text(raw: bytes) -> str:
 class Wire:
     """The exchange's memory, set up for node 1 with 0.002 A a step, and the drive's end of its socket."""
 
-    def __init__(self, guard_ms: int = 0) -> None:
+    def __init__(self, guard_ms: int = 0, *, read_back: bool = False) -> None:
         ours, self.drive = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         self.ours = ours
         self.drive.settimeout(PATIENCE_S)
@@ -50,6 +50,7 @@ class Wire:
         self.s[w.GUARD_LOW], self.s[w.GUARD_ANSWERED], self.s[w.GUARD_TOGGLE] = 0x701 | w.REMOTE, 1, -1
         self.s.view(np.float64)[w.COMMAND_PER_AMPERE] = 500.0
         self.s.view(np.float64)[w.AMPERE_PER_ACTUAL] = 0.01
+        self.s[w.READ_BACK], self.s.view(np.float64)[w.AMPERE_PER_DEMAND] = int(read_back), 0.002
         self.x = new_exchange()
         self.xf = self.x.view(np.float64)
 

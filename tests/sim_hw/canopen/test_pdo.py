@@ -10,7 +10,7 @@ import pytest
 from hapticd.config import load_config
 from hapticd.plant import kernel
 from sim_hw import log
-from tests.sim_hw.canopen.master import ENABLED, drive_state
+from tests.sim_hw.canopen.master import ENABLED, FAULT, drive_state
 
 NOT_VALID = 1 << 31
 AMPLIFIER_S = 0.001
@@ -173,3 +173,36 @@ def test_current_folds_back_to_continuous_after_the_peak_time(start_drive):
     first, folded = applied[0], applied[1]
     assert folded["applied_A"] == pytest.approx(2.0)
     assert (folded["time_ns"] - first["time_ns"]) * 1e-9 == pytest.approx(0.1333, abs=1.5e-3)
+
+
+def test_rpdo_that_stays_out_past_its_deadline_ends_the_current(start_drive):
+    drive, master = start_drive()
+    master.bring_up(enable=False)
+    master.write(0x1400, 5, 100, 2)
+    master.enable()
+    before_ns = time.monotonic_ns()
+    master.command(0x0F, 300)
+    assert master.wait_for(0x81)[:2] == (0x8250).to_bytes(2, "little")
+    master.wait_state(FAULT)
+    rows = drive.stop()
+    command = rows[rows["event"] == log.COMMAND][-1]
+    disabled = rows[rows["event"] == log.DISABLE][0]
+    assert command["time_ns"] > before_ns
+    assert disabled["time_ns"] - command["time_ns"] == 100_000_000
+    assert rows["applied_A"].max() > 0.5
+    assert rows["applied_A"][-1] == 0.0
+
+
+def test_a_deadline_of_0_or_another_nmt_state_watches_nothing(start_drive):
+    _, master = start_drive()
+    master.bring_up()
+    master.write(0x1400, 5, 50, 2)
+    master.command(0x0F, 0)
+    master.write(0x1400, 5, 0, 2)
+    time.sleep(0.1)
+    assert master.state() == ENABLED
+    master.write(0x1400, 5, 50, 2)
+    master.command(0x0F, 0)
+    master.nmt(128)
+    time.sleep(0.1)
+    assert master.state() == ENABLED
