@@ -36,6 +36,28 @@ _CHUNK = 64
 
 
 @dataclass(frozen=True)
+class Few:
+    """Some of the windows, with their initial states, state gains, residuals, and the loss of the present model."""
+
+    segments: Sequence[Segment]
+    states: Sequence[Floats]
+    gains: Sequence[Floats]
+    residuals: Sequence[Floats]
+    loss: float
+
+
+def _stepped(
+    segments: Sequence[Segment], hypothesis: Hypothesis, u: Floats, states: Sequence[Floats], gains: Sequence[Floats]
+) -> tuple[float, list[Floats]]:
+    """Loss of windows whose initial states follow to first order where that helps, and the residuals before they do."""
+    solution, residuals = evaluate(segments, hypothesis, u, states)
+    steps = [np.einsum("wil,wl->wi", gain, residual) for gain, residual in zip(gains, residuals, strict=True)]
+    moved = [segment.stepped(state, step) for segment, state, step in zip(segments, states, steps, strict=True)]
+    after, _ = evaluate(segments, hypothesis, u, moved)
+    return float(np.minimum(solution.loss, after.loss).sum()), residuals
+
+
+@dataclass(frozen=True)
 class Context:
     """Present model, its residuals, and the recordings it was fitted to."""
 
@@ -194,37 +216,24 @@ class Context:
         return np.concatenate(normals), np.concatenate(rights)
 
     @cached_property
-    def _few(self) -> tuple[list[Segment], list[Floats], list[Floats]]:
-        """A third of the windows, with their initial states and state gains."""
+    def few(self) -> Few:
+        """A third of the windows."""
         masks = [thinned(segment.count) for segment in self.segments]
         segments = [segment.chosen(mask) for segment, mask in zip(self.segments, masks, strict=True)]
         states = [state[mask] for state, mask in zip(self.fit.solution.states, masks, strict=True)]
         gains = [gain[mask] for gain, mask in zip(self.fit.at.state_gain, masks, strict=True)]
-        return segments, states, gains
-
-    def _loss_of(self, hypothesis: Hypothesis, u: Floats) -> float:
-        segments, states, gains = self._few
-        known = self.fit.solution
-        if hypothesis.has_memory(u, 0) and not known.hypothesis.has_memory(known.u, 0):
-            # What the windows inherit is new to all of them.
-            return fit_states(segments, hypothesis, u, states, 2)[0].total
-        solution, residuals = evaluate(segments, hypothesis, u, states)
-        stepped = [
-            segment.stepped(state, np.einsum("wil,wl->wi", gain, residual))
-            for segment, state, gain, residual in zip(segments, states, gains, residuals, strict=True)
-        ]
-        moved, _ = evaluate(segments, hypothesis, u, stepped)
-        return float(np.minimum(solution.loss, moved.loss).sum())
+        solution = self.fit.solution
+        loss, residuals = _stepped(segments, solution.hypothesis, solution.u, states, gains)
+        return Few(segments, states, gains, residuals, loss)
 
     def loss_with(self, term: Term, value: Floats) -> float:
         """Loss of a third of the windows with one more term at given coordinates; initial states follow to first order."""
-        solution = self.fit.solution
-        return self._loss_of(solution.hypothesis.with_term(term), np.concatenate([solution.u, value]))
-
-    @cached_property
-    def loss_without(self) -> float:
-        """Loss of the present model, as `loss_with` counts it."""
-        return self._loss_of(self.fit.solution.hypothesis, self.fit.solution.u)
+        solution, few = self.fit.solution, self.few
+        hypothesis, u = solution.hypothesis.with_term(term), np.concatenate([solution.u, value])
+        if hypothesis.has_memory(u, 0) and not solution.hypothesis.has_memory(solution.u, 0):
+            # What the windows inherit is new to all of them.
+            return fit_states(few.segments, hypothesis, u, few.states, 2)[0].total
+        return _stepped(few.segments, hypothesis, u, few.states, few.gains)[0]
 
     def gains_of_currents(self, changes: Sequence[Sequence[Floats]]) -> Floats:
         """Loss (p,) that changes of the motor current would save, by the linear response of a third of the windows.

@@ -18,7 +18,7 @@ from numba import types
 
 from hapticd.jit import njit
 from hapticd.plant.effects.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
-from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws
+from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws, stribeck_span
 from hapticd.plant.phases import MOST_PHASES
 from hapticd.plant.slide import ACTIONS, Actions
 from hapticd.plant.spring import spring_functions
@@ -180,6 +180,9 @@ def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Actions, to: C
         mean_speed = 0.5 * (speed + end)
         level, viscous = damping_at(p, mean_speed, sign, friction_level(p, mean_speed, on.motor, on.warm), on.viscous)
         pull = on.drive + field_torque(p, x, x + sign * way, on.current) - on.stiffness * (x - on.rest)
+        if attempt == 0:
+            whole = pull + sign * to.inertia * (to.stiffness * twist + 2.0 * to.damping * twist_rate)
+            span = stribeck_span(p, speed, whole, on.inertia, span)
         a, rate, omega2 = (
             (sign * pull - level) / on.inertia,
             (viscous + on.damping) / on.inertia,

@@ -37,6 +37,10 @@ _AMPLITUDES = word("torque_ripple.amplitudes")
 _PHASES = word("torque_ripple.phases")
 _PROPORTION = word("torque_ripple.current_proportion")
 
+_STRIBECK_PART = 0.5
+"""Largest change of speed during a phase, in units of omega_s."""
+_STRIBECK_REACH = 4.0
+"""Speed, in units of omega_s, from which on friction is as good as constant."""
 SMALLEST_BREAKAWAY = 1e-12
 """Breakaway displacement [rad or m] from which on `presliding` differs from stiction."""
 
@@ -109,3 +113,22 @@ def damping_at(p: NDArray[Any], speed: float, direction: float, level: float, vi
     elif p[_DRAG] < 0.0:
         level -= degressive_relief(speed, p[_DRAG], level + viscous * speed)
     return level, viscous
+
+
+@njit(_f8(_p, _f8, _f8, _f8, _f8), counted=False, inline=True)
+def stribeck_span(p: NDArray[Any], speed: float, pull: float, inertia: float, span: float) -> float:
+    """Return how long friction may be taken at the mean speed: all of `span` where it hardly depends on the speed.
+
+    Args:
+        p: device vector.
+        speed: present speed ≥ 0.
+        pull: sum of all torques but friction, at present.
+        inertia: what moves.
+        span: longest duration [s].
+    """
+    if p[_STRIBECK_S] == 0.0:
+        return span
+    largest = (abs(pull) + coulomb_level(p) * (1.0 + p[_STRIBECK_S])) / inertia
+    if speed - largest * span > _STRIBECK_REACH * p[_STRIBECK_OMEGA]:
+        return span
+    return min(span, _STRIBECK_PART * p[_STRIBECK_OMEGA] / largest)

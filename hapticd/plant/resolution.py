@@ -24,14 +24,16 @@ _PHASE_OF_COUPLING = 0.35
 """Largest angle [rad] of the two masses' oscillation during a substep, where it is not exact (`hapticd.plant.coupled`)."""
 _PHASE_OF_LAG = 1.0
 _STRIBECK_PART = 0.5
-"""Largest change of speed during a substep, in units of omega_s, at an acceleration of four times the friction."""
+"""Largest change of speed during a substep on a bristle, in units of omega_s, at an acceleration of four times the friction;
+where there is stiction, `hapticd.plant.slide` divides what needs it."""
 
 
 def substeps_for(p: NDArray[np.float64], period_s: float) -> int:
     """Substeps a tick for which `mechanical` and `electrical` are accurate with a device's effects.
 
-    Without effects, and with those that are exact, it is 1. Stops, impacts and the bristle of `presliding` are resolved
-    inside a substep and need none. The limits here leave errors of the order of 10⁻³ of the effect (tests/plant/effects).
+    Without effects, and with those that are exact, it is 1. Stops, impacts, the bristle of `presliding` and the friction of
+    `stribeck` are resolved inside a substep and need none. The limits here leave errors of the order of 10⁻³ of the effect
+    (tests/plant/effects).
 
     Args:
         p: device vector, shape (SIZE,).
@@ -48,7 +50,7 @@ def substeps_for(p: NDArray[np.float64], period_s: float) -> int:
         inertia *= 1.0 - of("backlash.load_share")
     inertia += of("grip_inertia")
     parts = [1.0]
-    if of("stribeck.s") > 0.0:
+    if of("stribeck.s") > 0.0 and has_bristle(p):
         friction = of("coulomb") * (1.0 + of("coulomb_friction.r"))
         parts.append(4.0 * friction / inertia * period_s / (_STRIBECK_PART * of("stribeck.omega_s")))
     orders, amplitudes = word("torque_ripple.orders"), word("torque_ripple.amplitudes")

@@ -15,7 +15,7 @@ from numba import types
 
 from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions, time_and_way_to_rest
-from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws
+from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws, stribeck_span
 from hapticd.plant.spring import spring_functions, time_to_rest
 
 if TYPE_CHECKING:
@@ -100,7 +100,7 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tupl
         on: what acts on the shaft.
 
     Returns:
-        Position, velocity and time taken: `span`, or less when the shaft stops before.
+        Position, velocity and time taken: `span`, or less when the shaft stops before, or friction changes fast.
     """
     if v == 0.0:
         pull = on.drive + field_torque(p, x, x, on.current) - on.stiffness * (x - on.rest)
@@ -116,6 +116,8 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tupl
         mean_speed = 0.5 * (speed + end)
         level, total = damping_at(p, mean_speed, sign, friction_level(p, mean_speed, on.motor, on.warm), on.viscous)
         pull = on.drive + field_torque(p, x, x + sign * way, on.current) - on.stiffness * (x - on.rest)
+        if attempt == 0:
+            span = stribeck_span(p, speed, pull, on.inertia, span)
         way, end, time = glide(
             speed,
             (sign * pull - level) / on.inertia,

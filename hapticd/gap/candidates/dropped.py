@@ -17,15 +17,20 @@ from hapticd.gap.hypothesis import Term
 from hapticd.plant.effects.layout import word
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from hapticd.gap.candidates.fates import Fates
     from hapticd.gap.context import Context
     from hapticd.gap.fit import Fit
+    from hapticd.gap.predict import Segment
 
     Floats = NDArray[np.float64]
 
 _TURNS = 12
+_FIRST_GUESS = 0.02
+"""Probability of a loss."""
 _LEAST = 1.0
 """Loss that a turn must save for another to be taken."""
 _CHUNK = 128
@@ -34,16 +39,18 @@ _AT_REST = 1e-3
 
 
 class _Search:
-    """Fates assumed, and the probability of a loss that follows from them."""
+    """Fates assumed in some windows, and the probability of a loss that follows from them."""
 
-    def __init__(self, context: Context) -> None:
-        self.context = context
-        self.commands = [segment.recording.current for segment in context.segments]
+    def __init__(
+        self, context: Context, segments: Sequence[Segment], states: Sequence[Floats], probability: float
+    ) -> None:
+        self.context, self.segments, self.states = context, segments, states
+        self.commands = [segment.recording.current for segment in segments]
         self.lost = [np.zeros(len(command), dtype=np.bool_) for command in self.commands]
         self.prices = [np.zeros(len(command)) for command in self.commands]
-        self.probability, self.spread = 0.02, 0.0
+        self.probability, self.spread = probability, 0.0
 
-    def turn(self, fitted: Fit) -> None:
+    def turn(self, residuals: Sequence[Floats]) -> None:
         """Find the fates from what the prediction with those assumed so far leaves, and the probability from them.
 
         The probability takes a Newton step to its largest likelihood; information is that of the fates less what the data
@@ -51,10 +58,10 @@ class _Search:
         """
         p, scores, open_ = self.probability, [], 0.0
         ticks = losses = 0.0
-        for number, segment in enumerate(self.context.segments):
+        for number, segment in enumerate(self.segments):
             for first in range(0, segment.count, _CHUNK):
                 rows = segment.windows.rows[first : first + _CHUNK] - 1
-                found = self._found(fitted, number, slice(first, first + _CHUNK))
+                found = self._found(residuals[number], number, slice(first, first + _CHUNK))
                 self.lost[number][rows] = found.lost
                 self.prices[number][rows] = found.price[:, None] / segment.length
                 scores.append((found.number - segment.length * p) / (p * (1.0 - p)))
@@ -67,10 +74,10 @@ class _Search:
         self.probability = float(np.clip(p + score.sum() / information, 0.3 * p, min(3.0 * p, 0.5 + 0.5 * p)))
         self.spread = float(np.sqrt(max(1.0 / information, float(score @ score) / information**2)))
 
-    def _found(self, fitted: Fit, number: int, part: slice) -> Fates:
-        context, segment, command = self.context, self.context.segments[number], self.commands[number]
+    def _found(self, residuals: Floats, number: int, part: slice) -> Fates:
+        context, segment, command = self.context, self.segments[number], self.commands[number]
         rows, sigma = segment.windows.rows[part] - 1, segment.sigma[part][:, None]
-        residual = fitted.residuals[number][part]
+        residual = residuals[part]
         predicted = segment.observed[part] - residual * sigma
         moving = np.abs(np.gradient(predicted, axis=1)) > _AT_REST * segment.resolution
         period = segment.recording.period_s
@@ -86,7 +93,20 @@ class _Search:
         """The present model with the fates assumed, initial states fitted."""
         solution = self.context.fit.solution
         hypothesis = solution.hypothesis.with_term(self.term())
-        return fit(self.context.segments, hypothesis, solution.u, solution.states, 0)
+        return fit(self.segments, hypothesis, solution.u, self.states, 0)
+
+    def settle(self, residuals: Sequence[Floats]) -> tuple[Term | None, float]:
+        """Take turns until the loss falls no more; return the best set of fates and its loss."""
+        best, least = None, np.inf
+        for _ in range(_TURNS):
+            self.turn(residuals)
+            if not any(mask.any() for mask in self.lost):
+                break
+            fitted = self.fitted()
+            if fitted.solution.total > least - _LEAST:
+                break
+            best, least, residuals = self.term(), fitted.solution.total, fitted.residuals
+        return best, least
 
     def term(self) -> Term:
         """The effect with the fates assumed."""
@@ -111,15 +131,15 @@ class _Search:
 
 
 def dropped_samples(context: Context) -> list[Term]:
-    """Lost commands, found window by window, and the probability p that follows from them."""
-    search, fitted = _Search(context), context.fit
-    best, least = None, np.inf
-    for _ in range(_TURNS):
-        search.turn(fitted)
-        if not any(mask.any() for mask in search.lost):
-            break
-        fitted = search.fitted()
-        if fitted.solution.total > least - _LEAST:
-            break
-        best, least = search.term(), fitted.solution.total
+    """Lost commands, found window by window, and the probability p that follows from them.
+
+    A third of the windows tells whether there are any, and how many about.
+    """
+    few = context.few
+    first = _Search(context, few.segments, few.states, _FIRST_GUESS)
+    found, loss = first.settle(few.residuals)
+    if found is None or loss >= few.loss:
+        return []
+    solution = context.fit.solution
+    best, _ = _Search(context, context.segments, solution.states, first.probability).settle(context.fit.residuals)
     return [best] if best else []

@@ -78,4 +78,4 @@ def dac_quantization(context: Context) -> list[Term]:
     likely = grid[np.argsort(-gains)[:_DAC_SIMULATED]]
     losses = np.array([context.loss_with(term(q), np.log([q])) for q in likely])
     best = np.argsort(losses)[:3]
-    return [term(float(likely[k])) for k in best if losses[k] < context.loss_without]
+    return [term(float(likely[k])) for k in best if losses[k] < context.few.loss]

@@ -78,10 +78,10 @@ def test_a_lost_command_leaves_the_last_one() -> None:
 def test_substeps_follow_the_fastest_effect() -> None:
     assert substeps_for(vector(), PERIOD) == 1
     assert substeps_for(vector(backlash__gap=0.1, transport_delay__t_d=1e-3, return_spring__k_s=1.0), PERIOD) == 1
-    slow = substeps_for(vector(stribeck__s=0.5, stribeck__omega_s=2.0), PERIOD)
-    fast = substeps_for(vector(stribeck__s=0.5, stribeck__omega_s=0.2), PERIOD)
+    slow = substeps_for(vector(amplifier_lag__f_a=20.0), PERIOD)
+    fast = substeps_for(vector(amplifier_lag__f_a=400.0), PERIOD)
     assert 1 <= slow < fast <= 64
-    assert substeps_for(vector(stribeck__s=0.5, stribeck__omega_s=0.2), PERIOD / 10) < fast
+    assert substeps_for(vector(amplifier_lag__f_a=400.0), PERIOD / 10) < fast
 
 
 @pytest.mark.parametrize("f_r", [20.0, 200.0])
