@@ -79,7 +79,7 @@ class LogWriter:
 
 
 def read_log(path: str | Path) -> NDArray[Any]:
-    """All rows of a log, also of one that is still being written.
+    """All rows of a log, also of one that is still being written; none of one of which nothing is on disk yet.
 
     Returns:
         Structured array, dtype ROW, shape (rows,), in the order of ``time_ns``.
@@ -90,7 +90,9 @@ def read_log(path: str | Path) -> NDArray[Any]:
     """
     import pyarrow as pa
 
-    batches = []
+    batches: list[Any] = []
+    if Path(path).stat().st_size == 0:
+        return np.zeros(0, ROW)
     with Path(path).open("rb") as file:
         stream = pa.ipc.open_stream(file)
         # A file cut off in the middle of a batch: what came before it counts.

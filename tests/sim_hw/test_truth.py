@@ -11,6 +11,7 @@ import pytest
 
 from hapticd.config import load_config, parse_yaml
 from hapticd.plant import kernel
+from sim_hw.log import ROW, LogWriter, read_log
 from tests.sim_hw.boards import ROOT, rows, running_board
 from tests.sim_hw.host import MIDDLE, Host
 
@@ -164,3 +165,11 @@ def test_what_it_refuses(tmp_path: Path) -> None:
     assert (code, "amplifier.dac_bits = 18: the board's converter has 8 to 16 bits" in text) == (2, True)
     assert _refused("seriell")[0] == 2
     assert not Path(link).is_symlink()
+
+
+def test_a_log_that_has_just_been_begun_reads_as_empty(tmp_path: Path) -> None:
+    writer = LogWriter(tmp_path / "truth.arrow", {"device": "serial"})
+    assert read_log(tmp_path / "truth.arrow").size == 0
+    writer.write(np.zeros(3, ROW))
+    assert read_log(tmp_path / "truth.arrow").size == 3
+    writer.close()
