@@ -27,6 +27,7 @@ NAMES = (
     "service",
     "serial_roundtrip",
     "hold",
+    "gap_speed",
 )
 
 
