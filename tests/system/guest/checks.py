@@ -179,7 +179,7 @@ def service_on_can() -> str:
 
 @check
 def frames_on_the_bus() -> str:
-    """SYNC, TPDO 1, RPDO 1 in each period, at the rate; and the sign of life four times within the watchdog's time."""
+    """SYNC, TPDO 1 and 2, RPDO 1 in each period, at the rate; and the sign of life four times within the watchdog's time."""
     lines = sh("timeout 3 candump -L vcan0", ok=(0, 124)).splitlines()
     frames = [(float(line[1:].split(")")[0]), line.split()[2]) for line in lines]
     names = {"080#": "S", "181#": "T", "201#": "R"}
@@ -190,6 +190,9 @@ def frames_on_the_bus() -> str:
     assert whole >= 0.98 * order.count("S"), order[:200]
     sizes = {name: {len(frame[4:]) // 2 for _, frame in frames if frame[:4] == name} for name in names}
     assert sizes == {"080#": {0}, "181#": {8}, "201#": {4}}, sizes
+    demands = [len(frame[4:]) // 2 for _, frame in frames if frame.startswith("281#")]
+    assert len(demands) >= 0.98 * order.count("S"), (len(demands), order.count("S"))
+    assert set(demands) == {2}, set(demands)
     controlwords = {frame[4:8] for _, frame in frames if frame.startswith("201#")}
     assert controlwords == {"0F00"}, controlwords
     guards = [frame for _, frame in frames if frame.startswith("701#R")]
@@ -197,7 +200,7 @@ def frames_on_the_bus() -> str:
     assert len(guards) >= 0.95 * seconds * 4 / WATCHDOG_S, (len(guards), seconds)
     assert all(one != other for one, other in pairwise(replies)), "the toggle bit stands still"
     return (
-        f"{whole} times SYNC 080, TPDO 181 (8 bytes), RPDO 201 (4 bytes) in {seconds:.2f} s, Enable operation; "
+        f"{whole} times SYNC 080, TPDO 181 (8 bytes), 281 (2 bytes), RPDO 201 (4 bytes) in {seconds:.2f} s; "
         f"{len(guards)} guard requests, {len(replies)} replies that toggle"
     )
 
