@@ -238,10 +238,13 @@ class Context:
     def gains_of_currents(self, changes: Sequence[Sequence[Floats]]) -> Floats:
         """Loss (p,) that changes of the motor current would save, by the linear response of a third of the windows.
 
+        Each change counts in the size that saves most: where a shaft sticks, it answers less than linearly, and a large
+        change would be ruled out although its shape is right.
+
         Args:
             changes: `changes[s][p]` is (n,) [A] for recording s.
         """
-        saved = np.zeros(len(changes[0]))
+        explained, size = np.zeros(len(changes[0])), np.zeros(len(changes[0]))
         late = float(self.base[word("delay_s")] + self.base[word("transport_delay.t_d")])
         for number, segment in enumerate(self.segments):
             ticks = round(late / segment.recording.period_s)
@@ -250,11 +253,9 @@ class Context:
             for rows in np.array_split(windows, max(len(windows) // _CHUNK, 1)):
                 columns = self._columns(number, forces, rows)
                 residual, weight = self.fit.residuals[number][rows], self._weights[number][rows]
-                of_windows = 2.0 * np.einsum("wlp,wl->wp", columns, residual) - np.einsum(
-                    "wlp,wlp->wp", columns, columns
-                )
-                saved += weight @ of_windows
-        return saved
+                explained += weight @ np.einsum("wlp,wl->wp", columns, residual)
+                size += weight @ np.einsum("wlp,wlp->wp", columns, columns)
+        return np.maximum(explained, 0.0) ** 2 / np.maximum(size, 1e-300)
 
     def normal_of_harmonics(self, orders: Floats) -> tuple[Floats, Floats, float]:
         """Normal equations (2K, 2K), (2K,) of torques sin kθ, cos kθ, and the residual variance to judge gains by."""

@@ -39,6 +39,14 @@ def test_a_hidden_effect_is_named(hidden: Callable[..., Any], effect: dict[str, 
     assert result.gap.held_out_after < 1.2 < result.gap.held_out_before
 
 
+@pytest.mark.parametrize("step", [0.02, 0.08])
+def test_a_coarse_converter_is_named_whatever_its_step(hidden: Callable[..., Any], step: float) -> None:
+    recording, model = hidden([{"name": "dac_quantization", "q": step}])
+    result = find_gap([recording], model, candidates=["coulomb_friction", "transport_delay", "dac_quantization"])
+    assert result.effects == ("dac_quantization",)
+    assert result.steps[0].parameters["q"].value == pytest.approx(step, rel=0.02)
+
+
 def test_bias_and_asymmetric_coulomb_are_one_class(hidden: Callable[..., Any]) -> None:
     recording, model = hidden([{"name": "constant_bias", "tau_0": 1e-4}])
     result = find_gap([recording], model, candidates=CATALOGUE)
