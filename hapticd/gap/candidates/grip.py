@@ -7,11 +7,13 @@ from the interval in which they explain most; then a path through two states, he
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hapticd.gap.candidates.build import Scalar, scalar_term
+from hapticd.gap.fit import fit, fit_states
 from hapticd.gap.hypothesis import Term
 from hapticd.plant.effects.layout import word
 
@@ -31,6 +33,8 @@ _TURNS = 4
 _CHANGE = 20.0
 """Loss that taking hold or letting go must save."""
 _FOREVER = 1e9
+_LOOK = 6
+"""Iterations of the fit whose predictions say where the hand holds."""
 
 
 def _solved(normal: Floats, right: Floats) -> Floats:
@@ -93,11 +97,33 @@ def hand_impedance(context: Context) -> list[Term]:
         coefficients = _solved(hessian[held].sum(0)[None], gradient[held].sum(0)[None])[0]
     if not held.any():
         return []
+    first = _term(context, coefficients, _grips(context, held))
+    return [first, *_by_prediction(context, first)]
+
+
+def _grips(context: Context, held: NDArray[np.bool_]) -> tuple[tuple[Interval, ...], ...]:
+    """Intervals of every recording from the windows (w,) in which the hand holds."""
     parts = np.split(held, np.cumsum([s.count for s in context.segments])[:-1])
-    grips = tuple(
+    return tuple(
         tuple(_intervals(part, s.recording.time_s[s.windows.start], s.length * s.recording.period_s))
         for part, s in zip(parts, context.segments, strict=True)
     )
+
+
+def _by_prediction(context: Context, first: Term) -> list[Term]:
+    """The grip again, held where whole predictions with it are better: a strong hand is beyond the linear response."""
+    known = context.fit.solution
+    start = np.concatenate([known.u, first.start])
+    fitted = fit(context.segments, known.hypothesis.with_term(first), start, known.states, _LOOK).solution
+    value = fitted.u[len(known.u) :]
+    everywhere = replace(first, grips=tuple(((0.0, _FOREVER),) for _ in context.segments))
+    always, _ = fit_states(context.segments, known.hypothesis.with_term(everywhere), fitted.u, fitted.states)
+    held = _held(known.loss - always.loss)
+    grips = _grips(context, held) if held.any() else first.grips
+    if grips == first.grips:
+        return []
+    found = first.parameters(value)
+    coefficients = np.array([found["m_h"], found["b_h"], found["k_h"], found["k_h"] * found["rest"]])
     return [_term(context, coefficients, grips)]
 
 
