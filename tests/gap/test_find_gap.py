@@ -47,6 +47,16 @@ def test_a_coarse_converter_is_named_whatever_its_step(hidden: Callable[..., Any
     assert result.steps[0].parameters["q"].value == pytest.approx(step, rel=0.02)
 
 
+def test_a_strong_hand_is_found_where_it_holds(hidden: Callable[..., Any]) -> None:
+    grip = {"name": "hand_impedance", "m_h": 1e-5, "b_h": 1e-4, "k_h": 2e-3, "rest": 0.0, "on_s": 3.3, "off_s": 1e9}
+    recording, model = hidden([grip])
+    result = find_gap([recording], model, candidates=["coulomb_friction", "return_spring", "hand_impedance"])
+    assert result.effects == ("hand_impedance",)
+    found = result.steps[0].parameters
+    assert found["on_s"].value == pytest.approx(3.3, abs=0.15)
+    assert found["k_h"].value == pytest.approx(2e-3, rel=0.05)
+
+
 def test_bias_and_asymmetric_coulomb_are_one_class(hidden: Callable[..., Any]) -> None:
     recording, model = hidden([{"name": "constant_bias", "tau_0": 1e-4}])
     result = find_gap([recording], model, candidates=CATALOGUE)
