@@ -104,7 +104,7 @@ class Context:
     @property
     def window_s(self) -> float:
         """Length of a window [s]."""
-        return self.segments[0].length * self.period
+        return self.segments[0].length_s
 
     @cached_property
     def resolution(self) -> float:
@@ -218,13 +218,18 @@ class Context:
     @cached_property
     def few(self) -> Few:
         """A third of the windows."""
-        masks = [thinned(segment.count) for segment in self.segments]
+        masks = [thinned(segment.count, segment.length_s) for segment in self.segments]
         segments = [segment.chosen(mask) for segment, mask in zip(self.segments, masks, strict=True)]
         states = [state[mask] for state, mask in zip(self.fit.solution.states, masks, strict=True)]
         gains = [gain[mask] for gain, mask in zip(self.fit.at.state_gain, masks, strict=True)]
         solution = self.fit.solution
         loss, residuals = _stepped(segments, solution.hypothesis, solution.u, states, gains)
         return Few(segments, states, gains, residuals, loss)
+
+    @property
+    def samples_of_few(self) -> int:
+        """Predicted samples of `few`."""
+        return sum(segment.count * segment.length for segment in self.few.segments)
 
     def loss_with(self, term: Term, value: Floats) -> float:
         """Loss of a third of the windows with one more term at given coordinates; initial states follow to first order."""
@@ -249,7 +254,7 @@ class Context:
         for number, segment in enumerate(self.segments):
             ticks = round(late / segment.recording.period_s)
             forces = [self.torque_constant * np.roll(change, ticks) for change in changes[number]]
-            windows = np.flatnonzero(thinned(segment.count))
+            windows = np.flatnonzero(thinned(segment.count, segment.length_s))
             for rows in np.array_split(windows, max(len(windows) // _CHUNK, 1)):
                 columns = self._columns(number, forces, rows)
                 residual, weight = self.fit.residuals[number][rows], self._weights[number][rows]

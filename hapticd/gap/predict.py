@@ -103,6 +103,11 @@ class Segment:
         """Predicted samples of a window."""
         return self.windows.length
 
+    @property
+    def length_s(self) -> float:
+        """Length of a window [s]."""
+        return self.length * self.recording.period_s
+
     @cached_property
     def position_step(self) -> float:
         """Difference step of an initial position: about the noise of a sample."""
@@ -111,7 +116,7 @@ class Segment:
     @cached_property
     def velocity_step(self) -> float:
         """Difference step of an initial velocity: moves the end of the window by about the noise of a sample."""
-        return self._typical_sigma / (self.length * self.recording.period_s)
+        return self._typical_sigma / self.length_s
 
     @cached_property
     def _typical_sigma(self) -> float:

@@ -98,7 +98,7 @@ class Few:
 def few_of(data: Data, present: Judged) -> Few:
     """Thin the windows."""
     solution = present.fit.solution
-    masks = [thinned(segment.count) for segment in data.segments]
+    masks = [thinned(segment.count, segment.length_s) for segment in data.segments]
     segments = [segment.chosen(mask) for segment, mask in zip(data.segments, masks, strict=True)]
     states = [state[mask] for state, mask in zip(solution.states, masks, strict=True)]
     total = fit(segments, solution.hypothesis, solution.u, states, 0, _PATIENCE).solution.total

@@ -26,7 +26,7 @@ _RESOLVED = 100.0
 """The typical force is to bend a window by this many standard deviations of one position sample."""
 _BLOCK_S = 1.0
 _FEWEST_BLOCKS = 10
-_THIN, _RUN = 3, 4
+_THIN, _RUN_S, _SHORTEST_RUN = 3, 0.5, 4
 
 
 @dataclass(frozen=True)
@@ -76,6 +76,12 @@ def folds(block: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(block % min(FOLDS, int(block.max()) + 1))
 
 
-def thinned(count: int) -> NDArray[np.bool_]:
-    """A third of the windows, in runs of a few: enough for a first look, and no second of the recording is left out."""
-    return np.asarray(np.arange(count) // _RUN % _THIN == 0)
+def thinned(count: int, length_s: float) -> NDArray[np.bool_]:
+    """A third of the windows, in runs of half a second: a load that rings needs some time to be where it is.
+
+    Args:
+        count: windows of the recording.
+        length_s: of one of them [s].
+    """
+    run = max(_SHORTEST_RUN, round(_RUN_S / length_s))
+    return np.asarray(np.arange(count) // run % _THIN == 0)

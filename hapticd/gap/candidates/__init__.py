@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from hapticd.gap.candidates import angle, base, drivetrain, dropped, electrical, forces, friction, grip
+from hapticd.gap.candidates import angle, base, converter, drivetrain, dropped, electrical, forces, friction, grip
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,7 +34,7 @@ BUILDERS: dict[str, Callable[[Context], list[Term]]] = {
     "transport_delay": electrical.transport_delay,
     "amplifier_lag": electrical.amplifier_lag,
     "current_saturation": electrical.current_saturation,
-    "dac_quantization": electrical.dac_quantization,
+    "dac_quantization": converter.dac_quantization,
     "backlash": drivetrain.backlash,
     "flexible_coupling": drivetrain.flexible_coupling,
     "encoder_eccentricity": angle.encoder_eccentricity,

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from hapticd.gap.context import Context
     from hapticd.gap.hypothesis import Term
 
-_DAC_STEPS, _DAC_SIMULATED = 400, 16
-"""Neighbours on the grid differ by 1.5 %: at thirty steps of q the staircase is then half a step out of place."""
 _DELAYS = 12
 _LONGEST_DELAY = 200.0
 """In ticks: beyond, a lab sees it with the naked eye."""
@@ -57,25 +55,3 @@ def current_saturation(context: Context) -> list[Term]:
         for s in starts
         if 0.02 * high < s < high
     ]
-
-
-def dac_quantization(context: Context) -> list[Term]:
-    """i → q·round(i/q). The fit is blind from afar, so all q on a fine grid are tried.
-
-    The linear response says which of them are worth a simulation.
-    """
-    size = np.abs(context.current)
-    high = float(np.quantile(size, 0.99))
-    if high <= 0.0:
-        return []
-    grid = np.geomspace(high / 300.0, high, _DAC_STEPS)
-
-    def term(q: float) -> Term:
-        return scalar_term("dac_quantization", Scalar("q", q, high / 400.0, 2.0 * high, True), trials=float(_DAC_STEPS))
-
-    commands = [segment.recording.current for segment in context.segments]
-    gains = context.gains_of_currents([[q * np.rint(i / q) - i for q in grid] for i in commands])
-    likely = grid[np.argsort(-gains)[:_DAC_SIMULATED]]
-    losses = np.array([context.loss_with(term(q), np.log([q])) for q in likely])
-    best = np.argsort(losses)[:3]
-    return [term(float(likely[k])) for k in best if losses[k] < context.few.loss]
