@@ -72,6 +72,8 @@ class Term:
     """Intervals of a grip in each recording, for the one effect that comes and goes."""
     entry: Callable[[Floats], Mapping[str, object]] | None = None
     """The effect as an entry of `plant.effects`; None where `parameters` is already that."""
+    is_rugged: bool = False
+    """Whether the loss has many small minima: impacts come or stay away with the least change."""
     form: Mapping[str, object] = field(default_factory=dict)
     """Discrete choices made before the fit (orders, intervals), for reports."""
 

@@ -46,6 +46,8 @@ and not cross-validated."""
 _SHARE_OF_TRIALS = 0.25
 """The same after a fit to a third of the windows, which has converged and says more than a look."""
 _PATIENCE = 1e-3
+_HOPS, _HOP = 8, 0.05
+"""Fits from elsewhere, and how far that is in a coordinate: a share of its range, or this much of a logarithm."""
 
 
 @dataclass(frozen=True)
@@ -138,7 +140,22 @@ def converged(few: Few, found: Sequence[Look]) -> Look:
         solution = fit(few.data.segments, start.hypothesis, start.u, start.states, patience=_PATIENCE).solution
         if few.total - solution.total > best.gain:
             best = Look(solution, few.total - solution.total, one.trials)
-    return best
+    return _hopped(few, best) if best.solution.hypothesis.terms[-1].is_rugged else best
+
+
+def _hopped(few: Few, found: Look) -> Look:
+    """The best of several fits from places near the best so far (basin hopping; Wales and Doye 1997)."""
+    rng = np.random.default_rng(0)
+    for _ in range(_HOPS):
+        start = found.solution
+        first = len(start.u) - len(start.hypothesis.terms[-1].coordinates)
+        reach = np.array([_HOP * min(c.upper - c.lower, 1.0) for c in start.hypothesis.coordinates])
+        reach[:first] = 0.0
+        u = start.hypothesis.bounded(start.u + reach * rng.standard_normal(len(reach)))
+        solution = fit(few.data.segments, start.hypothesis, u, start.states, patience=_PATIENCE).solution
+        if few.total - solution.total > found.gain:
+            found = Look(solution, few.total - solution.total, found.trials)
+    return found
 
 
 def full_fit(data: Data, present: Judged, found: Look) -> tuple[Fit, float]:

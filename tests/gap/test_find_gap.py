@@ -44,7 +44,33 @@ def test_a_coarse_converter_is_named_whatever_its_step(hidden: Callable[..., Any
     recording, model = hidden([{"name": "dac_quantization", "q": step}])
     result = find_gap([recording], model, candidates=["coulomb_friction", "transport_delay", "dac_quantization"])
     assert result.effects == ("dac_quantization",)
-    assert result.steps[0].parameters["q"].value == pytest.approx(step, rel=0.02)
+    found = result.steps[0].parameters["q"]
+    assert found.value == pytest.approx(step, rel=1e-3)
+    assert found.ci95[0] < found.value < found.ci95[1]
+    assert result.gap.held_out_after < 1.2
+
+
+@pytest.mark.parametrize(("f_r", "share"), [(28.0, 0.5), (61.0, 0.3)])
+def test_a_lightly_damped_coupling_is_found_where_it_rings(
+    hidden: Callable[..., Any], f_r: float, share: float
+) -> None:
+    effect = {"name": "flexible_coupling", "f_r": f_r, "load_share": share, "damping": 0.015}
+    recording, model = hidden([effect])
+    result = find_gap([recording], model, candidates=["inertia_error", "backlash", "flexible_coupling"])
+    assert result.effects[0] == "flexible_coupling"
+    found = result.steps[0].parameters
+    assert found["f_r"].value == pytest.approx(f_r, rel=0.01)
+    assert found["load_share"].value == pytest.approx(share, rel=0.05)
+    assert found["damping"].value == pytest.approx(0.015, rel=0.3)
+
+
+def test_play_with_a_rebound_is_not_taken_for_a_smaller_one(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([{"name": "backlash", "gap": 0.055, "load_share": 0.3}])
+    result = find_gap([recording], model, candidates=["coulomb_friction", "flexible_coupling", "backlash"])
+    assert result.effects == ("backlash",)
+    found = result.steps[0].parameters
+    assert found["gap"].value == pytest.approx(0.055, rel=0.03)
+    assert found["load_share"].value == pytest.approx(0.3, rel=0.1)
 
 
 def test_a_strong_hand_is_found_where_it_holds(hidden: Callable[..., Any]) -> None:

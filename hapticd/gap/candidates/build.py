@@ -46,7 +46,7 @@ class Scalar:
         return float(np.log(value)) if self.logarithmic else value
 
 
-def scalar_term(slug: str, *scalars: Scalar, trials: float = 1.0) -> Term:
+def scalar_term(slug: str, *scalars: Scalar, trials: float = 1.0, is_rugged: bool = False) -> Term:
     """A term whose coordinates are parameters of the effect, one to one."""
     words = [word(f"{slug}.{s.name}") for s in scalars]
 
@@ -59,7 +59,7 @@ def scalar_term(slug: str, *scalars: Scalar, trials: float = 1.0) -> Term:
 
     coordinates = tuple(s.coordinate(slug) for s in scalars)
     start = tuple(float(np.clip(s.at(s.start), c.lower, c.upper)) for s, c in zip(scalars, coordinates, strict=True))
-    return Term(slug, coordinates, write, parameters, start, trials)
+    return Term(slug, coordinates, write, parameters, start, trials, is_rugged=is_rugged)
 
 
 def promising(context: Context, terms: list[Term], count: int = 2) -> list[Term]:

@@ -33,6 +33,7 @@ def backlash(context: Context) -> list[Term]:
             Scalar("gap", gap, low, high, True),
             Scalar("load_share", share, 0.02, 0.98),
             Scalar("restitution", rebound, 0.0, 0.9),
+            is_rugged=True,
         )
 
     gaps = [float(gap) for gap in np.geomspace(2.0, 200.0, _GAPS) * context.resolution if low < gap < high]
