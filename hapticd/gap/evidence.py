@@ -40,9 +40,9 @@ KAPPA = 4.0
 FALSE_ALARM = 0.005
 """Designed probability that anything of the catalogue is named when nothing is missing."""
 MINIMUM_GAIN = 0.01
-"""Smallest mean gain per sample, in units of the loss, that counts: about 0.5 % of the prediction error. Below it lie
-differences of integration, time stamps and rounding that no physics need explain, and the bias of fits in which every
-window has an initial state of its own (Neyman and Scott 1948)."""
+"""Smallest share of the squared prediction error that counts. Below it lie differences of integration, time stamps and
+rounding that no physics need explain, and the bias of fits in which every window has an initial state of its own (Neyman
+and Scott 1948); and of a model that is far off, a share so small says nothing of what is missing."""
 _BEST_WINDOWS = 2
 _GROSS = 100.0
 """Loss of a window beyond which its logarithm is at work."""
@@ -51,6 +51,12 @@ _GROSS = 100.0
 def window_loss(mean_square: NDArray[np.float64], length: NDArray[np.float64] | float) -> NDArray[np.float64]:
     """Loss of windows from their mean squared residual (in variances of one sample) and their length in samples."""
     return np.asarray((KAPPA + 1.0) * length * np.log1p(mean_square / KAPPA))
+
+
+def minimum_gain(mean_square: NDArray[np.float64]) -> float:
+    """Gain per sample, in units of the loss, that `MINIMUM_GAIN` is for a model with these mean squares (w,)."""
+    square = np.maximum(mean_square, 1.0)
+    return MINIMUM_GAIN * float(np.mean(square * window_weight(square)))
 
 
 def window_weight(mean_square: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -65,12 +71,14 @@ class Comparison:
     gain: float
     """Σ of the loss differences: twice the log-likelihood ratio."""
     gain_per_sample: float
+    needed: float
+    """`minimum_gain` of the second."""
     z: float
     """Standard errors from zero, as a normal deviate."""
 
     def significant(self, trials: float) -> bool:
         """Whether the gain stands out, among `trials` candidates tried, at the designed false-alarm rate."""
-        return self.z > threshold(trials) and self.gain_per_sample > MINIMUM_GAIN
+        return self.z > threshold(trials) and self.gain_per_sample > self.needed
 
 
 def threshold(trials: float) -> float:
@@ -109,12 +117,13 @@ def compare(better: Scored, worse: Scored, block: NDArray[np.int64], samples: fl
     noise = np.where(design > 0.0, np.where(difference > _GROSS, counted, 1.0), 0.0) * weight * np.concatenate(cross)
     design = np.where(difference > _GROSS, counted, 1.0) * design
     gain = float(difference.sum())
+    needed = minimum_gain(worse.mean_square)
     if gain <= 0.0:
-        return Comparison(gain, gain / samples, 0.0)
+        return Comparison(gain, gain / samples, needed, 0.0)
     robust = gain - float(np.sort(difference)[-_BEST_WINDOWS:].sum())
     variance = max(_grouped(noise, block), float(design.sum()))
     statistic = min(gain, max(robust, 0.0) * 2.0) / np.sqrt(variance) if variance > 0.0 else 0.0
-    return Comparison(gain, gain / samples, _normal_deviate(statistic, _degrees(design, block)))
+    return Comparison(gain, gain / samples, needed, _normal_deviate(statistic, _degrees(design, block)))
 
 
 def _grouped(noise: Floats, block: NDArray[np.int64]) -> float:

@@ -15,7 +15,7 @@ import numpy as np
 
 from hapticd.gap.candidates import BUILDERS
 from hapticd.gap.crossval import held_out
-from hapticd.gap.evidence import MINIMUM_GAIN, Comparison, Scored, compare
+from hapticd.gap.evidence import Comparison, Scored, compare, minimum_gain
 from hapticd.gap.fit import fit
 from hapticd.gap.windows import thinned
 
@@ -95,6 +95,8 @@ class Few:
     states: Sequence[Floats]
     total: float
     """Loss of the present model, its initial states fitted as those of a candidate will be."""
+    needed: float
+    """Gain that would count."""
 
 
 def few_of(data: Data, present: Judged) -> Few:
@@ -103,8 +105,9 @@ def few_of(data: Data, present: Judged) -> Few:
     masks = [thinned(segment.count, segment.length_s) for segment in data.segments]
     segments = [segment.chosen(mask) for segment, mask in zip(data.segments, masks, strict=True)]
     states = [state[mask] for state, mask in zip(solution.states, masks, strict=True)]
-    total = fit(segments, solution.hypothesis, solution.u, states, 0, _PATIENCE).solution.total
-    return Few(Data(segments, data.block[np.concatenate(masks)]), states, total)
+    there = fit(segments, solution.hypothesis, solution.u, states, 0, _PATIENCE).solution
+    few = Data(segments, data.block[np.concatenate(masks)])
+    return Few(few, states, there.total, minimum_gain(there.mean_square) * few.samples)
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,7 @@ def look(few: Few, hypothesis: Hypothesis, known: Floats, term: Term) -> Look:
 
 def hopeful(few: Few, seen: Sequence[Look]) -> list[Look]:
     """The looks with any gain, best first; of those that follow the first only what comes close to it."""
-    bar = _HOPE * MINIMUM_GAIN * few.data.samples
+    bar = _HOPE * few.needed
     found = sorted((one for one in seen if one.gain > bar), key=lambda one: -one.gain)[:_STARTS]
     return [one for one in found if one.gain >= (1.0 - _CLOSE) * found[0].gain]
 

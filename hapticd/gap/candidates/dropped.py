@@ -38,6 +38,15 @@ _AT_REST = 1e-3
 """Resolutions that a shaft predicted to stick moves in a tick at the most."""
 
 
+def _excess(residuals: Floats) -> float:
+    """Typical residual in standard deviations, at least one.
+
+    Where something else is missing as well, a residual speaks for or against a loss only by what it has beyond that: else
+    the freedom to choose each tick's fate would explain any noise.
+    """
+    return max(1.0, float(np.sqrt(np.median(np.mean(residuals**2, axis=1)))))
+
+
 class _Search:
     """Fates assumed in some windows, and the probability of a loss that follows from them."""
 
@@ -57,13 +66,16 @@ class _Search:
         leave open of them (Louis 1982).
         """
         p, scores, open_ = self.probability, [], 0.0
+        wide = [_excess(residual) for residual in residuals]
         ticks = losses = 0.0
         for number, segment in enumerate(self.segments):
             for first in range(0, segment.count, _CHUNK):
                 rows = segment.windows.rows[first : first + _CHUNK] - 1
-                found = self._found(residuals[number], number, slice(first, first + _CHUNK))
+                found = self._found(
+                    residuals[number] / wide[number], wide[number], number, slice(first, first + _CHUNK)
+                )
                 self.lost[number][rows] = found.lost
-                self.prices[number][rows] = found.price[:, None] / segment.length
+                self.prices[number][rows] = found.price[:, None] / segment.length * wide[number] ** 2
                 scores.append((found.number - segment.length * p) / (p * (1.0 - p)))
                 open_ += float(found.spread.sum())
                 ticks += rows.size
@@ -74,9 +86,9 @@ class _Search:
         self.probability = float(np.clip(p + score.sum() / information, 0.3 * p, min(3.0 * p, 0.5 + 0.5 * p)))
         self.spread = float(np.sqrt(max(1.0 / information, float(score @ score) / information**2)))
 
-    def _found(self, residuals: Floats, number: int, part: slice) -> Fates:
+    def _found(self, residuals: Floats, wide: float, number: int, part: slice) -> Fates:
         context, segment, command = self.context, self.segments[number], self.commands[number]
-        rows, sigma = segment.windows.rows[part] - 1, segment.sigma[part][:, None]
+        rows, sigma = segment.windows.rows[part] - 1, wide * segment.sigma[part][:, None]
         residual = residuals[part]
         predicted = segment.observed[part] - residual * sigma
         moving = np.abs(np.gradient(predicted, axis=1)) > _AT_REST * segment.resolution
