@@ -1,4 +1,4 @@
-"""Where the model as given and the recordings part, for the report: the missing torque laid over every coordinate."""
+"""Where the model as given and the recordings part, and what explains the same, by the balance of forces: for the report."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from hapticd.gap.force import force_residual
+from hapticd.gap.screen import screen
 from hapticd.gap.where import coordinates_at, map_residual
 
 if TYPE_CHECKING:
@@ -34,3 +35,39 @@ def disagreement(recordings: Sequence[Recording], model: Config, delay_s: float,
     except ValueError:
         return []
     return [place.to_json() for place in places if place.significant][:_TOLD]
+
+
+def confounded(recordings: Sequence[Recording], model: Config, effects: Sequence[str]) -> list[dict[str, Any]]:
+    """What gap.json says under ``confounded``: effects that explain the same missing torque as those that were named.
+
+    Args:
+        recordings: what was measured. model: as given.
+        effects: slugs that were named.
+
+    Returns:
+        ``first`` and ``second`` (the better one first), ``overlap``, ``advantage_z``, ``resolved`` and ``words`` each;
+        nothing where the shaft hardly moves.
+    """
+    try:
+        pairs = screen(recordings, model).confounded
+    except ValueError:
+        return []
+    return [
+        {
+            "first": pair.first,
+            "second": pair.second,
+            "overlap": pair.overlap,
+            "advantage_z": pair.advantage_z,
+            "resolved": pair.resolved,
+            "words": (
+                f"{pair.second} explains the same torque as {pair.first} ({100.0 * min(pair.overlap, 1.0):.0f} % of it); "
+                + (
+                    f"worse by {pair.advantage_z:.1f} standard errors"
+                    if pair.resolved
+                    else "the balance of forces leaves open which"
+                )
+            ),
+        }
+        for pair in pairs
+        if {pair.first, pair.second} & set(effects)
+    ][:_TOLD]

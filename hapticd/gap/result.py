@@ -86,6 +86,8 @@ class GapResult:
     base: Mapping[str, Estimate] = field(default_factory=dict)
     """Base parameters, where they were fitted too."""
     where: tuple[Mapping[str, Any], ...] = ()
+    confounded: tuple[Mapping[str, Any], ...] = ()
+    """Pairs of effects that explain the same missing torque; see `hapticd.gap.disagreement.confounded`."""
     next_experiment: Mapping[str, Any] | None = None
     warnings: tuple[str, ...] = ()
     traces: tuple[Trace, ...] = ()
@@ -101,6 +103,7 @@ class GapResult:
             "effects": list(self.effects),
             "steps": [_step(step) for step in self.steps],
             "where": [dict(entry) for entry in self.where],
+            "confounded": [dict(pair) for pair in self.confounded],
             "gap": {
                 "train": {"before": self.gap.train_before, "after": self.gap.train_after},
                 "held_out": {"before": self.gap.held_out_before, "after": self.gap.held_out_after},

@@ -91,6 +91,17 @@ def test_bias_and_asymmetric_coulomb_are_one_class(hidden: Callable[..., Any]) -
     assert {step.effect, *step.indistinguishable_from} >= {"constant_bias", "asymmetric_coulomb"}
 
 
+def test_what_explains_the_same_is_told_beside_the_name(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([{"name": "gravity", "m_g_l": 1e-3, "theta_0": 0.7}])
+    result = find_gap([recording], model, candidates=["gravity", "coulomb_friction"])
+    assert result.effects == ("gravity",)
+    pairs = {frozenset({pair["first"], pair["second"]}): pair for pair in result.to_json()["confounded"]}
+    assert all("gravity" in pair for pair in pairs)
+    ripple = pairs[frozenset({"gravity", "torque_ripple"})]
+    assert ripple["overlap"] > 0.9
+    assert not ripple["resolved"]
+
+
 @pytest.mark.parametrize("seed", [11, 12, 13])
 def test_nothing_hidden_nothing_named(hidden: Callable[..., Any], seed: int) -> None:
     recording, model = hidden([], seed)
