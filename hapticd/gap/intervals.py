@@ -87,28 +87,25 @@ def estimates(hypothesis: Hypothesis, where: Posterior, term: int, is_linear: bo
     """Value, 95 % interval and unit of the parameters of one term."""
     chosen = hypothesis.terms[term]
     value = chosen.parameters(hypothesis.share(where.centre, term))
-    if not chosen.coordinates:
-        return _without_coordinates(chosen, value, is_linear)
-    table = [chosen.parameters(hypothesis.share(u, term)) for u in where.draws]
+    table = [chosen.parameters(hypothesis.share(u, term)) for u in where.draws] if chosen.coordinates else []
     result = {}
     for name, centre in value.items():
+        unit = _unit(chosen, name, is_linear)
+        spread = _counted(chosen, name)
+        if spread > 0.0 or not table:
+            result[name] = Estimate(centre, (max(centre - spread, 0.0), centre + spread), unit)
+            continue
         sample = np.array([row[name] for row in table])
         if name.split("[")[0] in _ANGLES and chosen.slug != "return_spring":
             sample = centre + np.angle(np.exp(1j * (sample - centre)))
         low, high = np.quantile(sample, (0.025, 0.975))
-        result[name] = Estimate(
-            centre, (float(min(low, centre)), float(max(high, centre))), _unit(chosen, name, is_linear)
-        )
+        result[name] = Estimate(centre, (float(min(low, centre)), float(max(high, centre))), unit)
     return result
 
 
-def _without_coordinates(term: Term, value: Mapping[str, float], is_linear: bool) -> Mapping[str, Estimate]:
-    """Parameters that were counted, not fitted: the standard error comes with the form."""
-    result = {}
-    for name, centre in value.items():
-        spread = 1.96 * float(str(term.form.get(f"{name}_standard_error", 0.0)))
-        result[name] = Estimate(centre, (max(centre - spread, 0.0), centre + spread), _unit(term, name, is_linear))
-    return result
+def _counted(term: Term, name: str) -> float:
+    """Half the 95 % interval of a parameter that was counted or chosen: its standard error comes with the form."""
+    return 1.96 * float(str(term.form.get(f"{name}_standard_error", 0.0)))
 
 
 def _unit(term: Term, name: str, is_linear: bool) -> str:

@@ -80,6 +80,7 @@ def test_a_strong_hand_is_found_where_it_holds(hidden: Callable[..., Any]) -> No
     assert result.effects == ("hand_impedance",)
     found = result.steps[0].parameters
     assert found["on_s"].value == pytest.approx(3.3, abs=0.15)
+    assert found["on_s"].ci95[0] <= 3.3 <= found["on_s"].ci95[1]
     assert found["k_h"].value == pytest.approx(2e-3, rel=0.05)
 
 

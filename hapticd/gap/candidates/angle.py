@@ -117,9 +117,16 @@ def torque_ripple(context: Context) -> list[Term]:
             start,
             float(len(orders)),
             entry=entry,
-            form={"orders": found},
+            form={"orders": found, **_between_orders(context, orders, len(found))},
         )
     ]
+
+
+def _between_orders(context: Context, orders: Floats, count: int) -> Mapping[str, float]:
+    """How far an order may be from those tried: not at all per revolution, half a step of the grid along a line."""
+    if not context.is_linear or len(orders) < 2:
+        return {}
+    return {f"orders[{k}]_standard_error": float((orders[1] - orders[0]) / np.sqrt(12.0)) for k in range(count)}
 
 
 def encoder_eccentricity(context: Context) -> list[Term]:

@@ -158,5 +158,9 @@ def _term(context: Context, coefficients: Floats, grips: tuple[tuple[Interval, .
         term.start,
         term.trials,
         grips=grips,
-        form={"grips_s": [[list(grip) for grip in of_one] for of_one in grips]},
+        form={
+            "grips_s": [[list(grip) for grip in of_one] for of_one in grips],
+            "on_s_standard_error": context.window_s / np.sqrt(3.0),
+            "off_s_standard_error": context.window_s / np.sqrt(3.0),
+        },
     )
