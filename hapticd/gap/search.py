@@ -45,6 +45,8 @@ _SHARE_OF_LOOKS, _SHARE_OF_FITS = 0.08, 0.4
 and not cross-validated."""
 _SHARE_OF_TRIALS = 0.25
 """The same after a fit to a third of the windows, which has converged and says more than a look."""
+_SURE = 0.7
+"""Share of the smallest gain that counts which such a fit must show."""
 _PATIENCE = 1e-3
 _HOPS, _HOP = 8, 0.05
 """Fits from elsewhere, and how far that is in a coordinate: a share of its range, or this much of a logarithm."""
@@ -201,17 +203,17 @@ def search(
         found = {slug: hopeful(few, [seen[slug, k] for k in range(len(terms[slug]))]) for slug in slugs}
         promising = _leading({slug: (of, of[0].gain) for slug, of in found.items() if of}, _SHARE_OF_LOOKS)
         tried = pool.run({slug: partial(converged, few, of) for slug, of in promising.items()}, 0.4, 0.6)
-        left = _leading({slug: (one, one.gain) for slug, one in tried.items()}, _SHARE_OF_TRIALS)
+        left = _leading({slug: (one, one.gain) for slug, one in tried.items()}, _SHARE_OF_TRIALS, _SURE * few.needed)
         fits = pool.run({slug: partial(full_fit, data, present, one) for slug, one in left.items()}, 0.6, 0.9)
         last = _leading({slug: (of, total - of[0].solution.total) for slug, of in fits.items()}, _SHARE_OF_FITS)
         return pool.run({slug: partial(judge, data, *of) for slug, of in last.items()}, 0.9, 1.0)
 
 
-def _leading(gains: Mapping[str, tuple[T, float]], share: float) -> dict[str, T]:
-    """What gains more than a share of the best gain, and anything at all; best first, so that no long job comes last."""
-    bar = share * max((gain for _, gain in gains.values()), default=0.0)
+def _leading(gains: Mapping[str, tuple[T, float]], share: float, least: float = 0.0) -> dict[str, T]:
+    """What gains more than a share of the best gain, and than the least; best first, so that no long job comes last."""
+    bar = max(share * max((gain for _, gain in gains.values()), default=0.0), least)
     order = sorted(gains, key=lambda slug: -gains[slug][1])
-    return {slug: gains[slug][0] for slug in order if gains[slug][1] > max(bar, 0.0)}
+    return {slug: gains[slug][0] for slug in order if gains[slug][1] > bar}
 
 
 class _Pool:
