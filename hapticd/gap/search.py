@@ -83,6 +83,10 @@ class Judged:
         """How much better this predicts than another."""
         return compare(self.held_out, other.held_out, data.block, data.samples)
 
+    def ahead_of(self, rival: Judged, data: Data) -> float:
+        """Standard errors by which this predicts better than a rival, which may be in a few windows only."""
+        return compare(self.held_out, rival.held_out, data.block, data.samples, 0.0).z
+
 
 def judge(data: Data, fitted: Fit, trials: float = 1.0) -> Judged:
     """Cross-validate a fit."""

@@ -49,7 +49,7 @@ def first(good: Iterable[str], round_of: Mapping[str, Judged], data: Data) -> st
     order = sorted(good, key=lambda slug: float(round_of[slug].held_out.loss.sum()))
     best = round_of[order[0]]
     for slug in order[1:]:
-        if contains(_term(best, order[0]), slug) and best.against(round_of[slug], data).z < _SIMPLER:
+        if contains(_term(best, order[0]), slug) and best.ahead_of(round_of[slug], data) < _SIMPLER:
             return slug
     return order[0]
 
@@ -61,7 +61,7 @@ def rivals(winner: str, round_of: Mapping[str, Judged], data: Data) -> list[str]
     for slug, judged in round_of.items():
         if slug == winner or contains(_term(judged, slug), winner):
             continue
-        if best.against(judged, data).z < RESOLVED:
+        if best.ahead_of(judged, data) < RESOLVED:
             tied.append(slug)
     return sorted(tied, key=lambda slug: float(round_of[slug].held_out.loss.sum()))
 

@@ -58,7 +58,7 @@ def separation(
                 return None
             recordings[true.slug] = played
         data = _data(recordings[true.slug], true, noise)
-        worst = min(worst, _fitted(data, true).against(_fitted(data, claimed), data).z)
+        worst = min(worst, _fitted(data, true).ahead_of(_fitted(data, claimed), data))
         if worst == 0.0:
             break
     return float(worst)

@@ -157,7 +157,7 @@ def _next_experiment(
         if tied:
             best = found.judged[found.winner]
             claims = [rival(model, found.judged[slug], rounds[-1].after, slug) for slug in (found.winner, *tied)]
-            now = min(best.against(found.judged[slug], data).z for slug in tied)
+            now = min(best.ahead_of(found.judged[slug], data) for slug in tied)
             noise = float(np.median(np.concatenate([segment.extra_sigma for segment in data.segments])))
             return next_experiment(model, [claim for claim in claims if claim], noise, now, told, seed)
     return None
@@ -305,6 +305,6 @@ def _ranking(found: Round, data: Data, gap_of: Callable[[Judged], float]) -> lis
     best = found.judged[found.winner]
     rows = []
     for slug, judged in sorted(found.judged.items(), key=lambda item: float(item[1].held_out.loss.sum())):
-        behind = 0.0 if slug == found.winner else best.against(judged, data).z
+        behind = 0.0 if slug == found.winner else best.ahead_of(judged, data)
         rows.append(Ranked(slug, gap_of(judged), judged.against(found.before, data).z, behind))
     return rows

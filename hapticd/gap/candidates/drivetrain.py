@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 _GAPS, _REBOUNDS, _USUAL_SHARE, _LOAD_SHARES = 10, (0.0, 0.4), 0.4, (0.15, 0.4, 0.7)
 _SEEN, _STARTS = 2, 3
 """Resonances that the spectrum shows, and starts from which a coupling is fitted."""
+_TRIED = 30.0
+"""Resonances that differ by more than their width, in the band that is looked through."""
 
 
 def backlash(context: Context) -> list[Term]:
@@ -58,6 +60,7 @@ def flexible_coupling(context: Context) -> list[Term]:
             Scalar("f_r", at.f_r, low, high, True),
             Scalar("load_share", at.load_share, 0.02, 0.98),
             Scalar("damping", at.damping, 1e-3, 1.5, True),
+            trials=_TRIED,
         )
         for at in seen
     ]
