@@ -74,6 +74,8 @@ class Term:
     """The effect as an entry of `plant.effects`; None where `parameters` is already that."""
     is_rugged: bool = False
     """Whether the loss has many small minima: impacts come or stay away with the least change."""
+    scatter: Floats | None = None
+    """Covariance (p, p) of the minima that fit as well, where the loss is rugged and the fit can tell one only."""
     form: Mapping[str, object] = field(default_factory=dict)
     """Discrete choices made before the fit (orders, intervals), for reports."""
 

@@ -58,7 +58,20 @@ def posterior(segments: Sequence[Segment], fit: Fit, block: NDArray[np.int64], s
     centre = solution.hypothesis.bounded(solution.u - bias)
     matrix, degrees = covariance(fit, block)
     matrix = matrix + np.cov(shifts, rowvar=False).reshape(matrix.shape) / len(shifts) + 0.25 * np.outer(bias, bias)
+    matrix = matrix + _scatter(solution.hypothesis)
     return Posterior(centre, _draws(solution.hypothesis, centre, matrix, degrees, rng))
+
+
+def _scatter(hypothesis: Hypothesis) -> Floats:
+    """Covariance (P, P) of the minima among which a fit cannot tell."""
+    matrix = np.zeros((len(hypothesis.coordinates), len(hypothesis.coordinates)))
+    first = 0
+    for term in hypothesis.terms:
+        last = first + len(term.coordinates)
+        if term.scatter is not None:
+            matrix[first:last, first:last] = term.scatter
+        first = last
+    return matrix
 
 
 def _replica_shifts(segments: Sequence[Segment], fit: Fit, rng: np.random.Generator) -> Floats:

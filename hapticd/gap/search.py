@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, TypeVar
 
@@ -153,8 +153,12 @@ def converged(few: Few, found: Sequence[Look]) -> Look:
 
 
 def _hopped(few: Few, found: Look) -> Look:
-    """The best of several fits from places near the best so far (basin hopping; Wales and Doye 1997)."""
+    """The best of several fits from places near the best so far (basin hopping; Wales and Doye 1997).
+
+    The minima that gain as much as makes no difference are kept as the scatter of the last term.
+    """
     rng = np.random.default_rng(0)
+    minima = [found]
     for _ in range(_HOPS):
         start = found.solution
         first = len(start.u) - len(start.hypothesis.terms[-1].coordinates)
@@ -162,9 +166,19 @@ def _hopped(few: Few, found: Look) -> Look:
         reach[:first] = 0.0
         u = start.hypothesis.bounded(start.u + reach * rng.standard_normal(len(reach)))
         solution = fit(few.data.segments, start.hypothesis, u, start.states, patience=_PATIENCE).solution
-        if few.total - solution.total > found.gain:
-            found = Look(solution, few.total - solution.total, found.trials)
-    return found
+        minima.append(Look(solution, few.total - solution.total, found.trials))
+        found = max(found, minima[-1], key=lambda one: one.gain)
+    return _scattered(found, [one for one in minima if one.gain > found.gain - few.needed])
+
+
+def _scattered(found: Look, minima: Sequence[Look]) -> Look:
+    """The best minimum, with how far from it the others are."""
+    hypothesis = found.solution.hypothesis
+    last = len(hypothesis.terms[-1].coordinates)
+    apart = np.array([one.solution.u[-last:] - found.solution.u[-last:] for one in minima])
+    term = replace(hypothesis.terms[-1], scatter=apart.T @ apart / max(len(apart) - 1, 1))
+    hypothesis = replace(hypothesis, terms=(*hypothesis.terms[:-1], term))
+    return replace(found, solution=replace(found.solution, hypothesis=hypothesis))
 
 
 def full_fit(data: Data, present: Judged, found: Look) -> tuple[Fit, float]:

@@ -29,8 +29,8 @@ _FINER = np.linspace(-1.5, 1.5, 13)
 _FINEST = np.linspace(-0.7, 0.7, 57)
 """Places around a q, in steps of the grid: first to find its tread, then to see how far it goes."""
 _LIKELY = 4.0
-_SHARE = 0.1
-"""A q is as likely as the best when it loses no more than chance (95 %) and this share of the smallest gain that counts."""
+_SHARE = 0.5
+"""A q is as likely as the best when it loses no more than chance (95 %) and half of the smallest gain that counts."""
 
 
 def dac_quantization(context: Context) -> list[Term]:
