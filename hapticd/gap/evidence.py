@@ -43,10 +43,10 @@ MINIMUM_GAIN = 0.01
 """Smallest share of the squared prediction error that counts. Below it lie differences of integration, time stamps and
 rounding that no physics need explain, and the bias of fits in which every window has an initial state of its own (Neyman
 and Scott 1948); and of a model that is far off, a share so small says nothing of what is missing."""
-_BEST_WINDOWS = 2
-BEST_SHARE = 0.02
-"""A gain must survive without its best windows: two, or, for an effect that is to be named, a fiftieth of all. A marginal
-slip that goes the right way by chance gains as much as a hundred windows of an effect."""
+BEST_WINDOWS, BEST_SHARE = 4, 0.007
+"""Windows without which a gain must survive, and the share of all windows where that is more. A marginal slip that goes the
+right way by chance gains as much as a hundred windows of an effect, and a recording has a few of them."""
+_BEST_OF_RIVALS = 2
 _GROSS = 100.0
 """Loss of a window beyond which its logarithm is at work."""
 
@@ -85,6 +85,11 @@ class Comparison:
         return self.z > threshold(trials) and self.gain_per_sample > self.needed
 
 
+def few_windows(windows: int) -> int:
+    """So many windows decide nothing by themselves, neither for an effect nor against a model."""
+    return max(BEST_WINDOWS, round(BEST_SHARE * windows))
+
+
 def threshold(trials: float) -> float:
     """Standard errors that chance exceeds with probability `FALSE_ALARM` in `trials` tries."""
     return float(stats.norm.isf(FALSE_ALARM / max(trials, 1.0)))
@@ -100,7 +105,7 @@ class Scored:
 
 
 def compare(
-    better: Scored, worse: Scored, block: NDArray[np.int64], samples: float, best_share: float = BEST_SHARE
+    better: Scored, worse: Scored, block: NDArray[np.int64], samples: float, are_rivals: bool = False
 ) -> Comparison:
     """Compare two models on the same held-out windows.
 
@@ -109,7 +114,7 @@ def compare(
         worse: the other.
         block: block number (w,) of each window, unique over all recordings.
         samples: number of predicted samples in all.
-        best_share: share of the windows without which the gain must survive; two windows at least.
+        are_rivals: both explain the gap, and what decides between them may show in a few windows only.
     """
     weight = window_weight(better.mean_square)
     cross, size = [], []
@@ -127,7 +132,7 @@ def compare(
     needed = minimum_gain(worse.mean_square)
     if gain <= 0.0:
         return Comparison(gain, gain / samples, needed, 0.0)
-    best = max(_BEST_WINDOWS, round(best_share * len(difference)))
+    best = _BEST_OF_RIVALS if are_rivals else few_windows(len(difference))
     robust = gain - float(np.sort(difference)[-best:].sum())
     counted = min(gain, 2.0 * max(robust, 0.0))
     variance = max(_grouped(noise, block), float(design.sum()))

@@ -85,7 +85,7 @@ class Judged:
 
     def ahead_of(self, rival: Judged, data: Data) -> float:
         """Standard errors by which this predicts better than a rival, which may be in a few windows only."""
-        return compare(self.held_out, rival.held_out, data.block, data.samples, 0.0).z
+        return compare(self.held_out, rival.held_out, data.block, data.samples, are_rivals=True).z
 
 
 def judge(data: Data, fitted: Fit, trials: float = 1.0) -> Judged:

@@ -23,14 +23,16 @@ class Remaining:
 
     gap: float
     trimmed: float
-    """The gap without the worst fiftieth of the windows."""
+    """The gap without its worst few windows (`evidence.few_windows`)."""
+    many_far_off: bool
+    """Whether more windows are off by ten times noise than slips which went the other way by chance can explain."""
     structure: tuple[str, ...]
     """Coordinates that the residual still depends on, if that is too much to be left alone."""
 
     @property
     def too_large(self) -> bool:
-        """Whether predictions are worse than noise alone makes them, and not in a few windows only."""
-        return self.gap > GOOD_ENOUGH and self.trimmed > _STILL_THERE
+        """Whether predictions are worse than noise alone makes them, and more than a marginal slip or two can do."""
+        return self.gap > GOOD_ENOUGH and (self.trimmed > _STILL_THERE or self.many_far_off)
 
     @property
     def unexplained(self) -> bool:

@@ -13,6 +13,7 @@ from hapticd.gap.candidates import BUILDERS
 from hapticd.gap.context import Context
 from hapticd.gap.design import next_experiment
 from hapticd.gap.disagreement import confounded, disagreement
+from hapticd.gap.evidence import few_windows
 from hapticd.gap.fit import fit
 from hapticd.gap.hypothesis import Hypothesis
 from hapticd.gap.intervals import estimates, posterior
@@ -37,9 +38,9 @@ if TYPE_CHECKING:
 
 _MOST_EFFECTS = 4
 _MOST_STEPS = 10
+_FAR_OFF = 10.0
 _BASE = {"inertia_error": "inertia", "viscous_friction": "viscous", "coulomb_friction": "coulomb"}
 """What `refit_base` fits: effect and the base parameter that it corrects."""
-_WORST = 0.02
 
 
 def find_gap(
@@ -249,7 +250,10 @@ def _result(data: Data, nominal: Judged, final: Judged, rounds: list[Round], fix
     square = _square(data, final.held_out.mean_square)
     structure = residual_structure(data, final, seed)
     left = verdict.Remaining(
-        _gap(square, floor), _trimmed_gap(square, floor), tuple(test.name for test in structure.left)
+        _gap(square, floor),
+        _trimmed_gap(square, floor),
+        bool(np.sum(square > _FAR_OFF**2 * floor.mean()) > few_windows(len(square)) // 2),
+        tuple(test.name for test in structure.left),
     )
     effects = tuple(found.winner for found in rounds)
     answer, statement = verdict.decide(effects, tied_across, left)
@@ -297,7 +301,7 @@ def _scaled(relative: Estimate, vector: Floats, slug: str) -> Estimate:
 
 def _trimmed_gap(square: Floats, floor: Floats) -> float:
     """The gap without the worst windows: a marginal slip that went the other way says nothing of missing physics."""
-    keep = len(square) - max(2, round(_WORST * len(square)))
+    keep = len(square) - few_windows(len(square))
     return float(np.sqrt(np.sort(square)[:keep].sum() / len(square) / floor.mean()))
 
 
