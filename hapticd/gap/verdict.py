@@ -25,7 +25,7 @@ class Remaining:
     trimmed: float
     """The gap without its worst few windows (`evidence.few_windows`)."""
     many_far_off: bool
-    """Whether more windows are off by ten times noise than slips which went the other way by chance can explain."""
+    """Whether some windows are further off than slips which went the other way by chance can explain."""
     structure: tuple[str, ...]
     """Coordinates that the residual still depends on, if that is too much to be left alone."""
 

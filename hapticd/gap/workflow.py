@@ -38,7 +38,8 @@ if TYPE_CHECKING:
 
 _MOST_EFFECTS = 4
 _MOST_STEPS = 10
-_FAR_OFF = 10.0
+_FAR_OFF, _BEYOND_CHANCE = 10.0, 100.0
+"""Times noise: what a slip that went the other way by chance may leave, and what none does."""
 _BASE = {"inertia_error": "inertia", "viscous_friction": "viscous", "coulomb_friction": "coulomb"}
 """What `refit_base` fits: effect and the base parameter that it corrects."""
 
@@ -252,7 +253,7 @@ def _result(data: Data, nominal: Judged, final: Judged, rounds: list[Round], fix
     left = verdict.Remaining(
         _gap(square, floor),
         _trimmed_gap(square, floor),
-        bool(np.sum(square > _FAR_OFF**2 * floor.mean()) > few_windows(len(square)) // 2),
+        _many_far_off(square / floor.mean()),
         tuple(test.name for test in structure.left),
     )
     effects = tuple(found.winner for found in rounds)
@@ -303,6 +304,12 @@ def _trimmed_gap(square: Floats, floor: Floats) -> float:
     """The gap without the worst windows: a marginal slip that went the other way says nothing of missing physics."""
     keep = len(square) - few_windows(len(square))
     return float(np.sqrt(np.sort(square)[:keep].sum() / len(square) / floor.mean()))
+
+
+def _many_far_off(square: Floats) -> bool:
+    """Whether windows are further off, in mean squares (w,) over the floor's, than slips by chance can explain."""
+    far = np.sum(square > _FAR_OFF**2) > few_windows(len(square)) // 2
+    return bool(far or np.any(square > _BEYOND_CHANCE**2))
 
 
 def _ranking(found: Round, data: Data, gap_of: Callable[[Judged], float]) -> list[Ranked]:
