@@ -60,11 +60,11 @@ def confounded(recordings: Sequence[Recording], model: Config, effects: Sequence
             "advantage_z": pair.advantage_z,
             "resolved": pair.resolved,
             "words": (
-                f"{pair.second} explains the same torque as {pair.first} ({100.0 * min(pair.overlap, 1.0):.0f} % of it); "
+                f"of what {pair.second} explains, {pair.first} explains {100.0 * min(pair.overlap, 1.0):.0f} % as well; "
                 + (
-                    f"worse by {pair.advantage_z:.1f} standard errors"
+                    f"{pair.second} is worse by {pair.advantage_z:.1f} standard errors"
                     if pair.resolved
-                    else "the balance of forces leaves open which"
+                    else "the balance of forces leaves open which it is"
                 )
             ),
         }
