@@ -42,7 +42,9 @@ FALSE_ALARM = 0.005
 MINIMUM_GAIN = 0.01
 """Smallest share of the squared prediction error that counts. Below it lie differences of integration, time stamps and
 rounding that no physics need explain, and the bias of fits in which every window has an initial state of its own (Neyman
-and Scott 1948); and of a model that is far off, a share so small says nothing of what is missing."""
+and Scott 1948)."""
+MINIMUM_SHARE = 0.05
+"""Smallest share of the error beyond noise that counts: of a model that is far off, less says nothing of what is missing."""
 BEST_WINDOWS, BEST_SHARE = 4, 0.007
 """Windows without which a gain must survive, and the share of all windows where that is more. A marginal slip that goes the
 right way by chance gains as much as a hundred windows of an effect, and a recording has a few of them."""
@@ -57,9 +59,13 @@ def window_loss(mean_square: NDArray[np.float64], length: NDArray[np.float64] | 
 
 
 def minimum_gain(mean_square: NDArray[np.float64]) -> float:
-    """Gain per sample, in units of the loss, that `MINIMUM_GAIN` is for a model with these mean squares (w,)."""
+    """Smallest gain per sample that counts, in units of the loss, for a model with these mean squares (w,).
+
+    It is the larger of `MINIMUM_GAIN` and of `MINIMUM_SHARE` over all windows.
+    """
     square = np.maximum(mean_square, 1.0)
-    return MINIMUM_GAIN * float(np.mean(square * window_weight(square)))
+    weight = window_weight(square)
+    return max(MINIMUM_GAIN * float(np.mean(square * weight)), MINIMUM_SHARE * float(np.mean((square - 1.0) * weight)))
 
 
 def window_weight(mean_square: NDArray[np.float64]) -> NDArray[np.float64]:

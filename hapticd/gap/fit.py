@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-_ITERATIONS = 25
+ITERATIONS = 25
 _STATE_ITERATIONS = 6
 _CONVERGED = 0.03
 """A step that lowers the loss by less than this is noise: a standard error of a coordinate changes it by 1."""
@@ -308,7 +308,7 @@ def fit(
     hypothesis: Hypothesis,
     u: Floats,
     states: Sequence[Floats],
-    iterations: int = _ITERATIONS,
+    iterations: int = ITERATIONS,
     patience: float = 0.0,
 ) -> Fit:
     """Fit all coordinates from `u`; every accepted step lowers the total robust loss.

@@ -8,7 +8,7 @@ amplitudes, times and frequencies as logarithms.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -80,6 +80,16 @@ class Term:
     """Discrete choices made before the fit (orders, intervals), for reports."""
 
 
+def _written(term: Term, share: Floats) -> Callable[[Floats, Floats], None]:
+    """What puts a term at fixed coordinates into a device vector."""
+
+    def write(vector: Floats, u: Floats) -> None:
+        del u
+        term.write(vector, share)
+
+    return write
+
+
 @dataclass(frozen=True)
 class Hypothesis:
     """The base device with terms; coordinates of all terms in one vector, in order."""
@@ -136,6 +146,14 @@ class Hypothesis:
     def without(self, term: int) -> Hypothesis:
         """This hypothesis without one of its effects."""
         return Hypothesis(self.base, self.terms[:term] + self.terms[term + 1 :])
+
+    def held(self, u: Floats, terms: int) -> Hypothesis:
+        """This hypothesis with its first terms held where `u` has them: they have no coordinates any more."""
+        held = [
+            replace(term, coordinates=(), start=(), write=_written(term, self.share(u, number)))
+            for number, term in enumerate(self.terms[:terms])
+        ]
+        return Hypothesis(self.base, (*held, *self.terms[terms:]))
 
     def steps(self, u: Floats) -> Floats:
         """First difference steps."""

@@ -16,7 +16,7 @@ import numpy as np
 from hapticd.gap.candidates import BUILDERS
 from hapticd.gap.crossval import held_out
 from hapticd.gap.evidence import Comparison, Scored, compare, minimum_gain
-from hapticd.gap.fit import fit
+from hapticd.gap.fit import ITERATIONS, fit
 from hapticd.gap.windows import thinned
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ K = TypeVar("K", str, tuple[str, int])
 
 _FIRST_LOOK = 3
 """Iterations that decide which start of a candidate is fitted to the end."""
+_MANY = 6
+"""Known coordinates beyond which a first look holds them all."""
 _STARTS, _CLOSE = 2, 0.2
 """A second start is fitted too if its first look is within this share of the best gain."""
 _HOPE = 0.4
@@ -100,7 +102,7 @@ class Few:
     data: Data
     states: Sequence[Floats]
     total: float
-    """Loss of the present model, its initial states fitted as those of a candidate will be."""
+    """Loss of the present model, its coordinates and initial states fitted as those of a candidate will be."""
     needed: float
     """Gain that would count."""
 
@@ -111,7 +113,7 @@ def few_of(data: Data, present: Judged) -> Few:
     masks = [thinned(segment.count, segment.length_s) for segment in data.segments]
     segments = [segment.chosen(mask) for segment, mask in zip(data.segments, masks, strict=True)]
     states = [state[mask] for state, mask in zip(solution.states, masks, strict=True)]
-    there = fit(segments, solution.hypothesis, solution.u, states, 0, _PATIENCE).solution
+    there = fit(segments, solution.hypothesis, solution.u, states, patience=_PATIENCE).solution
     few = Data(segments, data.block[np.concatenate(masks)])
     return Few(few, states, there.total, minimum_gain(there.mean_square) * few.samples)
 
@@ -130,8 +132,22 @@ def look(few: Few, hypothesis: Hypothesis, known: Floats, term: Term) -> Look:
     """A few iterations from one start of a hypothesis with one more term."""
     larger = hypothesis.with_term(term)
     start = larger.bounded(np.concatenate([known, term.start]))
-    solution = fit(few.data.segments, larger, start, few.states, _FIRST_LOOK, _PATIENCE).solution
+    if len(known) > _MANY:
+        solution = _of_last_term(few, larger, start, few.states, _FIRST_LOOK)
+    else:
+        solution = fit(few.data.segments, larger, start, few.states, _FIRST_LOOK, _PATIENCE).solution
     return Look(solution, few.total - solution.total, term.trials)
+
+
+def _of_last_term(
+    few: Few, hypothesis: Hypothesis, u: Floats, states: Sequence[Floats], iterations: int = ITERATIONS
+) -> Solution:
+    """A fit of the last term alone, the others held."""
+    last = len(hypothesis.terms[-1].coordinates)
+    known = u[: len(u) - last]
+    alone = hypothesis.held(u, len(hypothesis.terms) - 1)
+    found = fit(few.data.segments, alone, u[len(known) :], states, iterations, _PATIENCE).solution
+    return replace(found, hypothesis=hypothesis, u=np.concatenate([known, found.u]))
 
 
 def hopeful(few: Few, seen: Sequence[Look]) -> list[Look]:
@@ -149,36 +165,30 @@ def converged(few: Few, found: Sequence[Look]) -> Look:
         solution = fit(few.data.segments, start.hypothesis, start.u, start.states, patience=_PATIENCE).solution
         if few.total - solution.total > best.gain:
             best = Look(solution, few.total - solution.total, one.trials)
-    return _hopped(few, best) if best.solution.hypothesis.terms[-1].is_rugged else best
+    return best
 
 
-def _hopped(few: Few, found: Look) -> Look:
-    """The best of several fits from places near the best so far (basin hopping; Wales and Doye 1997).
+def hopped(few: Few, found: Look) -> Look:
+    """The best of several fits of the last term from places near the best so far (basin hopping; Wales and Doye 1997).
 
-    The minima that gain as much as makes no difference are kept as the scatter of the last term.
+    The minima that gain as much as makes no difference are kept as the scatter of that term.
     """
     rng = np.random.default_rng(0)
-    minima = [found]
+    best = found.solution
+    hypothesis = best.hypothesis
+    term = hypothesis.terms[-1]
+    last = len(term.coordinates)
+    reach = np.zeros(len(best.u))
+    reach[-last:] = [_HOP * min(c.upper - c.lower, 1.0) for c in term.coordinates]
+    minima = [best]
     for _ in range(_HOPS):
-        start = found.solution
-        first = len(start.u) - len(start.hypothesis.terms[-1].coordinates)
-        reach = np.array([_HOP * min(c.upper - c.lower, 1.0) for c in start.hypothesis.coordinates])
-        reach[:first] = 0.0
-        u = start.hypothesis.bounded(start.u + reach * rng.standard_normal(len(reach)))
-        solution = fit(few.data.segments, start.hypothesis, u, start.states, patience=_PATIENCE).solution
-        minima.append(Look(solution, few.total - solution.total, found.trials))
-        found = max(found, minima[-1], key=lambda one: one.gain)
-    return _scattered(found, [one for one in minima if one.gain > found.gain - few.needed])
-
-
-def _scattered(found: Look, minima: Sequence[Look]) -> Look:
-    """The best minimum, with how far from it the others are."""
-    hypothesis = found.solution.hypothesis
-    last = len(hypothesis.terms[-1].coordinates)
-    apart = np.array([one.solution.u[-last:] - found.solution.u[-last:] for one in minima])
-    term = replace(hypothesis.terms[-1], scatter=apart.T @ apart / max(len(apart) - 1, 1))
+        u = hypothesis.bounded(best.u + reach * rng.standard_normal(len(reach)))
+        minima.append(_of_last_term(few, hypothesis, u, best.states))
+        best = min(best, minima[-1], key=lambda solution: solution.total)
+    apart = np.array([(one.u - best.u)[-last:] for one in minima if one.total < best.total + few.needed])
+    term = replace(term, scatter=apart.T @ apart / max(len(apart) - 1, 1))
     hypothesis = replace(hypothesis, terms=(*hypothesis.terms[:-1], term))
-    return replace(found, solution=replace(found.solution, hypothesis=hypothesis))
+    return Look(replace(best, hypothesis=hypothesis), few.total - best.total, found.trials)
 
 
 def full_fit(data: Data, present: Judged, found: Look) -> tuple[Fit, float]:
@@ -221,8 +231,11 @@ def search(
         found = {slug: hopeful(few, [seen[slug, k] for k in range(len(terms[slug]))]) for slug in slugs}
         promising = _leading({slug: (of, of[0].gain) for slug, of in found.items() if of}, _SHARE_OF_LOOKS)
         tried = pool.run({slug: partial(converged, few, of) for slug, of in promising.items()}, 0.4, 0.6)
+        hopping = _leading({slug: (one, one.gain) for slug, one in tried.items()}, _SHARE_OF_LOOKS)
+        rugged = {slug: one for slug, one in hopping.items() if one.solution.hypothesis.terms[-1].is_rugged}
+        tried |= pool.run({slug: partial(hopped, few, one) for slug, one in rugged.items()}, 0.6, 0.7)
         left = _leading({slug: (one, one.gain) for slug, one in tried.items()}, _SHARE_OF_TRIALS, _SURE * few.needed)
-        fits = pool.run({slug: partial(full_fit, data, present, one) for slug, one in left.items()}, 0.6, 0.9)
+        fits = pool.run({slug: partial(full_fit, data, present, one) for slug, one in left.items()}, 0.7, 0.9)
         last = _leading({slug: (of, total - of[0].solution.total) for slug, of in fits.items()}, _SHARE_OF_FITS)
         return pool.run({slug: partial(judge, data, *of) for slug, of in last.items()}, 0.9, 1.0)
 

@@ -45,11 +45,16 @@ def contains(rich: Term, slug: str) -> bool:
 
 
 def first(good: Iterable[str], round_of: Mapping[str, Judged], data: Data) -> str:
-    """Of effects that are worth adding, the one that predicts held-out windows best, or a simpler one that it contains."""
+    """Of effects that are worth adding, the one that predicts held-out windows best, or a simpler one that is as good.
+
+    Simpler is a law that the best one contains, and any law beside one that chooses the fate of each tick.
+    """
     order = sorted(good, key=lambda slug: float(round_of[slug].held_out.loss.sum()))
     best = round_of[order[0]]
+    term = _term(best, order[0])
     for slug in order[1:]:
-        if contains(_term(best, order[0]), slug) and best.ahead_of(round_of[slug], data) < _SIMPLER:
+        bar = RESOLVED if term.lost else _SIMPLER if contains(term, slug) else 0.0
+        if best.ahead_of(round_of[slug], data) < bar:
             return slug
     return order[0]
 

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.gap.evidence import MINIMUM_GAIN, Scored, compare, threshold, window_loss, window_weight
+from hapticd.gap.evidence import (
+    MINIMUM_GAIN,
+    MINIMUM_SHARE,
+    Scored,
+    compare,
+    minimum_gain,
+    threshold,
+    window_loss,
+    window_weight,
+)
 
 WINDOWS, LENGTH = 400, 32
 BLOCK = np.arange(WINDOWS) // 20
@@ -74,3 +83,21 @@ def test_two_windows_buy_nothing() -> None:
     worse = noise.copy()
     worse[[33, 250]] += 40.0 * np.linspace(-1.0, 1.0, LENGTH)
     assert compare(scored(noise), scored(worse), BLOCK, noise.size).z < threshold(24.0)
+
+
+def test_of_a_model_far_off_a_twentieth_of_what_is_missing_counts() -> None:
+    assert minimum_gain(np.ones(WINDOWS)) == pytest.approx(MINIMUM_GAIN)
+    barely = np.full(WINDOWS, 1.08)
+    assert minimum_gain(barely) == pytest.approx(MINIMUM_GAIN * 1.08 * float(window_weight(barely)[0]))
+    far = np.full(WINDOWS, 30.0)
+    assert minimum_gain(far) == pytest.approx(MINIMUM_SHARE * 29.0 * float(window_weight(far)[0]))
+
+
+def test_a_small_part_of_a_large_gap_is_sure_but_does_not_count() -> None:
+    rng = np.random.default_rng(3)
+    missing = 8.0 * np.outer(rng.standard_normal(WINDOWS), np.linspace(-1.0, 1.0, LENGTH) ** 2)
+    noise = rng.standard_normal((WINDOWS, LENGTH)) + missing
+    small = 0.6 * np.outer(rng.standard_normal(WINDOWS), np.linspace(-1.0, 1.0, LENGTH))
+    result = compare(scored(noise), scored(noise + small), BLOCK, noise.size)
+    assert result.z > threshold(24.0)
+    assert not result.significant(24.0)

@@ -84,6 +84,21 @@ def test_a_strong_hand_is_found_where_it_holds(hidden: Callable[..., Any]) -> No
     assert found["k_h"].value == pytest.approx(2e-3, rel=0.05)
 
 
+def test_a_hand_that_never_lets_go_is_told_by_its_parts(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden(
+        [{"name": "inertia_error", "r": 0.2}, {"name": "return_spring", "k_s": 2e-3, "theta_0": 0.3}]
+    )
+    result = find_gap([recording], model, candidates=["inertia_error", "return_spring", "hand_impedance"])
+    assert set(result.effects) == {"inertia_error", "return_spring"}
+    assert all("hand_impedance" not in step.indistinguishable_from for step in result.steps)
+
+
+def test_a_torque_once_per_revolution_is_no_ripple(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([{"name": "gravity", "m_g_l": 4e-3, "theta_0": 0.7}])
+    result = find_gap([recording], model, candidates=["torque_ripple"])
+    assert (result.verdict, result.effects) == ("unexplained", ())
+
+
 def test_bias_and_asymmetric_coulomb_are_one_class(hidden: Callable[..., Any]) -> None:
     recording, model = hidden([{"name": "constant_bias", "tau_0": 1e-4}])
     result = find_gap([recording], model, candidates=CATALOGUE)

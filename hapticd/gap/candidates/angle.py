@@ -72,12 +72,17 @@ def _chosen_orders(context: Context, orders: Floats, limit: int) -> tuple[list[i
     return chosen, amplitudes
 
 
+def _strongest(orders: Floats, amplitudes: Floats) -> float:
+    """The order (k,) with the largest of the amplitudes (2k,)."""
+    return float(orders[np.argmax(np.hypot(amplitudes[0::2], amplitudes[1::2]))])
+
+
 def torque_ripple(context: Context) -> list[Term]:
     """+ Σ a_k·sin(kθ + φ_k), with the orders found in the residual's response to harmonic torques."""
     length = next(p.length for p in parameters_of("torque_ripple") if p.name == "orders")
     orders = orders_to_try(context)
     chosen, amplitudes = _chosen_orders(context, orders, length) if len(orders) else ([], np.zeros(0))
-    if not chosen or (not context.is_linear and [orders[k] for k in chosen] == [1.0]):
+    if not chosen or (not context.is_linear and _strongest(orders[chosen], amplitudes) == 1.0):
         return []  # once per revolution is the law of gravity
     found = [float(orders[k]) for k in chosen]
     first = {name: word(f"torque_ripple.{name}[0]") for name in ("orders", "amplitudes", "phases")}

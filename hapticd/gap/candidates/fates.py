@@ -8,9 +8,12 @@ have the same covariance; those that have become alike are merged, and the likel
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
+from numba import types
+
+from hapticd.jit import njit
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,13 +21,18 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
     Mask = NDArray[np.bool_]
 
+_f8, _i8 = types.float64, types.int64
+_v, _m = types.Array(_f8, 1, "C"), types.Array(_f8, 2, "C")
 _KEPT = 96
 _ALIKE = 0.5
 """Standard deviations of the state within which two hypotheses are one."""
 _FREE = 1e3
 """Standard deviation of the initial state, in those of a sample: as good as unknown."""
-_NONE = -1e9
-"""Weight of no hypothesis."""
+_UNLIKELY = 30.0
+"""Log of a share of the likeliest that makes no difference."""
+_POSITION, _VELOCITY, _CURRENT, _WEIGHT, _LIKELIHOOD, _FIRST, _SECOND, _PARENT, _LOST = range(9)
+"""Columns of a hypothesis: state, command in force, log of prior times likelihood of all sets in it, log likelihood of the
+likeliest, moments of the number of losses, and in the likeliest, the hypothesis before this tick and this tick's fate."""
 
 
 class Shaft(NamedTuple):
@@ -50,29 +58,6 @@ class Fates(NamedTuple):
     the sum of squares that the likeliest leaves."""
 
 
-class _Beam(NamedTuple):
-    """Hypotheses (w, m) of windows."""
-
-    position: Floats
-    velocity: Floats
-    current: Floats
-    """Command in force."""
-    weight: Floats
-    """Log of prior times likelihood; `_NONE` where there is no hypothesis."""
-    likelihood: Floats
-    """Log likelihood of the likeliest set in it."""
-    first: Floats
-    second: Floats
-    """Moments of the number of losses."""
-    lost: Mask
-    """(w, m, L) likeliest set."""
-
-    def chosen(self, index: NDArray[np.int64]) -> _Beam:
-        """Hypotheses at `index` (w, m)."""
-        numbers = [np.take_along_axis(x, index, 1) for x in self[:-1]]
-        return _Beam._make([*numbers, np.take_along_axis(self.lost, index[..., None], 1)])
-
-
 def effective(command: Floats, lost: Mask) -> Floats:
     """Commands (n,) that are in force: where one is lost, the last one that arrived."""
     arrived = np.where(lost, 0, np.arange(len(command)))
@@ -91,78 +76,121 @@ def find(residual: Floats, shaft: Shaft, command: Floats, assumed: Floats, befor
         probability: of a loss.
     """
     windows, length = residual.shape
-    zero = np.zeros((windows, 1))
-    beam = _Beam(zero, zero, before[:, None], zero, zero, zero, zero, np.zeros((windows, 1, length), dtype=np.bool_))
-    slows = shaft.decay
-    way = (1.0 - slows) / -np.log(slows) if slows < 1.0 - 1e-9 else 1.0
-    move = np.array([[1.0, way], [0.0, slows]])
-    covariance = np.broadcast_to(np.eye(2) * _FREE**2, (windows, 2, 2))
-    for tick in range(length):
-        beam = _split(beam, command[:, tick, None], tick, probability)
-        gain = (beam.current - assumed[:, tick, None]) * shaft.push[:, tick, None]
-        position, velocity = beam.position + way * beam.velocity + 0.5 * gain, slows * beam.velocity + gain
-        covariance = move @ covariance @ move.T
-        total = covariance[:, 0, 0] + 1.0
-        share = covariance[:, :, 0] / total[:, None]
-        covariance = covariance - share[:, :, None] * covariance[:, None, 0, :]
-        surprise = residual[:, tick, None] - position
-        fit = -0.5 * surprise**2 / total[:, None]
-        beam = beam._replace(
-            position=position + share[:, :1] * surprise,
-            velocity=velocity + share[:, 1:] * surprise,
-            weight=beam.weight + fit,
-            likelihood=beam.likelihood + fit,
-        )
-        beam = _merged(beam, np.sqrt(covariance[:, (0, 1), (0, 1)]))
-    best = np.argmax(beam.weight, axis=1)
-    each = np.arange(windows)
-    relative = np.exp(beam.weight - beam.weight.max(axis=1, keepdims=True))
-    share = relative / relative.sum(axis=1, keepdims=True)
-    count = (share * beam.first).sum(axis=1)
-    whole = beam.weight.max(axis=1) + np.log(relative.sum(axis=1))
-    return Fates(
-        beam.lost[each, best],
-        count,
-        np.maximum((share * beam.second).sum(axis=1) - count**2, 0.0),
-        -2.0 * (whole - beam.likelihood[each, best]),
+    lost, told = np.zeros((windows, length), dtype=np.bool_), np.empty((windows, 3))
+    _filter(
+        np.ascontiguousarray(residual),
+        np.ascontiguousarray(shaft.push),
+        np.ascontiguousarray(command),
+        np.ascontiguousarray(assumed),
+        np.ascontiguousarray(before),
+        shaft.decay,
+        probability,
+        lost,
+        told,
     )
+    return Fates(lost, told[:, 0].copy(), told[:, 1].copy(), told[:, 2].copy())
 
 
-def _split(beam: _Beam, command: Floats, tick: int, probability: float) -> _Beam:
-    """Every hypothesis twice: the command of this tick arrives, or is lost."""
-    arrived = beam._replace(
-        current=np.broadcast_to(command, beam.current.shape), weight=beam.weight + np.log1p(-probability)
-    )
-    lost = beam.lost.copy()
-    lost[:, :, tick] = True
-    missed = beam._replace(
-        weight=beam.weight + np.log(probability),
-        first=beam.first + 1.0,
-        second=beam.second + 2.0 * beam.first + 1.0,
-        lost=lost,
-    )
-    return _Beam(*(np.concatenate(pair, axis=1) for pair in zip(arrived, missed, strict=True)))
+@njit(_i8(_m, _i8, _f8, _f8, _m))
+def _merged(split: NDArray[Any], count: int, position: float, velocity: float, kept: NDArray[Any]) -> int:
+    """The likeliest hypotheses, with those that are alike taken for one.
 
-
-def _merged(beam: _Beam, spread: Floats) -> _Beam:
-    """The likeliest hypotheses, with those that are alike taken for one: `spread` (w, 2) is the state's uncertainty."""
-    cell = _ALIKE * spread[:, None, :]
+    Args:
+        split: (m, 9), the first `count` of them. position, velocity: sizes of a cell in which states are alike.
+        kept: (k, 9) those that go on; their number is returned.
+    """
     # One number that differs where any of the three does.
-    place = np.rint(beam.position / cell[..., 0]) + np.pi * np.rint(beam.velocity / cell[..., 1])
-    key = place + np.e * 1e6 * beam.current
-    order = np.lexsort((-beam.weight, key), axis=1)
-    beam, key = beam.chosen(order), np.take_along_axis(key, order, 1)
-    fresh = np.ones(key.shape, dtype=bool)
-    fresh[:, 1:] = key[:, 1:] != key[:, :-1]
-    group = (np.cumsum(fresh, axis=1) - 1 + np.arange(len(key))[:, None] * key.shape[1]).ravel()
-    heads = np.maximum.accumulate(np.where(fresh, np.arange(key.shape[1]), 0), axis=1)
-    relative = np.exp(beam.weight - np.take_along_axis(beam.weight, heads, 1))
-    total = np.bincount(group, relative.ravel(), key.size)[group].reshape(key.shape)
-    first = np.bincount(group, (relative * beam.first).ravel(), key.size)[group].reshape(key.shape) / total
-    second = np.bincount(group, (relative * beam.second).ravel(), key.size)[group].reshape(key.shape) / total
-    weight = np.where(fresh, beam.weight + np.log(total), _NONE)
-    beam = beam._replace(weight=weight, first=first, second=second)
-    kept = np.argsort(-weight, axis=1)[:, :_KEPT]
-    beam = beam.chosen(kept)
-    most = int((beam.weight > 0.5 * _NONE).sum(axis=1).max())
-    return beam.chosen(np.broadcast_to(np.arange(most), (len(key), most)))
+    place = np.rint(split[:count, _POSITION] / position) + np.pi * np.rint(split[:count, _VELOCITY] / velocity)
+    key = place + np.e * 1e6 * split[:count, _CURRENT]
+    order = np.argsort(key)
+    groups, begin = 0, 0
+    while begin < count:
+        end = head = begin
+        while end < count and key[order[end]] == key[order[begin]]:
+            if split[order[end], _WEIGHT] > split[order[head], _WEIGHT]:
+                head = end
+            end += 1
+        total = first = second = 0.0
+        for k in range(begin, end):
+            share = np.exp(split[order[k], _WEIGHT] - split[order[head], _WEIGHT])
+            total += share
+            first += share * split[order[k], _FIRST]
+            second += share * split[order[k], _SECOND]
+        row = split[order[head]]
+        row[_WEIGHT] += np.log(total)
+        row[_FIRST], row[_SECOND] = first / total, second / total
+        order[groups] = order[head]
+        groups += 1
+        begin = end
+    heads = order[:groups]
+    likeliest = heads[np.argsort(-split[heads, _WEIGHT])]
+    number = 0
+    for k in likeliest[: len(kept)]:
+        if split[k, _WEIGHT] < split[likeliest[0], _WEIGHT] - _UNLIKELY:
+            break
+        kept[number] = split[k]
+        number += 1
+    return number
+
+
+@njit(types.void(_m, _m, _m, _m, _v, _f8, _f8, types.Array(types.boolean, 2, "C"), _m))
+def _filter(
+    residual: NDArray[Any],
+    push: NDArray[Any],
+    command: NDArray[Any],
+    assumed: NDArray[Any],
+    before: NDArray[Any],
+    decay: float,
+    probability: float,
+    lost: NDArray[Any],
+    told: NDArray[Any],
+) -> None:
+    """As `find`; fills `lost` (w, L) and `told` (w, 3): number, spread, price."""
+    windows, length = residual.shape
+    way = (1.0 - decay) / -np.log(decay) if decay < 1.0 - 1e-9 else 1.0
+    arrives, misses = np.log1p(-probability), np.log(probability)
+    beam, split = np.zeros((_KEPT, 9)), np.empty((2 * _KEPT, 9))
+    parent = np.empty((length, _KEPT), dtype=np.int64)
+    missed = np.empty((length, _KEPT), dtype=np.bool_)
+    for w in range(windows):
+        count = 1
+        beam[0] = 0.0
+        beam[0, _CURRENT] = before[w]
+        a, b, c = _FREE**2, 0.0, _FREE**2
+        for tick in range(length):
+            a, b, c = a + 2.0 * way * b + way * way * c, decay * (b + way * c), decay * decay * c
+            total = a + 1.0
+            to_position, to_velocity = a / total, b / total
+            a, b, c = a - to_position * a, b - to_position * b, c - to_velocity * b
+            for k in range(2 * count):
+                one = split[k]
+                one[:] = beam[k % count]
+                one[_PARENT], one[_LOST] = k % count, k // count
+                if k < count:
+                    one[_CURRENT] = command[w, tick]
+                    one[_WEIGHT] += arrives
+                else:
+                    one[_WEIGHT] += misses
+                    one[_SECOND] += 2.0 * one[_FIRST] + 1.0
+                    one[_FIRST] += 1.0
+                gain = (one[_CURRENT] - assumed[w, tick]) * push[w, tick]
+                position = one[_POSITION] + way * one[_VELOCITY] + 0.5 * gain
+                surprise = residual[w, tick] - position
+                one[_POSITION] = position + to_position * surprise
+                one[_VELOCITY] = decay * one[_VELOCITY] + gain + to_velocity * surprise
+                fit = -0.5 * surprise * surprise / total
+                one[_WEIGHT] += fit
+                one[_LIKELIHOOD] += fit
+            count = _merged(split, 2 * count, _ALIKE * np.sqrt(a), _ALIKE * np.sqrt(c), beam)
+            for k in range(count):
+                parent[tick, k], missed[tick, k] = int(beam[k, _PARENT]), beam[k, _LOST] > 0.0
+        share = np.exp(beam[:count, _WEIGHT] - beam[0, _WEIGHT])
+        whole = share.sum()
+        number = (share * beam[:count, _FIRST]).sum() / whole
+        told[w, 0] = number
+        told[w, 1] = max((share * beam[:count, _SECOND]).sum() / whole - number * number, 0.0)
+        told[w, 2] = -2.0 * (beam[0, _WEIGHT] + np.log(whole) - beam[0, _LIKELIHOOD])
+        best = 0
+        for tick in range(length - 1, -1, -1):
+            lost[w, tick] = missed[tick, best]
+            best = parent[tick, best]

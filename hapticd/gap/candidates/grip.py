@@ -33,6 +33,8 @@ _TURNS = 4
 _CHANGE = 20.0
 """Loss that taking hold or letting go must save."""
 _FOREVER = 1e9
+_ALWAYS = 0.95
+"""Share of the windows beyond which a hand holds all the time but for windows that went the other way by chance."""
 _LOOK = 6
 """Iterations of the fit whose predictions say where the hand holds."""
 
@@ -85,7 +87,10 @@ def _intervals(held: NDArray[np.bool_], start_s: Floats, window_s: float) -> lis
 
 
 def hand_impedance(context: Context) -> list[Term]:
-    """Grip inertia, damping and stiffness while the hand holds; in several recordings, in the first that shows one."""
+    """Grip inertia, damping and stiffness while the hand holds; in several recordings, in the first that shows one.
+
+    A hand that never lets go is more inertia and friction, and a spring: laws of their own.
+    """
     hessian, gradient = context.normal_of_forces(context.grip_forces())
     coefficients = _best_interval(hessian, gradient)
     held = np.zeros(len(hessian), dtype=bool)
@@ -98,7 +103,10 @@ def hand_impedance(context: Context) -> list[Term]:
     if not held.any():
         return []
     first = _term(context, coefficients, _grips(context, held))
-    return [first, *_by_prediction(context, first)]
+    again, better = _by_prediction(context, first)
+    if max(held.mean(), again.mean()) > _ALWAYS:
+        return []
+    return [first, *better]
 
 
 def _grips(context: Context, held: NDArray[np.bool_]) -> tuple[tuple[Interval, ...], ...]:
@@ -110,8 +118,11 @@ def _grips(context: Context, held: NDArray[np.bool_]) -> tuple[tuple[Interval, .
     )
 
 
-def _by_prediction(context: Context, first: Term) -> list[Term]:
-    """The grip again, held where whole predictions with it are better: a strong hand is beyond the linear response."""
+def _by_prediction(context: Context, first: Term) -> tuple[NDArray[np.bool_], list[Term]]:
+    """Windows (w,) in which whole predictions are better with the grip, and it again, held there if that is elsewhere.
+
+    A strong hand is beyond the linear response.
+    """
     known = context.fit.solution
     start = np.concatenate([known.u, first.start])
     fitted = fit(context.segments, known.hypothesis.with_term(first), start, known.states, _LOOK).solution
@@ -121,10 +132,10 @@ def _by_prediction(context: Context, first: Term) -> list[Term]:
     held = _held(known.loss - always.loss)
     grips = _grips(context, held) if held.any() else first.grips
     if grips == first.grips:
-        return []
+        return held, []
     found = first.parameters(value)
     coefficients = np.array([found["m_h"], found["b_h"], found["k_h"], found["k_h"] * found["rest"]])
-    return [_term(context, coefficients, grips)]
+    return held, [_term(context, coefficients, grips)]
 
 
 def _term(context: Context, coefficients: Floats, grips: tuple[tuple[Interval, ...], ...]) -> Term:
