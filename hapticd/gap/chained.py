@@ -50,6 +50,70 @@ def _error(
     return square
 
 
+@njit(_f8(_a, _a, _m, _i8, _i8, _a, _a, _f8, _f8, _i8, _m))
+def _refined(
+    p: NDArray[Any],
+    time_s: NDArray[Any],
+    i_sub: NDArray[Any],
+    start: int,
+    parts: int,
+    begin: NDArray[Any],
+    observed: NDArray[Any],
+    position_step: float,
+    velocity_step: float,
+    iterations: int,
+    space: NDArray[Any],
+) -> float:
+    """Move the initial state `begin` of one window to where it predicts best; returns the sum of squares there.
+
+    `space` (4, L) holds intermediate results.
+    """
+    length = len(observed)
+    error, moved = space[0], space[1]
+    slope = space[2:]
+    state, trial = np.empty(_STATE), np.empty(_STATE)
+    state[:] = begin
+    least = _error(p, time_s, i_sub, start, parts, state, observed, error)
+    for _ in range(iterations):
+        for part in range(2):
+            step = position_step if part == 0 else velocity_step
+            state[:] = begin
+            state[THETA if part == 0 else OMEGA] += step
+            state[LOAD_THETA if part == 0 else LOAD_OMEGA] += step
+            _error(p, time_s, i_sub, start, parts, state, observed, moved)
+            for j in range(length):
+                slope[part, j] = (error[j] - moved[j]) / step
+        a = b = c = f = g = 0.0
+        for j in range(length):
+            a += slope[0, j] ** 2
+            b += slope[0, j] * slope[1, j]
+            c += slope[1, j] ** 2
+            f += slope[0, j] * error[j]
+            g += slope[1, j] * error[j]
+        a += _RIDGE * length
+        c += _RIDGE * length * (position_step / velocity_step) ** 2
+        determinant = a * c - b * b
+        better = False
+        for share in (1.0, 0.3, 0.1):
+            trial[:] = begin
+            go, speed = share * (c * f - b * g) / determinant, share * (a * g - b * f) / determinant
+            trial[THETA] += go
+            trial[LOAD_THETA] += go
+            trial[OMEGA] += speed
+            trial[LOAD_OMEGA] += speed
+            state[:] = trial
+            square = _error(p, time_s, i_sub, start, parts, state, observed, moved)
+            if square < least:
+                better = square < (1.0 - _GAIN) * least
+                least = square
+                begin[:] = trial
+                error[:] = moved
+                break
+        if not better:
+            break
+    return least
+
+
 @njit(types.void(_a, _a, _m, types.Array(_i8, 1, "C"), _i8, types.Array(_f8, 3, "C"), _m, _f8, _f8, _f8, _i8, _m))
 def fit_chain(
     p: NDArray[Any],
@@ -77,66 +141,39 @@ def fit_chain(
         observed: positions (w, L).
         position_step, velocity_step: difference steps, of the size of a sample's noise.
         good: mean squared error with which a window needs no other start.
-        iterations: Gauss–Newton steps from the best of the tries.
+        iterations: Gauss–Newton steps from the best of the tries; from all of them, as long as the window is not good.
         out: (w, STATE) the initial states.
     """
     length = observed.shape[1]
     end = np.zeros(_STATE)
-    begin, state, trial = np.empty(_STATE), np.empty(_STATE), np.empty(_STATE)
-    error, moved = np.empty(length), np.empty(length)
-    slope = np.empty((length, 2))
+    begin, state = np.empty(_STATE), np.empty(_STATE)
+    space = np.empty((4, length))
     for w in range(len(start)):
         follows = w > 0 and start[w] == start[w - 1] + length * parts
-        least = np.inf
+        first, least = 0, np.inf
         for t in range(tries.shape[0]):
             if t >= _ALWAYS and least < good * length:
                 break
-            trial[:] = tries[t, w]
+            state[:] = tries[t, w]
             if follows:
-                inherit(trial, end)
-            state[:] = trial
-            square = _error(p, time_s, i_sub, start[w], parts, state, observed[w], moved)
+                inherit(state, end)
+            square = _error(p, time_s, i_sub, start[w], parts, state, observed[w], space[0])
             if square < least or t == 0:
-                least = square
-                begin[:] = trial
-                error[:] = moved
-        for _ in range(iterations):
-            for part in range(2):
-                step = position_step if part == 0 else velocity_step
-                state[:] = begin
-                state[THETA if part == 0 else OMEGA] += step
-                state[LOAD_THETA if part == 0 else LOAD_OMEGA] += step
-                _error(p, time_s, i_sub, start[w], parts, state, observed[w], moved)
-                for j in range(length):
-                    slope[j, part] = (error[j] - moved[j]) / step
-            a = b = c = f = g = 0.0
-            for j in range(length):
-                a += slope[j, 0] ** 2
-                b += slope[j, 0] * slope[j, 1]
-                c += slope[j, 1] ** 2
-                f += slope[j, 0] * error[j]
-                g += slope[j, 1] * error[j]
-            a += _RIDGE * length
-            c += _RIDGE * length * (position_step / velocity_step) ** 2
-            determinant = a * c - b * b
-            better = False
-            for share in (1.0, 0.3, 0.1):
-                trial[:] = begin
-                go, speed = share * (c * f - b * g) / determinant, share * (a * g - b * f) / determinant
-                trial[THETA] += go
-                trial[LOAD_THETA] += go
-                trial[OMEGA] += speed
-                trial[LOAD_OMEGA] += speed
-                state[:] = trial
-                square = _error(p, time_s, i_sub, start[w], parts, state, observed[w], moved)
-                if square < least:
-                    better = square < (1.0 - _GAIN) * least
-                    least = square
-                    begin[:] = trial
-                    error[:] = moved
-                    break
-            if not better:
+                first, least = t, square
+        best = np.inf
+        for turn in range(tries.shape[0]):
+            t = (first + turn) % tries.shape[0]
+            state[:] = tries[t, w]
+            if follows:
+                inherit(state, end)
+            square = _refined(
+                p, time_s, i_sub, start[w], parts, state, observed[w], position_step, velocity_step, iterations, space
+            )
+            if square < best or turn == 0:
+                best = square
+                begin[:] = state
+            if best < good * length:
                 break
         out[w] = begin
         end[:] = begin
-        _error(p, time_s, i_sub, start[w], parts, end, observed[w], moved)
+        _error(p, time_s, i_sub, start[w], parts, end, observed[w], space[0])

@@ -52,6 +52,11 @@ def prefix(data: Data, final: Judged, terms: int) -> Judged:
     return judge(data, fit(data.segments, hypothesis, solution.u[: len(hypothesis.coordinates)], solution.states))
 
 
+def _gain(present: Judged, other: Judged) -> float:
+    """Held-out loss that another model saves."""
+    return float(present.held_out.loss.sum() - other.held_out.loss.sum())
+
+
 def _first_coordinate(hypothesis: Hypothesis, term: int) -> int:
     return sum(len(other.coordinates) for other in hypothesis.terms[:term])
 
@@ -87,14 +92,17 @@ def replaced(
 ) -> tuple[Judged, list[Round], bool]:
     """Let every effect but the last compete again, in its place in the whole model, with the rivals that it had.
 
+    It competes in a new form too: which orders a ripple has, or which commands were lost, looks different with the later
+    effects in place.
+
     Returns:
-        The model, how its effects stand against their rivals, and whether one of them was replaced by another.
+        The model, how its effects stand against their rivals, and whether one of them was replaced.
     """
     kept = list(rounds)
     for number in range(len(kept) - 1):
         found = kept[number]
         less = without(data, present, fixed + number)
-        used = {slug for other in kept for slug in (other.winner, *ties.exact_class(other.winner))}
+        used = {slug for other in kept for slug in (other.winner, *ties.exact_class(other.winner))} - {found.winner}
         slugs = [slug for slug in found.judged if slug not in used]
         context = Context(data.segments, less.fit, less.hypothesis.device(less.fit.solution.u, 0).vector)
 
@@ -102,11 +110,12 @@ def replaced(
             told((done + share) / (len(kept) - 1), slug)
 
         judged = search(data, less, context, slugs, report, workers)
-        judged[found.winner] = present
+        again = judged.get(found.winner)
+        if again is None or _gain(present, again) < _BETTER:
+            judged[found.winner] = present
         best = ties.first(judged, judged, data)
-        gain = float(present.held_out.loss.sum() - judged[best].held_out.loss.sum())
-        if best == found.winner or gain < _BETTER:
-            kept[number] = Round(found.winner, less, present, judged)
+        if judged[best] is present or _gain(present, judged[best]) < _BETTER:
+            kept[number] = Round(found.winner, less, present, {**judged, found.winner: present})
             continue
         order = kept[:number] + kept[number + 1 :]
         return judged[best], [*order, Round(best, less, judged[best], judged)], True

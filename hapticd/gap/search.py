@@ -50,7 +50,7 @@ _SHARE_OF_TRIALS = 0.25
 _SURE = 0.7
 """Share of the smallest gain that counts which such a fit must show."""
 _PATIENCE = 1e-3
-_HOPS, _HOP = 8, 0.05
+_HOPS, _HOP = 20, 0.03
 """Fits from elsewhere, and how far that is in a coordinate: a share of its range, or this much of a logarithm."""
 
 
@@ -231,7 +231,7 @@ def search(
         found = {slug: hopeful(few, [seen[slug, k] for k in range(len(terms[slug]))]) for slug in slugs}
         promising = _leading({slug: (of, of[0].gain) for slug, of in found.items() if of}, _SHARE_OF_LOOKS)
         tried = pool.run({slug: partial(converged, few, of) for slug, of in promising.items()}, 0.4, 0.6)
-        hopping = _leading({slug: (one, one.gain) for slug, one in tried.items()}, _SHARE_OF_LOOKS)
+        hopping = _leading({slug: (one, one.gain) for slug, one in tried.items()}, _SHARE_OF_TRIALS)
         rugged = {slug: one for slug, one in hopping.items() if one.solution.hypothesis.terms[-1].is_rugged}
         tried |= pool.run({slug: partial(hopped, few, one) for slug, one in rugged.items()}, 0.6, 0.7)
         left = _leading({slug: (one, one.gain) for slug, one in tried.items()}, _SHARE_OF_TRIALS, _SURE * few.needed)

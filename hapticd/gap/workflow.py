@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 _MOST_EFFECTS = 4
-_MOST_STEPS = 10
+_MOST_STEPS = 16
 _FAR_OFF, _BEYOND_CHANCE = 10.0, 100.0
 """Times noise: what a slip that went the other way by chance may leave, and what none does."""
 _BASE = {"inertia_error": "inertia", "viscous_friction": "viscous", "coulomb_friction": "coulomb"}
@@ -113,30 +113,34 @@ def find_gap(
 def _explained(
     data: Data, base: Judged, slugs: Sequence[str], told: Callable[[float, str], None], workers: int | None
 ) -> tuple[Judged, list[Round]]:
-    """Add effects to a base model, look back at those added early, and go on until nothing changes."""
+    """Add effects to a base model one by one, each time looking back at the earlier ones, until nothing is left to name."""
     present, fixed = base, len(base.hypothesis.terms)
     rounds: list[Round] = []
+    look_back = False
 
     for step in range(_MOST_STEPS):
 
-        def report(share: float, slug: str, step: int = step, number: int = len(rounds) + 1) -> None:
+        def report(share: float, slug: str, step: int = step, number: int = len(rounds) + (not look_back)) -> None:
             told(1.0 - (1.0 - share / (step + 2.0)) / (step + 1.0), f"effect {number}: {slug}")
 
+        if look_back:
+            present, rounds, look_back = replaced(data, present, rounds, fixed, report, workers)
+            if look_back:
+                present, rounds = dropped(data, present, rounds, fixed)
+            continue
         used = {slug for found in rounds for slug in (found.winner, *ties.exact_class(found.winner))}
         remaining = [slug for slug in slugs if slug not in used]
-        winner = None
-        if remaining and len(rounds) < _MOST_EFFECTS:
-            device = present.hypothesis.device(present.fit.solution.u, 0).vector
-            judged = search(data, present, Context(data.segments, present.fit, device), remaining, report, workers)
-            winner = _winner(judged, present, data, len(slugs))
-        if winner is not None:
-            judged[winner] = _polished(data, judged[winner])
-            rounds.append(Round(winner, present, judged[winner], judged))
-            present, rounds = dropped(data, judged[winner], rounds, fixed)
-        else:
-            present, rounds, changed = replaced(data, present, rounds, fixed, report, workers)
-            if not changed:
-                break
+        if not remaining or len(rounds) == _MOST_EFFECTS:
+            break
+        device = present.hypothesis.device(present.fit.solution.u, 0).vector
+        judged = search(data, present, Context(data.segments, present.fit, device), remaining, report, workers)
+        winner = _winner(judged, present, data, len(slugs))
+        if winner is None:
+            break
+        judged[winner] = _polished(data, judged[winner])
+        rounds.append(Round(winner, present, judged[winner], judged))
+        present, rounds = dropped(data, judged[winner], rounds, fixed)
+        look_back = len(rounds) > 1
     return present, rounds
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.gap.candidates.build import Scalar
+from hapticd.gap.fit import fit
 from hapticd.gap.hypothesis import Coordinate, Term
 from hapticd.plant.effects.layout import word
 from hapticd.plant.effects.spec import parameters_of
@@ -28,6 +29,8 @@ _SIGNIFICANT = 30.0
 _SHARE = 0.02
 """Orders that explain less than this share of the first one's gain are as likely to mend what the linear response of
 the first ones gets wrong."""
+_LOOK = 6
+"""Iterations of the fit that says which orders are needed."""
 
 
 def orders_to_try(context: Context) -> Floats:
@@ -84,7 +87,33 @@ def torque_ripple(context: Context) -> list[Term]:
     chosen, amplitudes = _chosen_orders(context, orders, length) if len(orders) else ([], np.zeros(0))
     if not chosen or (not context.is_linear and _strongest(orders[chosen], amplitudes) == 1.0):
         return []  # once per revolution is the law of gravity
-    found = [float(orders[k]) for k in chosen]
+    return [_needed(context, _ripple(context, orders, orders[chosen], amplitudes), orders)]
+
+
+def _needed(context: Context, term: Term, orders: Floats) -> Term:
+    """The ripple with those of its orders that whole predictions of a third of the windows need.
+
+    The linear response of a strong ripple asks for orders that are not there.
+    """
+    known, few = context.fit.solution, context.few
+    u = np.concatenate([known.u, term.start])
+    fitted = fit(few.segments, known.hypothesis.with_term(term), u, few.states, _LOOK)
+    value = fitted.solution.u[len(known.u) :]
+    inverse = np.linalg.pinv(fitted.at.hessian.sum(axis=0), hermitian=True)[len(known.u) :, len(known.u) :]
+    pairs = [slice(2 * k, 2 * k + 2) for k in range(len(value) // 2)]
+    gains = np.array(
+        [value[pair] @ np.linalg.pinv(inverse[pair, pair], hermitian=True) @ value[pair] for pair in pairs]
+    )
+    keep = gains >= max(_SIGNIFICANT / 3.0, _SHARE * float(gains.max()))
+    found = np.array(term.form["orders"])
+    if keep.all() or not keep.any():
+        return term
+    return _ripple(context, orders, found[keep], value.reshape(-1, 2)[keep].ravel())
+
+
+def _ripple(context: Context, orders: Floats, chosen: Floats, amplitudes: Floats) -> Term:
+    """The effect with given orders (k,), of those tried, starting from sine and cosine amplitudes (2k,)."""
+    found = [float(order) for order in chosen]
     first = {name: word(f"torque_ripple.{name}[0]") for name in ("orders", "amplitudes", "phases")}
 
     def parameters(u: Floats) -> dict[str, float]:
@@ -113,18 +142,16 @@ def torque_ripple(context: Context) -> list[Term]:
         Coordinate(f"{part}_{order:g}", -limit, limit, 1e-3 * limit) for order in found for part in ("sine", "cosine")
     )
     start = tuple(float(np.clip(a, -limit, limit)) for a in amplitudes)
-    return [
-        Term(
-            "torque_ripple",
-            coordinates,
-            write,
-            parameters,
-            start,
-            float(len(orders)),
-            entry=entry,
-            form={"orders": found, **_between_orders(context, orders, len(found))},
-        )
-    ]
+    return Term(
+        "torque_ripple",
+        coordinates,
+        write,
+        parameters,
+        start,
+        float(len(orders)),
+        entry=entry,
+        form={"orders": found, **_between_orders(context, orders, len(found))},
+    )
 
 
 def _between_orders(context: Context, orders: Floats, count: int) -> Mapping[str, float]:
