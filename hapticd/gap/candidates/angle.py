@@ -96,10 +96,10 @@ def _needed(context: Context, term: Term, orders: Floats) -> Term:
     The linear response of a strong ripple asks for orders that are not there.
     """
     known, few = context.fit.solution, context.few
-    u = np.concatenate([known.u, term.start])
-    fitted = fit(few.segments, known.hypothesis.with_term(term), u, few.states, _LOOK)
-    value = fitted.solution.u[len(known.u) :]
-    inverse = np.linalg.pinv(fitted.at.hessian.sum(axis=0), hermitian=True)[len(known.u) :, len(known.u) :]
+    present = known.hypothesis.held(known.u, len(known.hypothesis.terms))
+    fitted = fit(few.segments, present.with_term(term), np.array(term.start), few.states, _LOOK)
+    value = fitted.solution.u
+    inverse = np.linalg.pinv(fitted.at.hessian.sum(axis=0), hermitian=True)
     pairs = [slice(2 * k, 2 * k + 2) for k in range(len(value) // 2)]
     gains = np.array(
         [value[pair] @ np.linalg.pinv(inverse[pair, pair], hermitian=True) @ value[pair] for pair in pairs]

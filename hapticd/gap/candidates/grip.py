@@ -124,11 +124,11 @@ def _by_prediction(context: Context, first: Term) -> tuple[NDArray[np.bool_], li
     A strong hand is beyond the linear response.
     """
     known = context.fit.solution
-    start = np.concatenate([known.u, first.start])
-    fitted = fit(context.segments, known.hypothesis.with_term(first), start, known.states, _LOOK).solution
-    value = fitted.u[len(known.u) :]
+    present = known.hypothesis.held(known.u, len(known.hypothesis.terms))
+    fitted = fit(context.segments, present.with_term(first), np.array(first.start), known.states, _LOOK).solution
+    value = fitted.u
     everywhere = replace(first, grips=tuple(((0.0, _FOREVER),) for _ in context.segments))
-    always, _ = fit_states(context.segments, known.hypothesis.with_term(everywhere), fitted.u, fitted.states)
+    always, _ = fit_states(context.segments, present.with_term(everywhere), value, fitted.states)
     held = _held(known.loss - always.loss)
     grips = _grips(context, held) if held.any() else first.grips
     if grips == first.grips:
