@@ -187,6 +187,8 @@ def describe(document: dict[str, Any], out: Path) -> str:
         lines.append(f"  {step['effect']}: {values}")
         if step["indistinguishable_from"]:
             lines.append(f"    not told from {', '.join(step['indistinguishable_from'])} by these data")
+    if document["verdict"] == "unexplained" and (words := document["balance"].get("words")):
+        lines.append(f"forces: {words}")
     lines += [f"where: {entry.get('words', entry['coordinate'])}" for entry in document["where"][:3]]
     lines.append(
         f"gap on held-out data: {held_out['before']:.3g} before, {held_out['after']:.3g} after; 1 is as good as they allow"

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from hapticd.gap.force import force_residual
-from hapticd.gap.screen import screen
+from hapticd.gap.screen import Screening, ScreenScore, screen
 from hapticd.gap.where import coordinates_at, map_residual
 
 if TYPE_CHECKING:
@@ -37,21 +38,81 @@ def disagreement(recordings: Sequence[Recording], model: Config, delay_s: float,
     return [place.to_json() for place in places if place.significant][:_TOLD]
 
 
-def confounded(recordings: Sequence[Recording], model: Config, effects: Sequence[str]) -> list[dict[str, Any]]:
-    """What gap.json says under ``confounded``: effects that explain the same missing torque as those that were named.
+def force_balance(recordings: Sequence[Recording], model: Config, refit_base: bool) -> Screening | None:
+    """The catalogue by the balance of forces; None where the shaft hardly moves.
 
     Args:
         recordings: what was measured. model: as given.
+        refit_base: base parameters are fitted along.
+    """
+    try:
+        return screen(recordings, model, refit_base=refit_base)
+    except ValueError:
+        return None
+
+
+def balance_json(screening: Screening, candidates: Sequence[str], is_linear: bool) -> dict[str, Any]:
+    """What gap.json says under ``balance``.
+
+    Args:
+        screening: of the catalogue.
+        candidates: slugs that were considered.
+        is_linear: whether forces are missing, or torques.
+
+    Returns:
+        ``unit``, ``rms`` of the force or torque that the model lacks, ``ranking`` of the candidates that explain a
+        significant part of it (``effect``, ``rms`` held out with it, ``share`` of the squared rms that goes away, ``z`` in
+        standard errors, ``parameters``, ``identical_to``), and ``words`` on the first of them, empty where there is none.
+    """
+    unit = "N" if is_linear else "N m"
+    found = [score for score in screening.ranking if score.significant and score.slug in set(candidates)][:_TOLD]
+    words = ""
+    if found:
+        best = found[0]
+        alike = "".join(f", or {slug}" for slug in best.identical_to)
+        words = (
+            f"by the balance of forces {best.slug}{_orders(best)}{alike} explains most, {100.0 * best.share:.0f} % of the "
+            f"square: held out, {screening.cv_rms:.3g} {unit} are missing without it and {best.cv_rms:.3g} {unit} with it"
+        )
+    return {
+        "unit": unit,
+        "rms": screening.cv_rms,
+        "ranking": [
+            {
+                "effect": score.slug,
+                "rms": score.cv_rms,
+                "share": score.share,
+                "z": score.z,
+                "parameters": {name: asdict(coefficient) for name, coefficient in score.coefficients.items()},
+                "identical_to": list(score.identical_to),
+            }
+            for score in found
+        ],
+        "words": words,
+    }
+
+
+def _orders(score: ScreenScore) -> str:
+    """The orders of a ripple in words, the largest amplitude first."""
+    orders = [name.removeprefix("a_").removesuffix("_sin") for name in score.coefficients if name.endswith("_sin")]
+    if score.slug != "torque_ripple" or not orders:
+        return ""
+    size = {
+        order: sum(score.coefficients[f"a_{order}_{part}"].value ** 2 for part in ("sin", "cos")) for order in orders
+    }
+    return f" (orders {', '.join(sorted(orders, key=lambda order: -size[order])[:_TOLD])})"
+
+
+def confounded(screening: Screening, effects: Sequence[str]) -> list[dict[str, Any]]:
+    """What gap.json says under ``confounded``: effects that explain the same missing torque as those that were named.
+
+    Args:
+        screening: of the catalogue.
         effects: slugs that were named.
 
     Returns:
-        ``first`` and ``second`` (the better one first), ``overlap``, ``advantage_z``, ``resolved`` and ``words`` each;
-        nothing where the shaft hardly moves.
+        ``first`` and ``second`` (the better one first), ``overlap``, ``advantage_z``, ``resolved`` and ``words`` each.
     """
-    try:
-        pairs = screen(recordings, model).confounded
-    except ValueError:
-        return []
     return [
         {
             "first": pair.first,
@@ -68,6 +129,6 @@ def confounded(recordings: Sequence[Recording], model: Config, effects: Sequence
                 )
             ),
         }
-        for pair in pairs
+        for pair in screening.confounded
         if {pair.first, pair.second} & set(effects)
     ][:_TOLD]

@@ -88,6 +88,8 @@ class GapResult:
     where: tuple[Mapping[str, Any], ...] = ()
     confounded: tuple[Mapping[str, Any], ...] = ()
     """Pairs of effects that explain the same missing torque; see `hapticd.gap.disagreement.confounded`."""
+    balance: Mapping[str, Any] = field(default_factory=dict)
+    """Which effects explain the missing force or torque; see `hapticd.gap.disagreement.balance_json`."""
     next_experiment: Mapping[str, Any] | None = None
     warnings: tuple[str, ...] = ()
     traces: tuple[Trace, ...] = ()
@@ -104,6 +106,7 @@ class GapResult:
             "steps": [_step(step) for step in self.steps],
             "where": [dict(entry) for entry in self.where],
             "confounded": [dict(pair) for pair in self.confounded],
+            "balance": dict(self.balance),
             "gap": {
                 "train": {"before": self.gap.train_before, "after": self.gap.train_after},
                 "held_out": {"before": self.gap.held_out_before, "after": self.gap.held_out_after},

@@ -12,7 +12,7 @@ from hapticd.gap import noise, ties, verdict
 from hapticd.gap.candidates import BUILDERS
 from hapticd.gap.context import Context
 from hapticd.gap.design import next_experiment
-from hapticd.gap.disagreement import confounded, disagreement
+from hapticd.gap.disagreement import balance_json, confounded, disagreement, force_balance
 from hapticd.gap.evidence import few_windows
 from hapticd.gap.fit import fit
 from hapticd.gap.hypothesis import Hypothesis
@@ -94,8 +94,13 @@ def find_gap(
     places = disagreement(recordings, model, float(vector[word("delay_s")]), seed)
     noted = tuple(warning for recording in recordings for warning in recording.warnings)
     details = {**result.details, "candidates": slugs}
-    pairs = confounded(recordings, model, result.effects) if result.effects else []
-    result = replace(result, where=tuple(places), confounded=tuple(pairs), warnings=noted, details=details)
+    result = replace(result, where=tuple(places), warnings=noted, details=details)
+    if (screening := force_balance(recordings, model, refit_base)) is not None:
+        result = replace(
+            result,
+            balance=balance_json(screening, slugs, model.is_linear),
+            confounded=tuple(confounded(screening, result.effects)),
+        )
     if design and result.verdict == "ambiguous":
         start = 1.0 - 1.0 / (len(rounds) + 2.0)
         planned = _next_experiment(

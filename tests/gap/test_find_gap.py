@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from hapticd.gap import find_gap
+from hapticd.gap.disagreement import balance_json
+from hapticd.gap.screen import screen
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -97,6 +99,18 @@ def test_a_torque_once_per_revolution_is_no_ripple(hidden: Callable[..., Any]) -
     recording, model = hidden([{"name": "gravity", "m_g_l": 4e-3, "theta_0": 0.7}])
     result = find_gap([recording], model, candidates=["torque_ripple"])
     assert (result.verdict, result.effects) == ("unexplained", ())
+
+
+def test_the_forces_are_told_where_no_prediction_is_good(hidden: Callable[..., Any]) -> None:
+    ripple = {"name": "torque_ripple", "orders": [7, 28], "amplitudes": [4e-4, 8e-4], "phases": [0.0, 1.0]}
+    recording, model = hidden([ripple])
+    result = find_gap([recording], model, candidates=["coulomb_friction", "encoder_eccentricity"])
+    assert result.verdict == "unexplained"
+    assert "torque_ripple" not in [row["effect"] for row in result.balance["ranking"]]
+    balance = balance_json(screen([recording], model), ["torque_ripple"], is_linear=False)
+    assert balance["ranking"][0]["effect"] == "torque_ripple"
+    assert "torque_ripple (orders 28, 7)" in balance["words"]
+    assert balance["ranking"][0]["rms"] < 0.7 * balance["rms"]
 
 
 def test_bias_and_asymmetric_coulomb_are_one_class(hidden: Callable[..., Any]) -> None:
