@@ -48,6 +48,8 @@ MINIMUM_SHARE = 0.05
 BEST_WINDOWS, BEST_SHARE = 4, 0.007
 """Windows without which a gain must survive, and the share of all windows where that is more. A marginal slip that goes the
 right way by chance gains as much as a hundred windows of an effect, and a recording has a few of them."""
+RUGGED_SHARE = 0.03
+"""The same share where the model has play: an impact that is missed or imagined throws its window off under any model."""
 _BEST_OF_RIVALS = 2
 _GROSS = 100.0
 """Loss of a window beyond which its logarithm is at work."""
@@ -91,9 +93,14 @@ class Comparison:
         return self.z > threshold(trials) and self.gain_per_sample > self.needed
 
 
-def few_windows(windows: int) -> int:
-    """So many windows decide nothing by themselves, neither for an effect nor against a model."""
-    return max(BEST_WINDOWS, round(BEST_SHARE * windows))
+def few_windows(windows: int, is_rugged: bool = False) -> int:
+    """So many windows decide nothing by themselves, neither for an effect nor against a model.
+
+    Args:
+        windows: of all recordings.
+        is_rugged: the model has impacts, which come or stay away with the least change.
+    """
+    return max(BEST_WINDOWS, round((RUGGED_SHARE if is_rugged else BEST_SHARE) * windows))
 
 
 def threshold(trials: float) -> float:
@@ -111,7 +118,12 @@ class Scored:
 
 
 def compare(
-    better: Scored, worse: Scored, block: NDArray[np.int64], samples: float, are_rivals: bool = False
+    better: Scored,
+    worse: Scored,
+    block: NDArray[np.int64],
+    samples: float,
+    are_rivals: bool = False,
+    is_rugged: bool = False,
 ) -> Comparison:
     """Compare two models on the same held-out windows.
 
@@ -121,6 +133,7 @@ def compare(
         block: block number (w,) of each window, unique over all recordings.
         samples: number of predicted samples in all.
         are_rivals: both explain the gap, and what decides between them may show in a few windows only.
+        is_rugged: the worse model has impacts already, so that more windows than usual decide nothing.
     """
     weight = window_weight(better.mean_square)
     cross, size = [], []
@@ -138,7 +151,7 @@ def compare(
     needed = minimum_gain(worse.mean_square)
     if gain <= 0.0:
         return Comparison(gain, gain / samples, needed, 0.0)
-    best = _BEST_OF_RIVALS if are_rivals else few_windows(len(difference))
+    best = _BEST_OF_RIVALS if are_rivals else few_windows(len(difference), is_rugged)
     robust = gain - float(np.sort(difference)[-best:].sum())
     counted = min(gain, 2.0 * max(robust, 0.0))
     variance = max(_grouped(noise, block), float(design.sum()))

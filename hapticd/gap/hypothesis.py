@@ -107,6 +107,11 @@ class Hypothesis:
         """Slugs of the terms, in order."""
         return tuple(term.slug for term in self.terms)
 
+    @property
+    def is_rugged(self) -> bool:
+        """Whether one of the terms is."""
+        return any(term.is_rugged for term in self.terms)
+
     def share(self, u: Floats, term: int) -> Floats:
         """The part of `u` that belongs to one term."""
         first = sum(len(t.coordinates) for t in self.terms[:term])

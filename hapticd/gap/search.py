@@ -83,7 +83,8 @@ class Judged:
 
     def against(self, other: Judged, data: Data) -> Comparison:
         """How much better this predicts than another."""
-        return compare(self.held_out, other.held_out, data.block, data.samples)
+        rugged = other.hypothesis.is_rugged
+        return compare(self.held_out, other.held_out, data.block, data.samples, is_rugged=rugged)
 
     def ahead_of(self, rival: Judged, data: Data) -> float:
         """Standard errors by which this predicts better than a rival, which may be in a few windows only."""

@@ -259,10 +259,11 @@ def _result(data: Data, nominal: Judged, final: Judged, rounds: list[Round], fix
         )
     square = _square(data, final.held_out.mean_square)
     structure = residual_structure(data, final, seed)
+    few = few_windows(len(square), final.hypothesis.is_rugged)
     left = verdict.Remaining(
         _gap(square, floor),
-        _trimmed_gap(square, floor),
-        _many_far_off(square / floor.mean()),
+        _trimmed_gap(square, floor, few),
+        _many_far_off(square / floor.mean(), few),
         tuple(test.name for test in structure.left),
     )
     effects = tuple(found.winner for found in rounds)
@@ -309,15 +310,15 @@ def _scaled(relative: Estimate, vector: Floats, slug: str) -> Estimate:
     return Estimate(nominal * (1.0 + relative.value), (nominal * (1.0 + low), nominal * (1.0 + high)), "")
 
 
-def _trimmed_gap(square: Floats, floor: Floats) -> float:
-    """The gap without the worst windows: a marginal slip that went the other way says nothing of missing physics."""
-    keep = len(square) - few_windows(len(square))
+def _trimmed_gap(square: Floats, floor: Floats, few: int) -> float:
+    """The gap without the worst few windows: a marginal slip that went the other way says nothing of missing physics."""
+    keep = len(square) - few
     return float(np.sqrt(np.sort(square)[:keep].sum() / len(square) / floor.mean()))
 
 
-def _many_far_off(square: Floats) -> bool:
+def _many_far_off(square: Floats, few: int) -> bool:
     """Whether windows are further off, in mean squares (w,) over the floor's, than slips by chance can explain."""
-    far = np.sum(square > _FAR_OFF**2) > few_windows(len(square)) // 2
+    far = np.sum(square > _FAR_OFF**2) > few // 2
     return bool(far or np.any(square > _BEYOND_CHANCE**2))
 
 
