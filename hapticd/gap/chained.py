@@ -94,9 +94,12 @@ def _refined(
         c += _RIDGE * length * (position_step / velocity_step) ** 2
         determinant = a * c - b * b
         better = False
-        for share in (1.0, 0.3, 0.1):
+        for share in (1.0, 0.3, 0.1, 0.0):
             trial[:] = begin
             go, speed = share * (c * f - b * g) / determinant, share * (a * g - b * f) / determinant
+            if share == 0.0:
+                # What the velocity of a shaft that is about to slip does is known to no first order.
+                go = f / a
             trial[THETA] += go
             trial[LOAD_THETA] += go
             trial[OMEGA] += speed

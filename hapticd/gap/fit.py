@@ -108,9 +108,11 @@ def state_jacobian(
     return result
 
 
-def _state_gain(segment: Segment, jacobian: Floats) -> Floats:
+def _state_gain(segment: Segment, jacobian: Floats, is_position_alone: bool = False) -> Floats:
     """(AᵀA)⁻¹Aᵀ of every window, with a ridge that keeps a state which no sample feels where it is."""
     normal = np.einsum("wli,wlj->wij", jacobian, jacobian)
+    if is_position_alone:
+        normal[:, 0, 1] = normal[:, 1, 0] = 0.0
     scale = np.array([segment.position_step, segment.velocity_step]) ** -2.0
     normal += np.diag(_STATE_RIDGE * segment.length * scale)
     return np.asarray(np.linalg.solve(normal, np.swapaxes(jacobian, 1, 2)))
@@ -145,18 +147,21 @@ def fit_states(
     states: Sequence[Floats],
     iterations: int = _STATE_ITERATIONS,
 ) -> tuple[Solution, list[Floats]]:
-    """Best initial state of every window at fixed coordinates, by Gauss–Newton with a halved step where it fails."""
+    """Best initial state of every window at fixed coordinates, by Gauss–Newton, with a smaller step where that fails.
+
+    The position is stepped alone too: what the velocity of a shaft that is about to slip does is known to no first order.
+    """
     if hypothesis.has_memory(u, 0):
         return _fit_chained(segments, hypothesis, u, [states], iterations)
     solution, residuals = evaluate(segments, hypothesis, u, states)
     for _ in range(iterations):
         jacobians = state_jacobian(segments, hypothesis, u, solution.states, residuals)
         before = solution.total
-        for share in (1.0, 0.3):
+        for shares in ((1.0, 1.0), (0.3, 0.3), (1.0, 0.0)):
             trial_states = []
             for segment, state, jacobian, residual in zip(segments, solution.states, jacobians, residuals, strict=True):
-                step = np.einsum("wil,wl->wi", _state_gain(segment, jacobian), residual)
-                trial_states.append(segment.stepped(state, share * step))
+                step = np.einsum("wil,wl->wi", _state_gain(segment, jacobian, shares[1] == 0.0), residual)
+                trial_states.append(segment.stepped(state, np.array(shares) * step))
             trial, fresh = evaluate(segments, hypothesis, u, trial_states)
             solution, residuals = _better_states(segments, solution, trial, residuals, fresh)
         if before - solution.total < _CONVERGED * len(solution.loss) ** 0.5:

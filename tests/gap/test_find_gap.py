@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from hapticd.gap import find_gap
+from hapticd.gap.candidates.angle import _is_series
+from hapticd.gap.candidates.grip import _edge
 from hapticd.gap.disagreement import balance_json
 from hapticd.gap.screen import screen
 
@@ -93,6 +96,29 @@ def test_a_hand_that_never_lets_go_is_told_by_its_parts(hidden: Callable[..., An
     result = find_gap([recording], model, candidates=["inertia_error", "return_spring", "hand_impedance"])
     assert set(result.effects) == {"inertia_error", "return_spring"}
     assert all("hand_impedance" not in step.indistinguishable_from for step in result.steps)
+
+
+def test_an_edge_is_as_open_as_the_windows_around_it() -> None:
+    """Nothing can be told of four windows in which the shaft rests; the others are clear."""
+    gain = np.array([-9.0, -9.0, -9.0, 0.1, -0.1, 0.0, 0.1, 8.0, 8.0, 8.0])
+    assert _edge(gain, 7) == (3, 7)
+    assert _edge(gain, 4) == (3, 7)
+    assert _edge(np.array([-9.0, -9.0, 9.0, 9.0]), 2) == (2, 2)
+
+
+def test_a_series_in_the_position_is_no_ripple() -> None:
+    assert _is_series(np.array([1, 2, 0, 3, 4]))
+    assert not _is_series(np.array([6, 27, 13, 11]))
+    assert not _is_series(np.array([1, 2, 3]))
+
+
+def test_a_window_at_rest_finds_its_place_under_an_eccentric_encoder(hidden: Callable[..., Any]) -> None:
+    """The velocity's derivative of a shaft about to slip is worthless; the position alone must do."""
+    recording, model = hidden([{"name": "encoder_eccentricity", "e": 0.016, "phi": -1.26}])
+    result = find_gap([recording], model, candidates=["encoder_eccentricity"])
+    assert result.effects == ("encoder_eccentricity",)
+    assert result.gap.held_out_after < 1.2
+    assert result.steps[0].parameters["e"].value == pytest.approx(0.016, rel=0.02)
 
 
 def test_a_torque_once_per_revolution_is_no_ripple(hidden: Callable[..., Any]) -> None:

@@ -29,6 +29,8 @@ _SIGNIFICANT = 30.0
 _SHARE = 0.02
 """Orders that explain less than this share of the first one's gain are as likely to mend what the linear response of
 the first ones gets wrong."""
+_SERIES = 4
+"""Orders in a row from among the lowest that make a series."""
 _LOOK = 6
 """Iterations of the fit that says which orders are needed."""
 
@@ -87,7 +89,18 @@ def torque_ripple(context: Context) -> list[Term]:
     chosen, amplitudes = _chosen_orders(context, orders, length) if len(orders) else ([], np.zeros(0))
     if not chosen or (not context.is_linear and _strongest(orders[chosen], amplitudes) == 1.0):
         return []  # once per revolution is the law of gravity
-    return [_needed(context, _ripple(context, orders, orders[chosen], amplitudes), orders)]
+    term = _needed(context, _ripple(context, orders, orders[chosen], amplitudes), orders)
+    return [] if _is_series(np.searchsorted(orders, np.array(term.form["orders"]))) else [term]
+
+
+def _is_series(places: NDArray[np.int64]) -> bool:
+    """Whether orders are the first terms of a Fourier series: some other function of the position, not a ripple.
+
+    Args:
+        places: in the list of orders (k,).
+    """
+    lowest = np.sort(places)[:_SERIES]
+    return len(lowest) == _SERIES and bool(lowest[0] < _SERIES - 1 and np.all(np.diff(lowest) == 1))
 
 
 def _needed(context: Context, term: Term, orders: Floats) -> Term:

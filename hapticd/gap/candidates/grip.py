@@ -32,6 +32,8 @@ _RIDGE = 1e-9
 _TURNS = 4
 _CHANGE = 20.0
 """Loss that taking hold or letting go must save."""
+_LIKELY = 4.0
+"""Loss within which an edge is as likely as the best (95 %)."""
 _FOREVER = 1e9
 _ALWAYS = 0.95
 """Share of the windows beyond which a hand holds all the time but for windows that went the other way by chance."""
@@ -102,7 +104,8 @@ def hand_impedance(context: Context) -> list[Term]:
         coefficients = _solved(hessian[held].sum(0)[None], gradient[held].sum(0)[None])[0]
     if not held.any():
         return []
-    first = _term(context, coefficients, _grips(context, held))
+    gain = 2.0 * gradient @ coefficients - np.einsum("wij,i,j->w", hessian, coefficients, coefficients)
+    first = _term(context, coefficients, held, gain)
     again, better = _by_prediction(context, first)
     if max(held.mean(), again.mean()) > _ALWAYS:
         return []
@@ -129,16 +132,62 @@ def _by_prediction(context: Context, first: Term) -> tuple[NDArray[np.bool_], li
     value = fitted.u
     everywhere = replace(first, grips=tuple(((0.0, _FOREVER),) for _ in context.segments))
     always, _ = fit_states(context.segments, present.with_term(everywhere), value, fitted.states)
-    held = _held(known.loss - always.loss)
-    grips = _grips(context, held) if held.any() else first.grips
-    if grips == first.grips:
+    gain = known.loss - always.loss
+    held = _held(gain)
+    if not held.any():
         return held, []
     found = first.parameters(value)
     coefficients = np.array([found["m_h"], found["b_h"], found["k_h"], found["k_h"] * found["rest"]])
-    return held, [_term(context, coefficients, grips)]
+    return held, [_term(context, coefficients, held, gain)]
 
 
-def _term(context: Context, coefficients: Floats, grips: tuple[tuple[Interval, ...], ...]) -> Term:
+def _edge(gain: Floats, at: int) -> tuple[int, int]:
+    """First and last window before which a hand may have taken hold (or let go), from what holding gains in each (w,).
+
+    Args:
+        gain: negative where nobody holds.
+        at: the likeliest.
+    """
+    # The loss of an edge before window k is what is gained before it and lost after it.
+    loss = np.concatenate([[0.0], np.cumsum(gain)])
+    loss = np.abs(loss - loss[at])
+    first = last = at
+    while first > 0 and loss[first - 1] < _LIKELY:
+        first -= 1
+    while last < len(gain) and loss[last + 1] < _LIKELY:
+        last += 1
+    return first, last
+
+
+def _longest(
+    context: Context, grips: tuple[tuple[Interval, ...], ...], gain: Floats
+) -> tuple[int, int, Floats, Floats]:
+    """Which grip lasts longest (recording and number), and the middle and the standard error of its two edges [s]."""
+    _, number, place = max(
+        (min(off, context.duration) - on, number, place)
+        for number, of_one in enumerate(grips)
+        for place, (on, off) in enumerate(of_one)
+    )
+    segment = context.segments[number]
+    start = segment.recording.time_s[segment.windows.start]
+    own = np.split(gain, np.cumsum([s.count for s in context.segments])[:-1])[number]
+    middle, error = np.array(grips[number][place]), np.full(2, context.window_s / np.sqrt(3.0))
+    for edge, at_s in enumerate(grips[number][place]):
+        if start[0] < at_s < start[-1]:
+            first, last = _edge(own, int(np.argmin(np.abs(start - at_s))))
+            low, high = start[first], start[min(last, len(start) - 1)]
+            middle[edge] = 0.5 * (low + high)
+            error[edge] += 0.5 * (high - low) / 1.96
+    return number, place, middle, error
+
+
+def _term(context: Context, coefficients: Floats, held: NDArray[np.bool_], gain: Floats) -> Term:
+    """The effect with given coefficients, held in some windows (w,); `gain` (w,) is what holding gains in each."""
+    grips = _grips(context, held)
+    number, place, middle, error = _longest(context, grips, gain)
+    longest = (float(middle[0]), float(middle[1]))
+    of_one = (*grips[number][:place], longest, *grips[number][place + 1 :])
+    grips = (*grips[:number], of_one, *grips[number + 1 :])
     m, b, k, pull = (float(v) for v in coefficients)
     reach = max(context.span, context.resolution)
     limit_b, limit_k = 20.0 * context.force_scale / context.top_speed, 20.0 * context.force_scale / reach
@@ -152,7 +201,6 @@ def _term(context: Context, coefficients: Floats, grips: tuple[tuple[Interval, .
         Scalar("rest", float(np.clip(pull / stiffness, low, high)), low, high),
         trials=float(_EDGES),
     )
-    longest = max((g for of_one in grips for g in of_one), key=lambda grip: min(grip[1], context.duration) - grip[0])
 
     def parameters(u: Floats) -> Mapping[str, float]:
         return {**term.parameters(u), "on_s": longest[0], "off_s": longest[1]}
@@ -171,7 +219,7 @@ def _term(context: Context, coefficients: Floats, grips: tuple[tuple[Interval, .
         grips=grips,
         form={
             "grips_s": [[list(grip) for grip in of_one] for of_one in grips],
-            "on_s_standard_error": context.window_s / np.sqrt(3.0),
-            "off_s_standard_error": context.window_s / np.sqrt(3.0),
+            "on_s_standard_error": float(error[0]),
+            "off_s_standard_error": float(error[1]),
         },
     )
