@@ -43,6 +43,15 @@ def test_what_cannot_be_seen_costs_nothing_and_stays_open() -> None:
     assert found.spread == pytest.approx(0.3 * 0.7 * LENGTH)
 
 
+@pytest.mark.parametrize("push", [0.2, 1.0, 5.0])
+@pytest.mark.parametrize("probability", [0.15, 0.45])
+def test_losses_that_show_little_are_counted_without_bias(probability: float, push: float) -> None:
+    lost, found = of_free_mass(probability, 400, push, 1)
+    # The first tick cannot be told, and counts with its prior.
+    expected = lost[:, 1:].mean() * (LENGTH - 1) + probability
+    assert found.number.mean() == pytest.approx(expected, rel=0.03)
+
+
 def test_a_clear_choice_costs_its_prior() -> None:
     lost, found = of_free_mass(0.1, 40, PUSH, 3)
     right = (found.lost == lost).all(axis=1)

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 _TURNS = 12
 _FIRST_GUESS = 0.02
 """Probability of a loss."""
+_STEPS, _CLOSE = 8, 0.01
+"""Newton steps of the probability in a turn, and the relative change that ends them."""
 _LEAST = 1.0
 """Loss that a turn must save for another to be taken."""
 _CHUNK = 128
@@ -62,25 +64,35 @@ class _Search:
     def turn(self, residuals: Sequence[Floats]) -> None:
         """Find the fates from what the prediction with those assumed so far leaves, and the probability from them.
 
-        The probability takes a Newton step to its largest likelihood; information is that of the fates less what the data
+        The probability takes Newton steps to its largest likelihood; information is that of the fates less what the data
         leave open of them (Louis 1982).
         """
-        p, scores, open_ = self.probability, [], 0.0
-        wide = [_excess(residual) for residual in residuals]
-        ticks = losses = 0.0
-        for number, segment in enumerate(self.segments):
-            for first in range(0, segment.count, _CHUNK):
-                rows = segment.windows.rows[first : first + _CHUNK] - 1
-                found = self._found(
-                    residuals[number] / wide[number], wide[number], number, slice(first, first + _CHUNK)
-                )
-                self.lost[number][rows] = found.lost
-                self.prices[number][rows] = found.price[:, None] / segment.length * wide[number] ** 2
-                scores.append((found.number - segment.length * p) / (p * (1.0 - p)))
-                open_ += float(found.spread.sum())
-                ticks += rows.size
-                losses += float(found.number.sum())
-        score = np.concatenate(scores)
+        for _ in range(_STEPS):
+            before = self.probability
+            found = [self._all_found(number, residual) for number, residual in enumerate(residuals)]
+            self._likeliest([part for of_one in found for part in of_one])
+            if abs(self.probability - before) < _CLOSE * before:
+                break
+        for number, of_one in enumerate(found):
+            rows = self.segments[number].windows.rows - 1
+            if len(rows):
+                self.lost[number][rows] = np.concatenate([part.lost for part in of_one])
+                price = np.concatenate([part.price for part in of_one])
+                wide = _excess(residuals[number])
+                self.prices[number][rows] = price[:, None] / self.segments[number].length * wide**2
+
+    def _all_found(self, number: int, residual: Floats) -> list[Fates]:
+        """Fates of all windows of a recording, in chunks."""
+        wide = _excess(residual)
+        chunks = [slice(first, first + _CHUNK) for first in range(0, self.segments[number].count, _CHUNK)]
+        return [self._found(residual / wide, wide, number, chunk) for chunk in chunks]
+
+    def _likeliest(self, found: Sequence[Fates]) -> None:
+        """One Newton step of the probability, and its standard error."""
+        p = self.probability
+        ticks, losses = float(sum(part.lost.size for part in found)), float(sum(part.number.sum() for part in found))
+        open_ = float(sum(part.spread.sum() for part in found))
+        score = np.concatenate([(part.number - part.lost.shape[1] * p) / (p * (1.0 - p)) for part in found])
         whole = losses / p**2 + (ticks - losses) / (1.0 - p) ** 2
         information = max(whole - open_ / (p * (1.0 - p)) ** 2, 1e-2 * whole)
         self.probability = float(np.clip(p + score.sum() / information, 0.3 * p, min(3.0 * p, 0.5 + 0.5 * p)))

@@ -3,7 +3,8 @@
 In a lost tick the current that was there stays until a command arrives. A prediction with the fates assumed so far is off
 by δ(t); a window's residual is what δ is measured by. δ obeys the motion of a free shaft, driven by the difference of the
 currents, and at each tick every hypothesis splits in two: the command arrived, or it did not. All hypotheses of a window
-have the same covariance; those that have become alike are merged, and the likeliest few go on.
+have the same covariance; those that have become alike are merged into their mean, and the likeliest few go on. With cells
+too small, or too few that go on, losses that show little are left out, and the probability comes out low.
 """
 
 from __future__ import annotations
@@ -23,8 +24,8 @@ if TYPE_CHECKING:
 
 _f8, _i8 = types.float64, types.int64
 _v, _m = types.Array(_f8, 1, "C"), types.Array(_f8, 2, "C")
-_KEPT = 96
-_ALIKE = 0.5
+_KEPT = 200
+_ALIKE = 1.5
 """Standard deviations of the state within which two hypotheses are one."""
 _FREE = 1e3
 """Standard deviation of the initial state, in those of a sample: as good as unknown."""
@@ -100,8 +101,8 @@ def _merged(split: NDArray[Any], count: int, position: float, velocity: float, k
         kept: (k, 9) those that go on; their number is returned.
     """
     # One number that differs where any of the three does.
-    place = np.rint(split[:count, _POSITION] / position) + np.pi * np.rint(split[:count, _VELOCITY] / velocity)
-    key = place + np.e * 1e6 * split[:count, _CURRENT]
+    cell = np.rint(split[:count, _POSITION] / position) + np.pi * np.rint(split[:count, _VELOCITY] / velocity)
+    key = cell + np.e * 1e6 * split[:count, _CURRENT]
     order = np.argsort(key)
     groups, begin = 0, 0
     while begin < count:
@@ -110,15 +111,18 @@ def _merged(split: NDArray[Any], count: int, position: float, velocity: float, k
             if split[order[end], _WEIGHT] > split[order[head], _WEIGHT]:
                 head = end
             end += 1
-        total = first = second = 0.0
+        total = first = second = place = speed = 0.0
         for k in range(begin, end):
             share = np.exp(split[order[k], _WEIGHT] - split[order[head], _WEIGHT])
             total += share
+            place += share * split[order[k], _POSITION]
+            speed += share * split[order[k], _VELOCITY]
             first += share * split[order[k], _FIRST]
             second += share * split[order[k], _SECOND]
         row = split[order[head]]
         row[_WEIGHT] += np.log(total)
         row[_FIRST], row[_SECOND] = first / total, second / total
+        row[_POSITION], row[_VELOCITY] = place / total, speed / total
         order[groups] = order[head]
         groups += 1
         begin = end
