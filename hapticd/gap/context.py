@@ -216,9 +216,14 @@ class Context:
         return np.concatenate(normals), np.concatenate(rights)
 
     @cached_property
+    def _thinned(self) -> list[NDArray[np.bool_]]:
+        squares = np.split(self.fit.solution.mean_square, np.cumsum([s.count for s in self.segments])[:-1])
+        return [thinned(s.length_s, square) for s, square in zip(self.segments, squares, strict=True)]
+
+    @cached_property
     def few(self) -> Few:
         """A third of the windows."""
-        masks = [thinned(segment.count, segment.length_s) for segment in self.segments]
+        masks = self._thinned
         segments = [segment.chosen(mask) for segment, mask in zip(self.segments, masks, strict=True)]
         states = [state[mask] for state, mask in zip(self.fit.solution.states, masks, strict=True)]
         gains = [gain[mask] for gain, mask in zip(self.fit.at.state_gain, masks, strict=True)]
@@ -254,7 +259,7 @@ class Context:
         for number, segment in enumerate(self.segments):
             ticks = round(late / segment.recording.period_s)
             forces = [self.torque_constant * np.roll(change, ticks) for change in changes[number]]
-            windows = np.flatnonzero(thinned(segment.count, segment.length_s))
+            windows = np.flatnonzero(self._thinned[number])
             for rows in np.array_split(windows, max(len(windows) // _CHUNK, 1)):
                 columns = self._columns(number, forces, rows)
                 residual, weight = self.fit.residuals[number][rows], self._weights[number][rows]

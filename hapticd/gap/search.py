@@ -111,7 +111,8 @@ class Few:
 def few_of(data: Data, present: Judged) -> Few:
     """Thin the windows."""
     solution = present.fit.solution
-    masks = [thinned(segment.count, segment.length_s) for segment in data.segments]
+    squares = np.split(solution.mean_square, np.cumsum([segment.count for segment in data.segments])[:-1])
+    masks = [thinned(segment.length_s, square) for segment, square in zip(data.segments, squares, strict=True)]
     segments = [segment.chosen(mask) for segment, mask in zip(data.segments, masks, strict=True)]
     states = [state[mask] for state, mask in zip(solution.states, masks, strict=True)]
     there = fit(segments, solution.hypothesis, solution.u, states, patience=_PATIENCE).solution

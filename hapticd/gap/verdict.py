@@ -64,10 +64,10 @@ def decide(effects: Sequence[str], tied: Sequence[Sequence[str]], remaining: Rem
             return "unexplained", f"{some}: something is missing that has no name here."
         return "unexplained", f"No effect of the catalogue explains the gap: {remaining.words}."
     if not effects:
-        return (
-            "no_missing_effect",
-            f"Nothing is missing: the model predicts as well as the data allow (gap {remaining.gap:.2f}).",
-        )
+        gap = f"gap {remaining.gap:.2f}"
+        if remaining.gap > GOOD_ENOUGH:
+            gap += f", {remaining.trimmed:.2f} without its few worst windows, which decide nothing by themselves"
+        return "no_missing_effect", f"Nothing is missing: the model predicts as well as the data allow ({gap})."
     ambiguous = [(effect, others) for effect, others in zip(effects, tied, strict=True) if others]
     if ambiguous:
         told = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)

@@ -27,6 +27,8 @@ _RESOLVED = 100.0
 _BLOCK_S = 1.0
 _FEWEST_BLOCKS = 10
 _THIN, _RUN_S, _SHORTEST_RUN = 3, 0.5, 4
+_WORST, _BAD = 0.05, 4.0
+"""Share of all windows, and mean square, of those that are badly predicted."""
 
 
 @dataclass(frozen=True)
@@ -76,12 +78,19 @@ def folds(block: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray(block % min(FOLDS, int(block.max()) + 1))
 
 
-def thinned(count: int, length_s: float) -> NDArray[np.bool_]:
-    """A third of the windows, in runs of half a second: a load that rings needs some time to be where it is.
+def thinned(length_s: float, mean_square: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """A third of the windows, in runs of half a second, and the worst besides.
+
+    A load that rings needs some time to be where it is; and an effect may show in a second of the recording only, as a
+    saturation does.
 
     Args:
-        count: windows of the recording.
-        length_s: of one of them [s].
+        length_s: of a window [s].
+        mean_square: of every window (w,), in variances of a sample, of the present model.
     """
+    count = len(mean_square)
     run = max(_SHORTEST_RUN, round(_RUN_S / length_s))
-    return np.asarray(np.arange(count) // run % _THIN == 0)
+    mask = np.asarray(np.arange(count) // run % _THIN == 0)
+    worst = np.argsort(-mean_square)[: round(_WORST * count)]
+    mask[worst[mean_square[worst] > _BAD]] = True
+    return mask

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from hapticd.gap.predict import split_at_switching
-from hapticd.gap.windows import cut, folds, window_length
+from hapticd.gap.windows import cut, folds, thinned, window_length
 
 
 def test_windows_do_not_overlap_and_stay_inside() -> None:
@@ -24,6 +24,16 @@ def test_blocks_last_a_second_and_every_fold_spans_the_recording() -> None:
     for fold in range(5):
         mine = windows.start[folds(windows.block) == fold]
         assert mine.max() - mine.min() > 14_000
+
+
+def test_a_third_of_the_windows_and_the_worst() -> None:
+    square = np.ones(600)
+    square[[40, 41, 300]] = 50.0
+    mask = thinned(0.03, square)
+    assert mask[[40, 41, 300]].all()
+    assert mask.sum() == pytest.approx(200, abs=20)
+    square[:] = 50.0
+    assert thinned(0.03, square).sum() <= 200 + 20 + 30
 
 
 def test_a_heavier_or_coarser_device_gets_longer_windows() -> None:
