@@ -54,9 +54,24 @@ def first(good: Iterable[str], round_of: Mapping[str, Judged], data: Data) -> st
     term = _term(best, order[0])
     for slug in order[1:]:
         bar = RESOLVED if term.lost else _SIMPLER if contains(term, slug) else 0.0
+        if slug == "gravity" and order[0] == "torque_ripple" and _mostly_gravity(best):
+            return slug
         if best.ahead_of(round_of[slug], data) < bar:
             return slug
     return order[0]
+
+
+def _mostly_gravity(judged: Judged) -> bool:
+    """Whether the largest amplitude of a ripple is that of once per revolution."""
+    hypothesis = judged.hypothesis
+    number = hypothesis.slugs.index("torque_ripple")
+    term = hypothesis.terms[number]
+    orders = term.form.get("orders")
+    if not isinstance(orders, list) or 1.0 not in orders:
+        return False
+    found = term.parameters(hypothesis.share(judged.fit.solution.u, number))
+    sizes = [found[f"amplitudes[{k}]"] for k in range(len(orders))]
+    return bool(orders[sizes.index(max(sizes))] == 1.0)
 
 
 def rivals(winner: str, round_of: Mapping[str, Judged], data: Data) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, cast
 
@@ -17,7 +18,7 @@ from hapticd.gap.predict import Segment
 from hapticd.gap.prepare import prepare
 from hapticd.gap.revise import Round, dropped, replaced
 from hapticd.gap.search import Data, Judged, judge
-from hapticd.plant.effects.layout import device_vector
+from hapticd.plant.effects.layout import device_vector, word
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -106,4 +107,32 @@ def test_a_law_comes_before_the_choice_of_each_ticks_fate() -> None:
     fates = judged("dropped_samples", 0.0, lost=(np.zeros(1, dtype=np.uint8),))
     for error, winner in ((0.05, "torque_ripple"), (1.0, "dropped_samples")):
         round_of = {"dropped_samples": fates, "torque_ripple": judged("torque_ripple", error)}
+        assert ties.first(round_of, round_of, data) == winner
+
+
+def test_a_ripple_that_is_mostly_once_per_revolution_is_gravity(hidden: Callable[..., Any]) -> None:
+    data, nominal = base_model(hidden, [{"name": "gravity", "m_g_l": 4e-3, "theta_0": 0.7}])
+    gravity = with_effect(data, nominal, "gravity")
+    index = word("torque_ripple.amplitudes[0]")
+
+    def ripple(orders: list[float], sizes: list[float]) -> Judged:
+        term = Term(
+            "torque_ripple",
+            (),
+            lambda vector, u: vector.__setitem__(index, 0.0),
+            lambda u: {f"amplitudes[{k}]": size for k, size in enumerate(sizes)},
+            (),
+            form={"orders": orders},
+        )
+        solution = replace(gravity.fit.solution, hypothesis=Hypothesis(np.zeros(1), (term,)), u=np.zeros(0))
+        square, left = 0.64 * gravity.held_out.mean_square, tuple(0.8 * part for part in gravity.held_out.residuals)
+        better = Scored(window_loss(square, float(left[0].shape[1])), square, left)
+        return Judged(replace(gravity.fit, solution=solution), better)
+
+    for orders, sizes, winner in (
+        ([3.0, 1.0], [1e-6, 4e-3], "gravity"),
+        ([3.0, 1.0], [4e-3, 1e-6], "torque_ripple"),
+    ):
+        round_of = {"gravity": gravity, "torque_ripple": ripple(orders, sizes)}
+        assert round_of["torque_ripple"].ahead_of(gravity, data) > ties.RESOLVED
         assert ties.first(round_of, round_of, data) == winner

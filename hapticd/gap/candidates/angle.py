@@ -77,9 +77,9 @@ def _chosen_orders(context: Context, orders: Floats, limit: int) -> tuple[list[i
     return chosen, amplitudes
 
 
-def _strongest(orders: Floats, amplitudes: Floats) -> float:
-    """The order (k,) with the largest of the amplitudes (2k,)."""
-    return float(orders[np.argmax(np.hypot(amplitudes[0::2], amplitudes[1::2]))])
+def _is_gravity(context: Context, orders: Floats, amplitudes: Floats) -> bool:
+    """Whether the largest of the amplitudes (2k,) is that of once per revolution, which is the law of gravity."""
+    return not context.is_linear and float(orders[np.argmax(np.hypot(amplitudes[0::2], amplitudes[1::2]))]) == 1.0
 
 
 def torque_ripple(context: Context) -> list[Term]:
@@ -87,10 +87,13 @@ def torque_ripple(context: Context) -> list[Term]:
     length = next(p.length for p in parameters_of("torque_ripple") if p.name == "orders")
     orders = orders_to_try(context)
     chosen, amplitudes = _chosen_orders(context, orders, length) if len(orders) else ([], np.zeros(0))
-    if not chosen or (not context.is_linear and _strongest(orders[chosen], amplitudes) == 1.0):
-        return []  # once per revolution is the law of gravity
+    if not chosen or _is_gravity(context, orders[chosen], amplitudes):
+        return []
     term = _needed(context, _ripple(context, orders, orders[chosen], amplitudes), orders)
-    return [] if _is_series(np.searchsorted(orders, np.array(term.form["orders"]))) else [term]
+    found = np.array(term.form["orders"])
+    if _is_gravity(context, found, np.array(term.start)) or _is_series(np.searchsorted(orders, found)):
+        return []
+    return [term]
 
 
 def _is_series(places: NDArray[np.int64]) -> bool:
@@ -119,7 +122,7 @@ def _needed(context: Context, term: Term, orders: Floats) -> Term:
     )
     keep = gains >= max(_SIGNIFICANT / 3.0, _SHARE * float(gains.max()))
     found = np.array(term.form["orders"])
-    if keep.all() or not keep.any():
+    if not keep.any():
         return term
     return _ripple(context, orders, found[keep], value.reshape(-1, 2)[keep].ravel())
 
