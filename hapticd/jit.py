@@ -23,14 +23,20 @@ from llvmlite import ir
 from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-_DAEMON_FOLDERS = ("hapticd/plant", "hapticd/record", "hapticd/servo", "hapticd/stability", "drivers")
+_DAEMON_FOLDERS = (
+    "hapticd/effects",
+    "hapticd/plant",
+    "hapticd/record",
+    "hapticd/servo",
+    "hapticd/stability",
+    "drivers",
+)
 # The simulated hardware compiles against the plant alone: an edit on one side leaves the other side's code as it is.
-_FOLDERS = {"sim_hw": ("hapticd/plant", "sim_hw")}
-_COMPILED_IN = ("hapticd/config/effect_parameters.py",)
-"""Sources outside those folders whose constants end up in compiled code."""
+_FOLDERS = {"sim_hw": ("hapticd/effects", "hapticd/plant", "sim_hw")}
 
 
 @functools.cache
@@ -38,8 +44,6 @@ def _source_digest(folders: tuple[str, ...]) -> str:
     root = Path(__file__).parent.parent
     digest = hashlib.sha256(f"{numba.__version__}".encode())
     digest.update(Path(__file__).read_bytes())
-    for source in _COMPILED_IN:
-        digest.update((root / source).read_bytes())
     for folder in folders:
         for path in sorted((root / folder).rglob("*.py")):
             digest.update(path.read_bytes())
@@ -95,6 +99,13 @@ def njit(*signature: Any, inline: bool = False, counted: bool = True, parallel: 
     return decorate
 
 
+def law(function: F) -> F:
+    """Compile a plain law of the catalogue: floats in, a float out, or a bool if it is annotated so; inlined."""
+    result = "boolean" if function.__annotations__["return"] in (bool, "bool") else "float64"
+    arguments = ", ".join(["float64"] * function.__code__.co_argcount)
+    return njit(f"{result}({arguments})", inline=True)(function)
+
+
 def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     """Compile a function to a C callback; ``.address`` is what a driver hands to the servo loop."""
 
@@ -103,6 +114,29 @@ def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
             return numba.cfunc(signature, nopython=True, cache=True, error_model="numpy")(function)
 
     return decorate
+
+
+def law_callback(function: Callable[..., float], leading: int, parameters: int) -> Any:
+    """Compile a law from outside to a C callback ``double law(double, double, double, double, double *parameters)``.
+
+    It is compiled anew in every process, in a fraction of a second: where its source is, and what that calls, is not known.
+
+    Args:
+        function: plain Python on floats and `math`.
+        leading: how many of the four numbers it takes, the first ones.
+        parameters: how many numbers it takes after them, from the array.
+
+    Raises:
+        numba.core.errors.NumbaError: Numba cannot compile it.
+    """
+    compiled = numba.njit(error_model="numpy")(function)
+    double = types.float64
+
+    def callback(a: float, b: float, c: float, d: float, pointer: Any) -> Any:
+        return compiled(*(a, b, c, d)[:leading], *to_fixed_tuple(numba.carray(pointer, (parameters,)), parameters))
+
+    signature = double(double, double, double, double, types.CPointer(double))
+    return numba.cfunc(signature, nopython=True, error_model="numpy")(callback)
 
 
 def _typed_intrinsic(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -179,5 +213,22 @@ def call_driver(typingctx: Any, function: Any, state: Any, exchange: Any) -> Any
         prototype = ir.FunctionType(ir.IntType(32), [pointer, pointer])
         callee = builder.inttoptr(args[0], prototype.as_pointer())
         return builder.call(callee, [builder.inttoptr(args[1], pointer), builder.inttoptr(args[2], pointer)])
+
+    return signature, codegen
+
+
+@_typed_intrinsic
+def call_law(typingctx: Any, address: Any, a: Any, b: Any, c: Any, d: Any, array: Any, index: Any) -> Any:
+    """Call a `law_callback` through its integer address, with its parameters at ``array[index]`` and after (about 3 ns)."""
+    double = types.float64
+    signature = double(types.int64, double, double, double, double, array, types.intp)
+
+    def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+        number = ir.DoubleType()
+        prototype = ir.FunctionType(number, [number] * 4 + [number.as_pointer()])
+        callee = builder.inttoptr(args[0], prototype.as_pointer())
+        view = context.make_array(signature.args[5])(context, builder, args[5])
+        pointer = cgutils.get_item_pointer(context, builder, signature.args[5], view, [args[6]], wraparound=False)
+        return builder.call(callee, [*args[1:5], pointer])
 
     return signature, codegen

@@ -98,9 +98,9 @@ def gap(
         raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
     if excite and not live:
         raise UsageError("--excite goes with --live")
+    from hapticd.effects.catalogue import CATALOGUE
     from hapticd.gap import find_gap
     from hapticd.gap.outputs import write_outputs
-    from hapticd.plant.effects.catalogue import CATALOGUE
 
     for slug in effect or ():
         if slug not in CATALOGUE:

@@ -3,7 +3,6 @@
 See ``docs/reference/config.md`` for every key. Nothing here imports the compiled code.
 """
 
-from hapticd.config.effect_parameters import EFFECT_SLUGS
 from hapticd.config.effects import Effect
 from hapticd.config.host import Api, Driver, Record
 from hapticd.config.keys import LIVE_KEYS, unit_of
@@ -24,6 +23,7 @@ from hapticd.config.sections import (
     Spring,
 )
 from hapticd.config.writing import config_digest, config_schema, config_to_yaml
+from hapticd.effects.catalogue import EFFECT_SLUGS
 
 __all__ = [
     "EFFECT_SLUGS",

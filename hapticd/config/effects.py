@@ -1,4 +1,4 @@
-"""The effects that a plant model lists, and their check against `hapticd.config.effect_parameters`."""
+"""The effects that a plant model lists, and their check against the catalogue."""
 
 from __future__ import annotations
 
@@ -9,12 +9,11 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from hapticd.config.effect_parameters import EFFECT_PARAMETERS, EFFECT_SLUGS, Parameter
 from hapticd.config.nearest import nearest_name
 from hapticd.config.problems import NO_VALUE, Finding
 from hapticd.config.text import bound_text
-
-_EITHER = frozenset({"backlash", "flexible_coupling"})
+from hapticd.effects.catalogue import BROKEN, CATALOGUE, EFFECT_SLUGS
+from hapticd.effects.spec import Parameter
 
 
 class Effect(BaseModel):
@@ -52,14 +51,12 @@ def effect_findings(effects: object) -> Iterator[Finding]:
             yield Finding(key, given, "must be a mapping with the effect's name, such as {name: stribeck}")
             continue
         slug = effect["name"]
-        if slug not in EFFECT_PARAMETERS:
-            close = nearest_name(slug, EFFECT_SLUGS)
-            hint = f"did you mean {close}?" if close else "known effects: " + ", ".join(EFFECT_SLUGS)
-            yield Finding(f"{key}.name", slug, f"unknown effect; {hint}", EFFECT_SLUGS, close)
+        if slug not in CATALOGUE:
+            yield _unknown(f"{key}.name", slug)
             continue
         if slug in seen:
             yield Finding(f"{key}.name", slug, f"given twice, here and as plant.effects[{seen[slug]}]")
-        elif slug in _EITHER and (other := next(iter((_EITHER - {slug}) & seen.keys()), None)):
+        elif other := next((other for other in seen if _exclude_each_other(slug, other)), None):
             yield Finding(
                 f"{key}.name", slug, f"does not go with {other}, plant.effects[{seen[other]}]; give one of them"
             )
@@ -67,8 +64,20 @@ def effect_findings(effects: object) -> Iterator[Finding]:
         yield from _parameter_findings(key, slug, effect)
 
 
+def _unknown(key: str, slug: str) -> Finding:
+    if slug in BROKEN:
+        return Finding(key, slug, f"cannot be used: {BROKEN[slug]}", EFFECT_SLUGS)
+    close = nearest_name(slug, EFFECT_SLUGS)
+    hint = f"did you mean {close}?" if close else "known effects: " + ", ".join(EFFECT_SLUGS)
+    return Finding(key, slug, f"unknown effect; {hint}", EFFECT_SLUGS, close)
+
+
+def _exclude_each_other(one: str, other: str) -> bool:
+    return one in CATALOGUE[other].excludes or other in CATALOGUE[one].excludes
+
+
 def _parameter_findings(key: str, slug: str, effect: Mapping[str, object]) -> Iterator[Finding]:
-    parameters = {parameter.name: parameter for parameter in EFFECT_PARAMETERS[slug]}
+    parameters = {parameter.name: parameter for parameter in CATALOGUE[slug].parameters}
     wrong = False
     for name, value in effect.items():
         if name == "name":
@@ -138,11 +147,8 @@ def _in(parameter: Parameter) -> str:
 
 
 def _joint_findings(key: str, slug: str, effect: Mapping[str, Any]) -> Iterator[Finding]:
-    if slug == "torque_ripple":
-        orders = len(effect["orders"])
-        for name in ("amplitudes", "phases"):
-            if name in effect and len(effect[name]) != orders:
-                yield Finding(f"{key}.{name}", NO_VALUE, f"has {len(effect[name])} numbers for {orders} orders")
-    if slug == "hand_impedance" and effect.get("on_s", 0.0) >= effect.get("off_s", math.inf):
-        message = f"must be above {bound_text(float(effect['on_s']))} s, the hand's on_s"
-        yield Finding(f"{key}.off_s", effect["off_s"], message, float(effect["on_s"]), unit="s")
+    check = CATALOGUE[slug].joint_check
+    for name, message, limit, unit in check(effect) if check else ():
+        given = effect.get(name)
+        value = given if isinstance(given, Real) else NO_VALUE
+        yield Finding(f"{key}.{name}", value, message, limit, unit=unit)

@@ -13,7 +13,7 @@ from numba import types
 
 from hapticd.jit import njit
 from hapticd.plant.chain import inherit
-from hapticd.plant.effects.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA
+from hapticd.plant.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA
 from hapticd.plant.numeric import measured, mechanical
 
 if TYPE_CHECKING:

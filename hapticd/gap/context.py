@@ -16,7 +16,7 @@ import numpy as np
 from hapticd.gap.evidence import window_weight
 from hapticd.gap.fit import evaluate, fit_states
 from hapticd.gap.windows import thinned
-from hapticd.plant.effects.layout import word
+from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

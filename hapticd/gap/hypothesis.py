@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapticd.plant.effects.layout import word
+from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap.crossval import covariance
 from hapticd.gap.fit import damped_step, fit_states, tangent
 from hapticd.gap.result import Estimate
-from hapticd.plant.effects.spec import parameters_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -123,7 +123,7 @@ def _counted(term: Term, name: str) -> float:
 
 def _unit(term: Term, name: str, is_linear: bool) -> str:
     bare = name.split("[")[0]
-    known = next((p for p in parameters_of(term.slug) if p.name == bare), None)
+    known = next((p for p in CATALOGUE[term.slug].parameters if p.name == bare), None)
     if known is None:
         return ""
     return known.unit_linear if is_linear else known.unit

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, Final
 import yaml
 
 from drivers import declared_latency
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap.consequences import consequences
 from hapticd.gap.design import FILE as EXPERIMENT
 from hapticd.gap.model_file import improved_model, model_yaml
 from hapticd.gap.report import page
-from hapticd.plant.effects.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from hapticd.config import Config

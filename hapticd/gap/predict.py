@@ -18,8 +18,8 @@ from hapticd.gap.hypothesis import has_memory
 from hapticd.gap.initial import smooth_motion
 from hapticd.gap.windows import Windows
 from hapticd.plant.chain import simulate_chain
-from hapticd.plant.effects.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, WORDS, word
 from hapticd.plant.electrical import electrical
+from hapticd.plant.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, WORDS, word
 from hapticd.plant.numeric import simulate_windows_serial, substeps_for
 
 if TYPE_CHECKING:

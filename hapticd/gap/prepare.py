@@ -9,7 +9,7 @@ import numpy as np
 from hapticd.gap.predict import segment_of
 from hapticd.gap.search import Data
 from hapticd.gap.windows import cut, window_length
-from hapticd.plant.effects.layout import word
+from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

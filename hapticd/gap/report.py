@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap.figures import all_figures
-from hapticd.plant.effects.catalogue import CATALOGUE
 from hapticd.reproduce.markup import STYLE
 from hapticd.reproduce.style import style
 

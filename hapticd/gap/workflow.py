@@ -24,7 +24,7 @@ from hapticd.gap.rivals import rival
 from hapticd.gap.search import Data, Judged, judge, search
 from hapticd.gap.structure import residual_structure
 from hapticd.gap.traces import traces_of
-from hapticd.plant.effects.layout import device_vector, word
+from hapticd.plant.layout import device_vector, word
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 from numba import types
 
-from hapticd.jit import njit
-from hapticd.plant.effects.layout import word
-from hapticd.plant.effects.presliding import bristle_after
+from hapticd.effects import presliding
+from hapticd.jit import law, njit
 from hapticd.plant.exact import phi_functions
-from hapticd.plant.laws import coulomb_level, damping_at, field_torque, friction_level
-from hapticd.plant.slide import ACTIONS, Actions, glide
+from hapticd.plant.laws import coulomb_level, damping_at
+from hapticd.plant.layout import word
+from hapticd.plant.slide import ACTIONS, Actions, friction_of, glide, pull_on
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,6 +21,7 @@ _f8 = types.float64
 _p = types.Array(_f8, 1, "C")
 _BREAKAWAY = word("presliding.breakaway")
 _SIGMA_1 = word("presliding.sigma_1")
+_bristle_after = law(presliding.bristle_after)
 
 # A bristle phase covers a quarter of the breakaway displacement, and more the nearer the bristle is to steady sliding.
 _BRISTLE_WAY = 0.25
@@ -42,7 +43,7 @@ def slide_on_bristle(
         Position, velocity, bristle deflection and time taken.
     """
     sigma_0 = coulomb_level(p) / p[_BREAKAWAY]
-    pull = on.drive + field_torque(p, x, x, on.current) - on.stiffness * (x - on.rest) - sigma_0 * z
+    pull = pull_on(p, x, x, v, on) - sigma_0 * z
     if v == 0.0 and pull == 0.0:
         return x, 0.0, z, span
     sign = math.copysign(1.0, v if v != 0.0 else pull)
@@ -53,7 +54,7 @@ def slide_on_bristle(
     steady = p[_BREAKAWAY]
     for attempt in range(2):
         mean_speed = 0.5 * (speed + end)
-        level, total = damping_at(p, mean_speed, sign, friction_level(p, mean_speed, on.motor, on.warm), on.viscous)
+        level, total = damping_at(p, mean_speed, sign, friction_of(p, mean_speed, on), on.viscous)
         steady = max(level / sigma_0, 1e-6 * p[_BREAKAWAY])
         slack = 1.0 - strain / steady
         if attempt == 0:
@@ -63,9 +64,7 @@ def slide_on_bristle(
         # Mean over the way of the share 1 − z/steady that still stretches the bristle; its chord's stiffness likewise.
         _, mean, of_mean = phi_functions(-way / steady)
         stretch = slack * mean
-        pull = sign * (
-            on.drive + field_torque(p, x, x + sign * way, on.current) - on.stiffness * (x - on.rest) - sigma_0 * z
-        )
+        pull = sign * (pull_on(p, x, x + sign * way, sign * mean_speed, on) - sigma_0 * z)
         spring = sigma_0 * stretch
         if spring < 0.0:
             # Beyond steady sliding the bristle slackens: no spring, but a force that falls along the way.
@@ -77,4 +76,4 @@ def slide_on_bristle(
         )
     if time == 0.0 and v == 0.0:
         return x, 0.0, z, span
-    return x + sign * way, sign * end if end > 0.0 else 0.0, sign * bristle_after(strain, steady, way), time
+    return x + sign * way, sign * end if end > 0.0 else 0.0, sign * _bristle_after(strain, steady, way), time

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.effects.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
+from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
 from hapticd.plant.numeric import measured, mechanical
 
 if TYPE_CHECKING:

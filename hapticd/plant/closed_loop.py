@@ -12,7 +12,9 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.effects.layout import (
+from hapticd.plant.electrical import lagged
+from hapticd.plant.laws import coulomb_level, has_bristle, whole_inertia
+from hapticd.plant.layout import (
     BRISTLE,
     LOAD_OMEGA,
     LOAD_THETA,
@@ -22,8 +24,6 @@ from hapticd.plant.effects.layout import (
     THETA,
     word,
 )
-from hapticd.plant.electrical import lagged
-from hapticd.plant.laws import coulomb_level, has_bristle
 from hapticd.plant.numeric import holding, substep
 
 if TYPE_CHECKING:
@@ -38,8 +38,6 @@ _GAP = word("backlash.gap")
 _GAP_SHARE = word("backlash.load_share")
 _RESONANCE = word("flexible_coupling.f_r")
 _RESONANCE_SHARE = word("flexible_coupling.load_share")
-_INERTIA = word("inertia")
-_INERTIA_ERROR = word("inertia_error.r")
 _HAND_INERTIA = word("hand_impedance.m_h")
 _HAND_DAMPING = word("hand_impedance.b_h")
 _HAND_STIFFNESS = word("hand_impedance.k_h")
@@ -87,7 +85,7 @@ def stays_with_effects(p: NDArray[Any], state: NDArray[Any], time: float, aim: f
     """
     if time < p[_HAND_OFF] and (p[_HAND_INERTIA] != 0.0 or p[_HAND_DAMPING] != 0.0 or p[_HAND_STIFFNESS] != 0.0):
         return False
-    inertia = p[_INERTIA] * (1.0 + p[_INERTIA_ERROR])
+    inertia = whole_inertia(p)
     pull, level = holding(p, state[THETA], time, aim)
     if p[_LAG] < math.inf:
         pull_now, _ = holding(p, state[THETA], time, state[MOTOR_CURRENT])

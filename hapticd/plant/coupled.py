@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.effects.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
-from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws, stribeck_span
+from hapticd.plant.laws import damping_at, has_smooth_laws, steady_span
+from hapticd.plant.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
 from hapticd.plant.phases import MOST_PHASES
-from hapticd.plant.slide import ACTIONS, Actions
+from hapticd.plant.slide import ACTIONS, Actions, friction_of, pull_on
 from hapticd.plant.spring import spring_functions
 
 if TYPE_CHECKING:
@@ -166,8 +166,8 @@ def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Actions, to: C
     x, v = state[THETA], state[OMEGA]
     sign = math.copysign(1.0, v)
     if v == 0.0:
-        level = _BREAKS * friction_level(p, 0.0, on.motor, on.warm)
-        pull = on.drive + field_torque(p, x, x, on.current) - on.stiffness * (x - on.rest)
+        level = _BREAKS * friction_of(p, 0.0, on)
+        pull = pull_on(p, x, x, 0.0, on)
         whole = pull + to.inertia * (to.stiffness * (state[LOAD_THETA] - x) + 2.0 * to.damping * state[LOAD_OMEGA])
         if abs(whole) <= level:
             return _stick(state, span, x, pull, level, to)
@@ -178,11 +178,11 @@ def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Actions, to: C
     is_exact = not has_smooth_laws(p)
     for attempt in range(3):
         mean_speed = 0.5 * (speed + end)
-        level, viscous = damping_at(p, mean_speed, sign, friction_level(p, mean_speed, on.motor, on.warm), on.viscous)
-        pull = on.drive + field_torque(p, x, x + sign * way, on.current) - on.stiffness * (x - on.rest)
+        level, viscous = damping_at(p, mean_speed, sign, friction_of(p, mean_speed, on), on.viscous)
+        pull = pull_on(p, x, x + sign * way, sign * mean_speed, on)
         if attempt == 0:
             whole = pull + sign * to.inertia * (to.stiffness * twist + 2.0 * to.damping * twist_rate)
-            span = stribeck_span(p, speed, whole, on.inertia, span)
+            span = steady_span(p, speed, whole, on.inertia, span)
         a, rate, omega2 = (
             (sign * pull - level) / on.inertia,
             (viscous + on.damping) / on.inertia,

@@ -7,10 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from numba import types
 
-from hapticd.jit import njit
-from hapticd.plant.effects.current_saturation import saturate
-from hapticd.plant.effects.dac_quantization import on_grid
-from hapticd.plant.effects.layout import word
+from hapticd.effects import current_saturation, dac_quantization
+from hapticd.jit import law, njit
+from hapticd.plant.layout import word
 from hapticd.plant.spring import spring_functions
 
 if TYPE_CHECKING:
@@ -25,12 +24,14 @@ _LAG = word("amplifier_lag.f_a")
 _LAG_DAMPING = word("amplifier_lag.delta")
 _LIMIT = word("current_saturation.i_max")
 _GRID = word("dac_quantization.q")
+_on_grid = law(dac_quantization.on_grid)
+_saturate = law(current_saturation.saturate)
 
 
 @njit(_f8(_a, _f8), counted=False, inline=True)
 def delivered(p: NDArray[Any], command: float) -> float:
     """Return the current that the amplifier aims at for a command that has arrived: on the grid, then limited."""
-    return saturate(on_grid(command, p[_GRID]), p[_LIMIT])
+    return _saturate(_on_grid(command, p[_GRID]), p[_LIMIT])
 
 
 @njit(types.UniTuple(_f8, 3)(_a, _f8, _f8, _f8, _f8), counted=False)

@@ -17,11 +17,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticd.jit import njit
+from hapticd.effects import dropped_samples
+from hapticd.jit import law, njit
+from hapticd.plant import layout as effects
 from hapticd.plant.amplifier import quantise_current
 from hapticd.plant.closed_loop import advance_with_effects, stays_with_effects
-from hapticd.plant.effects import layout as effects
-from hapticd.plant.effects.dropped_samples import is_lost
 from hapticd.plant.electrical import delivered
 from hapticd.plant.exact import propagate
 from hapticd.plant.noise import next_uniform
@@ -99,6 +99,7 @@ _EXTERNAL = effects.word("external_force")
 _TRANSPORT_DELAY = effects.word("transport_delay.t_d")
 _LOSS = effects.word("dropped_samples.p")
 _LAG = effects.word("amplifier_lag.f_a")
+_is_lost = law(dropped_samples.is_lost)
 # Divided by, not multiplied with 1e-9, which no double holds: 10⁶ ns are then the very double 0.001 s.
 _NS_PER_SECOND = 1e9
 _COUNT_LIMIT = 2.0**62
@@ -106,7 +107,7 @@ _DUE_NS = HEADER_WORDS
 _DUE_FRAC = _DUE_NS + QUEUE_LENGTH
 _DUE_CURRENT = _DUE_FRAC + QUEUE_LENGTH
 DEVICE = _DUE_CURRENT + QUEUE_LENGTH
-"""First word of the device vector (`hapticd.plant.effects.layout`)."""
+"""First word of the device vector (`hapticd.plant.layout`)."""
 _STATE = DEVICE + effects.SIZE
 PLANT_SIZE = _STATE + effects.STATE
 """Words of the block."""
@@ -258,7 +259,7 @@ def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, curren
     """Command a current (A) at an instant, over a link that may lose it; otherwise as :func:`plant_current`."""
     if f[DEVICE + _LOSS] > 0.0:
         i[LINK], draw = next_uniform(i[LINK])
-        if is_lost(draw, f[DEVICE + _LOSS]):
+        if _is_lost(draw, f[DEVICE + _LOSS]):
             return
     plant_current(f, i, ns, frac, current)
 

@@ -1,20 +1,28 @@
-"""The laws of the catalogue that act on the shaft, summed over a device vector (`hapticd.plant.effects.layout`)."""
+"""The laws of the catalogue that act on the shaft, compiled, and summed over a device vector (`hapticd.plant.layout`)."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from numba import types
 
-from hapticd.config.effect_parameters import RIPPLE_ORDERS
-from hapticd.jit import njit
-from hapticd.plant.effects.asymmetric_viscous import directed_viscous
-from hapticd.plant.effects.gravity import gravity_torque
-from hapticd.plant.effects.layout import word
-from hapticd.plant.effects.load_dependent_friction import load_friction
-from hapticd.plant.effects.quadratic_drag import degressive_relief
-from hapticd.plant.effects.stribeck import stribeck_factor
-from hapticd.plant.effects.torque_ripple import ripple_gain, ripple_torque
+from hapticd.effects import (
+    asymmetric_viscous,
+    coulomb_friction,
+    gravity,
+    inertia_error,
+    load_dependent_friction,
+    quadratic_drag,
+    stribeck,
+    torque_constant_error,
+    torque_ripple,
+    viscous_friction,
+)
+from hapticd.jit import law, njit
+from hapticd.plant.hooks import are_installed, are_on, hooked_friction, hooked_torque
+from hapticd.plant.layout import word
+from hapticd.plant.path_mean import mean_sine
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -22,8 +30,14 @@ if TYPE_CHECKING:
 _f8 = types.float64
 _p = types.Array(_f8, 1, "C")
 
+_INERTIA = word("inertia")
+_INERTIA_ERROR = word("inertia_error.r")
+_VISCOUS = word("viscous")
+_VISCOUS_ERROR = word("viscous_friction.r")
 _COULOMB = word("coulomb")
 _COULOMB_ERROR = word("coulomb_friction.r")
+_TORQUE_CONSTANT = word("torque_constant")
+_TORQUE_CONSTANT_ERROR = word("torque_constant_error.r")
 _STRIBECK_S = word("stribeck.s")
 _STRIBECK_OMEGA = word("stribeck.omega_s")
 _KAPPA = word("load_dependent_friction.kappa")
@@ -37,10 +51,23 @@ _AMPLITUDES = word("torque_ripple.amplitudes")
 _PHASES = word("torque_ripple.phases")
 _PROPORTION = word("torque_ripple.current_proportion")
 
-_STRIBECK_PART = 0.5
-"""Largest change of speed during a phase, in units of omega_s."""
-_STRIBECK_REACH = 4.0
-"""Speed, in units of omega_s, from which on friction is as good as constant."""
+_inertia = law(inertia_error.inertia)
+_viscous = law(viscous_friction.viscous)
+_coulomb = law(coulomb_friction.coulomb)
+_torque_constant = law(torque_constant_error.torque_constant)
+_stribeck_factor = law(stribeck.factor)
+_load_friction = law(load_dependent_friction.friction)
+_directed_viscous = law(asymmetric_viscous.viscous)
+_relief = law(quadratic_drag.relief)
+_gravity_torque = law(gravity.torque)
+_ripple_torque = law(torque_ripple.torque)
+_ripple_gain = law(torque_ripple.gain)
+_RIPPLE_ORDERS = torque_ripple.ORDERS
+
+STEADY_PART = 0.5
+"""Largest change of speed over which friction may be taken at the mean speed, in units of `speed_scale`."""
+_STEADY_REACH = 4.0
+"""Speed in those units from which on friction is as good as constant."""
 SMALLEST_BREAKAWAY = 1e-12
 """Breakaway displacement [rad or m] from which on `presliding` differs from stiction."""
 
@@ -54,29 +81,66 @@ def has_smooth_laws(p: NDArray[Any]) -> bool:
         or p[_DRAG] != 0.0
         or p[_GRAVITY] != 0.0
         or p[_ORDERS] != 0.0
+        or (are_installed(p) and are_on(p))
     )
 
 
-@njit(_f8(_p, _f8, _f8, _f8), counted=False, inline=True)
-def field_torque(p: NDArray[Any], start: float, end: float, current: float) -> float:
-    """Return the torque that depends on position (gravity, ripple), averaged over the way from `start` to `end`."""
+@njit(_f8(_p, _f8, _f8, _f8, _f8, _f8), counted=False, inline=True)
+def field_torque(p: NDArray[Any], start: float, end: float, velocity: float, time: float, current: float) -> float:
+    """Return the torque of the laws that depend on position, and of those from outside.
+
+    Args:
+        p: device vector.
+        start: position at the start of a way [rad or m], over which what the kernels know is averaged exactly.
+        end: position at its end; the same for a device at rest.
+        velocity: mean velocity on the way.
+        time: the plant's time [s].
+        current: motor current [A].
+    """
     middle, half = 0.5 * (start + end), 0.5 * (end - start)
     torque = 0.0
     if p[_GRAVITY] != 0.0:
-        torque += gravity_torque(middle - p[_GRAVITY_REST], half, p[_GRAVITY])
+        torque += _gravity_torque(mean_sine(middle - p[_GRAVITY_REST], half), p[_GRAVITY])
     if p[_ORDERS] != 0.0:
         ripple = 0.0
-        for k in range(RIPPLE_ORDERS):
+        for k in range(_RIPPLE_ORDERS):
             if p[_AMPLITUDES + k] != 0.0:
-                ripple += ripple_torque(middle, half, p[_ORDERS + k], p[_AMPLITUDES + k], p[_PHASES + k])
-        torque += ripple * ripple_gain(current, p[_PROPORTION])
+                order = p[_ORDERS + k]
+                ripple += _ripple_torque(mean_sine(order * middle + p[_PHASES + k], order * half), p[_AMPLITUDES + k])
+        torque += ripple * _ripple_gain(current, p[_PROPORTION])
+    if are_installed(p):
+        torque += hooked_torque(p, middle, velocity, time, current)
     return torque
+
+
+@njit(_f8(_p), counted=False, inline=True)
+def whole_inertia(p: NDArray[Any]) -> float:
+    """Return the device's inertia with its correction."""
+    return _inertia(p[_INERTIA], p[_INERTIA_ERROR])
+
+
+@njit(_f8(_p, _f8), counted=False, inline=True)
+def shared_inertia(p: NDArray[Any], share: float) -> float:
+    """Return the part of the device's inertia that is the load's."""
+    return _inertia(share * p[_INERTIA], p[_INERTIA_ERROR])
+
+
+@njit(_f8(_p), counted=False, inline=True)
+def viscous_level(p: NDArray[Any]) -> float:
+    """Return the viscous friction with its correction."""
+    return _viscous(p[_VISCOUS], p[_VISCOUS_ERROR])
+
+
+@njit(_f8(_p), counted=False, inline=True)
+def torque_constant(p: NDArray[Any]) -> float:
+    """Return the torque constant with its correction."""
+    return _torque_constant(p[_TORQUE_CONSTANT], p[_TORQUE_CONSTANT_ERROR])
 
 
 @njit(_f8(_p), counted=False, inline=True)
 def coulomb_level(p: NDArray[Any]) -> float:
     """Return the Coulomb friction with its correction."""
-    return p[_COULOMB] * (1.0 + p[_COULOMB_ERROR])
+    return _coulomb(p[_COULOMB], p[_COULOMB_ERROR])
 
 
 @njit(types.boolean(_p), counted=False, inline=True)
@@ -85,17 +149,19 @@ def has_bristle(p: NDArray[Any]) -> bool:
     return p[_BREAKAWAY] >= SMALLEST_BREAKAWAY and coulomb_level(p) > 0.0
 
 
-@njit(_f8(_p, _f8, _f8, _f8), counted=False, inline=True)
-def friction_level(p: NDArray[Any], speed: float, torque: float, warm: float) -> float:
-    """Return the Coulomb friction at a speed ≥ 0 under a motor torque, `warm` times that of the cold device.
+@njit(_f8(_p, _f8, _f8, _f8, _f8), counted=False, inline=True)
+def friction_level(p: NDArray[Any], speed: float, torque: float, warm: float, time: float) -> float:
+    """Return the Coulomb friction at a speed ≥ 0 under a motor torque at a time, `warm` times that of the cold device.
 
     At speed 0 it is stiction: what holds the shaft.
     """
     level = coulomb_level(p) * warm
     if p[_STRIBECK_S] != 0.0:
-        level *= stribeck_factor(speed, p[_STRIBECK_S], p[_STRIBECK_OMEGA])
+        level *= _stribeck_factor(speed, p[_STRIBECK_S], p[_STRIBECK_OMEGA])
     if p[_KAPPA] != 0.0:
-        level += load_friction(p[_KAPPA], torque)
+        level += _load_friction(p[_KAPPA], torque)
+    if are_installed(p):
+        level = max(level + hooked_friction(p, speed, torque, time), 0.0)
     return level
 
 
@@ -107,16 +173,22 @@ def damping_at(p: NDArray[Any], speed: float, direction: float, level: float, vi
     Coulomb part, and never lets the sum push.
     """
     if p[_ASYMMETRIC_VISCOUS] != 0.0:
-        viscous = directed_viscous(viscous, p[_ASYMMETRIC_VISCOUS], direction)
+        viscous = _directed_viscous(viscous, p[_ASYMMETRIC_VISCOUS], direction)
     if p[_DRAG] > 0.0:
         viscous += p[_DRAG] * speed
     elif p[_DRAG] < 0.0:
-        level -= degressive_relief(speed, p[_DRAG], level + viscous * speed)
+        level -= _relief(speed, p[_DRAG], level + viscous * speed)
     return level, viscous
 
 
+@njit(_f8(_p), counted=False, inline=True)
+def speed_scale(p: NDArray[Any]) -> float:
+    """Return the change of speed that changes the Coulomb friction; infinite where it does not depend on the speed."""
+    return p[_STRIBECK_OMEGA] if p[_STRIBECK_S] != 0.0 else math.inf
+
+
 @njit(_f8(_p, _f8, _f8, _f8, _f8), counted=False, inline=True)
-def stribeck_span(p: NDArray[Any], speed: float, pull: float, inertia: float, span: float) -> float:
+def steady_span(p: NDArray[Any], speed: float, pull: float, inertia: float, span: float) -> float:
     """Return how long friction may be taken at the mean speed: all of `span` where it hardly depends on the speed.
 
     Args:
@@ -129,6 +201,6 @@ def stribeck_span(p: NDArray[Any], speed: float, pull: float, inertia: float, sp
     if p[_STRIBECK_S] == 0.0:
         return span
     largest = (abs(pull) + coulomb_level(p) * (1.0 + p[_STRIBECK_S])) / inertia
-    if speed - largest * span > _STRIBECK_REACH * p[_STRIBECK_OMEGA]:
+    if speed - largest * span > _STEADY_REACH * p[_STRIBECK_OMEGA]:
         return span
-    return min(span, _STRIBECK_PART * p[_STRIBECK_OMEGA] / largest)
+    return min(span, STEADY_PART * p[_STRIBECK_OMEGA] / largest)

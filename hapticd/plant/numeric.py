@@ -1,7 +1,7 @@
 """Motion of a device with any effects of the catalogue, as compiled kernels on its vector and state.
 
 A signal's way: command → `hapticd.plant.electrical` → motor current → :func:`mechanical`, tick by tick → :func:`measured`.
-The layouts of device vector and state are in `hapticd.plant.effects.layout`. With the effects at their neutral values
+The layouts of device vector and state are in `hapticd.plant.layout`. With the effects at their neutral values
 the result is that of `hapticd.plant.exact`, to the bit.
 """
 
@@ -12,17 +12,22 @@ from typing import TYPE_CHECKING, Any
 
 from numba import prange, types
 
-from hapticd.jit import njit
-from hapticd.plant.effects.asymmetric_coulomb import asymmetry_torque
-from hapticd.plant.effects.encoder_eccentricity import measured_angle
-from hapticd.plant.effects.hand_impedance import is_gripped, until_switch
-from hapticd.plant.effects.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, word
-from hapticd.plant.effects.thermal_drift import warming_factor
+from hapticd.effects import asymmetric_coulomb, encoder_eccentricity, hand_impedance, thermal_drift
+from hapticd.jit import law, njit
 from hapticd.plant.exact import propagate
-from hapticd.plant.laws import coulomb_level, field_torque, friction_level, has_bristle, has_smooth_laws
+from hapticd.plant.laws import (
+    coulomb_level,
+    has_bristle,
+    has_smooth_laws,
+    shared_inertia,
+    torque_constant,
+    viscous_level,
+    whole_inertia,
+)
+from hapticd.plant.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, word
 from hapticd.plant.phases import move
 from hapticd.plant.resolution import substeps_for
-from hapticd.plant.slide import ACTIONS, Actions
+from hapticd.plant.slide import ACTIONS, Actions, friction_of, pull_on
 from hapticd.plant.spring import propagate_with_stiffness, springs_together
 from hapticd.plant.two_masses import move_with_coupling, move_with_play
 
@@ -36,12 +41,6 @@ _i8 = types.int64
 _a = types.Array(_f8, 1, "C")
 _m = types.Array(_f8, 2, "C")
 
-_INERTIA = word("inertia")
-_INERTIA_ERROR = word("inertia_error.r")
-_VISCOUS = word("viscous")
-_VISCOUS_ERROR = word("viscous_friction.r")
-_TORQUE_CONSTANT = word("torque_constant")
-_TORQUE_CONSTANT_ERROR = word("torque_constant_error.r")
 _GRIP_INERTIA = word("grip_inertia")
 _GRIP_DAMPING = word("grip_damping")
 _GRIP_STIFFNESS = word("grip_stiffness")
@@ -69,27 +68,33 @@ _RESONANCE_DAMPING = word("flexible_coupling.damping")
 _ECCENTRICITY = word("encoder_eccentricity.e")
 _ECCENTRICITY_PHASE = word("encoder_eccentricity.phi")
 
+_asymmetry_torque = law(asymmetric_coulomb.torque)
+_measured_angle = law(encoder_eccentricity.measured)
+_is_gripped = law(hand_impedance.is_gripped)
+_until_switch = law(hand_impedance.until_switch)
+_warming_factor = law(thermal_drift.factor)
+
 
 @njit(ACTIONS(_a, _f8, _f8), counted=False, inline=True)
 def _actions(p: NDArray[Any], time: float, current: float) -> Actions:
     """Return what acts on a device, taken as one mass, at a time [s] under a motor current [A]."""
-    motor = current * (p[_TORQUE_CONSTANT] * (1.0 + p[_TORQUE_CONSTANT_ERROR]))
+    motor = current * torque_constant(p)
     drive = motor + p[_EXTERNAL] + p[_BIAS]
     if p[_ASYMMETRIC_COULOMB] != 0.0:
-        drive += asymmetry_torque(coulomb_level(p), p[_ASYMMETRIC_COULOMB])
-    warm = warming_factor(time, p[_WARMING], p[_WARMING_TIME]) if p[_WARMING] != 0.0 else 1.0
-    inertia = p[_INERTIA] * (1.0 + p[_INERTIA_ERROR]) + p[_GRIP_INERTIA]
-    viscous = p[_VISCOUS] * (1.0 + p[_VISCOUS_ERROR])
+        drive += _asymmetry_torque(coulomb_level(p), p[_ASYMMETRIC_COULOMB])
+    warm = _warming_factor(time, p[_WARMING], p[_WARMING_TIME]) if p[_WARMING] != 0.0 else 1.0
+    inertia = whole_inertia(p) + p[_GRIP_INERTIA]
+    viscous = viscous_level(p)
     damping = p[_GRIP_DAMPING]
     stiffness, rest = p[_GRIP_STIFFNESS], p[_GRIP_REST]
     if p[_SPRING] != 0.0:
         stiffness, rest = springs_together(stiffness, rest, p[_SPRING], p[_SPRING_REST])
-    if is_gripped(time, p[_HAND_ON], p[_HAND_OFF]):
+    if _is_gripped(time, p[_HAND_ON], p[_HAND_OFF]):
         inertia += p[_HAND_INERTIA]
         damping += p[_HAND_DAMPING]
         if p[_HAND_STIFFNESS] != 0.0:
             stiffness, rest = springs_together(stiffness, rest, p[_HAND_STIFFNESS], p[_HAND_REST])
-    return Actions(drive, motor, current, inertia, viscous, damping, stiffness, rest, warm)
+    return Actions(drive, motor, current, inertia, viscous, damping, stiffness, rest, warm, time)
 
 
 @njit(types.void(_a, _a, _f8, _f8, _f8), counted=False)
@@ -97,18 +102,18 @@ def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curren
     """Move through a time of constant current in which no hand takes hold or lets go."""
     on = _actions(p, time + 0.5 * span, current)
     if p[_GAP] > 0.0:
-        load_inertia = p[_GAP_SHARE] * p[_INERTIA] * (1.0 + p[_INERTIA_ERROR])
+        load_inertia = shared_inertia(p, p[_GAP_SHARE])
         move_with_play(p, state, span, on, load_inertia, 0.5 * p[_GAP])
         return
     if p[_RESONANCE] < math.inf:
-        load_inertia = p[_RESONANCE_SHARE] * p[_INERTIA] * (1.0 + p[_INERTIA_ERROR])
+        load_inertia = shared_inertia(p, p[_RESONANCE_SHARE])
         natural = 2.0 * math.pi * p[_RESONANCE]
         move_with_coupling(p, state, span, on, load_inertia, natural, p[_RESONANCE_DAMPING])
         return
     if has_smooth_laws(p) or has_bristle(p):
         state[THETA], state[OMEGA], state[BRISTLE] = move(p, state[THETA], state[OMEGA], state[BRISTLE], span, on)
     else:
-        level = friction_level(p, 0.0, on.motor, on.warm)
+        level = friction_of(p, 0.0, on)
         viscous = on.viscous + on.damping
         if on.stiffness == 0.0:
             state[THETA], state[OMEGA] = propagate(
@@ -154,7 +159,7 @@ def edited_base(p: NDArray[Any]) -> tuple[float, float, float, float, float, flo
         on.inertia,
         on.viscous + on.damping,
         coulomb_level(p),
-        p[_TORQUE_CONSTANT] * (1.0 + p[_TORQUE_CONSTANT_ERROR]),
+        torque_constant(p),
         on.drive,
         on.stiffness,
         on.rest,
@@ -165,8 +170,7 @@ def edited_base(p: NDArray[Any]) -> tuple[float, float, float, float, float, flo
 def holding(p: NDArray[Any], theta: float, time: float, current: float) -> tuple[float, float]:
     """Return the torque that pulls at a device at rest, and the stiction that holds it."""
     on = _actions(p, time, current)
-    pull = on.drive + field_torque(p, theta, theta, current) - on.stiffness * (theta - on.rest)
-    return pull, friction_level(p, 0.0, on.motor, on.warm)
+    return pull_on(p, theta, theta, 0.0, on), friction_of(p, 0.0, on)
 
 
 @njit(types.void(_a, _a, _f8, _f8, _f8), counted=False)
@@ -174,7 +178,7 @@ def substep(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curr
     """Move the device through a substep of constant motor current; arguments as in :func:`mechanical`."""
     if p[_HAND_INERTIA] != 0.0 or p[_HAND_DAMPING] != 0.0 or p[_HAND_STIFFNESS] != 0.0:
         for _ in range(2):
-            part = until_switch(time, span, p[_HAND_ON], p[_HAND_OFF])
+            part = _until_switch(time, span, p[_HAND_ON], p[_HAND_OFF])
             if part < span:
                 _move(p, state, time, part, current)
                 time += part
@@ -204,7 +208,7 @@ def mechanical(p: NDArray[Any], state: NDArray[Any], t0: float, dt: float, i_sub
 @njit(_f8(_a, _f8), counted=False)
 def measured(p: NDArray[Any], theta: float) -> float:
     """Return what the encoder sees of a true position [rad or m], before quantisation."""
-    return measured_angle(theta, p[_ECCENTRICITY], p[_ECCENTRICITY_PHASE])
+    return _measured_angle(theta, p[_ECCENTRICITY], p[_ECCENTRICITY_PHASE])
 
 
 @njit(types.void(_a, _a, _m, _i8, _i8, _a, _a), counted=False)

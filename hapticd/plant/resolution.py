@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapticd.config.effect_parameters import RIPPLE_ORDERS
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant.coupled import is_underdamped
-from hapticd.plant.effects.layout import word
-from hapticd.plant.laws import has_bristle
+from hapticd.plant.laws import STEADY_PART, coulomb_level, has_bristle, speed_scale, whole_inertia
+from hapticd.plant.layout import effect_values, word
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -23,17 +23,22 @@ _PHASE_OF_FIELD = 0.5
 _PHASE_OF_COUPLING = 0.35
 """Largest angle [rad] of the two masses' oscillation during a substep, where it is not exact (`hapticd.plant.coupled`)."""
 _PHASE_OF_LAG = 1.0
-_STRIBECK_PART = 0.5
-"""Largest change of speed during a substep on a bristle, in units of omega_s, at an acceleration of four times the friction;
+_PART_OF_DECAY = 0.5
+"""Largest share of the time in which a law of the speed changes the speed."""
+_HARDEST_PULL = 4.0
+"""Acceleration in units of the friction's at which a substep on a bristle still resolves a friction that changes with speed;
 where there is stiction, `hapticd.plant.slide` divides what needs it."""
+
+_STIFF = tuple(effect for effect in CATALOGUE.values() if effect.stiffness is not None)
+_DAMPING = tuple(effect for effect in CATALOGUE.values() if effect.damping is not None)
 
 
 def substeps_for(p: NDArray[np.float64], period_s: float) -> int:
     """Substeps a tick for which `mechanical` and `electrical` are accurate with a device's effects.
 
-    Without effects, and with those that are exact, it is 1. Stops, impacts, the bristle of `presliding` and the friction of
-    `stribeck` are resolved inside a substep and need none. The limits here leave errors of the order of 10⁻³ of the effect
-    (tests/plant/effects).
+    Without effects, and with those that are exact, it is 1. Stops, impacts, the bristle of `presliding` and a friction that
+    changes with speed are resolved inside a substep and need none. The limits here leave errors of the order of 10⁻³ of
+    the effect (tests/plant/effects).
 
     Args:
         p: device vector, shape (SIZE,).
@@ -43,20 +48,19 @@ def substeps_for(p: NDArray[np.float64], period_s: float) -> int:
     def of(name: str) -> float:
         return float(p[word(name)])
 
-    inertia = of("inertia") * (1.0 + of("inertia_error.r"))
+    inertia = float(whole_inertia(p))
     if of("flexible_coupling.f_r") < math.inf:
         inertia *= 1.0 - of("flexible_coupling.load_share")
     if of("backlash.gap") > 0.0:
         inertia *= 1.0 - of("backlash.load_share")
     inertia += of("grip_inertia")
     parts = [1.0]
-    if of("stribeck.s") > 0.0 and has_bristle(p):
-        friction = of("coulomb") * (1.0 + of("coulomb_friction.r"))
-        parts.append(4.0 * friction / inertia * period_s / (_STRIBECK_PART * of("stribeck.omega_s")))
-    orders, amplitudes = word("torque_ripple.orders"), word("torque_ripple.amplitudes")
-    stiffness = float(p[orders : orders + RIPPLE_ORDERS] @ p[amplitudes : amplitudes + RIPPLE_ORDERS])
-    stiffness += of("gravity.m_g_l")
+    if has_bristle(p):
+        parts.append(_HARDEST_PULL * coulomb_level(p) / inertia * period_s / (STEADY_PART * speed_scale(p)))
+    stiffness = sum(effect.stiffness(effect_values(p, effect)) for effect in _STIFF if effect.stiffness)
     parts.append(math.sqrt(stiffness / inertia) * period_s / _PHASE_OF_FIELD)
+    damping = sum(effect.damping(effect_values(p, effect)) for effect in _DAMPING if effect.damping)
+    parts.append(damping / inertia * period_s / _PART_OF_DECAY)
     if of("flexible_coupling.f_r") < math.inf:
         share = of("flexible_coupling.load_share")
         if has_bristle(p) or not is_underdamped(share / (1.0 - share), of("flexible_coupling.damping")):

@@ -15,7 +15,7 @@ from numba import types
 
 from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions, time_and_way_to_rest
-from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws, stribeck_span
+from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws, steady_span
 from hapticd.plant.spring import spring_functions, time_to_rest
 
 if TYPE_CHECKING:
@@ -43,14 +43,31 @@ class Actions(NamedTuple):
     """Position at which they are relaxed together."""
     warm: float
     """Factor on the Coulomb friction."""
+    time: float
+    """The plant's time at the middle of the step [s]."""
 
 
 _f8 = types.float64
 _p = types.Array(_f8, 1, "C")
 _HALF_SWING = 9.0
 """Less than π²: squared phase of an undamped half swing."""
-ACTIONS = types.NamedUniTuple(_f8, 9, Actions)
+ACTIONS = types.NamedUniTuple(_f8, 10, Actions)
 """Numba type of `Actions`."""
+
+
+@njit(_f8(_p, _f8, _f8, _f8, ACTIONS), counted=False, inline=True)
+def pull_on(p: NDArray[Any], x: float, end: float, velocity: float, on: Actions) -> float:
+    """Return the sum of all torques but friction at a position `x`, those of the laws over the way from there to `end`.
+
+    Springs pull as they do at `x`; `velocity` is the mean one on the way.
+    """
+    return on.drive + field_torque(p, x, end, velocity, on.time, on.current) - on.stiffness * (x - on.rest)
+
+
+@njit(_f8(_p, _f8, ACTIONS), counted=False, inline=True)
+def friction_of(p: NDArray[Any], speed: float, on: Actions) -> float:
+    """Return the Coulomb friction at a speed ≥ 0; at 0 stiction."""
+    return friction_level(p, speed, on.motor, on.warm, on.time)
 
 
 @njit(types.UniTuple(_f8, 3)(_f8, _f8, _f8, _f8, _f8))
@@ -103,8 +120,8 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tupl
         Position, velocity and time taken: `span`, or less when the shaft stops before, or friction changes fast.
     """
     if v == 0.0:
-        pull = on.drive + field_torque(p, x, x, on.current) - on.stiffness * (x - on.rest)
-        if abs(pull) <= friction_level(p, 0.0, on.motor, on.warm):
+        pull = pull_on(p, x, x, 0.0, on)
+        if abs(pull) <= friction_of(p, 0.0, on):
             return x, 0.0, span
         sign = math.copysign(1.0, pull)
     else:
@@ -114,10 +131,10 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tupl
     is_exact = not has_smooth_laws(p)
     for attempt in range(3):
         mean_speed = 0.5 * (speed + end)
-        level, total = damping_at(p, mean_speed, sign, friction_level(p, mean_speed, on.motor, on.warm), on.viscous)
-        pull = on.drive + field_torque(p, x, x + sign * way, on.current) - on.stiffness * (x - on.rest)
+        level, total = damping_at(p, mean_speed, sign, friction_of(p, mean_speed, on), on.viscous)
+        pull = pull_on(p, x, x + sign * way, sign * mean_speed, on)
         if attempt == 0:
-            span = stribeck_span(p, speed, pull, on.inertia, span)
+            span = steady_span(p, speed, pull, on.inertia, span)
         way, end, time = glide(
             speed,
             (sign * pull - level) / on.inertia,

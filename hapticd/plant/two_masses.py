@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 from numba import types
 
-from hapticd.jit import njit
+from hapticd.effects import backlash
+from hapticd.jit import law, njit
 from hapticd.plant.coupled import Coupling, is_underdamped, move_coupled
-from hapticd.plant.effects.backlash import common_velocity
-from hapticd.plant.effects.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, word
 from hapticd.plant.laws import has_bristle
+from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, word
 from hapticd.plant.phases import MOST_PHASES, move, phase
 from hapticd.plant.slide import ACTIONS, Actions
 from hapticd.plant.spring import spring_functions
@@ -25,6 +25,7 @@ _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
 _HALVINGS = 80
 _RESTITUTION = word("backlash.restitution")
+_common_velocity = law(backlash.common_velocity)
 _LEAST_REBOUND = 2.0
 """Half gaps a second: masses that part more slowly stay together, or their rebounds would never end."""
 _APART = 1e-9
@@ -36,7 +37,16 @@ _AT_ONCE = 1e-6
 @njit(ACTIONS(ACTIONS, _f8, _f8), inline=True)
 def _with_torque(on: Actions, inertia: float, torque: float) -> Actions:
     return Actions(
-        on.drive + torque, on.motor, on.current, inertia, on.viscous, on.damping, on.stiffness, on.rest, on.warm
+        on.drive + torque,
+        on.motor,
+        on.current,
+        inertia,
+        on.viscous,
+        on.damping,
+        on.stiffness,
+        on.rest,
+        on.warm,
+        on.time,
     )
 
 
@@ -120,7 +130,7 @@ def move_with_play(
             x, v, z, _ = phase(p, state[THETA], state[OMEGA], state[BRISTLE], time, motor)
             load = x - hit * half_gap
             closing = v - state[LOAD_OMEGA]
-            v = common_velocity(motor.inertia, v, load_inertia, state[LOAD_OMEGA])
+            v = _common_velocity(motor.inertia, v, load_inertia, state[LOAD_OMEGA])
             state[LOAD_OMEGA] = v
             rebound = p[_RESTITUTION] * closing
             if abs(rebound) > _LEAST_REBOUND * half_gap:

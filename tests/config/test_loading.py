@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from hapticd.config import Config, Effect, config_to_yaml, load_config, parse_config, parse_yaml
-from hapticd.config.effect_parameters import EFFECT_PARAMETERS
 from hapticd.config.problems import ConfigError
+from hapticd.effects.catalogue import CATALOGUE
 
 
 @pytest.mark.parametrize(
@@ -154,9 +154,9 @@ def test_effects_are_accepted_as_floats_and_tuples() -> None:
     assert parse_config(config.model_dump(), "z") == config
 
 
-@pytest.mark.parametrize("slug", EFFECT_PARAMETERS)
+@pytest.mark.parametrize("slug", CATALOGUE)
 def test_every_effect_is_accepted_at_its_bounds_and_refused_beyond(slug: str) -> None:
-    parameters = [p for p in EFFECT_PARAMETERS[slug] if p.name not in ("on_s", "off_s")]
+    parameters = [p for p in CATALOGUE[slug].parameters if p.name not in ("on_s", "off_s")]
     for bound, beyond in [("lower", -1.0), ("upper", 1.0)]:
         values = {p.name: getattr(p, bound) for p in parameters}
         wrong = {

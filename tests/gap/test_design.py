@@ -19,7 +19,7 @@ from hapticd.gap.hypothesis import Hypothesis
 from hapticd.gap.rivals import Rival, pairs
 from hapticd.gap.ties import RESOLVED
 from hapticd.gap.trial import play, separation
-from hapticd.plant.effects.layout import device_vector
+from hapticd.plant.layout import device_vector
 from hapticd.servo.excitation import build
 from hapticd.servo.experiment import Experiment, experiment_of, read_experiment
 

@@ -9,7 +9,7 @@ import numpy as np
 from hapticd.gap.fit import fit_states
 from hapticd.gap.hypothesis import Hypothesis
 from hapticd.gap.prepare import prepare
-from hapticd.plant.effects.layout import THETA, device_vector
+from hapticd.plant.layout import THETA, device_vector
 
 if TYPE_CHECKING:
     from collections.abc import Callable

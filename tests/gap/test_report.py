@@ -8,12 +8,12 @@ from typing import Any
 
 import pytest
 
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap.consequences import consequences
 from hapticd.gap.data import Recording
 from hapticd.gap.report import page
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Step
 from hapticd.gap.structure import Dependence, Structure
-from hapticd.plant.effects.catalogue import CATALOGUE
 
 from .synthetic import model
 

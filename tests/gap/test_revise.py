@@ -18,7 +18,7 @@ from hapticd.gap.predict import Segment
 from hapticd.gap.prepare import prepare
 from hapticd.gap.revise import Round, dropped, replaced
 from hapticd.gap.search import Data, Judged, judge
-from hapticd.plant.effects.layout import device_vector, word
+from hapticd.plant.layout import device_vector, word
 
 if TYPE_CHECKING:
     from collections.abc import Callable

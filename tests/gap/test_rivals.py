@@ -12,7 +12,7 @@ from hapticd.gap.candidates.build import Scalar, scalar_term
 from hapticd.gap.hypothesis import Hypothesis, Term
 from hapticd.gap.rivals import Rival, pairs, rival
 from hapticd.gap.search import Judged
-from hapticd.plant.effects.layout import device_vector
+from hapticd.plant.layout import device_vector
 
 MODEL = parse_config({"plant": {"effects": [{"name": "stribeck", "s": 0.1, "omega_s": 2.0}]}}, "model")
 DRAG = scalar_term("quadratic_drag", Scalar("d", 1e-7, -1e-6, 1e-6))

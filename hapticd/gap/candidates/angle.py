@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap.candidates.build import Scalar
 from hapticd.gap.fit import fit
 from hapticd.gap.hypothesis import Coordinate, Term
-from hapticd.plant.effects.layout import word
-from hapticd.plant.effects.spec import parameters_of
+from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -84,7 +84,7 @@ def _is_gravity(context: Context, orders: Floats, amplitudes: Floats) -> bool:
 
 def torque_ripple(context: Context) -> list[Term]:
     """+ Σ a_k·sin(kθ + φ_k), with the orders found in the residual's response to harmonic torques."""
-    length = next(p.length for p in parameters_of("torque_ripple") if p.name == "orders")
+    length = next(p.length for p in CATALOGUE["torque_ripple"].parameters if p.name == "orders")
     orders = orders_to_try(context)
     chosen, amplitudes = _chosen_orders(context, orders, length) if len(orders) else ([], np.zeros(0))
     if not chosen or _is_gravity(context, orders[chosen], amplitudes):

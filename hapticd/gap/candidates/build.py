@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap.hypothesis import Coordinate, Term
-from hapticd.plant.effects.layout import word
-from hapticd.plant.effects.spec import parameters_of
+from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -31,7 +31,7 @@ class Scalar:
 
     def coordinate(self, slug: str) -> Coordinate:
         """Its coordinate, inside the bounds of the catalogue as well."""
-        known = next(p for p in parameters_of(slug) if p.name == self.name)
+        known = next(p for p in CATALOGUE[slug].parameters if p.name == self.name)
         lower, upper = max(self.lower, known.lower), min(self.upper, known.upper)
         if self.logarithmic:
             return Coordinate(self.name, float(np.log(lower)), float(np.log(upper)), 1e-2)

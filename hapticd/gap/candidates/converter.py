@@ -13,7 +13,7 @@ import numpy as np
 
 from hapticd.gap.evidence import MINIMUM_GAIN
 from hapticd.gap.hypothesis import Term
-from hapticd.plant.effects.layout import word
+from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

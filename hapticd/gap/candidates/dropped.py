@@ -14,7 +14,7 @@ import numpy as np
 from hapticd.gap.candidates.fates import Shaft, effective, find
 from hapticd.gap.fit import fit
 from hapticd.gap.hypothesis import Term
-from hapticd.plant.effects.layout import word
+from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,7 +8,7 @@ import numpy as np
 
 from hapticd.gap.candidates.build import Scalar, scalar_term
 from hapticd.gap.hypothesis import Coordinate, Term
-from hapticd.plant.effects.layout import word
+from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -15,7 +15,7 @@ import numpy as np
 from hapticd.gap.candidates.build import Scalar, scalar_term
 from hapticd.gap.fit import fit, fit_states
 from hapticd.gap.hypothesis import Term
-from hapticd.plant.effects.layout import word
+from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

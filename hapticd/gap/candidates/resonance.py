@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from scipy.signal import csd
 
-from hapticd.plant.effects.layout import word
+from hapticd.plant.layout import word
 from hapticd.plant.numeric import edited_base
 
 if TYPE_CHECKING:

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from hapticd.config import load_config
-from hapticd.plant.effects.layout import SIZE, STATE, device_vector, initial_state, word
 from hapticd.plant.electrical import electrical
+from hapticd.plant.layout import SIZE, STATE, device_vector, initial_state, word
 from hapticd.plant.numeric import simulate_windows_serial, substeps_for
 
 J, B, C, KT = 6.28e-6, 9.0e-6, 2.0e-3, 0.0292

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+from hapticd.config.effect_parameters import EFFECT_PARAMETERS
 
 from hapticd.config import EFFECT_SLUGS, parse_config
-from hapticd.config.effect_parameters import EFFECT_PARAMETERS
 from hapticd.config.text import bound_text
-from hapticd.plant.effects.catalogue import CATALOGUE
+from hapticd.effects.catalogue import CATALOGUE
 
 DOCS = Path(__file__).parents[3] / "docs" / "effects"
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from hapticd.config import Config, parse_config
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant import kernel
-from hapticd.plant.effects.catalogue import CATALOGUE
 from hapticd.servo.simulate import simulate
 from tests.plant.effects.independent import KT, PERIOD, B, C, J, excitation, simulated, vector
 

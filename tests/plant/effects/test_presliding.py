@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hapticd.plant.effects.layout import BRISTLE, OMEGA, THETA, initial_state
+from hapticd.plant.layout import BRISTLE, OMEGA, THETA, initial_state
 from tests.plant.effects.independent import KT, B, C, Floats, J, apart, excitation, simulated, stiff, vector
 
 

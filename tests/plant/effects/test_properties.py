@@ -11,9 +11,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hapticd.config import load_config
-from hapticd.config.effect_parameters import EFFECT_PARAMETERS
-from hapticd.plant.effects.layout import OMEGA, SIZE, STATE, WORDS, device_vector, initial_state, neutral_vector, word
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant.exact import propagate
+from hapticd.plant.layout import OMEGA, SIZE, STATE, WORDS, device_vector, initial_state, neutral_vector, word
 from hapticd.plant.numeric import measured, simulate_windows, simulate_windows_serial
 from tests.plant.effects.independent import KT, PERIOD, B, C, J, excitation, motor_current, simulated, times, vector
 
@@ -31,14 +31,14 @@ def test_without_effects_it_is_the_exact_plant_to_the_bit() -> None:
     assert end[OMEGA] == v
 
 
-@pytest.mark.parametrize("slug", EFFECT_PARAMETERS)
+@pytest.mark.parametrize("slug", CATALOGUE)
 def test_neutral_magnitudes_switch_an_effect_off_whatever_its_shape(slug: str) -> None:
     """The first parameters at their neutral value, all others anywhere: the base result, to the bit."""
     currents = excitation(60)
     magnitudes = {"torque_ripple": ("orders", "amplitudes"), "hand_impedance": ("m_h", "b_h", "k_h")}
-    off = magnitudes.get(slug, (EFFECT_PARAMETERS[slug][0].name,))
+    off = magnitudes.get(slug, (CATALOGUE[slug].parameters[0].name,))
     p = vector()
-    for parameter in EFFECT_PARAMETERS[slug]:
+    for parameter in CATALOGUE[slug].parameters:
         if parameter.name not in off and slug != "presliding":
             first = word(f"{slug}.{parameter.name}")
             p[first : first + parameter.length] = 0.5 * (parameter.lower + parameter.upper)
@@ -77,7 +77,7 @@ def test_windows_do_not_depend_on_how_they_are_computed() -> None:
 
 def _values(slug: str) -> st.SearchStrategy[dict[str, Any]]:
     fields = {}
-    for p in EFFECT_PARAMETERS[slug]:
+    for p in CATALOGUE[slug].parameters:
         number = st.floats(p.lower, p.upper)
         if p.scale == "log" and p.upper > 0:
             low = math.log(max(p.lower, 1e-9))
@@ -89,7 +89,7 @@ def _values(slug: str) -> st.SearchStrategy[dict[str, Any]]:
     return st.fixed_dictionaries(fields)
 
 
-@pytest.mark.parametrize("slug", EFFECT_PARAMETERS)
+@pytest.mark.parametrize("slug", CATALOGUE)
 @settings(max_examples=60, deadline=None)
 @given(data=st.data())
 def test_no_parameters_within_their_bounds_break_it(slug: str, data: st.DataObject) -> None:

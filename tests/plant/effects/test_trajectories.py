@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.plant.effects.layout import initial_state
+from hapticd.plant.layout import initial_state
 from tests.plant.effects.independent import KT, B, C, J, Laws, apart, excitation, simulated, vector
 
 EXACT = 1e-8

@@ -1,0 +1,50 @@
+"""Coulomb friction that differs between the directions: c± = c(1 ± a)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from hapticd.effects.parameters import relative
+from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
+
+
+def torque(coulomb: float, a: float) -> float:
+    """Return the constant torque −a c that the asymmetry amounts to."""
+    return -a * coulomb
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    return [{"a": 0.05}]
+
+
+def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
+    # The weaker side counts.
+    return {"coulomb": loop.coulomb * (1.0 - abs(values["a"]))}
+
+
+EFFECT = Effect(
+    slug="asymmetric_coulomb",
+    summary="Coulomb friction differs between the two directions.",
+    law="torque −c sgn(ω) − a c",
+    parameters=(relative("a", -1.0, 1.0),),
+    acts_on="friction",
+    source="Armstrong-Hélouvry, Dupont and Canudas de Wit 1994.",
+    where_it_shows=(
+        "A residual torque that is the same in both directions; no data can tell it from a constant bias of −a c."
+    ),
+    example="a: 0.2",
+    notes=Notes(
+        in_data=("The two directions differ by 2 a c at every speed, exactly as under a constant torque of −a c."),
+        told_apart=(
+            "With `constant_bias` of tau_0 = −a c it is one and the same model: no data separate the two. Which name is "
+            "right is decided at the device: unload it, or turn it round."
+        ),
+        shown_by="nothing on the data's side; the class is reported as one.",
+        simulated="Closed form.",
+    ),
+    amplitude="a",
+    grid=_grid,
+    equivalent_to=("constant_bias",),
+    exact=True,
+    in_loop=_in_loop,
+)

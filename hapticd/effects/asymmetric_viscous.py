@@ -1,0 +1,47 @@
+"""Viscous friction that differs between the directions: b± = b(1 ± a)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from hapticd.effects.parameters import relative
+from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
+
+
+def viscous(nominal: float, a: float, direction: float) -> float:
+    """Return the viscous friction of one direction (±1)."""
+    return nominal * (1.0 + a * direction)
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    return [{"a": 0.05}]
+
+
+def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
+    # The weaker side counts.
+    return {"viscous": loop.viscous * (1.0 - abs(values["a"]))}
+
+
+EFFECT = Effect(
+    slug="asymmetric_viscous",
+    summary="Viscous friction differs between the two directions.",
+    law="b → b (1 + a sgn(ω))",
+    parameters=(relative("a", -1.0, 1.0),),
+    acts_on="friction",
+    source="Janot, Gautier and Brunot 2019 (EMPS).",
+    where_it_shows="A residual torque −a b |ω|, the same in both directions, that grows with speed.",
+    example="a: 0.3",
+    notes=Notes(
+        in_data=("A residual torque a b |ω| that has the same sign in both directions and vanishes at standstill."),
+        told_apart=(
+            "`constant_bias` does not vanish at standstill. With motion at one speed only, or mostly one way, the two are "
+            "confounded: report them as a pair."
+        ),
+        shown_by="equal motion both ways at several speeds, and slow reversals.",
+        simulated="Closed form between stops; stops are located.",
+    ),
+    amplitude="a",
+    grid=_grid,
+    near=("constant_bias",),
+    in_loop=_in_loop,
+)

@@ -1,0 +1,49 @@
+"""A constant torque on the shaft: + τ₀."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from hapticd.effects.parameters import TORQUE
+from hapticd.effects.spec import Effect, LoopNumbers, Notes, Parameter, Scale, Values
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    return [{"tau_0": 0.05 * scale.torque}]
+
+
+def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
+    # It moves the place of rest and leaves the criterion alone.
+    return {}
+
+
+EFFECT = Effect(
+    slug="constant_bias",
+    summary="A constant torque: a cable, an amplifier's offset, a weight far from its rest.",
+    law="+ tau_0",
+    parameters=(Parameter("tau_0", *TORQUE, neutral=0.0, lower=-1e4, upper=1e4, required=True),),
+    acts_on="force",
+    source="Janot, Gautier and Brunot 2019 (EMPS) identify it as the offset of the drive.",
+    where_it_shows=(
+        "The same residual torque at all speeds and positions; the two directions of motion differ by twice it."
+    ),
+    example="tau_0: 5.0e-4",
+    notes=Notes(
+        in_data=(
+            "The two directions of motion differ by twice tau_0; the shaft breaks away at different currents in the two "
+            "directions."
+        ),
+        told_apart=(
+            "`asymmetric_coulomb` is the same model in another name (a = −tau_0 / c). `gravity` and `return_spring` "
+            "change with position, which small motion hides; `asymmetric_viscous` vanishes at standstill."
+        ),
+        shown_by="motion both ways over the whole range of positions, slow reversals included.",
+        simulated="Closed form.",
+    ),
+    amplitude="tau_0",
+    grid=_grid,
+    equivalent_to=("asymmetric_coulomb",),
+    near=("gravity", "return_spring", "asymmetric_viscous"),
+    exact=True,
+    in_loop=_in_loop,
+)

@@ -1,0 +1,53 @@
+"""The Coulomb friction is not the model's: c → c(1 + r)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from hapticd.effects.parameters import relative
+from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
+
+
+def coulomb(nominal: float, r: float) -> float:
+    """Return the Coulomb friction that the device has."""
+    return nominal * (1.0 + r)
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    return [{"r": 0.05}]
+
+
+def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
+    return {"coulomb": coulomb(loop.coulomb, values["r"])}
+
+
+EFFECT = Effect(
+    slug="coulomb_friction",
+    summary="The Coulomb friction, and with it stiction, differs from the model's.",
+    law="c → c (1 + r)",
+    parameters=(relative("r", -1.0, 5.0),),
+    acts_on="base",
+    source="Eq. 1.",
+    where_it_shows=(
+        "A residual torque that changes sign with the direction of motion and not with the speed; the shaft sticks at "
+        "other loads."
+    ),
+    example="r: 0.5",
+    notes=Notes(
+        in_data=(
+            "A residual torque that is constant but for its sign, which is the direction of motion; the shaft breaks away "
+            "at another current."
+        ),
+        told_apart=(
+            "`stribeck` adds friction only near standstill, `load_dependent_friction` only under current, `thermal_drift` "
+            "only later in the record."
+        ),
+        shown_by="slow ramps, and motion both ways at several speeds and loads.",
+        simulated="Closed form.",
+    ),
+    amplitude="r",
+    grid=_grid,
+    near=("stribeck", "load_dependent_friction"),
+    exact=True,
+    in_loop=_in_loop,
+)

@@ -1,0 +1,38 @@
+"""The amplifier's current is limited: clip(i, ±i_max)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from hapticd.effects.spec import Effect, Notes, Parameter, Scale, Values
+
+
+def saturate(current: float, i_max: float) -> float:
+    """Return the limited current."""
+    return min(max(current, -i_max), i_max)
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    return [{"i_max": current} for current in scale.currents if current > 0.0]
+
+
+EFFECT = Effect(
+    slug="current_saturation",
+    summary="The amplifier gives no more than i_max.",
+    law="i → clip(i, ±i_max)",
+    parameters=(Parameter("i_max", "A", "A", neutral=math.inf, lower=1e-9, upper=1e6, scale="log", required=True),),
+    acts_on="input",
+    source="Current limit of the drive.",
+    where_it_shows="Residuals only where the command exceeds i_max, proportional to the excess.",
+    example="i_max: 1.5",
+    notes=Notes(
+        in_data="Nothing below i_max; above it the residual torque is K_t times what is missing.",
+        told_apart="`torque_constant_error` and `load_dependent_friction` show at small currents too.",
+        shown_by="commands well above i_max for long enough to see the speed.",
+        simulated="Closed form.",
+    ),
+    grid=_grid,
+    near=("torque_constant_error", "load_dependent_friction"),
+    exact=True,
+)

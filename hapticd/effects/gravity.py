@@ -1,0 +1,50 @@
+"""A weight on an arm: −m g l sin(θ − θ₀)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from hapticd.effects.parameters import TORQUE, magnitude, phases, shift
+from hapticd.effects.spec import Effect, Notes, Scale, Values
+
+
+def torque(sine: float, m_g_l: float) -> float:
+    """Return the torque where the angle from the rest position has a sine, or over a way that has a mean of it."""
+    return -m_g_l * sine
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    return [{"m_g_l": 0.05 * scale.torque, "theta_0": theta_0} for theta_0 in phases(8)]
+
+
+def _stiffness(values: Values) -> float:
+    return float(values["m_g_l"])
+
+
+EFFECT = Effect(
+    slug="gravity",
+    summary="A weight on an arm, or an unbalanced handle; hanging at rest at θ₀.",
+    law="−m_g_l sin(θ − theta_0); on a linear device θ is the position in m, read as rad",
+    parameters=(magnitude("m_g_l", TORQUE, 1e4), shift("theta_0")),
+    acts_on="force",
+    source="Statics of a pendulum.",
+    where_it_shows="A residual torque that is a sine of the position, one period a revolution.",
+    example="m_g_l: 3.0e-3",
+    notes=Notes(
+        in_data="A residual torque that repeats once a revolution and is largest a quarter turn from rest.",
+        told_apart=(
+            "Over small motion it is a `constant_bias` (far from rest) or a `return_spring` (near it); over whole turns "
+            "it is a `torque_ripple` of order 1. `encoder_eccentricity` has the same period but grows with the square of "
+            "the speed."
+        ),
+        shown_by="slow motion over at least half a turn, both ways.",
+        simulated=(
+            "Second order in the substep; stops and breakaway are located (2·10⁻³ of the way or better in the tests)."
+        ),
+    ),
+    amplitude="m_g_l",
+    grid=_grid,
+    near=("constant_bias", "return_spring", "torque_ripple", "encoder_eccentricity"),
+    contains=("constant_bias", "return_spring"),
+    stiffness=_stiffness,
+)

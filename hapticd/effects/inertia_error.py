@@ -1,0 +1,53 @@
+"""The inertia is not the model's: J → J(1 + r)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from hapticd.effects.parameters import relative
+from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
+
+
+def inertia(nominal: float, r: float) -> float:
+    """Return the inertia that the device has."""
+    return nominal * (1.0 + r)
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    return [{"r": 0.05}]
+
+
+def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
+    return {"inertia": inertia(loop.inertia, values["r"])}
+
+
+EFFECT = Effect(
+    slug="inertia_error",
+    summary="The device's inertia differs from the model's.",
+    law="J → J (1 + r)",
+    parameters=(relative("r", -0.8, 4.0),),
+    acts_on="base",
+    source="Eq. 1; inertias on data sheets leave out shaft, coupling and handle.",
+    where_it_shows=(
+        "Acceleration after every change of force is too large or too small by the same factor, in both directions."
+    ),
+    example="r: 0.2",
+    notes=Notes(
+        in_data=(
+            "A current step gives the wrong acceleration from the first tick on, whatever the speed; in steady motion "
+            "nothing is wrong."
+        ),
+        told_apart=(
+            "`torque_constant_error` scales the torque, and so also the current at which the shaft breaks away; "
+            "`inertia_error` leaves that alone. Without friction the two are one, and J, b and c wrong by one common "
+            "factor are always the same as K_t wrong by its inverse."
+        ),
+        shown_by="steps or a chirp well above the friction, and slow ramps through breakaway.",
+        simulated="Closed form.",
+    ),
+    amplitude="r",
+    grid=_grid,
+    near=("torque_constant_error",),
+    exact=True,
+    in_loop=_in_loop,
+)

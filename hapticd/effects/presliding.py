@@ -1,0 +1,68 @@
+"""The LuGre bristle: friction is elastic before it slides."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+
+from hapticd.effects.parameters import ANGLE, DAMPING, magnitude
+from hapticd.effects.spec import Effect, Notes, Scale, Values
+
+
+def bristle_after(z: float, steady: float, way: float) -> float:
+    """Return the deflection after a way in one direction: over the way the law is linear, whatever the speed.
+
+    Args:
+        z: deflection before [rad or m].
+        steady: deflection in steady sliding, with the sign of the direction.
+        way: distance covered, ≥ 0.
+    """
+    return steady + (z - steady) * math.exp(-way / abs(steady))
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    starts = []
+    for counts in (5, 15, 40, 120, 400):
+        breakaway = counts * scale.resolution
+        # Damping ratio ½ of the shaft on the bristle.
+        half_damped = math.sqrt(scale.coulomb / breakaway * scale.inertia)
+        starts += [{"breakaway": breakaway, "sigma_1": sigma_1} for sigma_1 in (half_damped, 0.0)]
+    return starts
+
+
+EFFECT = Effect(
+    slug="presliding",
+    summary=("Friction is elastic before it slides: the shaft creeps and springs back (LuGre); it replaces stiction."),
+    law=(
+        "ż = ω − |ω| z sigma_0 / c, torque −(sigma_0 z + sigma_1 ż), sigma_0 = c / breakaway, c with its Stribeck and "
+        "load terms in ż"
+    ),
+    parameters=(magnitude("breakaway", ANGLE, 10.0), magnitude("sigma_1", DAMPING, 1e4, required=False)),
+    acts_on="memory",
+    source="Canudas de Wit, Olsson, Åström and Lischinsky 1995.",
+    where_it_shows=(
+        "Small motion where the model sticks, hysteresis over position after every reversal; friction comes back over "
+        "a distance, not at once."
+    ),
+    example="breakaway: 2.0e-3",
+    notes=Notes(
+        in_data=(
+            "Small reversing currents move the shaft although they are below the Coulomb friction, and it springs back; "
+            "friction as a function of position after a reversal is a curve, not a jump."
+        ),
+        told_apart=(
+            "`backlash` frees the shaft after a reversal, but without restoring force, and ends in a jump of the "
+            "velocity. `stribeck` depends on speed. In short reversals the three look alike."
+        ),
+        shown_by=(
+            "slow current ramps below breakaway, both ways, with an encoder finer than the breakaway displacement."
+        ),
+        simulated=(
+            "The bristle over the way is exact; the motion is second order over phases of at most a quarter of the "
+            "breakaway displacement while the bristle is far from steady sliding (3·10⁻³ of the way or better in the "
+            "tests). As the breakaway displacement goes to 0 it becomes Coulomb friction."
+        ),
+    ),
+    grid=_grid,
+    near=("backlash", "stribeck"),
+)

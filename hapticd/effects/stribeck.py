@@ -1,0 +1,60 @@
+"""Friction that falls with speed: c → c(1 + s exp(−(ω/ω_s)²))."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+from hapticd.effects.parameters import SPEED, log_grid, relative
+from hapticd.effects.spec import Effect, LoopNumbers, Notes, Parameter, Scale, Values
+
+
+def factor(speed: float, s: float, omega_s: float) -> float:
+    """Return the factor on the Coulomb friction."""
+    ratio = speed / omega_s
+    return 1.0 + s * math.exp(-ratio * ratio)
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    high = scale.speeds[3]
+    low = max(0.1 * scale.speeds[0], 1e-3 * high)
+    return [{"s": 0.1, "omega_s": omega_s} for omega_s in log_grid(low, high, 6)]
+
+
+def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
+    # The friction is never less than the Coulomb friction, which counts.
+    return {}
+
+
+EFFECT = Effect(
+    slug="stribeck",
+    summary="Friction is larger near standstill than in motion.",
+    law="c → c (1 + s exp(−(ω/omega_s)²))",
+    parameters=(
+        relative("s", 0.0, 10.0),
+        Parameter("omega_s", *SPEED, neutral=1.0, lower=1e-6, upper=1e4, scale="log", required=True),
+    ),
+    acts_on="friction",
+    source="Armstrong-Hélouvry, Dupont and Canudas de Wit 1994 (Gaussian form).",
+    where_it_shows="Too much friction just before and after every stop; breakaway at c (1 + s), then a jump.",
+    example="s: 0.4, omega_s: 3.0",
+    notes=Notes(
+        in_data=(
+            "Residuals concentrate at speeds below about two omega_s: before stops the shaft brakes too hard, and after "
+            "breakaway it jumps. With a spring it makes stick-slip."
+        ),
+        told_apart=(
+            "`quadratic_drag` with d < 0 also bends the friction curve down, but at high speed; `presliding` delays "
+            "friction over a distance rather than over a speed; `coulomb_friction` does not depend on speed."
+        ),
+        shown_by="slow ramps and slow sweeps that pass 0.3 to 3 omega_s several times both ways.",
+        simulated=(
+            "Second order in the substep; stops and breakaway are located (2·10⁻³ of the way or better in the tests)."
+        ),
+    ),
+    amplitude="s",
+    grid=_grid,
+    near=("quadratic_drag", "presliding", "coulomb_friction"),
+    contains=("coulomb_friction",),
+    in_loop=_in_loop,
+)

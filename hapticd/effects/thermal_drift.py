@@ -1,0 +1,51 @@
+"""Friction changes as the device warms up: c → c(1 + r(1 − exp(−t/t_w)))."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+
+from hapticd.effects.parameters import relative
+from hapticd.effects.spec import Effect, LoopNumbers, Notes, Parameter, Scale, Values
+
+
+def factor(time: float, r: float, t_w: float) -> float:
+    """Return the factor on the Coulomb friction at a time since the start."""
+    return 1.0 - r * math.expm1(-time / t_w)
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    return [{"r": 0.1, "t_w": share * scale.duration_s} for share in (0.03, 0.1, 0.3, 1.0)]
+
+
+def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
+    # Cold or warm, whichever has less friction.
+    return {"coulomb": loop.coulomb * min(1.0, 1.0 + values["r"])}
+
+
+EFFECT = Effect(
+    slug="thermal_drift",
+    summary="Friction changes as the device warms up, from the start of the record on.",
+    law="c → c (1 + r (1 − exp(−t / t_w))), t the plant's time",
+    parameters=(
+        relative("r", -1.0, 10.0),
+        Parameter("t_w", "s", "s", neutral=1.0, lower=1e-3, upper=1e6, scale="log", required=True),
+    ),
+    acts_on="friction",
+    source="First-order warming; friction over temperature: Bittencourt and Gunnarsson 2012.",
+    where_it_shows="A Coulomb residual that grows over the record.",
+    example="r: 0.4, t_w: 60",
+    notes=Notes(
+        in_data="The Coulomb residual grows over the record and levels off.",
+        told_apart=(
+            "`coulomb_friction` is there from the first second; over a record short against t_w only r / t_w is known."
+        ),
+        shown_by="the same motion again and again for several t_w, from cold.",
+        simulated="The factor is that of the middle of each substep.",
+    ),
+    amplitude="r",
+    grid=_grid,
+    near=("coulomb_friction",),
+    contains=("coulomb_friction",),
+    in_loop=_in_loop,
+)

@@ -1,0 +1,44 @@
+"""The current acts later: i(t − T_d)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+
+from hapticd.effects.parameters import magnitude
+from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
+
+
+def _grid(scale: Scale) -> Iterable[Values]:
+    return [{"t_d": periods * scale.period_s} for periods in (0.3, 1.0, 2.0, 4.0, 8.0)]
+
+
+def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
+    return {"delay": loop.delay + values["t_d"]}
+
+
+EFFECT = Effect(
+    slug="transport_delay",
+    summary="The command takes longer to reach the motor than the model says.",
+    law="i(t) → i(t − t_d)",
+    parameters=(magnitude("t_d", ("s", "s"), 1.0),),
+    acts_on="timing",
+    source="Bus cycles, buffered converters and drive firmware.",
+    where_it_shows=("Residuals after every change of the command, proportional to the change; the loop loses phase."),
+    example="t_d: 5.0e-4",
+    notes=Notes(
+        in_data=(
+            "After every change of the command the shaft follows late by the same time; the error is a kick of the change "
+            "times t_d. Loops ring or grow that should not."
+        ),
+        told_apart=(
+            "`amplifier_lag` at low frequency is a delay of delta / (π f_a); it differs in the shape of the first "
+            "fraction of a millisecond, and when it rings."
+        ),
+        shown_by="steps and a chirp to a fair part of the servo rate, with a fine encoder.",
+        simulated="Closed form.",
+    ),
+    grid=_grid,
+    near=("amplifier_lag",),
+    exact=True,
+    in_loop=_in_loop,
+)

@@ -1,0 +1,196 @@
+"""One device as a flat float64 vector: the base model's words, then the words of every effect.
+
+An effect that a device does not have is in the vector at its neutral value, which switches its law off. A list parameter
+takes one word an element: ``torque_ripple.amplitudes[2]``.
+
+The kernels know the effects with laws of their own by the numbers of their words. The others (`Effect.force`,
+`Effect.friction`) follow in a part of fixed size, one block after another, and are called through the addresses in it:
+no compiled code depends on which of them are installed. Their addresses are those of this process.
+"""
+
+from __future__ import annotations
+
+import functools
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.jit import law_callback
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.config import Config
+    from hapticd.effects.spec import Effect
+
+BASE_WORDS = (
+    "inertia",  # of the device, kg m² or kg
+    "viscous",  # N m s/rad or N s/m
+    "coulomb",  # N m or N
+    "torque_constant",  # N m/A or N/A
+    "delay_s",  # from command to current: T_A and the driver's latency
+    "grip_inertia",  # config.hand: a grip that never lets go
+    "grip_damping",
+    "grip_stiffness",
+    "grip_rest",
+    "external_force",  # N m or N, constant during a step
+)
+
+STATE = 8
+"""Words of the mechanical state."""
+THETA = 0
+"""Shaft (motor) position, rad or m."""
+OMEGA = 1
+"""Shaft velocity."""
+BRISTLE = 2
+"""Deflection z of the LuGre bristle, rad or m."""
+LOAD_THETA = 3
+"""Position of the load behind a backlash or a flexible coupling."""
+LOAD_OMEGA = 4
+"""Velocity of the load."""
+CONTACT = 5
+"""Side of the backlash that is in contact: +1 the motor pushes the load forwards, −1 backwards, 0 none."""
+MOTOR_CURRENT = 6
+"""Current behind the current loop of `amplifier_lag`, A; used where commands come one by one."""
+MOTOR_CURRENT_RATE = 7
+"""Its derivative, A/s."""
+
+
+HOOK_WORDS = 64
+"""Words of the part for effects whose law is called through a pointer."""
+HOOK_SIZE = 0
+"""In a block of that part: how many words it has; 0 after the last block."""
+HOOK_FORCE = 1
+"""Address of the law of its force; 0 for none."""
+HOOK_FRICTION = 2
+"""Address of the law of its friction; 0 for none."""
+HOOK_NEUTRAL = 3
+"""Value of the first parameter at which the effect is off."""
+HOOK_PARAMETERS = 4
+"""The first parameter."""
+
+
+def _names(effect: Effect) -> list[str]:
+    names = []
+    for parameter in effect.parameters:
+        key = f"{effect.slug}.{parameter.name}"
+        names += [key] if parameter.length == 1 else [f"{key}[{k}]" for k in range(parameter.length)]
+    return names
+
+
+def _words() -> tuple[tuple[str, ...], int]:
+    """Name of every word, and the number of the first one of the hooks."""
+    names = list(BASE_WORDS)
+    for effect in CATALOGUE.values():
+        if not effect.is_hooked:
+            names += _names(effect)
+    first = len(names)
+    for effect in CATALOGUE.values():
+        if effect.is_hooked:
+            header = ("size", "force", "friction", "neutral")
+            names += [*(f"{effect.slug}:{word}" for word in header), *_names(effect)]
+    spare = first + HOOK_WORDS - len(names)
+    # The block after the last one is known by its size 0, so one word stays spare.
+    if spare < 1:
+        raise ValueError(f"too many effects with laws of their own are installed: {1 - spare} words too many")
+    return (*names, *(f"spare[{k}]" for k in range(spare))), first
+
+
+WORDS, HOOKS = _words()
+"""Name of every word, in order; the first word of the effects whose law is called through a pointer."""
+_INDEX = {name: index for index, name in enumerate(WORDS)}
+SIZE = len(WORDS)
+"""Words of a device vector."""
+
+
+def word(name: str) -> int:
+    """Index of a word: ``inertia``, ``stribeck.s``, ``torque_ripple.orders[0]`` (a list's bare name is its first).
+
+    Raises:
+        KeyError: there is no such word.
+    """
+    return _INDEX[name] if name in _INDEX else _INDEX[f"{name}[0]"]
+
+
+@functools.cache
+def _callback(slug: str, hook: str) -> Any:
+    """The compiled law, kept for as long as the process lives: vectors hold its address."""
+    effect = CATALOGUE[slug]
+    leading = {"force": 4, "friction": 3}[hook]
+    try:
+        return law_callback(getattr(effect, hook), leading, sum(parameter.length for parameter in effect.parameters))
+    except Exception as error:
+        raise ValueError(f"effect {slug}: its {hook} cannot be compiled: {error}") from error
+
+
+@functools.cache
+def _neutral() -> NDArray[np.float64]:
+    p = np.zeros(SIZE)
+    for slug, effect in CATALOGUE.items():
+        for parameter in effect.parameters:
+            first = word(f"{slug}.{parameter.name}")
+            p[first : first + parameter.length] = parameter.neutral
+        if effect.is_hooked:
+            block = word(f"{slug}:size")
+            p[block + HOOK_SIZE] = HOOK_PARAMETERS + len(_names(effect))
+            # An address has fewer than 53 bits: a double holds it exactly.
+            p[block + HOOK_FORCE] = _callback(slug, "force").address if effect.force else 0
+            p[block + HOOK_FRICTION] = _callback(slug, "friction").address if effect.friction else 0
+            p[block + HOOK_NEUTRAL] = effect.parameters[0].neutral
+    return p
+
+
+def neutral_vector() -> NDArray[np.float64]:
+    """A vector of shape (SIZE,) with zeros for the base and every effect off.
+
+    Raises:
+        ValueError: the law of an effect from outside cannot be compiled.
+    """
+    return _neutral().copy()
+
+
+def effect_values(p: NDArray[np.float64], effect: Effect) -> dict[str, Any]:
+    """All parameters of an effect in a device vector: numbers, and tuples of numbers in full length."""
+    values: dict[str, Any] = {}
+    for parameter in effect.parameters:
+        first = word(f"{effect.slug}.{parameter.name}")
+        numbers = p[first : first + parameter.length].tolist()
+        values[parameter.name] = numbers[0] if parameter.length == 1 else tuple(numbers)
+    return values
+
+
+def device_vector(config: Config, latency_s: float = 0.0) -> NDArray[np.float64]:
+    """The vector of a config's plant with its effects, amplifier and hand.
+
+    Args:
+        config: resolved configuration.
+        latency_s: sample-to-current latency of the driver, added to the amplifier's T_A.
+
+    Returns:
+        Shape (SIZE,), float64.
+    """
+    p = neutral_vector()
+    p[word("inertia")] = config.plant.inertia
+    p[word("viscous")] = config.plant.viscous
+    p[word("coulomb")] = config.plant.coulomb
+    p[word("torque_constant")] = config.amplifier.torque_constant
+    p[word("delay_s")] = config.amplifier.delay + latency_s
+    p[word("grip_inertia")] = config.hand.inertia
+    p[word("grip_damping")] = config.hand.damping
+    p[word("grip_stiffness")] = config.hand.stiffness
+    p[word("grip_rest")] = config.origin_counts * config.raw_resolution
+    for effect in config.plant.effects:
+        for name, value in (effect.model_extra or {}).items():
+            values = np.atleast_1d(np.asarray(value, dtype=np.float64))
+            first = word(f"{effect.name}.{name}")
+            p[first : first + len(values)] = values
+    return p
+
+
+def initial_state(position: float = 0.0, velocity: float = 0.0) -> NDArray[np.float64]:
+    """A mechanical state of shape (STATE,): shaft and load together, bristle relaxed, play centred."""
+    state = np.zeros(STATE)
+    state[[THETA, LOAD_THETA]] = position
+    state[[OMEGA, LOAD_OMEGA]] = velocity
+    return state
