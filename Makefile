@@ -43,6 +43,7 @@ soak: $(STAMP)   ## does memory stay, is every missed period counted: an hour at
 docs: $(STAMP)   ## reference pages and figures that are made from the code
 	$(BIN)/python -m hapticd.config.reference > docs/reference/config.md
 	$(BIN)/python -m hapticd.cli.reference docs/reference
+	$(BIN)/python -m hapticd.effects.pages docs/effects
 	$(BIN)/python docs/make_figures.py
 
 site: $(STAMP)   ## the documentation as a web site in site/; a broken link or anchor is an error

@@ -105,7 +105,7 @@ SIZE = len(WORDS)
 
 
 def word(name: str) -> int:
-    """Index of a word: ``inertia``, ``stribeck.s``, ``torque_ripple.orders[0]`` (a list's bare name is its first).
+    """Index of a word: ``inertia``, ``gravity.theta_0``, ``torque_ripple.orders[0]`` (a list's bare name is its first).
 
     Raises:
         KeyError: there is no such word.
