@@ -98,13 +98,14 @@ def gap(
         raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
     if excite and not live:
         raise UsageError("--excite goes with --live")
-    from hapticd.effects.catalogue import CATALOGUE
+    from hapticd.effects.catalogue import BROKEN, CATALOGUE
     from hapticd.gap import find_gap
     from hapticd.gap.outputs import write_outputs
 
     for slug in effect or ():
         if slug not in CATALOGUE:
-            raise UsageError(f"--effect {slug}: not in the catalogue ({', '.join(CATALOGUE)})")
+            reason = BROKEN.get(slug, f"not in the catalogue ({', '.join(CATALOGUE)})")
+            raise UsageError(f"--effect {slug}: {reason}")
 
     document: dict[str, Any] = {}
 

@@ -14,7 +14,6 @@ def _grid(scale: Scale) -> Iterable[Values]:
 
 
 def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    # As the amplifier itself: T_A = 2 δ/ω (5).
     return {"delay": loop.delay + values["delta"] / (math.pi * values["f_a"])}
 
 
@@ -45,6 +44,7 @@ EFFECT = Effect(
             "also when the current does not change."
         ),
         shown_by="steps and a chirp beyond f_a as far as the servo rate allows.",
+        in_theory="As the amplifier itself: T_A = 2 δ/ω (5).",
         simulated="The current loop is exact; the torque is its mean over each substep.",
     ),
     grid=_grid,

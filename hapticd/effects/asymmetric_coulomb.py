@@ -18,7 +18,6 @@ def _grid(scale: Scale) -> Iterable[Values]:
 
 
 def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    # The weaker side counts.
     return {"coulomb": loop.coulomb * (1.0 - abs(values["a"]))}
 
 
@@ -40,6 +39,7 @@ EFFECT = Effect(
             "right is decided at the device: unload it, or turn it round."
         ),
         shown_by="nothing on the data's side; the class is reported as one.",
+        in_theory="The weaker side counts.",
         simulated="Closed form.",
     ),
     amplitude="a",

@@ -18,7 +18,6 @@ def _grid(scale: Scale) -> Iterable[Values]:
 
 
 def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    # The weaker side counts.
     return {"viscous": loop.viscous * (1.0 - abs(values["a"]))}
 
 
@@ -38,6 +37,7 @@ EFFECT = Effect(
             "confounded: report them as a pair."
         ),
         shown_by="equal motion both ways at several speeds, and slow reversals.",
+        in_theory="The weaker side counts.",
         simulated="Closed form between stops; stops are located.",
     ),
     amplitude="a",

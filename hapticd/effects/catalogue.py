@@ -20,6 +20,11 @@ from hapticd.effects.spec import ACTS_ON, Effect
 
 GROUP = "hapticd.effects"
 
+HOOK_WORDS = 64
+"""Words that a device vector has for effects whose law is called through a pointer (`hapticd.plant.layout`)."""
+HOOK_HEADER = 4
+"""Words of such an effect besides its parameters."""
+
 _NO_EFFECTS = frozenset({"catalogue", "pages", "parameters", "spec"})
 _HOOKS = {"force": 4, "friction": 3}
 """Laws of an effect from outside, and how many arguments come before its parameters."""
@@ -79,7 +84,10 @@ def _problems(entry: EntryPoint, effect: object, known: Mapping[str, Effect]) ->
         yield "it needs parameters, each with a name of its own other than 'name'"
     if not effect.is_hooked:
         yield "it has neither a force nor a friction, so that the plant would not know what to do with it"
-    words = sum(parameter.length for parameter in effect.parameters)
+    words = effect.words
+    room = HOOK_WORDS - 1 - sum(HOOK_HEADER + other.words for other in known.values() if other.is_hooked)
+    if HOOK_HEADER + words > room:
+        yield f"there is room for {max(room - HOOK_HEADER, 0)} more parameters of effects from outside, and it has {words}"
     for hook, leading in _HOOKS.items():
         law = getattr(effect, hook)
         if law is not None and not _takes(law, leading + words):

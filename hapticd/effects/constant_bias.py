@@ -13,7 +13,6 @@ def _grid(scale: Scale) -> Iterable[Values]:
 
 
 def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    # It moves the place of rest and leaves the criterion alone.
     return {}
 
 
@@ -38,6 +37,7 @@ EFFECT = Effect(
             "change with position, which small motion hides; `asymmetric_viscous` vanishes at standstill."
         ),
         shown_by="motion both ways over the whole range of positions, slow reversals included.",
+        in_theory="It moves the place of rest and leaves the criterion alone.",
         simulated="Closed form.",
     ),
     amplitude="tau_0",

@@ -100,7 +100,7 @@ def _example(effect: Effect) -> str:
 def _in_theory(effect: Effect) -> str:
     if effect.in_loop is None:
         return "The stability criterion leaves it out, and `hapticd check` says so; `hapticd simulate` knows it."
-    return "The stability criterion counts it, at its worst."
+    return f"The stability criterion counts it. {effect.notes.in_theory}"
 
 
 def main() -> None:

@@ -131,12 +131,14 @@ class Notes:
         in_data: more of what it does to recorded data.
         told_apart: how it differs from the effects that it is confused with.
         shown_by: the motion that shows it.
+        in_theory: how the stability criterion counts it, where that is not plain.
         simulated: how it is simulated, and how exactly.
     """
 
     in_data: str = ""
     told_apart: str = ""
     shown_by: str = ""
+    in_theory: str = ""
     simulated: str = ""
 
 
@@ -205,6 +207,11 @@ class Effect:
     def is_hooked(self) -> bool:
         """Whether the plant calls its law through a pointer, instead of knowing it by name."""
         return self.force is not None or self.friction is not None
+
+    @property
+    def words(self) -> int:
+        """Numbers that its parameters take in all."""
+        return sum(parameter.length for parameter in self.parameters)
 
     def complete(self, values: Values) -> dict[str, Any]:
         """All parameters: those given, and the neutral values of the rest; lists in full length."""

@@ -22,7 +22,6 @@ def _grid(scale: Scale) -> Iterable[Values]:
 
 
 def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    # The friction is never less than the Coulomb friction, which counts.
     return {}
 
 
@@ -48,6 +47,7 @@ EFFECT = Effect(
             "friction over a distance rather than over a speed; `coulomb_friction` does not depend on speed."
         ),
         shown_by="slow ramps and slow sweeps that pass 0.3 to 3 omega_s several times both ways.",
+        in_theory="The friction is never less than the Coulomb friction, which counts.",
         simulated=(
             "Second order in the substep; stops and breakaway are located (2·10⁻³ of the way or better in the tests)."
         ),

@@ -19,7 +19,6 @@ def _grid(scale: Scale) -> Iterable[Values]:
 
 
 def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    # Cold or warm, whichever has less friction.
     return {"coulomb": loop.coulomb * min(1.0, 1.0 + values["r"])}
 
 
@@ -41,6 +40,7 @@ EFFECT = Effect(
             "`coulomb_friction` is there from the first second; over a record short against t_w only r / t_w is known."
         ),
         shown_by="the same motion again and again for several t_w, from cold.",
+        in_theory="Cold or warm, whichever has less friction.",
         simulated="The factor is that of the middle of each substep.",
     ),
     amplitude="r",

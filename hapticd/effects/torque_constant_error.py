@@ -18,7 +18,6 @@ def _grid(scale: Scale) -> Iterable[Values]:
 
 
 def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    # The virtual spring is as much stiffer as the motor is stronger.
     return {"stiffness": torque_constant(loop.stiffness, values["r"])}
 
 
@@ -38,6 +37,7 @@ EFFECT = Effect(
             "braking; `current_saturation` shows at large currents only."
         ),
         shown_by="ramps through breakaway and steps, both ways.",
+        in_theory="The virtual spring is as much stiffer as the motor is stronger.",
         simulated="Closed form.",
     ),
     amplitude="r",

@@ -10,12 +10,14 @@ no compiled code depends on which of them are installed. Their addresses are tho
 
 from __future__ import annotations
 
+import contextlib
 import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticd.effects.catalogue import CATALOGUE
+from hapticd.config.problems import ConfigError, Problem
+from hapticd.effects.catalogue import CATALOGUE, HOOK_HEADER, HOOK_WORDS
 from hapticd.jit import law_callback
 
 if TYPE_CHECKING:
@@ -57,8 +59,6 @@ MOTOR_CURRENT_RATE = 7
 """Its derivative, A/s."""
 
 
-HOOK_WORDS = 64
-"""Words of the part for effects whose law is called through a pointer."""
 HOOK_SIZE = 0
 """In a block of that part: how many words it has; 0 after the last block."""
 HOOK_FORCE = 1
@@ -67,7 +67,7 @@ HOOK_FRICTION = 2
 """Address of the law of its friction; 0 for none."""
 HOOK_NEUTRAL = 3
 """Value of the first parameter at which the effect is off."""
-HOOK_PARAMETERS = 4
+HOOK_PARAMETERS = HOOK_HEADER
 """The first parameter."""
 
 
@@ -90,10 +90,8 @@ def _words() -> tuple[tuple[str, ...], int]:
         if effect.is_hooked:
             header = ("size", "force", "friction", "neutral")
             names += [*(f"{effect.slug}:{word}" for word in header), *_names(effect)]
+    # The block after the last one is known by its size 0, so the catalogue keeps one word spare.
     spare = first + HOOK_WORDS - len(names)
-    # The block after the last one is known by its size 0, so one word stays spare.
-    if spare < 1:
-        raise ValueError(f"too many effects with laws of their own are installed: {1 - spare} words too many")
     return (*names, *(f"spare[{k}]" for k in range(spare))), first
 
 
@@ -117,11 +115,13 @@ def word(name: str) -> int:
 def _callback(slug: str, hook: str) -> Any:
     """The compiled law, kept for as long as the process lives: vectors hold its address."""
     effect = CATALOGUE[slug]
-    leading = {"force": 4, "friction": 3}[hook]
-    try:
-        return law_callback(getattr(effect, hook), leading, sum(parameter.length for parameter in effect.parameters))
-    except Exception as error:
-        raise ValueError(f"effect {slug}: its {hook} cannot be compiled: {error}") from error
+    return law_callback(getattr(effect, hook), {"force": 4, "friction": 3}[hook], effect.words)
+
+
+def _addresses(effect: Effect) -> tuple[int, int]:
+    """Of the laws of an effect from outside, 0 for none: of its force and of its friction."""
+    force = _callback(effect.slug, "force").address if effect.force else 0
+    return force, _callback(effect.slug, "friction").address if effect.friction else 0
 
 
 @functools.cache
@@ -133,20 +133,17 @@ def _neutral() -> NDArray[np.float64]:
             p[first : first + parameter.length] = parameter.neutral
         if effect.is_hooked:
             block = word(f"{slug}:size")
-            p[block + HOOK_SIZE] = HOOK_PARAMETERS + len(_names(effect))
-            # An address has fewer than 53 bits: a double holds it exactly.
-            p[block + HOOK_FORCE] = _callback(slug, "force").address if effect.force else 0
-            p[block + HOOK_FRICTION] = _callback(slug, "friction").address if effect.friction else 0
+            p[block + HOOK_SIZE] = HOOK_PARAMETERS + effect.words
             p[block + HOOK_NEUTRAL] = effect.parameters[0].neutral
+            # One that cannot be compiled is no reason to refuse a device without it. An address has fewer than 53 bits:
+            # a double holds it exactly.
+            with contextlib.suppress(Exception):
+                p[block + HOOK_FORCE : block + HOOK_FRICTION + 1] = _addresses(effect)
     return p
 
 
 def neutral_vector() -> NDArray[np.float64]:
-    """A vector of shape (SIZE,) with zeros for the base and every effect off.
-
-    Raises:
-        ValueError: the law of an effect from outside cannot be compiled.
-    """
+    """A vector of shape (SIZE,) with zeros for the base and every effect off."""
     return _neutral().copy()
 
 
@@ -169,6 +166,9 @@ def device_vector(config: Config, latency_s: float = 0.0) -> NDArray[np.float64]
 
     Returns:
         Shape (SIZE,), float64.
+
+    Raises:
+        ConfigError: it lists an effect from outside whose law cannot be compiled.
     """
     p = neutral_vector()
     p[word("inertia")] = config.plant.inertia
@@ -180,12 +180,22 @@ def device_vector(config: Config, latency_s: float = 0.0) -> NDArray[np.float64]
     p[word("grip_damping")] = config.hand.damping
     p[word("grip_stiffness")] = config.hand.stiffness
     p[word("grip_rest")] = config.origin_counts * config.raw_resolution
-    for effect in config.plant.effects:
+    for index, effect in enumerate(config.plant.effects):
+        if CATALOGUE[effect.name].is_hooked:
+            _check_laws(index, CATALOGUE[effect.name])
         for name, value in (effect.model_extra or {}).items():
             values = np.atleast_1d(np.asarray(value, dtype=np.float64))
             first = word(f"{effect.name}.{name}")
             p[first : first + len(values)] = values
     return p
+
+
+def _check_laws(index: int, effect: Effect) -> None:
+    try:
+        _addresses(effect)
+    except Exception as error:
+        message = f"its law cannot be compiled: {error}"
+        raise ConfigError([Problem("config", f"plant.effects[{index}].name", effect.slug, message)]) from error
 
 
 def initial_state(position: float = 0.0, velocity: float = 0.0) -> NDArray[np.float64]:

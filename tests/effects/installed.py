@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 from hapticd.cli.main import build_app
 from hapticd.config import EFFECT_SLUGS, ConfigError, config_schema, parse_config, parse_yaml
-from hapticd.effects.catalogue import BROKEN, CATALOGUE, OWN_SLUGS
+from hapticd.effects.catalogue import BROKEN, CATALOGUE, HOOK_WORDS, OWN_SLUGS
 from hapticd.effects.pages import page
 from hapticd.plant import kernel
-from hapticd.plant.layout import HOOK_WORDS, HOOKS, SIZE, WORDS
+from hapticd.plant.layout import HOOKS, SIZE, WORDS, device_vector, neutral_vector, word
 from hapticd.plant.resolution import substeps_for
 from hapticd.servo.simulate import simulate
 from hapticd.stability.effects import uncounted
@@ -43,7 +43,7 @@ def detent(x: float) -> float:
 
 
 def test_the_catalogue_has_them_after_its_own() -> None:
-    assert list(EFFECT_SLUGS) == [*OWN_SLUGS, "drying_grease", "magnetic_detent"]
+    assert list(EFFECT_SLUGS) == [*OWN_SLUGS, "drying_grease", "magnetic_detent", "uncompilable"]
     assert "drying_grease" in CATALOGUE["thermal_drift"].equivalent_to
     assert HOOKS + HOOK_WORDS == SIZE == len(set(WORDS))
 
@@ -69,6 +69,7 @@ def test_the_config_knows_its_parameters() -> None:
         ("nameless_relation", "it names nobody, which the catalogue does not have"),
         ("lawless", "it has neither a force nor a friction"),
         ("short", "friction must take 3 numbers and the 3 of its parameters"),
+        ("lengthy", "there is room for 52 more parameters of effects from outside, and it has 57"),
     ],
 )
 def test_one_that_cannot_be_used_says_why_and_which_entry_point_it_is(slug: str, reason: str) -> None:
@@ -78,6 +79,13 @@ def test_one_that_cannot_be_used_says_why_and_which_entry_point_it_is(slug: str,
     assert text.startswith(f"x: plant.effects[0].name = {slug}: cannot be used: entry point {slug} = ")
     assert "of outside-effects" in text
     assert reason in text
+
+
+def test_one_that_cannot_be_compiled_stops_only_a_device_that_has_it() -> None:
+    config = parse_config({"plant": {"effects": [{"name": "uncompilable", "a": 1.0}]}}, "x")
+    with pytest.raises(ConfigError, match=r"plant\.effects\[0\]\.name = uncompilable: its law cannot be compiled: "):
+        device_vector(config)
+    assert neutral_vector()[word("uncompilable:friction")] == 0.0
 
 
 def test_one_cannot_take_the_name_of_another() -> None:
