@@ -3,19 +3,21 @@
 Every case is a recording of a device with an effect that is drawn by seed and simulated by physics of the benchmark's
 own. The workflow gets the recording and the nominal model; the truth is opened when all is answered. Results are kept one
 file a case: the same command goes on where it was stopped.
+
+A seed makes nine cases. Seeds 0 to 99 are to develop on; those from 100 on are for the report and looked at once.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
+import importlib.util
 import sys
-from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
-from benchmarks.gap import collect, plan, report
+from benchmarks.gap import before, collect, options, plan, processes, report, tasks
+from benchmarks.gap.collect import Asked
 from benchmarks.gap.hidden import LAWS
-from benchmarks.gap.recipes import VISIBILITY
 from benchmarks.report import progress as note
 from hapticd.cli.output import progress_bar
 
@@ -29,73 +31,97 @@ def parse(argv: list[str] | None = None) -> argparse.Namespace:
         description=__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter,
         epilog="examples:\n"
-        "  python -m benchmarks.gap --quick                          one case of each kind: minutes\n"
-        "  python -m benchmarks.gap -o results/gap                   all of it: hours, resumable\n"
-        "  python -m benchmarks.gap --only stribeck --only backlash  these effects alone\n"
-        "  python -m benchmarks.gap -o results/gap --report          score what is there, run nothing",
+        "  python -m benchmarks.gap --quick                             one seed, some cases\n"
+        "  python -m benchmarks.gap -o results/gap                      seeds 0 to 99: 900 cases, resumable\n"
+        "  python -m benchmarks.gap -o results/gap --seed 100:200       the reported ones\n"
+        "  python -m benchmarks.gap --only stribeck --only backlash     these effects alone\n"
+        "  python -m benchmarks.gap -o results/gap --report             score what is there, run nothing",
     )
-    parser.add_argument(
-        "-o", "--output", type=Path, metavar="DIR", default=Path(__file__).parent.parent / "results/gap"
-    )
-    parser.add_argument("--quick", action="store_true", help="one case of each effect and strength, few of the others")
+    options.add_common(parser, Path(__file__).parent.parent / "results/gap")
+    parser.add_argument("--seed", type=options.seeds, metavar="A:B", help="seeds A to B − 1, or one (default 0:100)")
+    parser.add_argument("--quick", action="store_true", help="fewer cases a seed, and seed 0 alone by default")
     parser.add_argument("--only", action="append", choices=list(LAWS), metavar="EFFECT", help="repeatable")
     parser.add_argument("--kind", action="append", choices=plan.KINDS, help="repeatable; default: all")
-    parser.add_argument("--strength", action="append", choices=list(VISIBILITY), help="repeatable; default: all")
     parser.add_argument("--device", action="append", metavar="NAME", help="repeatable; default: all")
-    parser.add_argument("--seed", type=int, default=0, metavar="N", help="of the whole benchmark (default 0)")
-    parser.add_argument("--seeds", type=int, metavar="N", help="cases of each effect and strength (default 4)")
     parser.add_argument("--most", type=int, metavar="N", help="at most so many cases, in the order of the plan")
-    parser.add_argument("--who", action="append", choices=list(collect.ANSWERERS), help="repeatable; default: both")
-    parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes")
-    parser.add_argument("--dask", metavar="ADDRESS", help="run on this Dask cluster instead, e.g. tcp://host:8786")
+    parser.add_argument(
+        "--who",
+        action="append",
+        choices=("workflow", *report.PEERS),
+        help="who answers; repeatable; default: all there are",
+    )
+    parser.add_argument(
+        "--before-most",
+        type=int,
+        default=100,
+        metavar="N",
+        help=f"at most so many cases for the core before, up to {before.LIMIT_S:g} s of a processor each (default 100)",
+    )
     parser.add_argument("--report", action="store_true", help="score what is there and run nothing")
-    options = parser.parse_args(argv)
-    if options.jobs < 1 or (options.seeds is not None and options.seeds < 1):
-        parser.error("--jobs and --seeds: at least 1")
-    return options
+    chosen = parser.parse_args(argv)
+    options.check(parser, chosen)
+    chosen.seed = chosen.seed or (range(1) if chosen.quick else range(plan.FIRST_REPORTED_SEED))
+    return chosen
 
 
-def chosen(options: argparse.Namespace) -> list[plan.Case]:
+def chosen_cases(asked: argparse.Namespace) -> list[plan.Case]:
     """The cases that the options ask for."""
-    size = plan.QUICK if options.quick else plan.FULL
-    if options.seeds is not None:
-        size = replace(size, seeds=options.seeds)
     cases = [
         case
-        for case in plan.draw(size, options.seed)
-        if (options.kind is None or case.kind in options.kind)
-        and (options.only is None or (case.slugs and set(case.slugs) <= set(options.only)))
-        and (options.strength is None or case.strength in options.strength)
-        and (options.device is None or case.device in options.device)
+        for case in plan.draw(plan.QUICK if asked.quick else plan.FULL, asked.seed)
+        if (asked.kind is None or case.kind in asked.kind)
+        and (asked.only is None or (case.slugs and set(case.slugs) <= set(asked.only)))
+        and (asked.device is None or case.device in asked.device)
     ]
-    return cases[: options.most]
+    return cases[: asked.most]
+
+
+def answerers(asked: argparse.Namespace) -> dict[str, Asked]:
+    """Who answers.
+
+    Raises:
+        NoHistoryError: the core before was asked for and cannot be had.
+        ImportError: PySINDy was asked for and is not installed.
+    """
+    found = {}
+    for who in asked.who or ("workflow", *report.PEERS):
+        if who == "workflow":
+            found[who] = Asked(tasks.workflow)
+        elif who == "sindy" and importlib.util.find_spec("pysindy"):
+            found[who] = Asked(tasks.sindy)
+        elif who == "sindy":
+            missing = "PySINDy is not installed: pip install 'hapticd[bench]'"
+            if asked.who:
+                raise ImportError(missing)
+            note(f"{missing}; left out")
+        else:
+            found[who] = Asked(partial(before.answer, tree=before.prepared(asked.output)), asked.before_most)
+    return found
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run, or go on; then report. 1 when there is nothing to report, 2 when the cluster cannot be used."""
-    options = parse(argv)
-    cases = chosen(options)
+    """Run, or go on; then report. 1 when there is nothing to report, 2 when what was asked for cannot be used."""
+    asked = parse(argv)
+    cases = chosen_cases(asked)
     if not cases:
         note("no case is left with these options")
         return 2
-    root = options.output
+    root = asked.output
     root.mkdir(parents=True, exist_ok=True)
     code = 0
-    if not options.report:
-        who = options.who or list(collect.ANSWERERS)
-        store = collect.Store(root)
-        engine = collect.dask(options.dask) if options.dask else collect.local(options.jobs)
+    if not asked.report:
         try:
-            with engine as pool, progress_bar("gap benchmark") as advance:
-                collect.run(cases, store, who, pool, options.jobs, advance, note)
+            who = answerers(asked)
+            with options.engine(asked) as pool, progress_bar("gap benchmark") as advance:
+                collect.run(cases, collect.Store(root), who, pool, asked.jobs, advance, note)
         except KeyboardInterrupt:
             note(f"{root} keeps what is finished; the same command goes on from there")
             code = INTERRUPTED
-        except collect.ClusterError as error:
+        except (collect.ClusterError, before.NoHistoryError, ImportError) as error:
             note(str(error))
             return 2
     try:
-        print(report.write(root, len(cases)))
+        print(report.write(root, cases))
     except FileNotFoundError as error:
         note(str(error))
         return code or 1
@@ -103,4 +129,5 @@ def main(argv: list[str] | None = None) -> int:
 
 
 if __name__ == "__main__":
+    processes.end_on_sigterm()
     sys.exit(main())

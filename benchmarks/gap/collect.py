@@ -1,53 +1,35 @@
 """Run the cases on the cores of this machine or on a Dask cluster; every result is one JSON file, whole or absent.
 
-<root>/cases/<case>/…   what the workflow is given        <root>/truth/<case>.json      sealed until scoring
-<root>/workflow/<case>.json, <root>/peer/<case>.json      what was answered
+<root>/cases/<case>/…       what the workflow is given        <root>/truth/<case>.json      sealed until scoring
+<root>/<who>/<case>.json    what was answered
 """
 
 from __future__ import annotations
 
 import contextlib
 import importlib
-import multiprocessing
-import os
-import signal
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Executor, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from benchmarks.gap import tasks
 from benchmarks.gap.cases import Files, write_files, write_json
 from benchmarks.gap.plan import Case
 
-ANSWERERS: dict[str, Callable[[Files, Sequence[str]], dict[str, Any]]] = {
-    "workflow": tasks.workflow,
-    "peer": tasks.peer,
-}
-"""Who answers, and the name of the folder of the answers."""
 
-_ONE_THREAD = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+class Asked(NamedTuple):
+    """Someone who answers."""
+
+    answer: Callable[[Files, Sequence[str]], dict[str, Any]]
+    """Takes a case's files and the names that are not allowed; must be picklable."""
+    most: int | None = None
+    """How many cases, from the first on; None for all."""
 
 
 class ClusterError(Exception):
     """The Dask cluster cannot be used; the text says why."""
-
-
-def _begin_worker() -> None:
-    os.setpriority(os.PRIO_PROCESS, 0, max(10, os.getpriority(os.PRIO_PROCESS, 0)))
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-
-
-@contextlib.contextmanager
-def local(jobs: int) -> Iterator[Executor]:
-    """Processes of this machine, one thread each, at low priority; leaving the block early ends them."""
-    os.environ.update(_ONE_THREAD)
-    pool = ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), _begin_worker)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 @contextlib.contextmanager
@@ -96,15 +78,11 @@ class Store:
         write_json(self.truth_path(case), {"name": case.name, **truth})
         return files
 
-    def missing(self, case: Case, who: Sequence[str]) -> list[str]:
-        """Whose answers are still to come."""
-        return [name for name in who if not self.answer_path(name, case).exists()]
-
 
 def run(
     cases: Sequence[Case],
     store: Store,
-    who: Sequence[str],
+    who: Mapping[str, Asked],
     pool: Executor,
     jobs: int,
     progress: Callable[[float], None] = lambda fraction: None,
@@ -115,44 +93,54 @@ def run(
     Args:
         cases: of the plan.
         store: the benchmark's folder.
-        who: keys of `ANSWERERS`.
+        who: folder of the answers, and who gives them.
         pool: where tasks run.
         jobs: how many tasks to keep going.
         progress: called with the fraction done.
         note: called with a line on a case that could not be made.
     """
-    open_cases = deque(case for case in cases if store.missing(case, who))
+    missing = {case: _missing(index, case, store, who) for index, case in enumerate(cases)}
+    open_cases = deque(case for case, names in missing.items() if names)
     ready: deque[tuple[str, Case, Files]] = deque()
-    total = sum(len(store.missing(case, who)) for case in open_cases) or 1
+    total = sum(map(len, missing.values())) or 1
     done = 0
     waiting: dict[Future[Any], tuple[str, Case]] = {}
 
     def offer(case: Case, files: Files) -> None:
-        ready.extend((name, case, files) for name in store.missing(case, who))
+        ready.extend((name, case, files) for name in missing[case])
 
     while True:
         while len(waiting) < 2 * jobs:
             if ready:
                 name, case, files = ready.popleft()
-                waiting[pool.submit(ANSWERERS[name], files, case.excluded)] = name, case
+                waiting[pool.submit(who[name].answer, files, case.excluded)] = name, case
             elif open_cases:
                 case = open_cases.popleft()
                 if (known := store.files(case)) is not None:
                     offer(case, known)
                 else:
-                    waiting[pool.submit(tasks.make, case)] = "make", case
+                    waiting[pool.submit(tasks.make, case)] = "", case
             else:
                 break
         if not waiting:
             return
         for future in wait(waiting, return_when=FIRST_COMPLETED).done:
             name, case = waiting.pop(future)
-            if name != "make":
+            if name:
                 write_json(store.answer_path(name, case), future.result())
                 done += 1
             elif isinstance(future.exception(), tasks.UnstableError):
                 note(f"left out: {future.exception()}")
-                done += len(who)
+                done += len(missing[case])
             else:
                 offer(case, store.put(case, future.result()))
             progress(done / total)
+
+
+def _missing(index: int, case: Case, store: Store, who: Mapping[str, Asked]) -> list[str]:
+    """Whose answers on a case are still to come."""
+    return [
+        name
+        for name, asked in who.items()
+        if (asked.most is None or index < asked.most) and not store.answer_path(name, case).exists()
+    ]

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from benchmarks.gap import devices, physics, session
 from benchmarks.gap.devices import Model
+from benchmarks.gap.disturbance import Coloured, disturbed
 from benchmarks.gap.hidden import Effect, hide, loss_probability
 from benchmarks.gap.physics import LOAD_OMEGA, LOAD_THETA, OMEGA, STATE_WORDS, THETA, Device, Loop
 
@@ -50,6 +51,7 @@ def generate(
     duration_s: float = 20.0,
     device: str = "re35",
     *,
+    coloured: Coloured | None = None,
     step_s: float = STEP_S,
     noise_counts: float = NOISE_COUNTS,
 ) -> Recording:
@@ -62,6 +64,7 @@ def generate(
         seed: of the session, the noise, the lateness and the losses; the same numbers give the same recording.
         duration_s: length.
         device: one of `devices.MODELS`.
+        coloured: a torque on the shaft that is no effect.
         step_s: longest integration step.
         noise_counts: standard deviation of the encoder's noise, in counts.
 
@@ -70,6 +73,7 @@ def generate(
     """
     nominal = devices.model(device)
     true = hide(devices.base_device(nominal), effects)
+    true = disturbed(true, coloured, nominal["plant"]["coulomb"], duration_s + 1.0, seed)
     for softness, scale in _GENTLER:
         rng = np.random.default_rng([seed, 0x6A9])
         drawn = session.draw(nominal, duration_s, rng, softness, scale)
@@ -109,7 +113,13 @@ def _loop(device: str, nominal: Model, stiffness: float) -> Loop:
     )
 
 
-def visibility(recording: Recording, effects: Sequence[Effect] | None = None, step_s: float = 2.0 * STEP_S) -> float:
+def visibility(
+    recording: Recording,
+    effects: Sequence[Effect] | None = None,
+    step_s: float = 2.0 * STEP_S,
+    *,
+    knows_coloured: bool = True,
+) -> float:
     """How far a model is off over windows of `WINDOW_S`, as a perfect observer sees it.
 
     The model is started at the true state of each window and driven by the recorded commands; of the difference of the
@@ -120,8 +130,11 @@ def visibility(recording: Recording, effects: Sequence[Effect] | None = None, st
         recording: what happened.
         effects: what the model knows of; None for the nominal model.
         step_s: longest integration step.
+        knows_coloured: whether the observer also knows the coloured torque, so that only effects count.
     """
     known = hide(devices.base_device(recording.nominal), effects or [])
+    if knows_coloured:
+        known = known._replace(coloured=recording.device.coloured, coloured_step_s=recording.device.coloured_step_s)
     n = recording.time_s.size
     length = round(WINDOW_S * recording.nominal["servo"]["rate_hz"]) + 1
     first = np.arange(0, n - length, length - 1)

@@ -65,6 +65,9 @@ class Device(NamedTuple):
     hand_off_s: float = 0.0
     ripple: NDArray[np.float64] = np.zeros((0, 3))
     """Shape (orders, 3): k per radian, amplitude, phase."""
+    coloured: NDArray[np.float64] = np.zeros(0)
+    """Torque from outside at multiples of ``coloured_step_s``, linear between; none by default."""
+    coloured_step_s: float = 1.0
 
 
 class Loop(NamedTuple):
@@ -97,6 +100,15 @@ def coulomb_level(d, t, omega, current):
 
 
 @njit(cache=True)
+def torque_from_outside(d, t):
+    """The coloured torque at time t; beyond its ends the value there."""
+    last = d.coloured.size - 1
+    at = min(max(t / d.coloured_step_s, 0.0), float(last))
+    k = min(int(at), last - 1)
+    return d.coloured[k] + (at - k) * (d.coloured[k + 1] - d.coloured[k])
+
+
+@njit(cache=True)
 def drive(d, t, theta, omega, current):
     """Torque on the motor from everything but dry friction and the joint to the load."""
     torque = d.torque_constant * current + d.bias - d.coulomb_offset
@@ -110,6 +122,8 @@ def drive(d, t, theta, omega, current):
     torque -= d.spring * (theta - d.spring_theta)
     if gripped(d, t):
         torque -= d.hand_damping * omega + d.hand_stiffness * (theta - d.hand_theta)
+    if d.coloured.size > 1:
+        torque += torque_from_outside(d, t)
     return torque
 
 

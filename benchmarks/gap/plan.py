@@ -1,24 +1,33 @@
-"""Which cases a benchmark has: drawn by seed, the same for the same options, in an order that mixes all kinds.
+"""Which cases a benchmark has. Every seed makes the same handful of cases, whatever else is asked for.
 
-Kinds: ``single`` (one hidden effect), ``pair`` (two), ``none`` (nothing hidden), ``left_out`` (one hidden effect whose
-whole exact class the workflow is not allowed to name).
+Kinds: ``single`` (one hidden effect), ``none`` (nothing hidden), ``pair`` (two), ``wrong_base`` (an effect, and one base
+parameter that is wrong by 10 to 40 %), ``left_out`` (one hidden effect whose whole exact class the workflow is not allowed
+to name). Seeds 0 to 99 are to develop on; those from 100 on are looked at once, when all is decided.
+
+Effects come in shuffled rounds of the whole catalogue, so that a hundred seeds have all of them about equally often;
+devices, strengths and files are drawn independently; every other case of a kind has a coloured torque.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from benchmarks.gap import devices
 from benchmarks.gap.cases import FORMS
+from benchmarks.gap.disturbance import CORRELATION_S, SHARES, Coloured
 from benchmarks.gap.hidden import LAWS
-from benchmarks.gap.recipes import ROTARY_ONLY, VISIBILITY
+from benchmarks.gap.recipes import ROTARY_ONLY, WEAKEST
 
 EXACT_CLASSES = (frozenset({"asymmetric_coulomb", "constant_bias"}),)
 """Effects with the very same law in other parameters."""
+
+BASE_ERRORS = ("inertia_error", "viscous_friction", "coulomb_friction", "torque_constant_error")
+"""Corrections of base parameters. All four by one factor are none at all, so any three of them can stand for the fourth."""
 
 NEAR_TIES = tuple(
     frozenset(pair)
@@ -36,12 +45,11 @@ NEAR_TIES = tuple(
         ("hand_impedance", "return_spring"),
     )
 )
-"""Pairs for which "ambiguous" is an honest answer; any other ambiguity is counted as not named."""
+"""Pairs for which "ambiguous" is an honest answer whichever comes first."""
 
-KINDS = ("single", "pair", "none", "left_out")
+KINDS = ("single", "none", "pair", "wrong_base", "left_out")
+FIRST_REPORTED_SEED = 100
 _ONE_JOINT = {"backlash", "flexible_coupling"}
-_OTHER_DEVICES = tuple(name for name in devices.MODELS if name != "re35")
-_SHARE_OF_RE35 = 0.6
 
 
 def exact_class(slug: str) -> frozenset[str]:
@@ -55,11 +63,16 @@ class Case:
 
     kind: str
     slugs: tuple[str, ...]
-    strength: str
+    """Hidden effects; the second one of a ``wrong_base`` is the wrong base parameter."""
+    strengths: tuple[float, ...]
+    """From 0.1 to 1, one for every effect that is drawn by strength."""
     seed: int
+    number: int
+    """Of the case among those of its seed."""
     device: str
     form: str
     duration_s: float
+    coloured: Coloured | None = None
 
     @property
     def name(self) -> str:
@@ -74,45 +87,79 @@ class Case:
 
 @dataclass(frozen=True)
 class Size:
-    """How many cases of each kind."""
+    """How many cases of each kind a seed makes."""
 
-    seeds: int = 4
-    """For every effect and strength."""
-    pairs: int = 60
-    none: int = 300
-    left_out: int = 2
-    """For every effect and the strengths clear and strong."""
+    single: int = 3
+    none: int = 3
+    pair: int = 1
+    wrong_base: int = 1
+    left_out: int = 1
     duration_s: float = 20.0
 
 
 FULL = Size()
-QUICK = Size(seeds=1, pairs=6, none=12, left_out=1)
+"""A hundred seeds: 300 single effects, 300 with nothing hidden, 100 of every other kind."""
+QUICK = Size(single=2, none=1)
 
 
-def draw(size: Size, seed: int = 0) -> list[Case]:
-    """All cases of a benchmark."""
+def draw(size: Size, seeds: Sequence[int]) -> list[Case]:
+    """The cases of these seeds, seed by seed."""
+    return [case for seed in seeds for case in _of_seed(size, seed)]
+
+
+def is_for_development(seed: int) -> bool:
+    """Whether a seed may be looked at as often as one likes."""
+    return seed < FIRST_REPORTED_SEED
+
+
+def _of_seed(size: Size, seed: int) -> list[Case]:
     rng = np.random.default_rng([seed, 0xB11D])
     cases: list[Case] = []
+    for kind in KINDS:
+        count = getattr(size, kind)
+        for index in range(count):
+            place = seed * count + index
+            slugs = _slugs(kind, place, rng)
+            drawn = 1 if kind == "wrong_base" else len(slugs)
+            cases.append(
+                Case(
+                    kind,
+                    slugs,
+                    tuple(round(float(rng.uniform(WEAKEST, 1.0)), 3) for _ in range(drawn)),
+                    seed,
+                    len(cases),
+                    str(rng.choice(_devices(slugs))),
+                    str(rng.choice(FORMS)),
+                    size.duration_s,
+                    _coloured(rng) if place % 2 else None,
+                )
+            )
+    return cases
 
-    def add(kind: str, slugs: tuple[str, ...], strength: str) -> None:
-        rotary = bool(set(slugs) & set(ROTARY_ONLY))
-        others = [name for name in _OTHER_DEVICES if not (rotary and devices.is_linear(devices.MODELS[name]))]
-        device = "re35" if rng.random() < _SHARE_OF_RE35 else str(rng.choice(others))
-        cases.append(
-            Case(kind, slugs, strength, int(rng.integers(2**31)), device, str(rng.choice(FORMS)), size.duration_s)
-        )
 
-    for slug in LAWS:
-        for strength in VISIBILITY:
-            for _ in range(size.seeds):
-                add("single", (slug,), strength)
-        for strength in ("clear", "strong"):
-            for _ in range(size.left_out):
-                add("left_out", (slug,), strength)
-    for _ in range(size.none):
-        add("none", (), "none")
-    while sum(case.kind == "pair" for case in cases) < size.pairs:
-        first, second = (str(slug) for slug in rng.choice(list(LAWS), 2, replace=False))
-        if second not in exact_class(first) and not {first, second} <= _ONE_JOINT:
-            add("pair", (first, second), str(rng.choice(["clear", "strong"])))
-    return [cases[index] for index in rng.permutation(len(cases))]
+def _coloured(rng: np.random.Generator) -> Coloured:
+    return Coloured(float(rng.choice(SHARES)), float(rng.choice(CORRELATION_S)))
+
+
+def _devices(slugs: Sequence[str]) -> list[str]:
+    rotary = bool(set(slugs) & set(ROTARY_ONLY))
+    return [name for name, nominal in devices.MODELS.items() if not (rotary and devices.is_linear(nominal))]
+
+
+def _slugs(kind: str, place: int, rng: np.random.Generator) -> tuple[str, ...]:
+    if kind == "none":
+        return ()
+    first = _in_rounds(kind, place)
+    if kind == "pair":
+        others = [slug for slug in LAWS if slug not in exact_class(first) and not {first, slug} <= _ONE_JOINT]
+        return first, str(rng.choice(others))
+    if kind == "wrong_base":
+        return first, str(rng.choice([slug for slug in BASE_ERRORS if slug != first]))
+    return (first,)
+
+
+def _in_rounds(kind: str, place: int) -> str:
+    """The effect at a place of an endless row of shuffled catalogues."""
+    rounds, within = divmod(place, len(LAWS))
+    shuffled = np.random.default_rng([rounds, KINDS.index(kind), 0x5EED]).permutation(list(LAWS))
+    return str(shuffled[within])

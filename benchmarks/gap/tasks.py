@@ -1,82 +1,97 @@
-"""What one worker does with one case: make it, run the workflow on it, run the peer on it.
+"""What one worker does with one case: make it, run the workflow on it, run a peer on it.
 
-The workflow and the peer get the bytes of the case's files and nothing else; the truth stays with the process that
+The workflow and the peers get the bytes of the case's files and nothing else; the truth stays with the process that
 collects. Each function is one task for a process pool or a Dask worker.
 """
 
 from __future__ import annotations
 
+import contextlib
 import importlib
-import resource
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from benchmarks.gap import recipes
+from benchmarks.gap import processes, recipes
 from benchmarks.gap.cases import Files, case_files, write_files
-from benchmarks.gap.generate import UnstableError, generate, visibility
+from benchmarks.gap.generate import STEP_S, UnstableError, generate, visibility
 from benchmarks.gap.hidden import Effect
 from benchmarks.gap.plan import Case
 
 _MOST_DRAWS = 8
+_OBSERVER_STEP_S = 4.0 * STEP_S
 
+Answer = dict[str, Any]
 Made = tuple[Files, dict[str, Any]]
 """A case's files, and its truth."""
 
 
 def make(case: Case) -> Made:
-    """Draw the effects of a case at the strength asked for, and record them.
+    """Draw the effects of a case at the strengths asked for, and a session, and record them.
 
     Raises:
         UnstableError: no draw leaves the session possible.
     """
     for attempt in range(_MOST_DRAWS):
-        rng = np.random.default_rng([case.seed, attempt])
+        session = int(np.random.SeedSequence([case.seed, case.number, attempt]).generate_state(1)[0])
+        rng = np.random.default_rng([case.seed, case.number, attempt])
         try:
-            effects = [_sized(case, slug, rng) for slug in case.slugs]
-            recording = generate(effects, case.seed, case.duration_s, case.device)
+            effects = _effects(case, session, rng)
+            recording = generate(effects, session, case.duration_s, case.device, coloured=case.coloured)
         except UnstableError:
             continue
-        alone = [visibility(recording, [other for other in effects if other is not effect]) for effect in effects]
+        others = [[other for other in effects if other is not effect] for effect in effects]
         truth = {
             "kind": case.kind,
             "slugs": list(case.slugs),
-            "strength": case.strength,
+            "strengths": list(case.strengths),
             "seed": case.seed,
+            "number": case.number,
+            "draws": attempt + 1,
             "device": case.device,
             "form": case.form,
+            "coloured": case.coloured._asdict() if case.coloured else None,
             "effects": effects,
-            "visibility": visibility(recording),
-            "visibility_beside_the_others": alone,
+            "visibility": [visibility(recording, known, _OBSERVER_STEP_S) for known in others],
+            "visibility_of_coloured": visibility(recording, effects, _OBSERVER_STEP_S, knows_coloured=False)
+            if case.coloured
+            else 0.0,
             "stiffness": recording.stiffness,
-            "coulomb": recording.nominal["plant"]["coulomb"],
+            "coulomb": recording.device.coulomb,
         }
         return case_files(recording, case.form), truth
     raise UnstableError(f"{' and '.join(case.slugs)} on {case.device}, seed {case.seed}: no draw of {_MOST_DRAWS}")
 
 
-def _sized(case: Case, slug: str, rng: np.random.Generator) -> Effect:
-    recipe = recipes.draw(slug, case.device, rng, case.duration_s)
-    return recipes.sized(recipe, recipes.VISIBILITY[case.strength], case.seed, case.duration_s, case.device)[0]
+def _effects(case: Case, session: int, rng: np.random.Generator) -> list[Effect]:
+    """Raises UnstableError where the session is too much for the device as it is."""
+    if not case.slugs:
+        return []
+    scale = recipes.scale_of(case.device, session, case.duration_s)
+    by_strength = case.slugs[:1] if case.kind == "wrong_base" else case.slugs
+    found = [
+        recipes.draw(slug, scale, rng)(strength) for slug, strength in zip(by_strength, case.strengths, strict=True)
+    ]
+    return [*found, recipes.wrong_base(case.slugs[1], rng)] if case.kind == "wrong_base" else found
 
 
-def timed(answer: Callable[[Path], dict[str, Any]], files: Files) -> dict[str, Any]:
+def timed(answer: Callable[[Path], Answer], files: Files) -> Answer:
     """Give the files of a case to something that answers, in a folder of their own; an exception is an answer too."""
+    processes.forget_peak_memory()
     with tempfile.TemporaryDirectory(prefix="gap-") as folder:
         write_files(Path(folder), files)
-        begin = time.perf_counter()
+        begin, processor_begin = time.perf_counter(), time.process_time()
         try:
             found = answer(Path(folder))
         except Exception:
             found = {"error": traceback.format_exc(limit=-6)}
-        spent = time.perf_counter() - begin
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0
-    return {**found, "wall_s": spent, "peak_memory_MB": memory}
+        spent = {"wall_s": time.perf_counter() - begin, "processor_s": time.process_time() - processor_begin}
+    return {**spent, "peak_memory_MB": processes.peak_memory_mb(), **found}
 
 
 def run_file(folder: Path) -> Path:
@@ -84,25 +99,49 @@ def run_file(folder: Path) -> Path:
     return next(folder.glob("run.*"))
 
 
-def workflow(files: Files, excluded: Sequence[str] = ()) -> dict[str, Any]:
-    """What hapticd's gap workflow answers, as gap.json has it, and the time it took."""
+def workflow(files: Files, excluded: Sequence[str] = (), constants: Mapping[str, float] | None = None) -> Answer:
+    """What hapticd's gap workflow answers, as gap.json has it, and the time it took.
 
-    def answer(folder: Path) -> dict[str, Any]:
-        from hapticd.config import EFFECT_SLUGS, load_config
-
-        gap = importlib.import_module("hapticd.gap")
-        data = importlib.import_module("hapticd.gap.data")
-        model = load_config(folder / "model.yaml")
-        candidates = [slug for slug in EFFECT_SLUGS if slug not in excluded] if excluded else None
-        recordings = [data.load_recording(run_file(folder), model)]
-        found: dict[str, Any] = gap.find_gap(recordings, model, candidates=candidates, design=False).to_json()
-        return found
-
-    return timed(answer, files)
+    Args:
+        files: of the case.
+        excluded: slugs that it may not name.
+        constants: values of `hapticd.gap.constants` that are changed for this answer.
+    """
+    return timed(lambda folder: find(folder, excluded, constants), files)
 
 
-def peer(files: Files, excluded: Sequence[str] = ()) -> dict[str, Any]:
+def find(folder: Path, excluded: Sequence[str] = (), constants: Mapping[str, float] | None = None) -> Answer:
+    """The workflow's answer on a case's folder, through its public call."""
+    from hapticd.config import EFFECT_SLUGS, load_config
+    from hapticd.gap import find_gap
+    from hapticd.gap.data import load_recording
+
+    model = load_config(folder / "model.yaml")
+    candidates = [slug for slug in EFFECT_SLUGS if slug not in excluded] if excluded else None
+    recording = load_recording(run_file(folder), model)
+    with changed_constants(constants or {}):
+        return find_gap([recording], model, candidates=candidates, refit_base=False).to_json()
+
+
+@contextlib.contextmanager
+def changed_constants(values: Mapping[str, float]) -> Iterator[None]:
+    """The workflow's constants with other values, in this process, for as long as the block lasts."""
+    if not values:
+        yield
+        return
+    module = importlib.import_module("hapticd.gap.constants")
+    kept = {name: getattr(module, name) for name in values}
+    try:
+        for name, value in values.items():
+            setattr(module, name, value)
+        yield
+    finally:
+        for name, value in kept.items():
+            setattr(module, name, value)
+
+
+def sindy(files: Files, excluded: Sequence[str] = ()) -> Answer:
     """What sparse regression with PySINDy answers, and the time it took; it has no use for excluded names."""
-    from benchmarks.gap.peer import identify
+    from benchmarks.gap.sindy import identify
 
     return timed(identify, files)

@@ -17,6 +17,7 @@ import yaml
 from numpy.typing import NDArray
 
 from benchmarks.gap import devices
+from benchmarks.gap.plan import exact_class
 from benchmarks.gap.tasks import run_file
 
 Floats = NDArray[np.float64]
@@ -159,6 +160,11 @@ def identify(folder: Path) -> dict[str, Any]:
     return {
         "verdict": "effect_found" if named else "no_missing_effect",
         "effects": named,
+        # A column stands for every effect with the same law; parameters have no intervals.
+        "steps": [
+            {"effect": name, "parameters": {}, "indistinguishable_from": sorted(exact_class(name) - {name})}
+            for name in named
+        ],
         "parts": parts,
         "optimizer": kind,
         "threshold": float(threshold),

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.gap import cases, peer
+from benchmarks.gap import cases, sindy
 from benchmarks.gap.generate import generate
 from benchmarks.gap.hidden import Effect
 
@@ -24,6 +24,6 @@ pytest.importorskip("pysindy", reason="needs the peer: pip install '.[bench]'")
 )
 def test_it_names_a_large_effect_of_its_library_first(effect: Effect, tmp_path: Path) -> None:
     cases.write_files(tmp_path, cases.case_files(generate([effect], 3, 10.0), "parquet"))
-    found = peer.identify(tmp_path)
+    found = sindy.identify(tmp_path)
     assert found["verdict"] == "effect_found"
     assert found["effects"][0] == effect["name"], found
