@@ -36,7 +36,10 @@ _DAEMON_FOLDERS = (
     "drivers",
 )
 # The simulated hardware compiles against the plant alone: an edit on one side leaves the other side's code as it is.
-_FOLDERS = {"sim_hw": ("hapticd/effects", "hapticd/plant", "sim_hw")}
+_FOLDERS = {
+    "sim_hw": ("hapticd/effects", "hapticd/plant", "sim_hw"),
+    "hapticd.gap.kernel": ("hapticd/effects", "hapticd/plant", "hapticd/gap/kernel"),
+}
 
 
 @functools.cache
@@ -50,9 +53,9 @@ def _source_digest(folders: tuple[str, ...]) -> str:
     return digest.hexdigest()[:16]
 
 
-def _cache_folder(package: str = "") -> Path:
-    """Folder of a package's compiled code: in ``$NUMBA_CACHE_DIR``, systemd's ``$CACHE_DIRECTORY``, or the user's cache."""
-    digest = _source_digest(_FOLDERS.get(package, _DAEMON_FOLDERS))
+def _cache_folder(room: str = "") -> Path:
+    """Folder of a room's compiled code: in ``$NUMBA_CACHE_DIR``, systemd's ``$CACHE_DIRECTORY``, or the user's cache."""
+    digest = _source_digest(_FOLDERS.get(room, _DAEMON_FOLDERS))
     for variable in ("NUMBA_CACHE_DIR", "CACHE_DIRECTORY"):
         if value := os.environ.get(variable):
             return Path(value.split(":")[0]) / f"hapticd-{digest}"
@@ -67,7 +70,8 @@ numba.config.CACHE_DIR = str(_cache_folder())
 def _cached(function: Callable[..., Any]) -> Iterator[None]:
     """Numba asks for its cache's folder once, when it decorates a function."""
     before = numba.config.CACHE_DIR
-    numba.config.CACHE_DIR = str(_cache_folder(function.__module__.partition(".")[0]))
+    room = next((room for room in _FOLDERS if function.__module__.startswith(f"{room}.")), "")
+    numba.config.CACHE_DIR = str(_cache_folder(room))
     try:
         yield
     finally:

@@ -51,7 +51,6 @@ EffectOption = Annotated[
         "--effect", metavar="SLUG", show_default=False, help="Consider only this effect of the catalogue. Repeatable."
     ),
 ]
-SeedOption = Annotated[int, typer.Option("--seed", min=0, help="Seed of everything random.")]
 LiveOption = Annotated[
     bool, typer.Option("--live", help="Make the recordings now, with the running daemon; takes no RUN.")
 ]
@@ -72,7 +71,6 @@ def gap(
     model: ModelOption = None,
     refit_base: RefitOption = False,
     effect: EffectOption = None,
-    seed: SeedOption = 0,
     live: LiveOption = False,
     excite: ExciteOption = None,
     socket: SocketOption = None,
@@ -81,14 +79,16 @@ def gap(
 ) -> int:
     """Find where model and measurement disagree, name what is missing, add it, and show the gap shrink.
 
-    Predicts every short window of the recordings from the recorded current, finds where the prediction fails, and tries
-    every effect of the catalogue (docs/effects) on windows that it was not fitted to. What helps significantly is added to
-    the model, until nothing does. The answer is one of: effect_found; no_missing_effect; ambiguous, with the experiment that
-    would tell; unexplained, something is missing that has no name here.
+    Asks of every encoder count how likely it is, given those before it, the recorded current and the model; what the model
+    lacks shows as a disturbance torque. Every effect of the catalogue (docs/effects) is tried on data that it was not fitted
+    to, and what helps significantly is added to the model, until nothing does. The answer is one of: effect_found;
+    partly_explained, named, and something is left; no_missing_effect; ambiguous, with the experiment that would tell;
+    unexplained, something is missing that has no name here.
 
     Written into DIR: report.html, for people; model.yaml, the improved model, which simulate, check and the simulated
     hardware take; gap.json; and next_experiment.yaml, which 'hapticd excite' runs, where the answer is open. Files appear
-    when all are finished: Ctrl-C leaves DIR as it was.
+    when all are finished. Ctrl-C ends the search, and what has been named until then is written; before that DIR stays as it
+    was.
 
     With --live the daemon excites the device and records; where the answer is open, the designed experiment follows, and
     the answer is sought in both recordings. Ctrl-C stops the daemon. Default model: the daemon's config.
@@ -116,7 +116,6 @@ def gap(
                 nominal,
                 refit_base=refit_base,
                 candidates=effect,
-                seed=seed,
                 progress=lambda fraction, what: bar(fraction),
             )
         document.update(write_outputs(result, recordings, nominal, out))
@@ -129,6 +128,8 @@ def gap(
     output.emit(document, as_json, describe(document, out))
     for warning in document["warnings"] if live else ():
         output.note(f"warning: {warning}")
+    if result.interrupted:
+        return exits.INTERRUPTED
     return exits.NO if result.verdict == "unexplained" else exits.DONE
 
 
@@ -176,29 +177,40 @@ def _model(run: Path, model: str | None, assignments: list[str] | None) -> Confi
 
 
 def describe(document: dict[str, Any], out: Path) -> str:
-    """A few lines about what was found."""
-    held_out = document["gap"]["held_out"]
-    lines = [f"{document['verdict']}: {document['statement']}"]
+    """A few lines about what was found, from the content of gap.json."""
+    from hapticd.gap import words
+
+    gap = document["gap"]
+    held_out, unit = gap["held_out"], gap["unit"]
+    lines = [f"timing of the data: {words.timing(document)}"] if words.timing_is_off(document) else []
+    lines.append(f"{document['verdict']}: {document['statement']}")
     for step in document["steps"]:
-        values = ", ".join(
-            f"{name} = {estimate['value']:.4g} ({estimate['ci95'][0]:.4g} … {estimate['ci95'][1]:.4g})"
-            + (f" {estimate['unit']}" if estimate["unit"] else "")
-            for name, estimate in step["parameters"].items()
-        )
-        lines.append(f"  {step['effect']}: {values}")
-        if step["indistinguishable_from"]:
-            lines.append(f"    not told from {', '.join(step['indistinguishable_from'])} by these data")
-    if document["verdict"] == "unexplained" and (words := document["balance"].get("words")):
-        lines.append(f"forces: {words}")
-    lines += [f"where: {entry.get('words', entry['coordinate'])}" for entry in document["where"][:3]]
+        values = [*words.chosen(step), *(f"{name} = {_estimate(value)}" for name, value in step["parameters"].items())]
+        lines.append(f"  {step['effect']}: {', '.join(values)}")
+        lines.append(f"    {step['evidence']:.1f} standard errors; {words.behind(step)}")
+    lines += [f"  {name} refitted: {_estimate(value)}" for name, value in document["base"].items()]
+    lines += [f"where: {place}" for place in words.places(document["where"], unit)]
     lines.append(
-        f"gap on held-out data: {held_out['before']:.3g} before, {held_out['after']:.3g} after; 1 is as good as they allow"
+        f"missing force on held-out data: {held_out['before']:.3g} {unit} before, {held_out['after']:.3g} {unit} after; "
+        f"noise alone reads {gap['noise_floor']:.2g} {unit}"
     )
+    lines += [f"predicted {sentence}" for sentence in words.predictions(document)]
+    left = document["remainder"]["words"]
+    if document["verdict"] != "no_missing_effect" and left not in document["statement"]:
+        lines.append(f"left: {left}")
     lines += [f"for you: {sentence}" for sentence in document["consequences"]["words"]]
-    if (document["next_experiment"] or {}).get("file"):
-        lines.append(f"next: hapticd excite {out / 'next_experiment.yaml'}")
+    if planned := document["next_experiment"]:
+        lines.append(f"next: {planned['words']}")
+        if planned["file"]:
+            lines.append(f"next: hapticd excite {out / planned['file']}")
     lines.append(f"{out / 'report.html'}, {out / 'model.yaml'}")
     return "\n".join(lines)
+
+
+def _estimate(estimate: dict[str, Any]) -> str:
+    low, high = estimate["ci95"]
+    text = f"{estimate['value']:.4g} ({low:.4g} … {high:.4g})"
+    return f"{text} {estimate['unit']}" if estimate["unit"] else text
 
 
 def add_to(app: typer.Typer) -> None:

@@ -15,9 +15,9 @@ def common_velocity(motor_inertia: float, omega: float, load_inertia: float, loa
 
 def _grid(scale: Scale) -> Iterable[Values]:
     return [
-        {"gap": counts * scale.resolution, "load_share": share}
-        for counts in log_grid(4.0, 400.0, 7)
-        for share in (0.2, 0.4, 0.6)
+        {"gap": counts * scale.resolution, "load_share": share, "restitution": 0.3}
+        for counts in log_grid(4.0, 400.0, 9)
+        for share in (0.25, 0.5)
     ]
 
 

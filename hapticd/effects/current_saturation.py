@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
+from hapticd.effects.parameters import log_grid
 from hapticd.effects.spec import Effect, Notes, Parameter, Scale, Values
 
 
@@ -14,7 +15,8 @@ def saturate(current: float, i_max: float) -> float:
 
 
 def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"i_max": current} for current in scale.currents if current > 0.0]
+    largest = scale.currents[-1]
+    return [{"i_max": current} for current in log_grid(max(scale.currents[0], 0.02 * largest), 0.995 * largest, 80)]
 
 
 EFFECT = Effect(

@@ -18,7 +18,7 @@ def on_grid(current: float, q: float) -> float:
 
 def _grid(scale: Scale) -> Iterable[Values]:
     largest = scale.currents[-1]
-    return [{"q": q} for q in log_grid(1e-3 * largest, 0.8 * largest, 10)]
+    return [{"q": q} for q in log_grid(3e-3 * largest, 0.8 * largest, 400)]
 
 
 EFFECT = Effect(

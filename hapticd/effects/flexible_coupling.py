@@ -11,9 +11,8 @@ from hapticd.effects.spec import Effect, Notes, Parameter, Scale, Values
 
 def _grid(scale: Scale) -> Iterable[Values]:
     return [
-        {"f_r": f_r, "load_share": share, "damping": 0.05}
-        for f_r in log_grid(max(0.5, 0.003 / scale.period_s), 0.15 / scale.period_s, 14)
-        for share in (0.2, 0.5)
+        {"f_r": f_r, "load_share": 0.35, "damping": 0.05}
+        for f_r in log_grid(max(0.5, 0.003 / scale.period_s), 0.15 / scale.period_s, 18)
     ]
 
 

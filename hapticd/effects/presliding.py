@@ -26,7 +26,7 @@ def _grid(scale: Scale) -> Iterable[Values]:
         breakaway = counts * scale.resolution
         # Damping ratio ½ of the shaft on the bristle.
         half_damped = math.sqrt(scale.coulomb / breakaway * scale.inertia)
-        starts += [{"breakaway": breakaway, "sigma_1": sigma_1} for sigma_1 in (half_damped, 0.0)]
+        starts += [{"breakaway": breakaway, "sigma_1": sigma_1} for sigma_1 in (half_damped, 0.05 * half_damped)]
     return starts
 
 

@@ -2,8 +2,8 @@
 
 Optimal design for discrimination between rival models (Atkinson and Fedorov 1975): of all experiments that may be run, take
 the one in which the rival that fits the other's data best still fits them worst. Here the experiments are few enough to be
-tried one by one in simulation, safety trips and quantisation included, and the measure is the one by which the recorded data
-will be judged: held-out standard errors.
+tried one by one in simulation, safety trips and quantisation included (`trial.py`), and the measure is the one by which the
+recorded data will be judged: standard errors of the log-likelihood.
 """
 
 from __future__ import annotations
@@ -11,20 +11,21 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from hapticd.gap import options
-from hapticd.gap.rivals import HAND, Rival, pairs
-from hapticd.gap.ties import RESOLVED
-from hapticd.gap.trial import separation
+from hapticd.gap import constants, options
+from hapticd.gap.search import evidence
+from hapticd.gap.trial import HAND, Rival, rival_of, separation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hapticd.config import Config
+    from hapticd.gap.search import Round
     from hapticd.servo.experiment import Experiment
 
 FILE = "next_experiment.yaml"
 MOST_RIVALS = 3
-_WANTED = 2.0 * RESOLVED
+"""Laws of one round that an experiment should set apart: the one that was taken and the next best."""
+_WANTED = 2.0 * constants.TIE
 _HOPELESS = 1.0
 """Expected standard errors below which an experiment is a waste of time."""
 _SHORTEST_S, _LONGEST_S = 4.0, 30.0
@@ -42,83 +43,110 @@ class Scored:
 
 
 def next_experiment(
-    model: Config,
-    rivals: Sequence[Rival],
-    noise: float,
-    now: float,
-    told: Callable[[float, str], None],
-    seed: int = 0,
+    model: Config, rounds: Sequence[Round], told: Callable[[float, str], None], base: int = 0
 ) -> dict[str, Any] | None:
-    """Design the experiment that separates rivals best.
+    """Design the experiment that separates best what the rounds of a search left tied.
 
     Args:
         model: loop, limits and nominal device.
-        rivals: what the data cannot tell apart, the best first.
-        noise: standard deviation of a position sample beyond quantisation, rad or m.
-        now: standard errors by which the data at hand separate them.
+        rounds: of the search.
         told: told(share done, what is being done).
-        seed: of everything random.
+        base: number of terms of every hypothesis, the first ones, that are base parameters.
 
     Returns:
-        ``next_experiment`` of gap.json; None where fewer than two can be simulated.
+        ``next_experiment`` of gap.json; None where nothing is tied.
     """
-    if len(rivals) < 2:
+    tied = [stage for stage in rounds if stage.tied]
+    if not tied:
         return None
-    rivals = rivals[:MOST_RIVALS]
-    found = design(model, rivals, noise, told, seed)
-    names = [rival.slug for rival in rivals]
-    listed = f"{', '.join(names[:-1])} and {names[-1]}"
-    nothing = {"separates": names, "now": now, "experiment": None, "file": None}
+    groups = [_rivals(model, stage, rounds[-1], base) for stage in tied]
+    names = [[stage.taken.slug, *stage.tied[: MOST_RIVALS - 1]] for stage in tied]
+    listed = "; ".join(f"{', '.join(group[:-1])} and {group[-1]}" for group in names)
+    separates = list(dict.fromkeys(name for group in names for name in group))
+    now = min(_now(stage) for stage in tied)
+    nothing = {"separates": separates, "now": now, "experiment": None, "file": None}
+    found = design(model, [pair for group in groups for pair in pairs(group)], told)
+    simpler = f"prefer the simpler law, {' and '.join(_simplest(stage) for stage in tied)}."
     if found is None:
-        words = f"No experiment that the limits admit moves the shaft: {listed} cannot be told apart on this device."
+        words = f"No experiment that the limits admit tells {listed} apart on this device; {simpler}"
         return {"words": words, "expected": None, **nothing}
     if found.expected < _HOPELESS:
         words = (
-            f"With the values that fit, {listed} are the same device to every experiment that the limits admit; "
-            "take the one with fewer parameters."
+            f"With the values that fit, {listed} are one device to every experiment that the limits admit; {simpler}"
         )
         return {"words": words, "expected": found.expected, **nothing}
     words = (
         f"Play {found.experiment.describe(model.is_linear)}: expected separation of {listed}: {found.expected:.1f} "
-        f"standard errors (these data: {now:.1f}; {RESOLVED:g} are needed)."
+        f"standard errors (these data: {now:.1f}; {constants.TIE:g} are needed)."
     )
-    if found.expected < RESOLVED:
-        words += " It is the best that the limits of the config admit, and may not be enough."
-    if HAND in names:
+    if found.expected < constants.TIE:
+        words += f" It is the best that the limits of the config admit, and may not be enough: until then {simpler}"
+    if HAND in separates:
         words += " Nobody may hold the handle."
     plan = {"experiment": found.experiment.document(), "file": FILE}
-    return {"words": words, "separates": names, "expected": found.expected, "now": now, **plan}
+    return {"words": words, "separates": separates, "expected": found.expected, "now": now, **plan}
 
 
-def design(
-    model: Config, rivals: Sequence[Rival], noise: float, told: Callable[[float, str], None], seed: int = 0
-) -> Scored | None:
-    """The best experiment; arguments as in `next_experiment`. None where none may be run at all."""
-    tests = pairs(rivals)
+def _rivals(model: Config, stage: Round, last: Round, base: int) -> list[Rival]:
+    """The effect that a round took and those tied with it, as far as a device can have them."""
+    tied = [contender for contender in stage.contenders if contender.slug in stage.tied[: MOST_RIVALS - 1]]
+    final = last.taken.judged.fit
+    found = [rival_of(model, one.judged.fit, final, one.slug, base) for one in (stage.taken, *tied)]
+    return [rival for rival in found if rival is not None]
+
+
+def _now(stage: Round) -> float:
+    """Standard errors by which the data at hand separate the tied effects of a stage."""
+    tied = [contender for contender in stage.contenders if contender.slug in stage.tied]
+    return max(min(float(evidence(stage.taken.judged, other.judged)[1]) for other in tied), 0.0)
+
+
+def _simplest(stage: Round) -> str:
+    """Of the tied effects of a round the one with the fewest parameters."""
+    among = [one for one in stage.contenders if one.slug in (stage.taken.slug, *stage.tied)]
+    return min(among, key=lambda one: len(one.judged.fit.terms[-1].coordinates)).slug
+
+
+def pairs(rivals: Sequence[Rival]) -> list[tuple[Rival, Rival]]:
+    """(what is true, what else is claimed): the first rival against each other one, and the other way stage."""
+    return [pair for other in rivals[1:] for pair in ((rivals[0], other), (other, rivals[0]))]
+
+
+def design(model: Config, tests: Sequence[tuple[Rival, Rival]], told: Callable[[float, str], None]) -> Scored | None:
+    """The experiment that separates all pairs best in the worst case; None where none may be run at all.
+
+    Args:
+        model: loop and limits. tests: (what is true, what is claimed). told: as in `next_experiment`.
+    """
+    if not tests:
+        return None
     tried = options.shapes(model)
     most = len(tried) + _BEST * 3 + 1
     done = 0
 
-    def score(experiments: Sequence[Experiment]) -> list[Scored]:
+    def score(experiments: Sequence[Experiment], enough: int) -> list[Scored]:
+        """The best ones; what is worse than `enough` others is not looked at to its end."""
         nonlocal done
-        results = []
+        results: list[Scored] = []
         for experiment in experiments:
             told(done / most, f"trying {experiment.excitation}")
             done += 1
-            expected = separation(experiment, tests, noise, seed)
+            least = results[enough - 1].expected if len(results) >= enough else 0.0
+            expected = separation(experiment, tests, least)
             if expected is not None:
                 results.append(Scored(experiment, expected))
-        return sorted(results, key=lambda scored: -scored.expected)
+                results.sort(key=lambda scored: -scored.expected)
+        return results
 
-    plain = score(tried)
+    plain = score(tried, _BEST)
     if not plain:
         return None
-    changed = score([other for best in plain[:_BEST] for other in options.with_settings(model, best.experiment)])
+    changed = score([other for best in plain[:_BEST] for other in options.with_settings(model, best.experiment)], 1)
     best = plain[0]
     if changed and changed[0].expected > _WORTH_IT * best.expected:
         best = changed[0]
     # Standard errors grow with the root of the time.
     needed = options.TRIAL_S * (_WANTED / max(best.expected, 0.1)) ** 2
     duration_s = float(round(min(max(needed, _SHORTEST_S), _LONGEST_S)))
-    longer = score([replace(best.experiment, duration_s=duration_s)])
+    longer = score([replace(best.experiment, duration_s=duration_s)], 1)
     return longer[0] if longer else best

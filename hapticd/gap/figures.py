@@ -1,121 +1,246 @@
-"""The figures of the gap report."""
+"""The figures of the gap report: the missing force before and after, against time and against what it may depend on."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
-from matplotlib.ticker import NullFormatter
+from numpy.typing import NDArray
 
+from hapticd.gap.missing import since_reversal
+from hapticd.gap.words import is_linear, unit_of
 from hapticd.reproduce.style import BLUE, GREY, ORANGE, new_figure
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from hapticd.gap.profile import Profile
     from hapticd.gap.result import GapResult, Step
-    from hapticd.gap.traces import Trace
+
+Floats = NDArray[np.float64]
 
 _WIDTH: Final = 9.0
-_BINS: Final = 120
-_DECADE: Final = 15.0
-"""Ranges beyond this have labels at powers of ten only."""
+_COLUMNS: Final = 700
+"""Points of a line over time: what a figure of this width can show."""
+_BINS: Final = 18
+"""Of equal width, and as many again of equal numbers of samples."""
+_CLOSE: Final = 0.03
+"""Share of the highest speed at which a label would run into that of 0."""
+_FLOORS: Final = 3.0
+_FEWEST: Final = 10
+"""Samples that a bin needs."""
+_PREFIXES: Final = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
-def _plain(value: float, _: object) -> str:
-    return f"{value:g}"
+def _prefix(values: Sequence[Floats], unit: str, floor: float) -> tuple[float, str]:
+    """Factor and unit with which values have few digits before the point and few zeros behind it.
+
+    Args:
+        values: to be shown. unit: theirs. floor: what noise alone reads, which is shown in any case.
+    """
+    known = [part[np.isfinite(part)] for part in values]
+    largest = max((float(np.abs(part).max()) for part in known if part.size), default=0.0)
+    for size, letter in _PREFIXES:
+        if max(largest, floor) >= size:
+            return 1.0 / size, f"{letter}{unit}"
+    return 1.0, unit
 
 
-def gap_over_time(traces: Sequence[Trace]) -> Figure:
-    """The held-out gap of every window, before and after, and its distribution."""
-    figure = new_figure(_WIDTH, 2.6 * max(1, len(traces)))
-    axes = figure.subplots(max(1, len(traces)), 2, squeeze=False, width_ratios=(3, 1))
-    top = max((float(np.quantile(trace.before, 0.995)) for trace in traces), default=2.0)
-    bins = np.geomspace(0.2, max(top, 2.0), 60)
-    for (over_time, spread), trace in zip(axes, traces, strict=False):
-        for values, colour, label in ((trace.before, ORANGE, "before"), (trace.after, BLUE, "after")):
-            time_s, level = _thinned(trace.time_s, values)
-            over_time.plot(time_s, level, color=colour, lw=1.0, label=label)
-            spread.hist(values, bins=bins.tolist(), color=colour, alpha=0.6, orientation="horizontal")
-        for axis in (over_time, spread):
-            axis.axhline(1.0, color=GREY, lw=1.0, ls="--")
-            axis.set_yscale("log")
-            axis.set_ylim(bins[0], bins[-1])
-            axis.yaxis.set_major_formatter(_plain)
-            axis.yaxis.set_minor_formatter(NullFormatter() if bins[-1] / bins[0] > _DECADE else _plain)
-        over_time.set_title(
-            f"{trace.name}: prediction error over noise, each window predicted by a model not fitted to it"
+def _with_floor(axis: Axes, floor: float) -> None:
+    """Show at least a few times what noise alone reads: less is nothing, however it looks."""
+    low, high = axis.get_ylim()
+    axis.set_ylim(min(low, -_FLOORS * floor), max(high, _FLOORS * floor))
+
+
+def over_time(profiles: Sequence[Profile], unit: str, floor: float) -> Figure:
+    """The missing force of every recording sample by sample, with ± one standard deviation of what is left."""
+    figure = new_figure(_WIDTH, 2.6 * len(profiles))
+    axes = figure.subplots(len(profiles), 1, squeeze=False)[:, 0]
+    for axis, profile in zip(axes, profiles, strict=True):
+        parts = np.array_split(np.arange(profile.time_s.size), min(_COLUMNS, profile.time_s.size))
+        time_s = np.array([profile.time_s[part].mean() for part in parts])
+        before, after, deviation = (
+            _thinned(values, profile.moves, parts) for values in (profile.before, profile.after, profile.deviation)
         )
-        over_time.set_xlabel("s")
-        spread.set_xlabel("windows")
-    if traces:
-        axes[0, 0].legend(ncols=2)
+        factor, label = _prefix([before, after], unit, floor)
+        axis.plot(time_s, factor * before, color=ORANGE, lw=1.0, label="model as given")
+        axis.fill_between(
+            time_s, factor * (after - deviation), factor * (after + deviation), color=BLUE, alpha=0.25, lw=0
+        )
+        axis.plot(time_s, factor * after, color=BLUE, lw=1.0, label="improved model, ± 1 standard deviation")
+        for end in (-floor, floor):
+            axis.axhline(factor * end, color=GREY, lw=0.8, ls="--", label="noise alone" if end > 0.0 else None)
+        _with_floor(axis, factor * floor)
+        axis.set_title(f"{profile.name}: missing force")
+        axis.set_ylabel(label)
+        axis.set_xlabel("s")
+    axes[0].legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
     return figure
 
 
-def _thinned(time_s: Any, values: Any) -> tuple[Any, Any]:
-    """RMS over stretches, so that a long run stays legible."""
-    parts = min(_BINS, len(values))
-    rms = [float(np.sqrt(np.mean(np.square(part)))) for part in np.array_split(values, parts)]
-    return [float(np.mean(part)) for part in np.array_split(time_s, parts)], rms
+def _thinned(values: Floats, moves: NDArray[np.bool_], parts: Sequence[NDArray[np.intp]]) -> Floats:
+    """Mean of each part's moving samples; not a number where it rests."""
+    return np.array([values[part][moves[part]].mean() if moves[part].any() else np.nan for part in parts])
 
 
-def excerpts(trace: Trace, is_linear: bool) -> Figure:
-    """The windows that gained most, in full."""
-    shown = trace.excerpts
-    figure = new_figure(_WIDTH, 2.7)
-    axes = figure.subplots(1, max(1, len(shown)), squeeze=False)[0]
-    scale, unit = (1e6, "µm") if is_linear else (1e3, "mrad")
-    for axis, one in zip(axes, shown, strict=False):
-        axis.plot(one.time_s * 1e3, one.observed * scale, ".", color=GREY, ms=3.5, label="measured")
-        axis.plot(one.time_s * 1e3, one.before * scale, color=ORANGE, lw=1.2, label="model as given")
-        axis.plot(one.time_s * 1e3, one.after * scale, color=BLUE, lw=1.2, label="improved model")
-        axis.set_title(f"at {one.start_s:.2f} s")
-        axis.set_xlabel("ms")
-    axes[0].set_ylabel(unit)
+@dataclass(frozen=True)
+class _Axis:
+    """What a missing force is laid over.
+
+    Attributes:
+        name: coordinate. values: of a recording, shape (n,). against: whether the force is counted along the motion, so that
+            friction reads the same both ways. scale: of the axis; "root" shows low speeds beside the fastest motion.
+    """
+
+    name: str
+    values: Callable[[Profile], Floats]
+    against: bool = False
+    scale: Literal["linear", "log", "root"] = "linear"
+
+
+def _way(profile: Profile) -> Floats:
+    return since_reversal(profile.velocity, profile.position, profile.moves)
+
+
+def _rate(values: Floats, profile: Profile) -> Floats:
+    return np.asarray(np.gradient(values, profile.time_s))
+
+
+_AXES: Final = {
+    axis.name: axis
+    for axis in (
+        _Axis("position", lambda p: p.position),
+        _Axis("velocity", lambda p: p.velocity, scale="root"),
+        _Axis("current", lambda p: p.current),
+        _Axis("time", lambda p: p.time_s),
+        _Axis("acceleration", lambda p: _rate(p.velocity, p)),
+        _Axis("change of the current", lambda p: _rate(p.current, p)),
+        _Axis("speed, against the motion", lambda p: np.abs(p.velocity), True, "root"),
+        _Axis("time, against the motion", lambda p: p.time_s, True),
+        _Axis("position, against the motion", lambda p: p.position, True),
+        _Axis("way since a reversal, against the motion", _way, True, "log"),
+    )
+}
+_SHOWN: Final = ("position", "velocity", "current")
+
+
+def laws(profiles: Sequence[Profile], unit: str, floor: float) -> Figure:
+    """The missing force against position, velocity and current: the law that was missing, and that it is gone."""
+    figure = new_figure(_WIDTH, 3.0)
+    axes = figure.subplots(1, len(_SHOWN), sharey=True)
+    factor, label = _prefix([_pooled(profiles, lambda p: p.before)], unit, floor)
+    for axis, name in zip(axes, _SHOWN, strict=True):
+        for part, colour, words in (("before", ORANGE, "model as given"), ("after", BLUE, "improved model")):
+            _band(axis, profiles, _AXES[name], part, factor, colour, words)
+        axis.axhline(0.0, color=GREY, lw=0.8)
+        axis.set_xlabel(_labelled(name, unit))
+    _with_floor(axes[0], factor * floor)
+    axes[0].set_ylabel(f"missing force, {label}")
     axes[0].legend()
     return figure
 
 
-def where(entries: Sequence[Mapping[str, Any]]) -> Figure:
-    """What share of the disagreement each coordinate accounts for."""
-    shown = sorted(entries, key=lambda entry: float(entry["share"]))
-    figure = new_figure(_WIDTH, 0.6 + 0.32 * len(shown))
-    axis = figure.subplots()
-    axis.barh([_label(entry) for entry in shown], [100.0 * float(entry["share"]) for entry in shown], color=ORANGE)
-    axis.set_xlabel("% of the disagreement")
+def left(profiles: Sequence[Profile], coordinate: str, unit: str, floor: float) -> Figure:
+    """What is left against the coordinate that it depends on most."""
+    axis = _AXES[coordinate]
+    figure = new_figure(_WIDTH, 3.0)
+    panel = figure.subplots()
+    factor, label = _prefix([_binned(profiles, axis, "after")[1]], unit, floor)
+    _band(panel, profiles, axis, "after", factor, BLUE, "left by the improved model")
+    panel.axhline(0.0, color=GREY, lw=0.8)
+    _with_floor(panel, factor * floor)
+    panel.set_xlabel(_labelled(coordinate, unit))
+    panel.set_ylabel(f"missing force{' along the motion' if axis.against else ''}, {label}")
+    panel.legend()
     return figure
 
 
-def _label(entry: Mapping[str, Any]) -> str:
-    low, high = ("" if end is None else f"{end:.3g}" for end in entry["range"])
-    ends = f"{low} … {high}" if low and high else f"above {low}" if low else f"below {high}" if high else "anywhere"
-    return f"{entry['coordinate']} {ends} {entry.get('unit', '')}".rstrip()
+def _labelled(name: str, unit: str) -> str:
+    return f"{name.partition(',')[0]}, {unit_of(name, is_linear(unit))}"
+
+
+def _pooled(profiles: Sequence[Profile], of: Callable[[Profile], Floats]) -> Floats:
+    """Values of all samples that move."""
+    return np.concatenate([of(profile)[profile.moves] for profile in profiles])
+
+
+def _band(
+    panel: Axes, profiles: Sequence[Profile], axis: _Axis, part: str, factor: float, colour: str, words: str
+) -> None:
+    """Mean over bins of a coordinate, and the spread of single samples about it."""
+    centre, mean, spread = _binned(profiles, axis, part)
+    panel.fill_between(centre, factor * (mean - spread), factor * (mean + spread), color=colour, alpha=0.22, lw=0)
+    panel.plot(centre, factor * mean, "o-", color=colour, lw=1.2, ms=2.5, label=words)
+    if axis.scale == "log":
+        panel.set_xscale("log")
+    elif axis.scale == "root" and centre.size:
+        panel.set_xscale("function", functions=(_root, lambda r: np.sign(r) * np.square(r)))
+        top = max(float(np.abs(centre).max()), np.finfo(float).tiny)
+        largest = 10.0 ** np.floor(np.log10(top))
+        ends = largest * np.array([-5.0, -1.0, -0.1, 0.0, 0.1, 1.0, 5.0])
+        legible = (np.abs(ends) <= top) & ((ends == 0.0) | (np.abs(ends) > _CLOSE * top))
+        panel.set_xticks(ends[legible & (ends >= min(0.0, centre.min()))].tolist())
+
+
+def _root(values: Floats) -> Floats:
+    return np.asarray(np.sign(values) * np.sqrt(np.abs(values)))
+
+
+def _binned(profiles: Sequence[Profile], axis: _Axis, part: str) -> tuple[Floats, Floats, Floats]:
+    """Mean coordinate, mean force and its standard deviation in bins."""
+    at = _pooled(profiles, axis.values)
+    force = _pooled(profiles, lambda p: getattr(p, part) * (np.sign(p.velocity) if axis.against else 1.0))
+    if axis.scale == "log":
+        at, force = at[at > 0.0], force[at > 0.0]
+    if at.size < _FEWEST:
+        return np.empty(0), np.empty(0), np.empty(0)
+    z = _SCALES[axis.scale](at)
+    grid = np.linspace(0.0, 1.0, _BINS + 1)
+    edges = np.concatenate([np.quantile(z, grid), z.min() + grid * np.ptp(z)])
+    if axis.scale == "root" and not axis.against:
+        edges = np.append(edges, 0.0)  # where friction jumps
+    edges = np.unique(edges)
+    place = np.clip(np.searchsorted(edges, z, side="right") - 1, 0, max(edges.size - 2, 0))
+    groups = [group for k in range(max(edges.size - 1, 1)) if (group := place == k).sum() >= _FEWEST]
+    return (
+        np.array([at[group].mean() for group in groups]),
+        np.array([force[group].mean() for group in groups]),
+        np.array([force[group].std() for group in groups]),
+    )
+
+
+_SCALES: Final[dict[str, Callable[[Floats], Floats]]] = {"linear": np.asarray, "log": np.log, "root": _root}
 
 
 def ranking(step: Step) -> Figure:
-    """The candidates of one round: gap that each leaves."""
-    shown = sorted(step.ranking, key=lambda one: one.gap, reverse=True)
-    figure = new_figure(_WIDTH, 0.7 + 0.24 * len(shown))
+    """The candidates of one round: held-out gain of each, and its evidence."""
+    shown = sorted(step.ranking, key=lambda one: one.gain)
+    figure = new_figure(_WIDTH, 0.8 + 0.28 * len(shown))
     axis = figure.subplots()
     tied = {step.effect, *step.indistinguishable_from}
-    axis.barh(
-        [one.effect for one in shown],
-        [one.gap for one in shown],
-        color=[BLUE if one.effect in tied else GREY for one in shown],
+    gains = [max(one.gain, 0.0) for one in shown]
+    bars = axis.barh(
+        [one.effect for one in shown], gains, color=[BLUE if one.effect in tied else GREY for one in shown]
     )
-    axis.axvline(step.gap_before, color=ORANGE, lw=1.4)
-    axis.axvline(1.0, color=GREY, lw=1.0, ls="--")
-    axis.set_xlabel("held-out gap with this effect (orange: without, dashed: noise)")
+    axis.bar_label(bars, [f"{one.evidence:.1f} standard errors" for one in shown], padding=4, fontsize=8.5)
+    axis.set_xlim(0.0, 1.25 * max(*gains, 1.0))
+    axis.set_xlabel("gain on data not used for fitting, nats (blue: added, or tied with it)")
     return figure
 
 
-def all_figures(result: GapResult, is_linear: bool) -> dict[str, Figure]:
+def all_figures(result: GapResult) -> dict[str, Any]:
     """Name to figure, in the order of the report."""
-    figures = {"gap": gap_over_time(result.traces)}
-    if result.where:
-        figures["where"] = where(result.where)
-    if result.traces and result.traces[0].excerpts:
-        figures["windows"] = excerpts(result.traces[0], is_linear)
+    figures: dict[str, Any] = {}
+    profiles, unit, floor = result.profiles, result.gap.unit, result.gap.noise_floor
+    moved = any(profile.moves.any() for profile in profiles)
+    if moved:
+        figures["time"] = over_time(profiles, unit, floor)
+        figures["laws"] = laws(profiles, unit, floor)
     figures |= {f"ranking-{number}": ranking(step) for number, step in enumerate(result.steps, 1) if step.ranking}
+    structure = [entry["coordinate"] for entry in result.remainder.structure if entry["coordinate"] in _AXES]
+    if moved and structure:
+        figures["left"] = left(profiles, structure[0], unit, floor)
     return figures

@@ -1,355 +1,368 @@
-"""Fit the coordinates of a model to all windows at once, each window's initial state eliminated on the way.
+"""Maximum likelihood of a hypothesis, its held-out score, and its covariance.
 
-Separable least squares (Golub and Pereyra 1973) in Gauss–Newton form: a window's residual e(u, x) depends on the shared
-coordinates u and on its own initial state x = (θ₀, ω₀). With A = ∂e/∂x and B = ∂e/∂u, the state is projected out,
-
-    H = Σ_w ρ_w (BᵀB − BᵀA (AᵀA)⁻¹ AᵀB),   g = Σ_w ρ_w (Bᵀe − BᵀA (AᵀA)⁻¹ Aᵀe),
-
-with ρ_w the robust weight of the window, and the step of u is damped (Levenberg 1944, Marquardt 1963) until the total
-loss falls. Derivatives are differences of whole predictions, so that a window in which the shaft sticks, slips or hits a
-stop is differentiated as it is simulated.
+Coordinates: the logarithms of the noise parameters, then those of every term. Steps are Gauss–Newton with the outer product
+of the samples' scores (Berndt, Hall, Hall and Hausman 1974), which finite differences of the filter give.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticd.gap.evidence import window_loss, window_weight
+from hapticd.gap import constants
+from hapticd.gap.kernel.filter import CORRELATION, DISTURBANCE, JITTER, NOISE, SENSOR, TICK, WHITE, run_filter
+from hapticd.gap.kernel.linear import sensitivities
+from hapticd.gap.terms import torque_slopes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from hapticd.gap.hypothesis import Hypothesis
-    from hapticd.gap.predict import Segment
+    from hapticd.gap.series import Series
+    from hapticd.gap.terms import Term
 
     Floats = NDArray[np.float64]
 
-ITERATIONS = 25
-_STATE_ITERATIONS = 6
-_CONVERGED = 0.03
-"""A step that lowers the loss by less than this is noise: a standard error of a coordinate changes it by 1."""
-_WORSE = 1.0
-_BAD = 3.0
-_MENDING, _CHAINED = 4, 2
-_STATE_RIDGE = 1e-6
-_COORDINATE_RIDGE = 1e-9
-_MOVED_LOW, _MOVED_HIGH = 0.02, 2.0
-"""RMS change of the prediction, in standard deviations, that a difference step should cause."""
+_NOISES = len(NOISE)
+_OFF = (DISTURBANCE, JITTER)
+"""Noise that is off at its lower bound."""
+_NEVER = -1e12
+_SCANS = 3
+_SHORTER = 6
+"""Attempts to shorten a step that does not climb."""
 
 
 @dataclass(frozen=True)
-class Solution:
-    """A hypothesis at given coordinates, with the initial states and losses that belong to it."""
+class Problem:
+    """What is fitted: samples, the nominal device, and the bounds of the noise.
 
-    hypothesis: Hypothesis
-    u: Floats
-    states: tuple[Floats, ...]
-    mean_square: Floats
-    """Mean squared residual (w,) of every window, in variances of one sample."""
-    loss: Floats
-    """Loss (w,) of every window, priors of latent quantities included."""
+    Attributes:
+        series: the samples.
+        base: device vector of the nominal model.
+        torque: what the device's torques are of the order of, N m or N.
+        is_linear: metres and newtons.
+    """
+
+    series: Series
+    base: Floats
+    torque: float
+    is_linear: bool
+    counter: list[int] = field(default_factory=lambda: [0])
 
     @property
-    def total(self) -> float:
-        """Sum of all windows' losses."""
-        return float(self.loss.sum())
+    def noise_bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper bounds of the logarithms of the noise parameters."""
+        T, q = self.series.period_s, self.series.resolution
+        longest = max(constants.LONGEST_MEMORY_S, 5.0 * T)
+        root = np.sqrt(T)
+        lower = [1e-8 * self.torque * root, 0.01 * q, 1e-6 * self.torque, min(3.0 * T, 0.5 * longest), 1e-4 * T]
+        upper = [1e3 * self.torque * root, 1e5 * q, 1e2 * self.torque, longest, 3.0 * T]
+        return np.log(lower), np.log(upper)
+
+    def vector(self, terms: Sequence[Term], u: Floats) -> Floats:
+        """Device vector of a hypothesis; `u` without the noise."""
+        p = self.base.copy()
+        at = 0
+        for item in terms:
+            count = len(item.coordinates)
+            item.put(p, u[at : at + count])
+            at += count
+        return p
 
 
-@dataclass(frozen=True)
-class Tangent:
-    """Profiled normal equations of every window at a solution."""
-
-    hessian: Floats
-    """(w, P, P), robust weight included."""
-    gradient: Floats
-    """(w, P), of minus half the loss: the direction to go."""
-    state_gain: tuple[Floats, ...]
-    """(w, 2, L): what turns scaled residuals into the best step of the initial state."""
-    state_slope: tuple[Floats, ...]
-    """(w, 2, P): how the best initial state moves with the coordinates."""
-    state_jacobian: tuple[Floats, ...]
-    """(w, L, 2) in standard deviations."""
-
-
-def evaluate(
-    segments: Sequence[Segment], hypothesis: Hypothesis, u: Floats, states: Sequence[Floats]
-) -> tuple[Solution, list[Floats]]:
-    """Predict every window; return the solution and the scaled residuals (w, L) of each segment."""
-    residuals, squares, losses = [], [], []
-    for number, (segment, state) in enumerate(zip(segments, states, strict=True)):
-        predicted = segment.predict(hypothesis.device(u, number), state)
-        residual = segment.scaled(predicted)
-        square = np.minimum(np.einsum("wl,wl->w", residual, residual) / segment.length, 1e12)
-        square = np.where(np.isfinite(square), square, 1e12)
-        residuals.append(residual)
-        squares.append(square)
-        losses.append(window_loss(square, segment.length) + hypothesis.latent_loss(number, segment))
-    solution = Solution(hypothesis, u, tuple(states), np.concatenate(squares), np.concatenate(losses))
-    return solution, residuals
-
-
-def state_jacobian(
-    segments: Sequence[Segment], hypothesis: Hypothesis, u: Floats, states: Sequence[Floats], residuals: list[Floats]
-) -> list[Floats]:
-    """∂prediction/∂(θ₀, ω₀) of every window, (w, L, 2), in standard deviations per unit."""
-    result = []
-    for number, (segment, state, residual) in enumerate(zip(segments, states, residuals, strict=True)):
-        jacobian = np.empty((*residual.shape, 2))
-        for word, step in enumerate((segment.position_step, segment.velocity_step)):
-            moved = segment.nudged(state, word, step)
-            predicted = segment.predict(hypothesis.device(u, number), moved)
-            jacobian[..., word] = (residual - segment.scaled(predicted)) / step
-        result.append(np.nan_to_num(jacobian, posinf=0.0, neginf=0.0))
-    return result
-
-
-def _state_gain(segment: Segment, jacobian: Floats, is_position_alone: bool = False) -> Floats:
-    """(AᵀA)⁻¹Aᵀ of every window, with a ridge that keeps a state which no sample feels where it is."""
-    normal = np.einsum("wli,wlj->wij", jacobian, jacobian)
-    if is_position_alone:
-        normal[:, 0, 1] = normal[:, 1, 0] = 0.0
-    scale = np.array([segment.position_step, segment.velocity_step]) ** -2.0
-    normal += np.diag(_STATE_RIDGE * segment.length * scale)
-    return np.asarray(np.linalg.solve(normal, np.swapaxes(jacobian, 1, 2)))
-
-
-def _better_states(
-    segments: Sequence[Segment], solution: Solution, trial: Solution, residuals: list[Floats], new: list[Floats]
-) -> tuple[Solution, list[Floats]]:
-    """Window by window, whichever of two initial states predicts better."""
-    take = trial.loss < solution.loss
-    states, kept, offset = [], [], 0
-    for segment, old_state, new_state, old, fresh in zip(
-        segments, solution.states, trial.states, residuals, new, strict=True
-    ):
-        mask = take[offset : offset + len(old)][:, None]
-        states.append(np.where(mask, new_state, old_state))
-        kept.append(np.where(mask, fresh, old))
-        offset += segment.count
-    merged = replace(
-        solution,
-        states=tuple(states),
-        mean_square=np.where(take, trial.mean_square, solution.mean_square),
-        loss=np.where(take, trial.loss, solution.loss),
-    )
-    return merged, kept
-
-
-def fit_states(
-    segments: Sequence[Segment],
-    hypothesis: Hypothesis,
-    u: Floats,
-    states: Sequence[Floats],
-    iterations: int = _STATE_ITERATIONS,
-) -> tuple[Solution, list[Floats]]:
-    """Best initial state of every window at fixed coordinates, by Gauss–Newton, with a smaller step where that fails.
-
-    The position is stepped alone too: what the velocity of a shaft that is about to slip does is known to no first order.
-    """
-    if hypothesis.has_memory(u, 0):
-        return _fit_chained(segments, hypothesis, u, [states], iterations)
-    solution, residuals = evaluate(segments, hypothesis, u, states)
-    for _ in range(iterations):
-        jacobians = state_jacobian(segments, hypothesis, u, solution.states, residuals)
-        before = solution.total
-        for shares in ((1.0, 1.0), (0.3, 0.3), (1.0, 0.0)):
-            trial_states = []
-            for segment, state, jacobian, residual in zip(segments, solution.states, jacobians, residuals, strict=True):
-                step = np.einsum("wil,wl->wi", _state_gain(segment, jacobian, shares[1] == 0.0), residual)
-                trial_states.append(segment.stepped(state, np.array(shares) * step))
-            trial, fresh = evaluate(segments, hypothesis, u, trial_states)
-            solution, residuals = _better_states(segments, solution, trial, residuals, fresh)
-        if before - solution.total < _CONVERGED * len(solution.loss) ** 0.5:
-            break
-    return solution, residuals
-
-
-def _fit_chained(
-    segments: Sequence[Segment], hypothesis: Hypothesis, u: Floats, tries: Sequence[Sequence[Floats]], iterations: int
-) -> tuple[Solution, list[Floats]]:
-    """Best initial states of a device with a memory, from several; rest and the smoothed motion are tried too."""
-    found = []
-    for number, segment in enumerate(segments):
-        own = [states[number] for states in tries]
-        rest = [segment.at_rest(own[0]), segment.first_states()]
-        found.append(segment.inherited(hypothesis.device(u, number), own + rest, iterations))
-    return evaluate(segments, hypothesis, u, found)
-
-
-def tangent(
-    segments: Sequence[Segment], solution: Solution, residuals: list[Floats], steps: Floats
-) -> tuple[Tangent, Floats]:
-    """Profiled normal equations at a solution; also returns difference steps adapted to this place."""
-    hypothesis, u = solution.hypothesis, solution.u
-    jacobians = state_jacobian(segments, hypothesis, u, solution.states, residuals)
-    gains = [_state_gain(s, j) for s, j in zip(segments, jacobians, strict=True)]
-    steps = steps.copy()
-    columns: list[list[Floats]] = [[] for _ in segments]
-    for k in range(len(u)):
-        for _ in range(4):
-            moved_u, step = hypothesis.nudged(u, k, steps[k])
-            moved = []
-            for number, (segment, state, residual) in enumerate(zip(segments, solution.states, residuals, strict=True)):
-                predicted = segment.predict(hypothesis.device(moved_u, number), state)
-                moved.append(np.nan_to_num((residual - segment.scaled(predicted)) / step, posinf=0.0, neginf=0.0))
-            size = abs(step) * float(np.sqrt(np.mean([np.mean(column**2) for column in moved])))
-            if _MOVED_LOW <= size <= _MOVED_HIGH or size == 0.0:
-                break
-            factor = float(np.clip(0.3 / size, 1e-3, 1e3))
-            if abs(factor * steps[k]) > hypothesis.largest_step(k) or abs(factor * steps[k]) < 1e-12:
-                break
-            steps[k] *= factor
-        for number, column in enumerate(moved):
-            columns[number].append(column)
-    hessians, gradients, slopes, offset = [], [], [], 0
-    for segment, jacobian, gain, residual, column_list in zip(
-        segments, jacobians, gains, residuals, columns, strict=True
-    ):
-        b = np.stack(column_list, axis=-1) if column_list else np.zeros((*residual.shape, 0))
-        slope = np.einsum("wil,wlp->wip", gain, b)
-        projected = b - np.einsum("wli,wip->wlp", jacobian, slope)
-        weight = window_weight(solution.mean_square[offset : offset + segment.count])
-        offset += segment.count
-        hessians.append(weight[:, None, None] * np.einsum("wlp,wlq->wpq", projected, projected))
-        gradients.append(weight[:, None] * np.einsum("wlp,wl->wp", projected, residual))
-        slopes.append(slope)
-    result = Tangent(np.concatenate(hessians), np.concatenate(gradients), tuple(gains), tuple(slopes), tuple(jacobians))
-    return result, steps
-
-
-def moved_states(
-    segments: Sequence[Segment], solution: Solution, residuals: list[Floats], at: Tangent, step: Floats
-) -> list[Floats]:
-    """Initial states that go with a step of the coordinates, to first order."""
-    moved = []
-    for segment, state, residual, gain, slope in zip(
-        segments, solution.states, residuals, at.state_gain, at.state_slope, strict=True
-    ):
-        moved.append(segment.stepped(state, np.einsum("wil,wl->wi", gain, residual) - slope @ step))
-    return moved
-
-
-def settled(
-    segments: Sequence[Segment],
-    hypothesis: Hypothesis,
-    u: Floats,
-    states: Sequence[Floats],
-    before: Solution,
-    at: Tangent,
-) -> tuple[Solution, list[Floats]]:
-    """Evaluate at new coordinates, with the best initial states that can be had cheaply.
-
-    To first order the states move with the coordinates (`states`); where a shaft begins to slip or to stick that is wrong
-    by orders of magnitude, so each window may keep its state. Windows that predict worse than before are fitted anew.
-    """
-    if hypothesis.has_memory(u, 0):
-        return _fit_chained(segments, hypothesis, u, [states, before.states], _CHAINED)
-    solution, residuals = evaluate(segments, hypothesis, u, states)
-    kept, fresh = evaluate(segments, hypothesis, u, before.states)
-    solution, residuals = _better_states(segments, solution, kept, residuals, fresh)
-    again = [
-        segment.stepped(state, np.einsum("wil,wl->wi", gain, residual))
-        for segment, state, gain, residual in zip(segments, solution.states, at.state_gain, residuals, strict=True)
-    ]
-    trial, fresh = evaluate(segments, hypothesis, u, again)
-    solution, residuals = _better_states(segments, solution, trial, residuals, fresh)
-    return _mended(segments, solution, residuals, solution.loss > before.loss + _WORSE)
-
-
-def _mended(
-    segments: Sequence[Segment], solution: Solution, residuals: list[Floats], worse: NDArray[np.bool_]
-) -> tuple[Solution, list[Floats]]:
-    """Fit the initial states of some windows anew, starting from rest too."""
-    if not worse.any() or solution.hypothesis.has_memory(solution.u, 0):
-        return solution, residuals
-    parts = np.split(worse, np.cumsum([s.count for s in segments])[:-1])
-    few = [segment.chosen(part) for segment, part in zip(segments, parts, strict=True)]
-    states = [state[part] for state, part in zip(solution.states, parts, strict=True)]
-    fitted, _ = fit_states(few, solution.hypothesis, solution.u, states, _MENDING)
-    for others in ([s.at_rest(x) for s, x in zip(few, states, strict=True)], [s.first_states() for s in few]):
-        other, fresh = fit_states(few, solution.hypothesis, solution.u, others, _MENDING)
-        fitted, _ = _better_states(few, fitted, other, fresh, fresh)
-    merged = []
-    for state, part, better in zip(solution.states, parts, fitted.states, strict=True):
-        new = state.copy()
-        new[part] = better
-        merged.append(new)
-    trial, fresh = evaluate(segments, solution.hypothesis, solution.u, merged)
-    return _better_states(segments, solution, trial, residuals, fresh)
-
-
-def restarted(
-    segments: Sequence[Segment], solution: Solution, residuals: list[Floats]
-) -> tuple[Solution, list[Floats]]:
-    """Fit badly predicted windows anew from other initial states: one may be stuck where a wrong model put it."""
-    return _mended(segments, solution, residuals, solution.mean_square > _BAD)
-
-
-def damped_step(hessian: Floats, gradient: Floats, damping: float) -> Floats:
-    """(H + λ·diag H)⁻¹ g, with coordinates that nothing depends on left where they are."""
-    diagonal = np.diag(hessian).copy()
-    diagonal[diagonal <= 0.0] = 1.0
-    scale = 1.0 / np.sqrt(diagonal)
-    normal = hessian * scale[:, None] * scale[None, :] + np.diag(np.full(len(diagonal), damping + _COORDINATE_RIDGE))
-    return np.asarray(scale * np.linalg.solve(normal, scale * gradient))
-
-
-@dataclass(frozen=True)
 class Fit:
-    """A converged solution and its tangent, from which cross-validation and intervals are formed."""
+    """A hypothesis and the coordinates that fit it.
 
-    solution: Solution
-    residuals: list[Floats]
-    at: Tangent
-
-
-def fit(
-    segments: Sequence[Segment],
-    hypothesis: Hypothesis,
-    u: Floats,
-    states: Sequence[Floats],
-    iterations: int = ITERATIONS,
-    patience: float = 0.0,
-) -> Fit:
-    """Fit all coordinates from `u`; every accepted step lowers the total robust loss.
-
-    Args:
-        segments: windows.
-        hypothesis: what is fitted.
-        u: start.
-        states: initial states to start from, one array a segment.
-        iterations: accepted steps at the most.
-        patience: a step that gains less than this share of what has been gained is the last one.
+    Attributes:
+        problem: what is fitted.
+        terms: effects, in the order in which they were added.
+        u: (k,) coordinates, the noise first.
+        log_likelihood: with the prior of the base parameters, in nats.
+        out: (n,) of `TICK` at `u`.
+        scores: (n, k) derivative of each sample's log probability, where `maximise` or `held_out` has been called.
+        slopes: (n, k) derivative of each sample's predicted measurement.
     """
-    steps = hypothesis.steps(u)
-    solution, residuals = fit_states(segments, hypothesis, u, states, iterations=2)
-    at, steps = tangent(segments, solution, residuals, steps)
-    damping, first = 1e-3, solution.total
-    for _ in range(iterations if len(u) else 0):
-        hessian, gradient = at.hessian.sum(0), at.gradient.sum(0)
-        improved = 0.0
-        for _ in range(7):
-            target = hypothesis.bounded(solution.u + damped_step(hessian, gradient, damping))
-            if abs(float(gradient @ (target - solution.u))) < _CONVERGED:
+
+    def __init__(self, problem: Problem, terms: Sequence[Term], u: Floats) -> None:
+        self.problem = problem
+        self.terms = tuple(terms)
+        coordinates = [coordinate for item in terms for coordinate in item.coordinates]
+        low, high = problem.noise_bounds
+        self.lower = np.concatenate([low, [c.lower for c in coordinates]])
+        self.upper = np.concatenate([high, [c.upper for c in coordinates]])
+        self.scale = np.concatenate([np.ones(_NOISES), [c.scale for c in coordinates]])
+        self.prior = np.concatenate([np.full(_NOISES, np.inf), [c.prior for c in coordinates]])
+        self.centre = np.concatenate([np.zeros(_NOISES), [c.centre for c in coordinates]])
+        self.u = np.clip(u, self.lower, self.upper)
+        self.error = 1e-2 * self.scale
+        self.scores = np.zeros((0, 0))
+        self.slopes = np.zeros((0, 0))
+        self.log_likelihood, self.out = self.evaluate(self.u)
+
+    @property
+    def noise(self) -> Floats:
+        """Coordinates of the noise."""
+        return self.u[:_NOISES]
+
+    def noise_values(self, u: Floats | None = None) -> Floats:
+        """Noise parameters in SI units; those that are off are 0."""
+        u = self.u if u is None else u
+        values = np.exp(u[:_NOISES])
+        for k in _OFF:
+            if u[k] <= self.lower[k] + 1e-9:
+                values[k] = 0.0
+        return values
+
+    def share(self, number: int) -> slice:
+        """Where the coordinates of a term are in `u`."""
+        first = _NOISES + sum(len(item.coordinates) for item in self.terms[:number])
+        return slice(first, first + len(self.terms[number].coordinates))
+
+    def device(self, u: Floats | None = None) -> Floats:
+        """The device vector."""
+        return self.problem.vector(self.terms, (self.u if u is None else u)[_NOISES:])
+
+    def evaluate(self, u: Floats) -> tuple[float, NDArray[Any]]:
+        """Log-likelihood and ticks at coordinates."""
+        series = self.problem.series
+        p = self.device(u)
+        out = np.zeros(series.size, TICK)
+        duration, current, spread = series.currents(p)
+        self.problem.counter[0] += 1
+        total = run_filter(
+            p,
+            self.noise_values(u),
+            series.resolution,
+            series.time_s,
+            series.cell,
+            duration,
+            current,
+            spread,
+            series.begins,
+            out,
+        )
+        prior = -0.5 * float(np.sum(((u - self.centre) / self.prior) ** 2))
+        return (total + prior if np.isfinite(total) else _NEVER), out
+
+    def _free(self, gradient: Floats | None = None) -> NDArray[np.bool_]:
+        free = np.ones(self.u.size, dtype=bool)
+        off = self.u[DISTURBANCE] <= self.lower[DISTURBANCE] + 1e-9
+        free[DISTURBANCE] = free[CORRELATION] = not off
+        free[JITTER] = self.u[JITTER] > self.lower[JITTER] + 1e-9
+        if gradient is not None:
+            free &= ~((self.u <= self.lower) & (gradient < 0.0)) & ~((self.u >= self.upper) & (gradient > 0.0))
+        return free
+
+    def differentiate(self, only: NDArray[np.bool_] | None = None) -> None:
+        """Find scores and slopes at the present coordinates."""
+        free = (self._free() if only is None else only).copy()
+        n = self.out.size
+        self.scores, self.slopes = np.zeros((n, self.u.size)), np.zeros((n, self.u.size))
+        for number, item in enumerate(self.terms):
+            own = self.share(number)
+            columns = torque_slopes(item, self.u[own], self.out["x"])
+            if columns is not None and free[own].any():
+                self.slopes[:, own] = sensitivities(self.out, columns)
+                self.scores[:, own] = self.slopes[:, own] * self.out["score"][:, None]
+                free[own] = False
+        for j in np.flatnonzero(free):
+            step = float(np.clip(0.1 * self.error[j], 1e-6 * self.scale[j], 0.03 * self.scale[j]))
+            if self.u[j] + step > self.upper[j]:
+                step = -step
+            u = self.u.copy()
+            u[j] += step
+            _, out = self.evaluate(u)
+            self.scores[:, j] = (out["log_p"] - self.out["log_p"]) / step
+            self.slopes[:, j] = (out["mean"] - self.out["mean"]) / step
+
+    def approach(self, first: int, rounds: int) -> Fit:
+        """Climb towards the maximum in the coordinates from `first` on, the noise following as a whole; returns itself.
+
+        With the noise of a poorer model the likelihood is broad, and the noise shrinks as the fit improves: a homotopy.
+        """
+        free = np.arange(self.u.size) >= first
+        for _ in range(rounds):
+            before = self.log_likelihood
+            self._step(free, 1e-2)
+            self.scan_power()
+            if self.log_likelihood - before < 1.0:
                 break
-            states_there = moved_states(segments, solution, residuals, at, target - solution.u)
-            trial, fresh = settled(segments, hypothesis, target, states_there, solution, at)
-            improved = solution.total - trial.total
-            if improved > 0.0:
-                solution, residuals = trial, fresh
-                damping = max(damping * 0.1, 1e-9)
+        return self
+
+    def maximise(self, iterations: int = 25, tolerance: float = 0.05) -> Fit:
+        """Climb to the maximum; returns itself."""
+        damping = 1e-2
+        for iteration in range(iterations):
+            before = self.log_likelihood
+            if iteration < _SCANS:
+                self.scan_power()
+            damping = self._step(self._free(), damping)
+            if self.log_likelihood - before < tolerance:
                 break
-            damping = max(damping * 8.0, 1e-6)
-        if improved <= 0.0:
-            break
-        at, steps = tangent(segments, solution, residuals, steps)
-        if improved < max(_CONVERGED, patience * (first - solution.total)):
-            break
-    solution, residuals = restarted(segments, solution, residuals)
-    at, _ = tangent(segments, solution, residuals, steps)
-    return Fit(solution, residuals, at)
+        return self
+
+    def _step(self, among: NDArray[np.bool_], damping: float) -> float:
+        """One damped Gauss–Newton step; returns the damping for the next."""
+        self.differentiate(among & self._free())
+        precision = np.where(np.isfinite(self.prior), self.prior**-2.0, 0.0)
+        gradient = self.scores.sum(axis=0) - precision * (self.u - self.centre)
+        free = among & self._free(gradient)
+        if not free.any():
+            return damping
+        H = self.scores.T @ self.scores + np.diag(precision)
+        diagonal = np.diag(H) + 1e-12 / self.scale**2
+        self.error = np.where(free, 1.0 / np.sqrt(diagonal), self.error)
+        index = np.ix_(free, free)
+        for _ in range(_SHORTER):
+            step = np.zeros(self.u.size)
+            step[free] = np.linalg.solve(H[index] + damping * np.diag(diagonal[free]), gradient[free])
+            step[:_NOISES] = np.clip(step[:_NOISES], -1.5, 1.5)
+            if self.move(self.u + step):
+                return max(damping / 10.0, 1e-6)
+            damping = max(damping * 10.0, 1e-3)
+        return damping
+
+    def move(self, u: Floats, least: float = 0.0) -> bool:
+        """Go to coordinates if that gains more than `least`; returns whether it did."""
+        u = np.clip(u, self.lower, self.upper)
+        value, out = self.evaluate(u)
+        if value <= self.log_likelihood + least:
+            return False
+        self.u, self.log_likelihood, self.out = u, value, out
+        return True
+
+    @classmethod
+    def started(cls, problem: Problem, terms: Sequence[Term], noise: Floats) -> Fit:
+        """A hypothesis at the starts of its terms."""
+        return cls(problem, terms, np.concatenate([noise, *[np.asarray(item.start) for item in terms]]))
+
+    def extended(self, item: Term) -> Fit:
+        """The same hypothesis at the same coordinates with one more term, at its start."""
+        return Fit(self.problem, (*self.terms, item), np.concatenate([self.u, item.start]))
+
+    def without(self, number: int) -> Fit:
+        """The same hypothesis at the same coordinates with one term less."""
+        return Fit(
+            self.problem,
+            (*self.terms[:number], *self.terms[number + 1 :]),
+            np.delete(self.u, np.arange(self.u.size)[self.share(number)]),
+        )
+
+    def with_noise(self, noise: Floats) -> Fit:
+        """The same hypothesis at the same coordinates with another noise."""
+        return Fit(self.problem, self.terms, np.concatenate([noise, self.u[_NOISES:]]))
+
+    def on(self, problem: Problem) -> Fit:
+        """The same hypothesis at the same coordinates on other samples."""
+        return Fit(problem, self.terms, self.u)
+
+    def scan_power(self) -> None:
+        """Line search in the power of all process noise: its curvature is the least quadratic of all."""
+        for step in (-0.7, 0.7):
+            moved = False
+            while True:
+                u = self.u.copy()
+                u[[WHITE, DISTURBANCE]] += step
+                if not self.move(u, 0.05):
+                    break
+                moved = True
+                step *= 1.5
+            if moved:
+                break
+
+    def held_out(self) -> Floats:
+        """Log-likelihood of each block under the estimate without its fold, shape (blocks,).
+
+        One scoring step away from the whole estimate, in the effects alone: the noise is a nuisance that all folds share.
+        The step is shortened until it does not harm the folds that it was made from.
+        """
+        self.differentiate()
+        series = self.problem.series
+        effects = np.zeros(self.u.size, dtype=bool)
+        effects[_NOISES:] = True
+        effects &= self._free(self.scores.sum(axis=0))
+        self.fold_u: list[Floats] = []
+        total = np.zeros(series.blocks)
+        for fold in range(constants.FOLDS):
+            inside = series.fold[series.block] == fold
+            kept = self.scores[~inside][:, effects]
+            u, log_p = self.u, self.out["log_p"]
+            if effects.any():
+                H = kept.T @ kept
+                diagonal = np.diag(H) + 1e-12 / self.scale[effects] ** 2
+                step = np.linalg.solve(H + 1e-6 * np.diag(diagonal), kept.sum(axis=0))
+                here = float(self.out["log_p"][~inside].sum())
+                for share in (1.0, 0.3, 0.1):
+                    trial = self.u.copy()
+                    trial[effects] += share * step
+                    trial = np.clip(trial, self.lower, self.upper)
+                    ticks = self.evaluate(trial)[1]["log_p"]
+                    if float(ticks[~inside].sum()) >= here - 1e-3:
+                        u, log_p = trial, ticks
+                        break
+            self.fold_u.append(u)
+            total += np.where(series.fold == fold, series.per_block(log_p), 0.0)
+        return total
+
+    def covariance(self) -> Floats:
+        """Covariance of the coordinates, robust to dependence within blocks, shape (k, k); call `held_out` before."""
+        free = self._free(self.scores.sum(axis=0))
+        S = self.problem.series.per_block(self.scores[:, free])
+        H = self.scores[:, free].T @ self.scores[:, free]
+        precision = np.where(np.isfinite(self.prior[free]), self.prior[free] ** -2.0, 0.0)
+        diagonal = np.diag(H) + precision + 1e-12 / self.scale[free] ** 2
+        bread = np.linalg.pinv(H + np.diag(precision) + 1e-9 * np.diag(diagonal))
+        # Within blocks scores may add up; they never know less than independent ones would.
+        meat = S.T @ S
+        sandwich = bread @ meat @ bread
+        floor = np.maximum(np.diag(bread) / np.maximum(np.diag(sandwich), 1e-300), 1.0)
+        scale = np.sqrt(floor)
+        covariance = np.zeros((self.u.size, self.u.size))
+        covariance[np.ix_(free, free)] = sandwich * np.outer(scale, scale)
+        return covariance
+
+
+def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
+    """Coordinates from which a fit starts: the noise is the best of a coarse grid, white alone and with a disturbance."""
+    low, high = problem.noise_bounds
+    T, q = problem.series.period_s, problem.series.resolution
+    noise = np.array(
+        [0.0, np.log(0.3 * q), low[DISTURBANCE], 0.5 * (low[CORRELATION] + high[CORRELATION]), low[JITTER]]
+    )
+    noise = np.clip(noise, low, high)
+    probe = Fit.started(problem, terms, noise)
+    best, best_u = -np.inf, probe.u
+    for white in np.log(problem.torque * np.sqrt(T)) + np.arange(-9.0, 5.0, 1.5):
+        for sensor in (0.1, 0.5, 5.0, 50.0):
+            u = probe.u.copy()
+            u[WHITE], u[SENSOR] = white, np.log(sensor * q)
+            value = probe.evaluate(u)[0]
+            if value > best:
+                best, best_u = value, u
+    spread = best_u[WHITE]
+    single = best_u.copy()
+    for less in (0.0, -1.2, -3.5):
+        for tau in np.linspace(low[CORRELATION], high[CORRELATION], 3):
+            for power in (0.4, -0.7, -1.9, -3.0, -4.2):
+                u = single.copy()
+                u[WHITE] = spread + less
+                u[DISTURBANCE], u[CORRELATION] = power + spread - 0.5 * (np.log(2.0) + tau), tau
+                u = np.clip(u, probe.lower, probe.upper)
+                value = probe.evaluate(u)[0]
+                if value > best:
+                    best, best_u = value, u
+    for jitter in (0.02, 0.1, 0.3):
+        u = best_u.copy()
+        u[JITTER] = np.log(jitter * T)
+        value = probe.evaluate(u)[0]
+        if value > best + 1.0:
+            best, best_u = value, u
+    return best_u
+
+
+def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:
+    """The fit of the nominal model, with terms that correct its base parameters where asked for."""
+    return Fit(problem, terms, first_noise(problem, terms)).maximise(40)

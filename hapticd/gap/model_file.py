@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from hapticd.config import Config, config_to_yaml, parse_config
 from hapticd.config.text import yaml_value
+from hapticd.effects.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from hapticd.gap.result import Estimate, GapResult, Step
@@ -27,12 +29,27 @@ def improved_model(model: Config, result: GapResult) -> Config:
     A correction of a base parameter edits its key; every other effect joins ``plant.effects``, in place of an entry of
     the same name.
     """
+    entries = [(step.effect, step.entry) for step in result.steps]
+    return with_effects(model, entries, {name: estimate.value for name, estimate in result.base.items()})
+
+
+def with_effects(
+    model: Config, entries: Sequence[tuple[str, Mapping[str, Any]]], base: Mapping[str, float] = MappingProxyType({})
+) -> Config:
+    """A model with further effects and other base parameters.
+
+    Args:
+        model: stays as it is.
+        entries: slug and parameters, in the order in which they are added.
+        base: key of ``plant`` to value.
+
+    Raises:
+        ConfigError: the effects cannot be on one device.
+    """
     data = model.model_dump()
-    for step in result.steps:
-        add_effect(data, step.effect, step.entry)
-    for name, estimate in result.base.items():
-        section = "amplifier" if name == "torque_constant" else "plant"
-        data[section][name] = estimate.value
+    data["plant"].update(base)  # before the corrections, which are relative to it
+    for slug, entry in entries:
+        add_effect(data, slug, entry)
     return parse_config(data, "the improved model")
 
 
@@ -42,18 +59,25 @@ def add_effect(data: dict[str, Any], slug: str, entry: Mapping[str, Any]) -> Non
     Args:
         data: `Config.model_dump`; changed in place.
         slug: the effect.
-        entry: its parameters.
+        entry: its parameters; a value that no config may have becomes the bound that it passes.
     """
+    admitted = _admitted(slug, entry)
     if slug in BASE_KEYS:
         section, key = BASE_KEYS[slug]
-        data[section][key] *= 1.0 + entry["r"]
+        data[section][key] *= 1.0 + admitted["r"]
         return
     effects = [effect for effect in data["plant"]["effects"] if effect["name"] != slug]
-    data["plant"]["effects"] = [*effects, {"name": slug, **_plain(entry)}]
+    data["plant"]["effects"] = [*effects, {"name": slug, **admitted}]
 
 
-def _plain(entry: Mapping[str, object]) -> dict[str, Any]:
-    return {name: list(value) if isinstance(value, tuple) else value for name, value in entry.items()}
+def _admitted(slug: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for parameter in CATALOGUE[slug].parameters:
+        if parameter.name in entry:
+            value = entry[parameter.name]
+            listed = isinstance(value, list | tuple)
+            found[parameter.name] = [parameter.clamped(v) for v in value] if listed else parameter.clamped(value)
+    return found
 
 
 def model_yaml(model: Config, result: GapResult, recordings: Sequence[str]) -> str:
@@ -62,16 +86,16 @@ def model_yaml(model: Config, result: GapResult, recordings: Sequence[str]) -> s
     Args:
         model: as given. result: what was found. recordings: files that it was found in.
     """
-    improved = improved_model(model, result)
+    improved, gap = improved_model(model, result), result.gap
     lines = [
         f"# Improved by hapticd gap from {', '.join(recordings)}.",
         f"# {result.verdict}: {result.statement}",
-        f"# Held-out gap {result.gap.held_out_before:.3g} before, {result.gap.held_out_after:.3g} after; 1 is as good as "
-        "the data allow.",
+        f"# Missing force {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after, on data "
+        f"not used for fitting; noise alone reads {gap.noise_floor:.2g} {gap.unit}.",
     ]
-    remarks = {BASE_KEYS[step.effect]: _remark(step) for step in result.steps if step.effect in BASE_KEYS}
+    remarks = {BASE_KEYS[step.effect]: _remark(step, gap.unit) for step in result.steps if step.effect in BASE_KEYS}
     for name, estimate in result.base.items():
-        remarks["amplifier" if name == "torque_constant" else "plant", name] = f"refitted, {_interval(estimate)}"
+        remarks["plant", name] = f"refitted, {_interval(estimate)}"
     section = ""
     for line in config_to_yaml(improved).splitlines():
         if found := re.match(r"(\w+):", line):
@@ -91,19 +115,19 @@ def _effect_lines(improved: Config, result: GapResult) -> list[str]:
     lines = []
     for effect in improved.plant.effects:
         if step := found.get(effect.name):
-            lines.append(f"    # gap: {_remark(step)}")
+            lines.append(f"    # gap: {_remark(step, result.gap.unit)}")
         lines.append(f"    - {yaml_value(effect.model_dump())}")
     return lines
 
 
-def _remark(step: Step) -> str:
+def _remark(step: Step, unit: str) -> str:
     values = ", ".join(f"{name} {_interval(estimate)}" for name, estimate in step.parameters.items())
     other = (
         f"; these data do not tell it from {', '.join(step.indistinguishable_from)}"
         if step.indistinguishable_from
         else ""
     )
-    return f"{step.effect}, {values}; held-out gap {step.gap_before:.3g} to {step.gap_after:.3g}{other}"
+    return f"{step.effect}, {values}; missing force {step.gap_before:.3g} to {step.gap_after:.3g} {unit}{other}"
 
 
 def _interval(estimate: Estimate) -> str:

@@ -41,9 +41,7 @@ def write_outputs(result: GapResult, recordings: Sequence[Recording], model: Con
     files = {
         JSON: json.dumps(_finite(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n",
         MODEL: text,
-        REPORT: page(
-            result, recordings, model, changes, {slug: spec.summary for slug, spec in CATALOGUE.items()}, text
-        ),
+        REPORT: page(result, recordings, changes, {slug: spec.summary for slug, spec in CATALOGUE.items()}, text),
     }
     if result.next_experiment and result.next_experiment["experiment"]:
         files[EXPERIMENT] = yaml.safe_dump(dict(result.next_experiment["experiment"]), sort_keys=False)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
-from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap import words
 from hapticd.gap.figures import all_figures
 from hapticd.reproduce.markup import STYLE
 from hapticd.reproduce.style import style
@@ -21,12 +21,12 @@ from hapticd.reproduce.style import style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from hapticd.config import Config
     from hapticd.gap.data import Recording
     from hapticd.gap.result import GapResult
 
 HEADLINES: Final = {
     "effect_found": "Missing from the model: {effects}",
+    "partly_explained": "Missing from the model: {effects}, and something that has no name here",
     "no_missing_effect": "Nothing is missing from the model",
     "ambiguous": "Missing: {either}; these data leave open which",
     "unexplained": "Something is missing that has no name here",
@@ -36,7 +36,6 @@ HEADLINES: Final = {
 def page(
     result: GapResult,
     recordings: Sequence[Recording],
-    model: Config,
     changes: Mapping[str, Any],
     catalogue: Mapping[str, str],
     improved: str,
@@ -44,7 +43,7 @@ def page(
     """The whole page.
 
     Args:
-        result: what was found. recordings: in what. model: the model as given.
+        result: what was found. recordings: in what.
         changes: of :func:`hapticd.gap.consequences.consequences`.
         catalogue: slug to what the effect is, in a sentence.
         improved: the improved model as YAML.
@@ -55,13 +54,20 @@ def page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"g": _number, "percent": lambda share: f"{100.0 * max(share, 0.0):.1f} %"}
+    environment.filters |= {"g": _number, "percent": words.percent}
+    document = result.to_json()
     with style():
-        figures = {name: _svg(figure) for name, figure in all_figures(result, model.is_linear).items()}
+        figures = {name: _svg(figure) for name, figure in all_figures(result).items()}
     return environment.get_template("report.html").render(
-        result=result,
+        result=document,
         headline=headline(result),
-        confidence=confidence(result),
+        confidence=words.confidence(result, len(catalogue)),
+        places=words.places(document["where"], result.gap.unit),
+        predictions=words.predictions(document),
+        timing=words.timing(document),
+        timing_is_off=words.timing_is_off(document),
+        chosen=words.chosen,
+        behind=words.behind,
         recordings=recordings,
         changes=changes,
         catalogue=catalogue,
@@ -75,31 +81,10 @@ def page(
 def headline(result: GapResult) -> str:
     """The verdict as a title."""
     effects = " and ".join(result.effects)
-    if result.verdict == "unexplained" and result.effects:
-        return f"{HEADLINES['unexplained']}, beside {effects}"
+    if result.interrupted:
+        return f"Interrupted; missing from the model, as far as was looked: {effects}"
     either = " and ".join(" or ".join((step.effect, *step.indistinguishable_from)) for step in result.steps)
     return HEADLINES[result.verdict].format(effects=effects, either=either)
-
-
-def confidence(result: GapResult) -> str:
-    """How sure, in words."""
-    tried = len(result.details.get("candidates", CATALOGUE))
-    which = (
-        "Every effect of the catalogue"
-        if tried == len(CATALOGUE)
-        else f"{tried} of the catalogue's {len(CATALOGUE)} effects"
-    )
-    if not result.steps:
-        return f"{which} was tried on windows that it was not fitted to; none helps more than chance does in 0.5 % of runs."
-    sentences = []
-    for step in result.steps:
-        other = (
-            f"; these data do not tell it from {', '.join(step.indistinguishable_from)}"
-            if step.indistinguishable_from
-            else "; every other effect tried predicts significantly worse"
-        )
-        sentences.append(f"{step.effect}: {step.evidence:.1f} standard errors of held-out evidence{other}.")
-    return " ".join(sentences)
 
 
 def _check_rows(changes: Mapping[str, Any]) -> list[tuple[str, Any, Any]]:

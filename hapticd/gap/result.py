@@ -6,11 +6,11 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, Literal
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
-    from hapticd.gap.traces import Trace
+    from hapticd.gap.profile import Profile
 
-Verdict = Literal["effect_found", "no_missing_effect", "ambiguous", "unexplained"]
+Verdict = Literal["effect_found", "partly_explained", "no_missing_effect", "ambiguous", "unexplained"]
 
 
 @dataclass(frozen=True)
@@ -27,12 +27,12 @@ class Ranked:
     """One candidate of a round."""
 
     effect: str
-    gap: float
-    """Held-out gap with it."""
+    gain: float
+    """Held-out gain over the model before the round, nats."""
     evidence: float
-    """Its gain over the model before the round, in standard errors."""
+    """The same in standard errors."""
     behind: float
-    """How far it is behind the first of the round, in standard errors; 0 for the first."""
+    """How far it is behind the one that was taken, in standard errors; 0 for that one."""
 
 
 @dataclass(frozen=True)
@@ -43,29 +43,44 @@ class Step:
     parameters: Mapping[str, Estimate]
     gap_before: float
     gap_after: float
-    """Held-out gap without and with it, all effects before it included."""
+    """RMS of the missing force without and with it, all effects before it included [N m or N]."""
+    share: float
+    """Part of the explainable missing force's power that it removes."""
     evidence: float
     """Held-out gain in standard errors; see docs/explanation/gap-statistics.md."""
     log_likelihood_gain: float
-    """Held-out gain in log-likelihood."""
+    """Held-out gain in nats."""
     indistinguishable_from: tuple[str, ...]
     """Other effects that predict these data as well, those of the same exact class first."""
     ranking: tuple[Ranked, ...]
-    """All candidates of the round that improved on the model before."""
+    """All candidates of the round that were fitted."""
     entry: Mapping[str, object] = field(default_factory=dict)
     """The effect as an entry of `plant.effects` of the improved model."""
 
 
 @dataclass(frozen=True)
 class GapNumbers:
-    """RMS multi-step prediction error over the noise floor: 1 is as good as the data allow."""
+    """RMS of the missing force or torque while the shaft moves, in `unit`."""
 
     train_before: float
     train_after: float
     held_out_before: float
     held_out_after: float
+    """Each block by the estimate without its fold."""
     noise_floor: float
-    """RMS prediction error that noise and quantisation alone leave [rad or m]."""
+    """What noise alone reads."""
+    unit: str
+
+
+@dataclass(frozen=True)
+class Remainder:
+    """What the named effects leave."""
+
+    share: float
+    """Of the missing force's power before."""
+    words: str
+    structure: tuple[Mapping[str, Any], ...]
+    """Coordinates that it depends on: coordinate, share, p_value."""
 
 
 @dataclass(frozen=True)
@@ -79,41 +94,49 @@ class GapResult:
     """Slugs in the order in which they were added."""
     steps: tuple[Step, ...]
     gap: GapNumbers
-    structure: tuple[str, ...] = ()
-    """What the remaining residual still depends on, in words; empty where it is noise or too little to matter."""
-    residual_structure: Mapping[str, Any] = field(default_factory=dict)
-    """The tests behind that; see `hapticd.gap.structure`."""
+    remainder: Remainder
+    where: tuple[Mapping[str, Any], ...] = ()
     base: Mapping[str, Estimate] = field(default_factory=dict)
     """Base parameters, where they were fitted too."""
-    where: tuple[Mapping[str, Any], ...] = ()
-    confounded: tuple[Mapping[str, Any], ...] = ()
-    """Pairs of effects that explain the same missing torque; see `hapticd.gap.disagreement.confounded`."""
-    balance: Mapping[str, Any] = field(default_factory=dict)
-    """Which effects explain the missing force or torque; see `hapticd.gap.disagreement.balance_json`."""
+    prediction: Mapping[str, Any] = field(default_factory=dict)
+    """Errors of predictions over a horizon and of a free run, before and after; see `hapticd.gap.prediction`."""
+    recording: Mapping[str, Any] = field(default_factory=dict)
+    """Timing quality of the recordings, and what limits the conclusions."""
     next_experiment: Mapping[str, Any] | None = None
-    warnings: tuple[str, ...] = ()
-    traces: tuple[Trace, ...] = ()
-    """Window by window, for the report's figures; not part of `gap.json`."""
     details: Mapping[str, Any] = field(default_factory=dict)
-    """Windows, samples, noise and thresholds behind the numbers."""
+    """Samples, blocks, noise and thresholds behind the numbers."""
+    interrupted: bool = False
+    """Whether the search was ended before it was through: what it found until then stands, and more may be missing."""
+    profiles: tuple[Profile, ...] = ()
+    """The missing force sample by sample before and after, for the figures; not part of `gap.json`."""
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What limits the conclusions, in words."""
+        return tuple(self.recording.get("warnings", ()))
 
     def to_json(self) -> dict[str, Any]:
         """The document `gap.json`, of plain types."""
         return {
             "verdict": self.verdict,
             "statement": self.statement,
+            "interrupted": self.interrupted,
             "effects": list(self.effects),
             "steps": [_step(step) for step in self.steps],
             "where": [dict(entry) for entry in self.where],
-            "confounded": [dict(pair) for pair in self.confounded],
-            "balance": dict(self.balance),
             "gap": {
                 "train": {"before": self.gap.train_before, "after": self.gap.train_after},
                 "held_out": {"before": self.gap.held_out_before, "after": self.gap.held_out_after},
                 "noise_floor": self.gap.noise_floor,
+                "unit": self.gap.unit,
             },
-            "structure": list(self.structure),
-            "residual_structure": dict(self.residual_structure),
+            "remainder": {
+                "share": self.remainder.share,
+                "words": self.remainder.words,
+                "structure": [dict(entry) for entry in self.remainder.structure],
+            },
+            "prediction": dict(self.prediction),
+            "recording": dict(self.recording),
             "base": {name: _estimate(value) for name, value in self.base.items()},
             "next_experiment": dict(self.next_experiment) if self.next_experiment else None,
             "warnings": list(self.warnings),
@@ -131,6 +154,7 @@ def _step(step: Step) -> dict[str, Any]:
         "parameters": {name: _estimate(value) for name, value in step.parameters.items()},
         "gap_before": step.gap_before,
         "gap_after": step.gap_after,
+        "share": step.share,
         "evidence": step.evidence,
         "log_likelihood_gain": step.log_likelihood_gain,
         "indistinguishable_from": list(step.indistinguishable_from),

@@ -1,17 +1,29 @@
-"""An experiment tried in simulation: does it move the shaft safely, and how well would it tell rivals apart?"""
+"""An experiment tried in simulation: does it move the shaft safely, and how well would it tell rival laws apart?
+
+The closed loop is simulated with one law as the device, and the filters of both run over what the encoder would show. Where
+they predict μ_A and μ_B with information I (that of the fitted disturbance), the log-likelihood ratio in favour of the true
+one grows by
+
+    ½ Σ I (μ_A − μ_B − S δ)² + ½ δᵀ H δ,
+
+S being the slopes of B's predictions, and δ the change of B's parameters that makes it least: what B can absorb, as far as
+the data at hand (information H) let it. Twice that is the square of the standard errors by which the two come apart.
+"""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hapticd.config import ConfigError, apply_settings
 from hapticd.gap.data import Recording
-from hapticd.gap.fit import fit
-from hapticd.gap.prepare import prepare
-from hapticd.gap.search import Data, Judged, judge
+from hapticd.gap.fit import Fit, Problem
+from hapticd.gap.kernel.filter import NOISE, OUTLIER
+from hapticd.gap.model_file import with_effects
+from hapticd.gap.series import series_of
+from hapticd.gap.terms import parameters_of_term
 from hapticd.servo.excitation import ExcitationError, build
 from hapticd.servo.simulate import simulate
 
@@ -21,57 +33,129 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.config import Config
-    from hapticd.gap.rivals import Rival
+    from hapticd.gap.terms import Term
     from hapticd.servo.experiment import Experiment
 
-_ITERATIONS = 8
-_PATIENCE = 1e-2
+    Floats = NDArray[np.float64]
+
+HAND = "hand_impedance"
 _MARGIN = 0.7
 """Share of a safety limit that a trial may use: what is missing in the model may make the device livelier."""
 _FEWEST_COUNTS = 20
 """Raw counts that the shaft must travel at least."""
+_MOST = -float(np.log(OUTLIER))
+"""Nats that one sample can give: beyond that it is an outlier to both."""
 
 
-def separation(
-    experiment: Experiment, pairs: Sequence[tuple[Rival, Rival]], noise: float, seed: int = 0
-) -> float | None:
-    """Standard errors by which an experiment would set the true one of each pair apart, in the worst case.
+@dataclass(frozen=True)
+class Rival:
+    """One explanation, as the data at hand fit it.
 
-    The closed loop is simulated with the first of a pair as the device; both are fitted to what the encoder would show, and
-    compared on held-out windows as after a real experiment.
+    Attributes:
+        slug: the effect that makes the difference to its rivals.
+        terms: all its effects, with the fitted values as starts.
+        noise: (5,) coordinates of the fitted noise.
+        problem: nominal device and data at hand.
+        config: the model with all effects.
+        known: (k, k) information that the data at hand hold on its coordinates.
+    """
+
+    slug: str
+    terms: tuple[Term, ...]
+    noise: Floats
+    problem: Problem
+    config: Config
+    known: Floats
+
+    def on(self, problem: Problem) -> Fit:
+        """Its filter run over the samples of a problem."""
+        return Fit.started(problem, self.terms, self.noise)
+
+
+def rival_of(model: Config, fit: Fit, last: Fit, slug: str, base: int) -> Rival | None:
+    """An explanation from the round in which it competed.
+
+    Args:
+        model: the nominal model.
+        fit: the explanation, from that round.
+        last: the last model of the search: its effects after that round, and its noise, are taken over.
+        slug: the effect that it stands for.
+        base: number of terms, the first ones, that are base parameters.
+
+    Returns:
+        None where no device has all its effects.
+    """
+    whole = [term.moved(fit.u[fit.share(k)]) for k, term in enumerate(fit.terms)]
+    whole += [last.terms[k].moved(last.u[last.share(k)]) for k in range(len(whole), len(last.terms))]
+    # In an experiment to come nobody holds the handle.
+    terms = tuple(term for term in whole if term.slug != HAND)
+    entries = [(term.slug, parameters_of_term(term, term.start)) for term in whole[base:] if term.slug != HAND]
+    try:
+        config = with_effects(model, entries, {term.slug: float(np.exp(term.start[0])) for term in whole[:base]})
+    except ConfigError:
+        return None
+    known = Fit.started(fit.problem, terms, last.noise)
+    slopes = _slopes(known)
+    information = slopes.T @ (slopes * known.out["information"][:, None])
+    return Rival(slug, terms, last.noise, fit.problem, config, information)
+
+
+def _slopes(fit: Fit) -> Floats:
+    """(n, k) derivatives of the predictions by the coordinates of all effects."""
+    if not fit.terms:
+        return np.zeros((fit.out.size, 0))
+    effects = np.arange(fit.u.size) >= len(NOISE)
+    fit.differentiate(effects)
+    return fit.slopes[:, len(NOISE) :]
+
+
+def separation(experiment: Experiment, pairs: Sequence[tuple[Rival, Rival]], least: float = 0.0) -> float | None:
+    """Standard errors by which an experiment sets the true one of each pair apart, in the worst case.
 
     Args:
         experiment: what is played.
         pairs: (the true one, the claimed one).
-        noise: standard deviation of a position sample beyond quantisation, rad or m.
-        seed: of that noise.
+        least: at this many it is no longer of interest, and the rest is not looked at.
 
     Returns:
         None where the limits do not admit the experiment, a safety trip would end it, or the shaft would not move.
     """
-    recordings: dict[str, Recording] = {}
+    played: dict[int, Fit] = {}
     worst = np.inf
     for true, claimed in pairs:
-        if true.slug not in recordings:
-            played = play(true.config, experiment, noise, seed)
-            if played is None:
+        if id(true) not in played:
+            recording = play(true.config, experiment)
+            if recording is None:
                 return None
-            recordings[true.slug] = played
-        data = _data(recordings[true.slug], true, noise)
-        worst = min(worst, _fitted(data, true).ahead_of(_fitted(data, claimed), data))
-        if worst == 0.0:
+            problem = true.problem
+            problem = Problem(series_of([recording]), problem.base, problem.torque, problem.is_linear)
+            played[id(true)] = true.on(problem)
+        worst = min(worst, float(np.sqrt(2.0 * gain(played[id(true)], claimed))))
+        if worst <= least:
             break
-    return float(worst)
+    return worst
 
 
-def play(config: Config, experiment: Experiment, noise: float, seed: int = 0) -> Recording | None:
+def gain(true: Fit, claimed: Rival) -> float:
+    """Log-likelihood that a law, filtered over what it would record itself, gains over another one, nats."""
+    other = claimed.on(true.problem)
+    difference, information = true.out["mean"] - other.out["mean"], true.out["information"]
+    slopes = _slopes(other)
+    H = slopes.T @ (slopes * information[:, None]) + claimed.known
+    scale = 1.0 / np.sqrt(np.maximum(np.diag(H), 1e-300))
+    g = slopes.T @ (information * difference)
+    change = scale * (np.linalg.pinv(H * np.outer(scale, scale), rcond=1e-9, hermitian=True) @ (scale * g))
+    left = difference - slopes @ change
+    strained = 0.5 * float(change @ claimed.known @ change)
+    return float(np.minimum(0.5 * information * left**2, _MOST).sum()) + strained
+
+
+def play(config: Config, experiment: Experiment) -> Recording | None:
     """What an experiment would record on a device; None where it may not or could not be done.
 
     Args:
         config: device, loop and limits; all trips are armed, at 70 % of the speed and excursion that the config allows.
         experiment: what is played.
-        noise: standard deviation of a position sample beyond quantisation, rad or m.
-        seed: of that noise.
     """
     blocks: list[NDArray[Any]] = []
     try:
@@ -93,12 +177,10 @@ def play(config: Config, experiment: Experiment, noise: float, seed: int = 0) ->
     if result.report["fault"] or np.ptp(rows["encoder_counts"]) < _FEWEST_COUNTS:
         return None
     resolution = config.raw_resolution
-    position = (rows["encoder_counts"] + 0.5) * resolution
-    position = position + noise * np.random.default_rng(seed).standard_normal(position.size)
     return Recording(
         name=experiment.excitation,
         time_s=rows["time_s"] - rows["time_s"][0],
-        position=position,
+        position=(rows["encoder_counts"] + 0.5) * resolution,
         resolution=resolution,
         current=rows["current_command_A"].astype(np.float64),
         current_measured=None,
@@ -117,17 +199,3 @@ def _with_margin(config: Config) -> Config:
         if limit
     }
     return config.model_copy(update={"safety": safety.model_copy(update=limits)})
-
-
-def _data(recording: Recording, base: Rival, noise: float) -> Data:
-    data = prepare([recording], base.hypothesis)
-    segments = [
-        replace(s, sigma=np.hypot(s.sigma, noise), extra_sigma=np.full_like(s.extra_sigma, noise))
-        for s in data.segments
-    ]
-    return Data(segments, data.block)
-
-
-def _fitted(data: Data, claimed: Rival) -> Judged:
-    states = [segment.first_states() for segment in data.segments]
-    return judge(data, fit(data.segments, claimed.hypothesis, claimed.u, states, _ITERATIONS, _PATIENCE))

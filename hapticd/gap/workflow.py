@@ -6,42 +6,36 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.stats import t as student
 
 from drivers import declared_latency
-from hapticd.gap import noise, ties, verdict
-from hapticd.gap.candidates import BUILDERS
-from hapticd.gap.context import Context
-from hapticd.gap.design import next_experiment
-from hapticd.gap.disagreement import balance_json, confounded, disagreement, force_balance
-from hapticd.gap.evidence import few_windows
-from hapticd.gap.fit import fit
-from hapticd.gap.hypothesis import Hypothesis
-from hapticd.gap.intervals import estimates, posterior
-from hapticd.gap.prepare import prepare
+from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
+from hapticd.gap import constants, missing
+from hapticd.gap.fit import Fit, Problem, nominal_fit
+from hapticd.gap.kernel.filter import NOISE
+from hapticd.gap.missing import Missing, missing_force
+from hapticd.gap.prediction import prediction_errors
+from hapticd.gap.profile import Profile
+from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.revise import Round, dropped, prefix, replaced
-from hapticd.gap.rivals import rival
-from hapticd.gap.search import Data, Judged, judge, search
-from hapticd.gap.structure import residual_structure
-from hapticd.gap.traces import traces_of
-from hapticd.plant.layout import device_vector, word
+from hapticd.gap.search import Judged, Round, critical, evidence, judge, search
+from hapticd.gap.series import series_of
+from hapticd.gap.terms import Coordinate, Term, parameters_of_term
+from hapticd.gap.verdict import decide
+from hapticd.plant.layout import WORDS, device_vector, word
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
     from hapticd.config import Config
     from hapticd.gap.data import Recording
 
-    Floats = NDArray[np.float64]
-
-_MOST_EFFECTS = 4
-_MOST_STEPS = 16
-_FAR_OFF, _BEYOND_CHANCE = 10.0, 100.0
-"""Times noise: what a slip that went the other way by chance may leave, and what none does."""
-_BASE = {"inertia_error": "inertia", "viscous_friction": "viscous", "coulomb_friction": "coulomb"}
-"""What `refit_base` fits: effect and the base parameter that it corrects."""
+_BASE = {"inertia": ("kg m²", "kg"), "viscous": ("N m s/rad", "N s/m"), "coulomb": ("N m", "N")}
+_CORRECTIONS = ("inertia_error", "viscous_friction", "coulomb_friction", "torque_constant_error")
+_ROTARY_ONLY = ("gravity", "encoder_eccentricity")
+"""Laws in an angle: on a linear device they would be sines of a metre."""
+_FARTHEST = 100.0
+"""Factor by which a base parameter may leave its nominal value."""
 
 
 def find_gap(
@@ -50,9 +44,7 @@ def find_gap(
     *,
     refit_base: bool = False,
     candidates: Sequence[str] | None = None,
-    seed: int = 0,
     progress: Callable[[float, str], None] | None = None,
-    workers: int | None = None,
     design: bool = True,
 ) -> GapResult:
     """Find the effects that a model lacks.
@@ -62,270 +54,236 @@ def find_gap(
         model: the nominal model.
         refit_base: fit inertia and friction of the base model too, before and with every effect.
         candidates: slugs to consider; the whole catalogue by default.
-        seed: of everything random.
         progress: told the share done and what is being done.
-        workers: threads.
-        design: where rivals stay tied, design the experiment that would tell them apart; takes up to a minute.
+        design: where laws stay tied, design the experiment that would tell them apart.
 
     Raises:
         ValueError: no recording, or an unknown candidate.
+        KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
     """
-    if not recordings:
-        raise ValueError("there is no recording to compare the model with")
-    slugs = list(BUILDERS) if candidates is None else list(candidates)
-    if unknown := [slug for slug in slugs if slug not in BUILDERS]:
-        raise ValueError(f"unknown effect {unknown[0]!r}: the catalogue has {', '.join(BUILDERS)}")
+    slugs = _considered(model, candidates, refit_base)
     told = progress or (lambda share, text: None)
-    told(0.0, "reading the windows")
-    model = _on_driver_of(recordings, model)
-    base = Hypothesis(device_vector(model, declared_latency(model)[0]))
-    data = prepare(recordings, base)
-    present = judge(data, fit(data.segments, base, np.zeros(0), [s.first_states() for s in data.segments]))
-    data, present = _with_noise(data, present)
-    nominal = present
-    fixed: tuple[str, ...] = ()
-    if refit_base:
-        present = _refitted(data, present)
-        fixed = present.hypothesis.slugs
-        slugs = [slug for slug in slugs if slug not in (*_BASE, "torque_constant_error")]
-    present, rounds = _explained(data, present, slugs, told, workers)
-    result = _result(data, nominal, present, rounds, len(fixed), seed)
-    vector = device_vector(model, declared_latency(model)[0])
-    places = disagreement(recordings, model, float(vector[word("delay_s")]), seed)
-    noted = tuple(warning for recording in recordings for warning in recording.warnings)
-    details = {**result.details, "candidates": slugs}
-    result = replace(result, where=tuple(places), warnings=noted, details=details)
-    if (screening := force_balance(recordings, model, refit_base)) is not None:
-        result = replace(
-            result,
-            balance=balance_json(screening, slugs, model.is_linear),
-            confounded=tuple(confounded(screening, result.effects)),
-        )
-    if design and result.verdict == "ambiguous":
-        start = 1.0 - 1.0 / (len(rounds) + 2.0)
-        planned = _next_experiment(
-            model,
-            data,
-            rounds,
-            seed,
-            lambda share, what: told(start + share * (1.0 - start), f"next experiment: {what}"),
-        )
-        result = replace(result, next_experiment=planned)
+    told(0.0, "fitting the model as given")
+    problem = problem_of(recordings, model)
+    base = base_terms(problem) if refit_base else ()
+    first = judge(nominal_fit(problem, base))
+    rounds: list[Round] = []
+    interrupted = False
+    try:
+        last = search(first, slugs, told, rounds)
+    except KeyboardInterrupt:
+        if not rounds:
+            raise
+        last, interrupted = rounds[-1].taken.judged, True
+    told(0.9, "what is left")
+    result = _result(recordings, model, first, last, rounds, slugs, len(base))
+    if design and result.verdict == "ambiguous" and not interrupted:
+        from hapticd.gap.design import next_experiment
+
+        try:
+            planned = next_experiment(model, rounds, lambda share, text: told(0.92 + 0.08 * share, text), len(base))
+            result = replace(result, next_experiment=planned)
+        except KeyboardInterrupt:
+            interrupted = True
     told(1.0, "done")
+    if interrupted:
+        result = replace(result, interrupted=True, statement=f"Interrupted: {result.statement}")
     return result
 
 
-def _explained(
-    data: Data, base: Judged, slugs: Sequence[str], told: Callable[[float, str], None], workers: int | None
-) -> tuple[Judged, list[Round]]:
-    """Add effects to a base model one by one, each time looking back at the earlier ones, until nothing is left to name."""
-    present, fixed = base, len(base.hypothesis.terms)
-    rounds: list[Round] = []
-    look_back = False
-
-    for step in range(_MOST_STEPS):
-
-        def report(share: float, slug: str, step: int = step, number: int = len(rounds) + (not look_back)) -> None:
-            told(1.0 - (1.0 - share / (step + 2.0)) / (step + 1.0), f"effect {number}: {slug}")
-
-        if look_back:
-            present, rounds, look_back = replaced(data, present, rounds, fixed, report, workers)
-            if look_back:
-                present, rounds = dropped(data, present, rounds, fixed)
-            continue
-        used = {slug for found in rounds for slug in (found.winner, *ties.exact_class(found.winner))}
-        remaining = [slug for slug in slugs if slug not in used]
-        if not remaining or len(rounds) == _MOST_EFFECTS:
-            break
-        device = present.hypothesis.device(present.fit.solution.u, 0).vector
-        judged = search(data, present, Context(data.segments, present.fit, device), remaining, report, workers)
-        winner = _winner(judged, present, data, len(slugs))
-        if winner is None:
-            break
-        judged[winner] = _polished(data, judged[winner])
-        rounds.append(Round(winner, present, judged[winner], judged))
-        present, rounds = dropped(data, judged[winner], rounds, fixed)
-        look_back = len(rounds) > 1
-    return present, rounds
+def identify(recordings: Sequence[Recording], model: Config) -> dict[str, Estimate]:
+    """Inertia and friction that fit recordings best, with 95 % intervals; nothing else is looked for."""
+    problem = problem_of(recordings, model)
+    fitted = judge(nominal_fit(problem, base_terms(problem)))
+    return _base_estimates(fitted.fit, model.is_linear)
 
 
-def _refitted(data: Data, nominal: Judged) -> Judged:
-    """The base model with its inertia and friction fitted. The torque constant stays: all four together are one scale."""
-    hypothesis = nominal.hypothesis
-    context = Context(data.segments, nominal.fit, hypothesis.base)
-    for slug in _BASE:
-        for term in BUILDERS[slug](context)[:1]:
-            hypothesis = hypothesis.with_term(term)
-    return judge(data, fit(data.segments, hypothesis, hypothesis.start(), nominal.fit.solution.states))
+def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
+    """What is fitted.
+
+    Raises:
+        ValueError: no recording.
+    """
+    series = series_of(recordings)
+    vector = device_vector(model, declared_latency(model)[0])
+    drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(series.command**2)))
+    return Problem(series, vector, model.plant.coulomb + drive, model.is_linear)
 
 
-def _next_experiment(
-    model: Config, data: Data, rounds: Sequence[Round], seed: int, told: Callable[[float, str], None]
-) -> dict[str, Any] | None:
-    """The experiment for the first round that ended in a tie."""
-    for found in rounds:
-        tied = ties.across_classes(found.winner, ties.rivals(found.winner, found.judged, data))
-        if tied:
-            best = found.judged[found.winner]
-            claims = [rival(model, found.judged[slug], rounds[-1].after, slug) for slug in (found.winner, *tied)]
-            now = min(best.ahead_of(found.judged[slug], data) for slug in tied)
-            noise = float(np.median(np.concatenate([segment.extra_sigma for segment in data.segments])))
-            return next_experiment(model, [claim for claim in claims if claim], noise, now, told, seed)
-    return None
+def base_terms(problem: Problem) -> tuple[Term, ...]:
+    """Terms that fit the base model: the logarithms of inertia, viscous and Coulomb friction, with a wide prior."""
+    found = []
+    for name in _BASE:
+        index = word(name)
+        value = float(problem.base[index])
+        if value > 0.0:
+            centre, far = np.log(value), np.log(_FARTHEST)
+            coordinate = Coordinate(name, index, True, centre - far, centre + far, 0.3, constants.BASE_PRIOR, centre)
+            found.append(Term(name, (coordinate,), (centre,)))
+    return tuple(found)
 
 
-def _on_driver_of(recordings: Sequence[Recording], model: Config) -> Config:
-    """The model behind the driver that made the recordings: its declared latency is part of the way of a command."""
-    known = [recording.config.driver for recording in recordings if recording.config]
-    return model.model_copy(update={"driver": known[0]}) if known else model
+def _considered(model: Config, candidates: Sequence[str] | None, refit_base: bool) -> list[str]:
+    if unknown := [slug for slug in candidates or () if slug not in CATALOGUE]:
+        raise ValueError(f"unknown effect {unknown[0]!r}: the catalogue has {', '.join(EFFECT_SLUGS)}")
+    present = {effect.name for effect in model.plant.effects}
+    return [
+        slug
+        for slug in (EFFECT_SLUGS if candidates is None else candidates)
+        if not (refit_base and slug in _CORRECTIONS)
+        and not (model.is_linear and slug in _ROTARY_ONLY)
+        and not present & {slug, *CATALOGUE[slug].excludes}
+    ]
 
 
-def _with_noise(data: Data, present: Judged) -> tuple[Data, Judged]:
-    """The same windows with the noise that the samples show, and the base model fitted again."""
-    segments = []
-    for number, segment in enumerate(data.segments):
-        error = present.fit.residuals[number] * segment.sigma[:, None]
-        ticks = segment.windows.rows
-        speed = np.sqrt(np.mean(segment.velocity[ticks] ** 2, axis=1))
-        crossings = speed * segment.recording.period_s / segment.resolution
-        found = noise.estimate(error, speed, crossings, segment.resolution)
-        extra = found.extra(speed)
-        sigma = np.sqrt(segment.resolution**2 / 12.0 + extra)
-        segments.append(replace(segment, sigma=sigma, extra_sigma=np.sqrt(extra)))
-    data = Data(segments, data.block)
-    solution = present.fit.solution
-    return data, judge(data, fit(segments, solution.hypothesis, solution.u, solution.states))
-
-
-def _winner(judged: dict[str, Judged], present: Judged, data: Data, catalogue: int) -> str | None:
-    """The significant candidate that predicts held-out windows best, or a simpler one as good (`ties.first`)."""
-    good = [slug for slug, j in judged.items() if j.against(present, data).significant(catalogue * j.trials)]
-    return ties.first(good, judged, data) if good else None
-
-
-def _polished(data: Data, judged: Judged) -> Judged:
-    """The fit carried to the end: fits that only rank candidates stop early."""
-    solution = judged.fit.solution
-    return judge(data, fit(data.segments, solution.hypothesis, solution.u, solution.states), judged.trials)
-
-
-def _floor_of(data: Data, judged: Judged, seed: int) -> Floats:
-    """Mean squares (w, replicas) in position units that noise alone leaves."""
-    predicted = [s.observed - r * s.sigma[:, None] for s, r in zip(data.segments, judged.fit.residuals, strict=True)]
-    squares = noise.floor(data.segments, predicted, judged.fit.at, np.random.default_rng(seed))
-    return np.concatenate([q * s.sigma[:, None] ** 2 for q, s in zip(squares, data.segments, strict=True)])
-
-
-def _square(data: Data, mean_square: Floats) -> Floats:
-    """Mean squares (w,) in position units."""
-    return np.asarray(mean_square * np.concatenate([s.sigma**2 for s in data.segments]))
-
-
-def _gap(square: Floats, floor: Floats) -> float:
-    return float(np.sqrt(square.mean() / floor.mean()))
-
-
-def _result(data: Data, nominal: Judged, final: Judged, rounds: list[Round], fixed: int, seed: int) -> GapResult:
-    floor = _floor_of(data, final, seed)
-    is_linear = data.segments[0].recording.is_linear
-
-    def gap_of(judged: Judged) -> float:
-        return _gap(_square(data, judged.held_out.mean_square), floor)
-
-    where = posterior(data.segments, final.fit, data.block, seed)
-    steps, tied_across = [], []
-    chain = _chain(data, final, rounds, fixed)
-    for number, found in enumerate(rounds):
-        tied = ties.rivals(found.winner, found.judged, data)
-        same = ties.exact_class(found.winner)
-        across = ties.across_classes(found.winner, tied)
-        tied_across.append(across)
-        comparison = found.after.against(found.before, data)
-        term = final.hypothesis.terms[fixed + number]
-        share = final.hypothesis.share(where.centre, fixed + number)
-        entry = term.entry(share) if term.entry else term.parameters(share)
-        steps.append(
-            Step(
-                effect=found.winner,
-                parameters=estimates(final.hypothesis, where, fixed + number, is_linear),
-                gap_before=gap_of(chain[number]),
-                gap_after=gap_of(chain[number + 1]),
-                evidence=comparison.z,
-                log_likelihood_gain=0.5 * comparison.gain,
-                indistinguishable_from=(*same, *across),
-                ranking=tuple(_ranking(found, data, gap_of)),
-                entry={"name": found.winner, **entry},
-            )
-        )
-    square = _square(data, final.held_out.mean_square)
-    structure = residual_structure(data, final, seed)
-    few = few_windows(len(square), final.hypothesis.is_rugged)
-    left = verdict.Remaining(
-        _gap(square, floor),
-        _trimmed_gap(square, floor, few),
-        _many_far_off(square / floor.mean(), few),
-        tuple(test.name for test in structure.left),
+def _result(
+    recordings: Sequence[Recording],
+    model: Config,
+    first: Judged,
+    last: Judged,
+    rounds: Sequence[Round],
+    slugs: Sequence[str],
+    fixed: int,
+) -> GapResult:
+    models = [first, *(each.taken.judged for each in rounds)]
+    found = [missing_force(judged.fit) for judged in models]
+    power = [missing.rms**2 for missing in found]
+    held = [missing.held_out_rms(first.fit), missing.held_out_rms(last.fit)]
+    unit = "N" if model.is_linear else "N m"
+    numbers = GapNumbers(found[0].rms, found[-1].rms, held[0], held[1], missing.noise_floor(last.fit), unit)
+    possible = max(missing.explainable(first.fit, found[0]) * power[0], power[0] - power[-1], 1e-300)
+    covariance = last.fit.covariance()
+    steps = tuple(
+        _step(each, number, last.fit, covariance, fixed, model.is_linear, power, possible)
+        for number, each in enumerate(rounds)
     )
-    effects = tuple(found.winner for found in rounds)
-    answer, statement = verdict.decide(effects, tied_across, left)
-    train = [_gap(_square(data, j.fit.solution.mean_square), floor) for j in (nominal, final)]
-    numbers = GapNumbers(train[0], train[1], gap_of(nominal), left.gap, float(np.sqrt(floor.mean())))
-    details = {
-        "windows": int(sum(s.count for s in data.segments)),
-        "window_s": [s.length * s.recording.period_s for s in data.segments],
-        "samples": int(data.samples),
-        "blocks": len(np.unique(data.block)),
-        "position_noise": [float(np.median(s.extra_sigma)) for s in data.segments],
-    }
-    traces = traces_of(data, nominal, final, numbers.noise_floor)
-    base = {
-        _BASE[slug]: _scaled(estimates(final.hypothesis, where, number, is_linear)["r"], final.hypothesis.base, slug)
-        for number, slug in enumerate(final.hypothesis.slugs[:fixed])
-    }
+    effects = tuple(step.effect for step in steps)
+    ties = [each.tied for each in rounds]
+    remainder = remainder_of(last.fit, found[-1], power[0])
+    verdict, statement = decide(effects, ties, numbers, remainder)
+    series = first.fit.problem.series
+    noise = last.fit.noise_values()
     return GapResult(
-        answer,
+        verdict,
         statement,
         effects,
-        tuple(steps),
+        steps,
         numbers,
-        structure=left.structure,
-        residual_structure=structure.to_json(),
-        traces=traces,
-        base=base,
-        details=details,
+        remainder,
+        where=tuple(missing.where(first.fit, found[0])),
+        base=_base_estimates(last.fit, model.is_linear) if fixed else {},
+        prediction=prediction_errors(first.fit, last.fit, model.is_linear),
+        recording=_timing(recordings),
+        details={
+            "samples": series.size,
+            "blocks": series.blocks,
+            "candidates": list(slugs),
+            "noise": dict(zip(NOISE, (float(value) for value in noise), strict=True)),
+            "needed_standard_errors": critical(series.blocks, len(slugs)),
+            "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
+            "likelihood_evaluations": first.fit.problem.counter[0],
+        },
+        profiles=_profiles(recordings, first.fit, found[0], found[-1]),
     )
 
 
-def _chain(data: Data, final: Judged, rounds: Sequence[Round], fixed: int) -> list[Judged]:
-    """The model without any effect, with the first, and so on to the last."""
-    if len(rounds) < 2:
-        return [*(found.before for found in rounds), final]
-    return [*(prefix(data, final, fixed + number) for number in range(len(rounds))), final]
+def _step(
+    each: Round,
+    number: int,
+    fit: Fit,
+    covariance: np.ndarray[Any, np.dtype[np.float64]],
+    fixed: int,
+    is_linear: bool,
+    power: Sequence[float],
+    possible: float,
+) -> Step:
+    taken = each.taken
+    term, share = fit.terms[fixed + number], fit.share(fixed + number)
+    u, variance = fit.u[share], np.diag(covariance)[share]
+    blocks = fit.problem.series.blocks
+    estimates = _estimates(term, u, variance, blocks, is_linear)
+    same = CATALOGUE[taken.slug].equivalent_to
+    ranking = tuple(
+        Ranked(
+            other.slug,
+            other.gain,
+            other.evidence,
+            0.0 if other is taken else max(evidence(taken.judged, other.judged)[1], 0.0),
+        )
+        for other in each.contenders
+    )
+    return Step(
+        taken.slug,
+        estimates,
+        float(np.sqrt(power[number])),
+        float(np.sqrt(power[number + 1])),
+        float(np.clip((power[number] - power[number + 1]) / possible, 0.0, 1.0)),
+        taken.evidence,
+        taken.gain,
+        (*same, *(slug for slug in each.tied if slug not in same)),
+        ranking,
+        parameters_of_term(term, u),
+    )
 
 
-def _scaled(relative: Estimate, vector: Floats, slug: str) -> Estimate:
-    """A base parameter from its relative correction r."""
-    nominal = float(vector[word(_BASE[slug])])
-    low, high = relative.ci95
-    return Estimate(nominal * (1.0 + relative.value), (nominal * (1.0 + low), nominal * (1.0 + high)), "")
+def _estimates(
+    term: Term, u: np.ndarray[Any, np.dtype[np.float64]], variance: np.ndarray[Any, Any], blocks: int, is_linear: bool
+) -> dict[str, Estimate]:
+    units = {p.name: p.unit_linear if is_linear else p.unit for p in CATALOGUE[term.slug].parameters}
+    reach = float(student.isf(0.025, blocks - 1))
+    found = {}
+    for index, chosen in term.fixed:
+        name = WORDS[index].partition(".")[2]
+        found[name] = Estimate(chosen, (chosen, chosen), units[name.partition("[")[0]])
+    for coordinate, value, own in zip(term.coordinates, u, variance, strict=True):
+        half = reach * float(np.sqrt(own))
+        ends = [min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + half)]
+        values = [float(np.exp(v)) if coordinate.is_log else float(v) for v in (value, *ends)]
+        unit = units[coordinate.name.partition("[")[0]]
+        found[coordinate.name] = Estimate(values[0], (values[1], values[2]), unit)
+    return found
 
 
-def _trimmed_gap(square: Floats, floor: Floats, few: int) -> float:
-    """The gap without the worst few windows: a marginal slip that went the other way says nothing of missing physics."""
-    keep = len(square) - few
-    return float(np.sqrt(np.sort(square)[:keep].sum() / len(square) / floor.mean()))
+def _base_estimates(fit: Fit, is_linear: bool) -> dict[str, Estimate]:
+    reach = float(student.isf(0.025, fit.problem.series.blocks - 1))
+    variance = np.diag(fit.covariance())
+    found = {}
+    for number, term in enumerate(fit.terms):
+        if term.slug in _BASE:
+            at = fit.share(number).start
+            half = reach * float(np.sqrt(variance[at]))
+            low, value, high = (float(np.exp(fit.u[at] + part)) for part in (-half, 0.0, half))
+            found[term.slug] = Estimate(value, (low, high), _BASE[term.slug][is_linear])
+    return found
 
 
-def _many_far_off(square: Floats, few: int) -> bool:
-    """Whether windows are further off, in mean squares (w,) over the floor's, than slips by chance can explain."""
-    far = np.sum(square > _FAR_OFF**2) > few // 2
-    return bool(far or np.any(square > _BEYOND_CHANCE**2))
+def _timing(recordings: Sequence[Recording]) -> dict[str, Any]:
+    waits = [np.diff(recording.time_s) / recording.period_s for recording in recordings]
+    regular = [w[w < 1.5] * recording.period_s for w, recording in zip(waits, recordings, strict=True)]
+    return {
+        "missed": int(sum(np.sum(np.rint(w[w >= 1.5]) - 1) for w in waits)),
+        "jitter_s": float(max(np.std(w) for w in regular)),
+        "period_s": float(np.median([recording.period_s for recording in recordings])),
+        "warnings": [warning for recording in recordings for warning in recording.warnings],
+    }
 
 
-def _ranking(found: Round, data: Data, gap_of: Callable[[Judged], float]) -> list[Ranked]:
-    best = found.judged[found.winner]
-    rows = []
-    for slug, judged in sorted(found.judged.items(), key=lambda item: float(item[1].held_out.loss.sum())):
-        behind = 0.0 if slug == found.winner else best.ahead_of(judged, data)
-        rows.append(Ranked(slug, gap_of(judged), judged.against(found.before, data).z, behind))
-    return rows
+def _profiles(recordings: Sequence[Recording], fit: Fit, before: Missing, after: Missing) -> tuple[Profile, ...]:
+    series = fit.problem.series
+    found = []
+    for number, recording in enumerate(recordings):
+        rows = series.recording == number
+        found.append(
+            Profile(
+                recording.name,
+                series.time_s[rows],
+                after.position[rows],
+                after.velocity[rows],
+                series.command[rows],
+                after.moves[rows],
+                before.force[rows],
+                after.force[rows],
+                np.sqrt(after.variance[rows]),
+            )
+        )
+    return tuple(found)

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from hapticd.gap import GapResult
-from hapticd.gap.result import GapNumbers
+from hapticd.gap.result import GapNumbers, Remainder
 
 from ..service.fake_control import FakeControl
 from .conftest import Run
@@ -58,7 +58,9 @@ def test_the_daemons_config_is_the_model_unless_one_is_named(
 
     def find(recordings: Any, model: Any, **options: Any) -> GapResult:
         inertias.append(model.plant.inertia)
-        return GapResult("no_missing_effect", "Nothing.", (), (), GapNumbers(1, 1, 1, 1, 1e-4))
+        numbers = GapNumbers(1e-6, 1e-6, 1e-6, 1e-6, 1e-7, "N m")
+        timing = {"missed": 0, "jitter_s": 0.0, "period_s": 1e-3, "warnings": []}
+        return GapResult("no_missing_effect", "Nothing.", (), (), numbers, Remainder(1.0, "All.", ()), recording=timing)
 
     monkeypatch.setattr("hapticd.gap.find_gap", find)
     monkeypatch.setattr("hapticd.gap.live.load_recording", lambda path, model: path)

@@ -113,9 +113,11 @@ def test_an_amplitude_is_a_parameter_and_off_at_zero(slug: str) -> None:
 def test_starts_are_entries_of_a_config(slug: str, scale: Scale) -> None:
     starts = CATALOGUE[slug].starts(scale)
     assert bool(starts) != (slug in FOUND_BY_OTHER_MEANS) or scale is AT_REST
-    assert len(starts) <= 30
+    # An effect on the current is a known torque for each of its starts, which costs next to nothing; others cost a run each.
+    many = CATALOGUE[slug].acts_on == "input"
+    assert len(starts) <= (400 if many else 30)
     encoder = {"counts_per_metre": 1e6} if scale.is_linear else {"counts_per_rev": 8192}
-    for values in starts:
+    for values in starts[:: 20 if many else 1]:
         parse_config({"encoder": encoder, "plant": {"effects": [{"name": slug, **values}]}}, "start")
 
 
@@ -125,7 +127,7 @@ def test_starts_cover_the_plausible_range() -> None:
     counts = {round(values["breakaway"] / ROTARY.resolution) for values in CATALOGUE["presliding"].starts(ROTARY)}
     assert counts == {5, 15, 40, 120, 400}
     assert [values["t_d"] for values in CATALOGUE["transport_delay"].starts(ROTARY)] == [3e-4, 1e-3, 2e-3, 4e-3, 8e-3]
-    assert len(CATALOGUE["flexible_coupling"].starts(ROTARY)) == 28
+    assert len(CATALOGUE["flexible_coupling"].starts(ROTARY)) == 18
     assert {values["d"] > 0 for values in CATALOGUE["quadratic_drag"].starts(ROTARY)} == {True, False}
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import json
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,29 +19,50 @@ from .synthetic import run
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from benchmarks.gap.disturbance import Coloured
+
 Case = tuple[Recording, Config]
+
+
+@functools.lru_cache(maxsize=8)
+def _made(effects: str, seed: int, duration_s: float, coloured: Coloured | None) -> tuple[Recording, Config, Any]:
+    made = generate(json.loads(effects), seed, duration_s, "re35", coloured=coloured)
+    step = devices.resolution(made.nominal)
+    recording = Recording(
+        name="hidden",
+        time_s=made.time_s - made.time_s[0],
+        position=(made.counts + 0.5) * step,
+        resolution=step,
+        current=made.current_command,
+        current_measured=None,
+        period_s=float(np.median(np.diff(made.time_s))),
+        lateness_s=made.lateness_s,
+        is_linear=False,
+        config=None,
+    )
+    return recording, parse_config(made.nominal, "nominal"), made
 
 
 @pytest.fixture(scope="session")
 def hidden() -> Callable[..., Case]:
-    """hidden(effects, seed, duration_s): a recording of the testbed with these effects, and its nominal model."""
+    """hidden(effects, seed, duration_s, coloured): a recording of the testbed with these effects, and its nominal model."""
 
-    def make(effects: list[dict[str, Any]], seed: int = 1, duration_s: float = 8.0) -> Case:
-        made = generate(effects, seed, duration_s, "re35")
-        step = devices.resolution(made.nominal)
-        recording = Recording(
-            name="hidden",
-            time_s=made.time_s - made.time_s[0],
-            position=(made.counts + 0.5) * step,
-            resolution=step,
-            current=made.current_command,
-            current_measured=None,
-            period_s=float(np.median(np.diff(made.time_s))),
-            lateness_s=made.lateness_s,
-            is_linear=False,
-            config=None,
-        )
-        return recording, parse_config(made.nominal, "nominal")
+    def make(
+        effects: list[dict[str, Any]], seed: int = 1, duration_s: float = 8.0, coloured: Coloured | None = None
+    ) -> Case:
+        return _made(json.dumps(effects), seed, duration_s, coloured)[:2]
+
+    return make
+
+
+@pytest.fixture(scope="session")
+def truth() -> Callable[..., Any]:
+    """truth(effects, seed, duration_s, coloured): what `benchmarks.gap.generate` knows of the recording of `hidden`."""
+
+    def make(
+        effects: list[dict[str, Any]], seed: int = 1, duration_s: float = 8.0, coloured: Coloured | None = None
+    ) -> Any:
+        return _made(json.dumps(effects), seed, duration_s, coloured)[2]
 
     return make
 

@@ -1,30 +1,115 @@
-"""Fits of initial states."""
+"""The fit: parameters of hidden effects, their intervals, and a held-out score that costs what a parameter costs."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import numpy as np
+import pytest
 
-from hapticd.gap.fit import fit_states
-from hapticd.gap.hypothesis import Hypothesis
-from hapticd.gap.prepare import prepare
-from hapticd.plant.layout import THETA, device_vector
+from benchmarks.gap.disturbance import Coloured
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap.candidates import scale_of
+from hapticd.gap.fit import Fit, nominal_fit
+from hapticd.gap.terms import term
+from hapticd.gap.workflow import problem_of
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
+SECONDS = 8.0
+HIDDEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
+    "constant_bias": ({"tau_0": 4e-4}, {"tau_0": 1e-4}),
+    "transport_delay": ({"t_d": 0.8e-3}, {"t_d": 0.5e-3}),
+    "stribeck": ({"s": 0.5, "omega_s": 3.0}, {"s": 0.3, "omega_s": 2.0}),
+}
 
 
-def test_every_window_finds_back_from_another_position(hidden: Callable[..., Any]) -> None:
-    """What the velocity of a shaft about to slip does is known to no first order; its position alone must do."""
-    recording, model = hidden([], 7, 12.0)
-    base = Hypothesis(device_vector(model))
-    segments = prepare([recording], base).segments
-    there = fit_states(segments, base, np.zeros(0), [s.first_states() for s in segments])[0]
-    moved = [segment.first_states() for segment in segments]
-    for segment, state in zip(segments, moved, strict=True):
-        state[:, THETA] -= 60.0 * segment.sigma
-    back = fit_states(segments, base, np.zeros(0), moved)[0]
-    good = there.mean_square < 3.0
-    assert good.mean() > 0.7
-    assert back.mean_square[good].max() < 30.0
+@pytest.mark.parametrize("slug", HIDDEN)
+def test_parameters_are_recovered_to_a_percent(hidden: Callable[..., Any], slug: str) -> None:
+    true, start = HIDDEN[slug]
+    recording, model = hidden([{"name": slug, **true}], 6, SECONDS)
+    fit = nominal_fit(problem_of([recording], model)).extended(term(slug, start, (), 0.1))
+    before = fit.log_likelihood
+    fit.approach(5, 5).maximise()
+    assert fit.log_likelihood > before
+    for coordinate, value in zip(fit.terms[0].coordinates, fit.u[fit.share(0)], strict=True):
+        found = np.exp(value) if coordinate.is_log else value
+        assert found == pytest.approx(true[coordinate.name], rel=0.01), coordinate.name
+
+
+def test_intervals_of_a_bias_hold_the_truth(hidden: Callable[..., Any]) -> None:
+    """Under a coloured torque, where scores hang together."""
+    z = []
+    for seed in range(30, 38):
+        recording, model = hidden([{"name": "constant_bias", "tau_0": 3e-4}], seed, 5.0, Coloured(0.1, 0.03))
+        problem = problem_of([recording], model)
+        fit = nominal_fit(problem, [term("constant_bias", {"tau_0": 2e-4}, (), 0.1)])
+        fit.held_out()
+        deviation = float(np.sqrt(fit.covariance()[5, 5]))
+        assert 0.0 < deviation < 3e-4
+        z.append((float(fit.u[5]) - 3e-4) / deviation)
+    assert np.abs(z).max() < 4.0
+    assert 0.3 < float(np.sqrt(np.mean(np.square(z)))) < 2.5
+
+
+@pytest.fixture(scope="module")
+def nothing(hidden: Callable[..., Any]) -> Fit:
+    recording, model = hidden([], 7, SECONDS, Coloured(0.05, 0.05))
+    return nominal_fit(problem_of([recording], model))
+
+
+def test_noise_is_what_was_put_in(nothing: Fit) -> None:
+    """The disturbance of the whole model, in the time in which a shaft answers to it: density s²τ."""
+    values = nothing.noise_values()
+    true = (0.05 * 2e-3) ** 2 * 0.05
+    assert 0.25 * true < values[2] ** 2 * values[3] + 0.5 * values[0] ** 2 < 4.0 * true
+    assert 0.0 < values[1] < nothing.problem.series.resolution
+
+
+def test_a_parameter_that_is_not_needed_gains_nothing_held_out(nothing: Fit) -> None:
+    fit = nothing.extended(term("constant_bias", {"tau_0": 1e-5}, (), 0.1)).maximise()
+    assert fit.log_likelihood >= nothing.log_likelihood - 0.1
+    held, base = float(fit.held_out().sum()), float(nothing.held_out().sum())
+    assert base == pytest.approx(float(nothing.out["log_p"].sum()))
+    assert held - base < fit.log_likelihood - nothing.log_likelihood + 0.5
+    assert held - base < 5.0
+
+
+def test_scores_are_slopes_of_the_log_likelihood(nothing: Fit) -> None:
+    fit = nothing.extended(term("constant_bias", {"tau_0": 1e-5}, (), 0.1)).maximise()
+    step = 0.2 * float(fit.error[5])
+    u = fit.u.copy()
+    u[5] += 10.0 * step
+    fit = Fit(fit.problem, fit.terms, u)
+    fit.error[5] = 5.0 * step
+    fit.differentiate()
+    u[5] += step
+    high = fit.evaluate(u)[0]
+    u[5] -= 2.0 * step
+    assert fit.scores[:, 5].sum() == pytest.approx((high - fit.evaluate(u)[0]) / (2.0 * step), rel=0.05)
+
+
+def test_a_fit_climbs_from_a_neutral_start(hidden: Callable[..., Any]) -> None:
+    """Steps are of the size of the device's torques, not of one newton metre's."""
+    recording, model = hidden([{"name": "constant_bias", "tau_0": 4e-4}], 6, SECONDS)
+    fit = nominal_fit(problem_of([recording], model)).extended(term("constant_bias", {"tau_0": 0.0}, (), 0.1))
+    fit.approach(5, 5).maximise()
+    assert float(fit.u[5]) == pytest.approx(4e-4, rel=0.01)
+
+
+def test_coordinates_stay_within_their_bounds(nothing: Fit) -> None:
+    fit = nothing.extended(term("constant_bias", {"tau_0": 1e-4}, (), 0.1))
+    u = fit.u.copy()
+    u[:] = 1e9
+    fit.move(u)
+    assert np.all(fit.u <= fit.upper)
+    assert np.all(fit.u >= fit.lower)
+
+
+def test_no_start_breaks_the_filter(nothing: Fit) -> None:
+    scale = scale_of(nothing)
+    for slug, spec in CATALOGUE.items():
+        for values in list(spec.starts(scale))[:2]:
+            fit = nothing.extended(term(slug, values, (), 0.1 * scale.travel))
+            assert np.isfinite(fit.log_likelihood), slug
+            for name in ("mean", "variance", "score", "information", "v"):
+                assert np.all(np.isfinite(fit.out[name])), (slug, name)

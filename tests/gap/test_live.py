@@ -13,7 +13,7 @@ from hapticd.client import Client
 from hapticd.config import parse_config
 from hapticd.gap import GapResult
 from hapticd.gap.live import LiveError, close_the_circle
-from hapticd.gap.result import GapNumbers
+from hapticd.gap.result import GapNumbers, Remainder
 from hapticd.servo.experiment import Experiment
 
 MODEL = parse_config({}, "model")
@@ -22,7 +22,8 @@ TIE = {"words": "Play it.", "separates": ["a", "b"], "expected": 9.0, "experimen
 
 
 def result(verdict: Any, planned: dict[str, Any] | None = None) -> GapResult:
-    return GapResult(verdict, f"It is {verdict}.", (), (), GapNumbers(2, 1, 2, 1, 1e-4), next_experiment=planned)
+    numbers, left = GapNumbers(2e-3, 1e-3, 2e-3, 1e-3, 1e-4, "N m"), Remainder(0.25, "A quarter is left.", ())
+    return GapResult(verdict, f"It is {verdict}.", (), (), numbers, left, next_experiment=planned)
 
 
 @dataclass

@@ -5,10 +5,12 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from benchmarks.gap_real import emps, odrive
-from benchmarks.gap_real.datasets import VARIABLE, folder
+from benchmarks.gap_real.answer import beginning
+from benchmarks.gap_real.datasets import COGGING, COGGING_MAP, VARIABLE, folder, imported
 from benchmarks.report import BenchmarkError
 
 needs_data = pytest.mark.skipif(
@@ -18,20 +20,32 @@ needs_data = pytest.mark.skipif(
 
 
 @needs_data
-def test_emps_keeps_its_goals(tmp_path: Path) -> None:
-    figures = {figure.name: figure for figure in emps.measure(folder(), tmp_path)}
-    assert [name for name, figure in figures.items() if figure.met is False] == []
-    assert figures["EMPS rigid, residual force RMS"].value == pytest.approx(3.82, rel=0.02)
-    assert figures["EMPS with offset"].value == pytest.approx(2.16, rel=0.03)
-    assert figures["EMPS with asymmetric viscous"].value == pytest.approx(1.64, rel=0.05)
+def test_the_usual_recipe_gives_the_reference_figures_on_emps(tmp_path: Path) -> None:
+    figures = emps.by_recipe(emps.record(folder(), tmp_path))
+    assert [figure.value for figure in figures] == pytest.approx([3.82, 2.16, 1.64], rel=0.005)
 
 
 @needs_data
-def test_cogging_motor_keeps_its_goals(tmp_path: Path) -> None:
-    figures = odrive.measure(folder(), tmp_path)
-    assert [figure.name for figure in figures if figure.met is False] == []
-    orders = figures[1].details["orders"]
-    assert orders[:3] == [7.0, 28.0, 14.0]
+def test_the_free_run_of_the_published_model_needs_its_offset(tmp_path: Path) -> None:
+    rigid, with_offset = emps.rigid_free_runs(emps.record(folder(), tmp_path))
+    assert with_offset.value < 10.0 < rigid.value
+
+
+@needs_data
+def test_the_cogging_motor_is_imported_in_the_drive_s_own_steps(tmp_path: Path) -> None:
+    recording = imported(folder() / COGGING[0], odrive.MAP, odrive.guessed_model(), tmp_path)
+    assert recording.resolution == pytest.approx(2.0 * np.pi / 8192 / 64)
+    assert 0.9 < np.ptp(recording.position) / (2.0 * np.pi) < 1.1
+    part = beginning(recording, 2.0)
+    assert part.duration_s == pytest.approx(2.0, abs=0.01)
+    assert part.current.size == part.rows < recording.rows
+    assert odrive.orders_of(np.load(folder() / COGGING_MAP)) == [7, 28, 14, 36, 12]
+
+
+def test_the_orders_of_a_named_ripple_are_read() -> None:
+    ripple = {"effect": "torque_ripple", "parameters": {"orders[0]": {"value": 7.0}, "orders[1]": {"value": 12.0}}}
+    assert odrive.named_orders({"steps": [{"effect": "stribeck", "parameters": {}}, ripple]}) == [7.0, 12.0]
+    assert odrive.named_orders({"steps": []}) == []
 
 
 def test_without_data_the_benchmark_says_what_it_needs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""The first screen of the report answers: what is missing, where it shows, how sure, how far the gap shrank."""
+"""The first screen of the report: what is missing, where it shows, how sure, how far the gap shrank, what is left."""
 
 from __future__ import annotations
 
@@ -6,69 +6,102 @@ import re
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap import words
 from hapticd.gap.consequences import consequences
 from hapticd.gap.data import Recording
+from hapticd.gap.figures import all_figures
+from hapticd.gap.profile import Profile
 from hapticd.gap.report import page
-from hapticd.gap.result import Estimate, GapNumbers, GapResult, Step
-from hapticd.gap.structure import Dependence, Structure
+from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Remainder, Step
 
 from .synthetic import model
 
-PLACE = {
-    "coordinate": "speed",
-    "range": [None, 2.0],
-    "share": 0.62,
-    "unit": "rad/s",
-    "words": "62 % sits below 2 rad/s",
-}
+PLACE = {"coordinate": "speed, against the motion", "range": [0.02, 2.0], "share": 0.62}
 STEP = Step(
     "stribeck",
     {"s": Estimate(0.412, (0.38, 0.44), ""), "omega_s": Estimate(1.5, (1.2, 1.9), "rad/s")},
-    gap_before=2.31,
-    gap_after=1.04,
+    gap_before=2.31e-4,
+    gap_after=1.04e-5,
+    share=0.97,
     evidence=9.8,
     log_likelihood_gain=400.0,
     indistinguishable_from=(),
-    ranking=(),
+    ranking=(Ranked("stribeck", 400.0, 9.8, 0.0), Ranked("coulomb_friction", 80.0, 5.0, 7.25)),
+    entry={"s": 0.412, "omega_s": 1.5},
 )
-NOISE = Structure((Dependence("position", 0.41, 0.002),), 20)
+LEFT = ({"coordinate": "way since a reversal, against the motion", "share": 0.2, "p_value": 1e-6},)
+
+
+def profile(rows: int = 4000) -> Profile:
+    """A friction that the model lacks, of which a tenth is left."""
+    time_s = 1e-3 * np.arange(rows, dtype=np.float64)
+    velocity = 20.0 * np.sin(3.0 * time_s)
+    before = -2e-4 * np.sign(velocity) * np.exp(-np.abs(velocity) / 2.0)
+    moves = np.abs(velocity) > 0.05
+    current = 0.1 * np.cos(3.0 * time_s)
+    position = -(20.0 / 3.0) * np.cos(3.0 * time_s)
+    return Profile("lab", time_s, position, velocity, current, moves, before, 0.1 * before, np.full(rows, 1e-6))
+
+
 FOUND = GapResult(
     "effect_found",
-    "Missing: stribeck (gap 1.04 with it).",
+    "Missing: stribeck (missing 0.000231 N m before, 1.04e-05 N m after).",
     ("stribeck",),
     (STEP,),
-    GapNumbers(2.3, 1.02, 2.31, 1.04, 1e-4),
-    residual_structure=NOISE.to_json(),
-    where=(PLACE,),
-    warnings=("lab.csv: the motion goes one way",),
-    details={"windows": 1, "blocks": 1, "candidates": list(CATALOGUE)},
+    GapNumbers(2.3e-4, 1.02e-5, 2.31e-4, 1.04e-5, 1e-6, "N m"),
+    Remainder(0.002, "0.2 % of the missing force's power is left.", ()),
+    where=(PLACE, {"coordinate": "position", "range": [0.0, 1.0], "share": 0.001}),
+    prediction={
+        "horizon_s": 0.05,
+        "k_step": {"before": 0.05, "after": 0.0003},
+        "free_run": {"before": 1.7, "after": 0.011},
+        "unit": "rad",
+    },
+    recording={"missed": 0, "jitter_s": 2e-6, "period_s": 1e-3, "warnings": ["lab.csv: the motion goes one way"]},
+    details={"samples": 4000, "blocks": 20, "candidates": list(CATALOGUE), "needed_standard_errors": 4.2},
+    profiles=(profile(),),
 )
+
+
+def whole_page(result: GapResult, run: Recording) -> str:
+    changes: dict[str, Any] = consequences(model(), model(), 0.0)
+    catalogue = {slug: spec.summary for slug, spec in CATALOGUE.items()}
+    return page(result, [run], changes, catalogue, "plant: {}\n")
 
 
 def first_screen(result: GapResult, run: Recording) -> str:
     """Text of the page up to its first figure."""
-    changes: dict[str, Any] = consequences(model(), model(), 0.0)
-    whole = page(
-        result, [run], model(), changes, {slug: spec.summary for slug, spec in CATALOGUE.items()}, "plant: {}\n"
-    )
+    whole = whole_page(result, run)
     assert "http://" not in re.sub(r"data:[^\"]*", "", whole)
     head = whole[whole.index("<h1>") : whole.index("<figure>")]
     return re.sub(r"\s+", " ", re.sub(r"<[^>]*>", " ", head))
 
 
-def test_all_four_questions_are_answered_with_numbers(nominal_run: Recording) -> None:
+def test_all_questions_are_answered_with_numbers_and_units(nominal_run: Recording) -> None:
     text = first_screen(FOUND, nominal_run)
     assert "Missing from the model: stribeck" in text
     assert "s = 0.412 (0.38 … 0.44)" in text
     assert "omega_s = 1.5 rad/s (1.2 … 1.9)" in text
-    assert "62 % sits below 2 rad/s" in text
+    assert "62 % as friction that depends on the speed, most of it from 0.02 to 2 rad/s" in text
+    assert "function of the position" not in text
     assert "9.8 standard errors" in text
-    assert "What is left looks like noise." in text
-    assert "2.31 → 1.04" in text
+    assert "the next best, coulomb_friction, is 7.2 standard errors behind" in text
+    assert "0.000231 → 1.04e-05 N m" in text
+    assert "noise alone reads 1e-06 N m" in text
+    assert "50 ms ahead: off by 0.05 rad before, 0.0003 rad after" in text
+    assert "0.2 % of the missing force&#39;s power is left" in text
     assert "the motion goes one way" in text
+    assert "Timing" not in text
+
+
+def test_a_linear_device_is_told_of_in_its_units(nominal_run: Recording) -> None:
+    text = first_screen(replace(FOUND, gap=replace(FOUND.gap, unit="N")), nominal_run)
+    assert "from 0.02 to 2 m/s" in text
+    assert "1.04e-05 N RMS missing force" in text
 
 
 def test_a_tie_names_both_in_the_title(nominal_run: Recording) -> None:
@@ -79,21 +112,91 @@ def test_a_tie_names_both_in_the_title(nominal_run: Recording) -> None:
 
 
 @pytest.mark.parametrize(
-    ("tried", "words"), [(24, "Every effect of the catalogue was tried"), (1, "1 of the catalogue's 24")]
+    ("tried", "said"), [(len(CATALOGUE), "Every effect of the catalogue was tried"), (1, "1 of the catalogue's")]
 )
-def test_nothing_missing_says_what_was_tried(nominal_run: Recording, tried: int, words: str) -> None:
+def test_nothing_missing_says_what_was_tried(nominal_run: Recording, tried: int, said: str) -> None:
     details = {**FOUND.details, "candidates": list(CATALOGUE)[:tried]}
     none = replace(FOUND, verdict="no_missing_effect", effects=(), steps=(), where=(), details=details)
     text = first_screen(none, nominal_run)
     assert "Nothing is missing from the model" in text
-    assert words.replace("'", "&#39;") in text or words in text
-    assert "no coordinate stands out" in text
+    assert said in text.replace("&#39;", "'")
+    assert "none reaches the 4.2 standard errors that chance alone reaches in 0.5 % of runs" in text
+    assert "there is nothing to show" in text
 
 
-def test_structure_that_is_left_is_said_first_thing(nominal_run: Recording) -> None:
-    left = Structure((Dependence("position", 1e-4, 0.2, ", most between 0 and 1 rad"),), 20)
-    text = first_screen(
-        replace(FOUND, verdict="unexplained", structure=("position",), residual_structure=left.to_json()), nominal_run
+@pytest.mark.parametrize(
+    ("verdict", "steps", "title"),
+    [
+        ("partly_explained", (STEP,), "Missing from the model: stribeck, and something that has no name here"),
+        ("unexplained", (), "Something is missing that has no name here"),
+    ],
+)
+def test_structure_that_is_left_is_said_and_drawn(
+    nominal_run: Recording, verdict: Any, steps: tuple[Step, ...], title: str
+) -> None:
+    left = replace(
+        FOUND,
+        verdict=verdict,
+        steps=steps,
+        effects=tuple(step.effect for step in steps),
+        remainder=Remainder(0.3, "30 % is left: friction that builds up after a reversal.", LEFT),
     )
-    assert "Something is missing that has no name here, beside stribeck" in text
-    assert "What is left is no noise." in text
+    text = first_screen(left, nominal_run)
+    assert title in text
+    assert "30 % is left: friction that builds up after a reversal." in text
+    assert "way since a reversal, against the motion" in whole_page(left, nominal_run)
+    assert "left" in all_figures(left)
+
+
+def test_bad_timing_comes_before_the_figures(nominal_run: Recording) -> None:
+    late = replace(FOUND, recording={**FOUND.recording, "missed": 40, "jitter_s": 1e-4})
+    assert "Timing of the data: 40 of 4040 samples missed, jitter 100 µs (10 % of a period)" in first_screen(
+        late, nominal_run
+    )
+
+
+def test_what_was_found_before_an_interruption_says_so(nominal_run: Recording) -> None:
+    text = first_screen(replace(FOUND, interrupted=True), nominal_run)
+    assert "Interrupted; missing from the model, as far as was looked: stribeck" in text
+
+
+def test_orders_that_were_chosen_are_told_with_the_ripple(nominal_run: Recording) -> None:
+    ripple = replace(
+        STEP,
+        effect="torque_ripple",
+        parameters={"amplitudes[0]": Estimate(1e-3, (9e-4, 1.1e-3), "N m")},
+        entry={"orders": [7.0, 14.0], "amplitudes": [1e-3, 2e-4]},
+    )
+    assert "orders = 7, 14" in first_screen(replace(FOUND, steps=(ripple,)), nominal_run)
+
+
+def test_a_law_that_contains_the_named_one_is_no_rival() -> None:
+    step = {
+        "effect": "constant_bias",
+        "indistinguishable_from": ["asymmetric_coulomb"],
+        "ranking": [
+            {"effect": "return_spring", "gain": 43.0, "evidence": 8.7, "behind": 0.0},
+            {"effect": "constant_bias", "gain": 42.0, "evidence": 8.5, "behind": 0.0},
+            {"effect": "gravity", "gain": 17.0, "evidence": 4.3, "behind": 6.7},
+        ],
+    }
+    assert words.behind(step) == (
+        "asymmetric_coulomb is the same law in other parameters; return_spring, of which it is a limit, predicts no better; "
+        "the next best, gravity, is 6.7 standard errors behind"
+    )
+
+
+def test_a_shaft_that_never_moves_has_no_figures_of_force() -> None:
+    still = replace(FOUND.profiles[0], moves=np.zeros(4000, dtype=bool))
+    assert set(all_figures(replace(FOUND, profiles=(still,)))) == {"ranking-1"}
+
+
+def test_the_law_that_was_missing_can_be_read_off_the_figure() -> None:
+    panel = all_figures(FOUND)["laws"].axes[1]
+    before, after = (np.asarray(panel.lines[k].get_xydata()) for k in (0, 1))
+    slow = np.abs(before[:, 0]) > 1.0  # where a bin is narrow against the law
+    speed, force = before[slow].T
+    assert force == pytest.approx(-200.0 * np.sign(speed) * np.exp(-np.abs(speed) / 2.0), rel=0.15, abs=2.0)
+    assert after[:, 1] == pytest.approx(0.1 * before[:, 1])
+    assert panel.get_xlabel() == "velocity, rad/s"
+    assert panel.figure.axes[0].get_ylabel() == "missing force, µN m"

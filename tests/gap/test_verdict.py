@@ -1,36 +1,59 @@
-"""A few windows that a slip by chance can explain change no verdict; more do, and one that is beyond any slip."""
+"""From what was found to one of five answers, and the sentence that says it."""
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from hapticd.gap.evidence import few_windows
-from hapticd.gap.verdict import Remaining, decide
-from hapticd.gap.workflow import _many_far_off
+from hapticd.gap.result import GapNumbers, Remainder
+from hapticd.gap.verdict import decide
+
+GAP = GapNumbers(3e-4, 1e-5, 3.1e-4, 1.2e-5, 2e-6, "N m")
+CLEAN = Remainder(0.002, "0.2 % of the missing force's power is left.", ())
+LEFT = Remainder(
+    0.3,
+    "30 % of the missing force's power is left: a torque that depends on the position.",
+    ({"coordinate": "position", "share": 0.3, "p_value": 1e-6},),
+)
 
 
 @pytest.mark.parametrize(
-    ("remaining", "verdict"),
+    ("effects", "tied", "remainder", "verdict"),
     [
-        (Remaining(1.05, 1.0, False, ()), "effect_found"),
-        (Remaining(1.6, 1.0, False, ()), "effect_found"),
-        (Remaining(1.6, 1.3, False, ()), "unexplained"),
-        (Remaining(1.6, 1.0, True, ()), "unexplained"),
-        (Remaining(1.05, 1.0, False, ("speed",)), "unexplained"),
+        ([], [], CLEAN, "no_missing_effect"),
+        ([], [], LEFT, "unexplained"),
+        (["gravity"], [()], CLEAN, "effect_found"),
+        (["gravity"], [()], LEFT, "partly_explained"),
+        (["gravity"], [("constant_bias",)], CLEAN, "ambiguous"),
+        (["gravity"], [("constant_bias",)], LEFT, "ambiguous"),
+        (["stribeck", "gravity"], [(), ()], CLEAN, "effect_found"),
+        (["stribeck", "gravity"], [(), ("constant_bias",)], CLEAN, "ambiguous"),
     ],
 )
-def test_the_verdict_follows_from_what_is_left(remaining: Remaining, verdict: str) -> None:
-    assert decide(["gravity"], [()], remaining)[0] == verdict
+def test_the_verdict(effects: list[str], tied: list[tuple[str, ...]], remainder: Remainder, verdict: str) -> None:
+    found, statement = decide(effects, tied, GAP, remainder)
+    assert found == verdict
+    assert statement.endswith(".")
+    for effect in effects if verdict != "ambiguous" else []:
+        assert effect in statement
 
 
-def test_few_windows_are_four_or_a_share() -> None:
-    assert (few_windows(200), few_windows(600), few_windows(2000)) == (4, 4, 14)
-    assert (few_windows(100, is_rugged=True), few_windows(600, is_rugged=True)) == (4, 18)
+def test_numbers_before_and_after_are_said() -> None:
+    _, statement = decide(["stribeck", "gravity"], [(), ()], GAP, CLEAN)
+    assert statement == "Missing: stribeck and gravity (missing 0.00031 N m before, 1.2e-05 N m after)."
 
 
-@pytest.mark.parametrize(("far", "times_noise", "many"), [(1, 50.0, False), (3, 50.0, True), (1, 150.0, True)])
-def test_slips_by_chance_are_few_and_not_beyond_measure(far: int, times_noise: float, many: bool) -> None:
-    square = np.ones(600)
-    square[:far] = times_noise**2
-    assert _many_far_off(square, few_windows(600)) is many
+def test_what_is_tied_is_said() -> None:
+    _, statement = decide(["gravity"], [("constant_bias", "return_spring")], GAP, CLEAN)
+    assert "gravity or constant_bias or return_spring" in statement
+    assert "cannot tell" in statement
+
+
+def test_what_is_left_is_said() -> None:
+    for effects, tied in (([], []), (["gravity"], [()])):
+        assert LEFT.words in decide(effects, tied, GAP, LEFT)[1]
+
+
+def test_nothing_missing_names_the_noise_floor() -> None:
+    _, statement = decide([], [], GAP, CLEAN)
+    assert "Nothing is missing" in statement
+    assert "2e-06 N m" in statement

@@ -1,0 +1,37 @@
+"""Every constant of the verdict, each with its reason; ``python -m benchmarks.gap.constants`` shows what each changes."""
+
+BLOCK_S = 1.0
+"""Length of the blocks over which scores are taken as independent [s]: several correlation times of what machines do."""
+FEWEST_BLOCKS = 20
+"""A short recording has shorter blocks, so that each fold of five still has four."""
+FOLDS = 5
+"""Parameters that judge a block are estimated without its fold: a fifth of the data."""
+LONGEST_MEMORY_S = 0.05
+"""Largest correlation time of the disturbance torque [s]. A slower one would take the place of friction and of slow
+effects (docs/explanation/gap-statistics.md)."""
+WINDOW_S = 0.05
+"""Duration over which the noise floor of the missing force is stated [s]."""
+LASTING_S = 0.02
+"""Time over which a white force is averaged to count as missing [s]: what is faster than 50 Hz moves no shaft."""
+LEVEL = 0.005
+"""Probability that nothing missing is given a name, over the whole catalogue."""
+MATERIAL = 0.002
+"""Held-out gain, in nats a sample, below which an effect does not matter."""
+SHARE = 0.02
+"""Share of the first effect's gain, and of the missing force's power, that a further effect must bring."""
+SLACK = 0.01
+"""Share of the predicted variance that is process noise, below which nothing is missing: predictions are as good as the
+sensor allows. A bias of 0.3 % of the Coulomb friction makes it 0.08."""
+FORCE_MARGIN = 0.1
+"""Share of the missing force's power by which a law may close less of it than another and still be preferred for its
+likelihood."""
+DRIVE_KEPT = 0.3
+"""Share of the driving torque, and of the moving samples, that a law must leave: what cancels the drive fits anything."""
+STRUCTURE_SHARE = 0.03
+"""Share of the missing force's power that a function of one coordinate must explain for what is left to matter."""
+BASE_PRIOR = 1.5
+"""Standard deviation of the logarithm of a base parameter that is fitted along: a factor of 4.5."""
+TIE = 3.0
+"""Standard errors by which two laws must differ to be told apart."""
+MOST_EFFECTS = 4
+"""Most effects that are looked for."""

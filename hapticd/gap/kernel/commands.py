@@ -1,0 +1,83 @@
+"""Commands of a record as motor currents in force, cut at the instants at which they change."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import types
+
+from hapticd.jit import njit
+from hapticd.plant.electrical import delivered
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_f8 = types.float64
+_a = types.Array(_f8, 1, "C")
+_m = types.Array(_f8, 2, "C")
+
+
+@njit(types.void(_a, _a, _a, _a, _f8, _m, _m, _m))
+def segments(
+    p: NDArray[Any],
+    time_s: NDArray[Any],
+    command: NDArray[Any],
+    deviation: NDArray[Any],
+    delay: float,
+    duration: NDArray[Any],
+    current: NDArray[Any],
+    spread: NDArray[Any],
+) -> None:
+    """Cut each period where a delayed command takes effect.
+
+    Args:
+        p: device vector: converter and limit. time_s, command: (n,) record. delay: of the command [s].
+        deviation: (n,) standard deviation of the command in force.
+        duration, current, spread: (n, S) out; what does not fit into S parts is averaged into the last.
+    """
+    n, parts = duration.shape
+    following = 0
+    aim, doubt = delivered(p, command[0]), deviation[0]
+    for k in range(n):
+        now = time_s[k]
+        end = time_s[k + 1] if k + 1 < n else now + (now - time_s[k - 1])
+        part = 0
+        charge = weight = doubts = 0.0
+        while True:
+            due = end
+            if following < n and time_s[following] + delay < end:
+                due = max(time_s[following] + delay, now)
+            span = due - now
+            if part == parts - 1:
+                charge += aim * span
+                doubts += doubt * span
+                weight += span
+            elif span > 0.0:
+                duration[k, part], current[k, part], spread[k, part] = span, aim, doubt
+                part += 1
+            now = due
+            if due >= end:
+                break
+            aim, doubt = delivered(p, command[following]), deviation[following]
+            following += 1
+        for j in range(part, parts):
+            duration[k, j], current[k, j], spread[k, j] = 0.0, aim, doubt
+        if weight > 0.0:
+            last = parts - 1
+            duration[k, last], current[k, last], spread[k, last] = weight, charge / weight, doubts / weight
+
+
+@njit(types.void(_a, _f8, _a, _a))
+def in_force(command: NDArray[Any], loss: float, mean: NDArray[Any], deviation: NDArray[Any]) -> None:
+    """Mean and standard deviation of the command in force where each is lost with a probability and the last one stays.
+
+    Args:
+        command: (n,) as sent. loss: probability. mean, deviation: (n,) out.
+    """
+    m, variance = command[0], 0.0
+    for k in range(len(command)):
+        new = (1.0 - loss) * command[k] + loss * m
+        variance = (1.0 - loss) * (command[k] - new) ** 2 + loss * (variance + (m - new) ** 2)
+        m = new
+        mean[k], deviation[k] = m, np.sqrt(variance)

@@ -1,0 +1,272 @@
+"""The missing force or torque: what the disturbance must have been, sample by sample, and what of it can be explained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from hapticd.gap import constants
+from hapticd.gap.kernel.filter import WHITE
+from hapticd.gap.kernel.linear import sensitivities, smoothed
+from hapticd.plant.layout import word
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hapticd.gap.fit import Fit
+
+    Floats = NDArray[np.float64]
+
+MOVES = 0.5
+"""Share of a velocity that must outlast a period: less is a shaft that friction holds, and no force shows on it."""
+_PROBES = 64
+
+
+@dataclass(frozen=True)
+class Missing:
+    """The missing force at n samples, N m or N.
+
+    Attributes:
+        force: (n,) mean given all samples. variance: (n,) of it.
+        velocity: (n,) smoothed, rad/s or m/s. position: (n,) filtered, rad or m.
+        moves: (n,) whether the shaft moves, so that a force shows.
+        rms: over the moving samples, mean and variance together.
+    """
+
+    force: Floats
+    variance: Floats
+    velocity: Floats
+    position: Floats
+    moves: NDArray[np.bool_]
+
+    @property
+    def power(self) -> Floats:
+        """(n,) expected square, 0 where the shaft rests."""
+        return np.where(self.moves, self.force**2 + self.variance, 0.0)
+
+    @property
+    def rms(self) -> float:
+        """Root mean square while the shaft moves."""
+        return float(np.sqrt(self.power.sum() / max(int(self.moves.sum()), 1)))
+
+
+def missing_force(fit: Fit) -> Missing:
+    """The missing force of a fitted model."""
+    return _smoothed(fit, fit.u, fit.out)
+
+
+def _smoothed(fit: Fit, u: Floats, out: NDArray[Any]) -> Missing:
+    series = fit.problem.series
+    p = fit.device(u)
+    duration, _, spread = series.currents(p)
+    period = duration.sum(axis=1)
+    # Commands that may have been lost push as a white force does.
+    lost = np.sum((p[word("torque_constant")] * spread * duration) ** 2, axis=1) / period**2
+    found = smoothed(out, float(fit.noise_values(u)[WHITE]) ** 2 / period + lost)
+    # Of the white force only the part that lasts is a force that is missing: its mean over a window.
+    lasting = uniform_filter1d(found[:, 3], max(int(constants.LASTING_S / series.period_s), 1), mode="nearest")
+    return Missing(found[:, 1] + lasting, found[:, 2], found[:, 0], out["x"].copy(), out["v_v"] > MOVES)
+
+
+def missing_power(fit: Fit) -> float:
+    """Mean square of the missing force, (N m)² or N²."""
+    return missing_force(fit).rms ** 2
+
+
+def held_out_rms(fit: Fit) -> float:
+    """RMS of the missing force, each block's by the estimate without its fold; call `Fit.held_out` before."""
+    series = fit.problem.series
+    power, count = 0.0, 0
+    for fold, u in enumerate(fit.fold_u):
+        _, out = (0.0, fit.out) if u is fit.u else fit.evaluate(u)
+        found = _smoothed(fit, u, out)
+        inside = series.fold[series.block] == fold
+        power += float(found.power[inside].sum())
+        count += int(found.moves[inside].sum())
+    return float(np.sqrt(power / max(count, 1)))
+
+
+def noise_floor(fit: Fit) -> float:
+    """Standard error of a force that is constant over `constants.WINDOW_S`, N m or N: what noise alone reads."""
+    series = fit.problem.series
+    rows = max(int(constants.WINDOW_S / series.period_s), 1)
+    first = np.linspace(0, max(series.size - 4 * rows, 0), _PROBES).astype(np.int64)
+    columns = np.zeros((series.size, _PROBES))
+    for k, row in enumerate(first):
+        columns[row : row + rows, k] = 1.0
+    answer = sensitivities(fit.out, columns)
+    information = np.einsum("nk,n->k", answer**2, fit.out["information"])
+    moving = np.array([bool(np.all(fit.out["v_v"][row : row + rows] > MOVES)) for row in first]) & (information > 0.0)
+    return float(np.sqrt(np.mean(1.0 / information[moving]))) if moving.any() else 0.0
+
+
+def hats(values: Floats, among: NDArray[np.bool_], count: int) -> Floats | None:
+    """Piecewise linear functions of a coordinate on its quantiles, shape (n, k); None where it hardly varies."""
+    if not among.any():
+        return None
+    edges = np.unique(np.quantile(values[among], np.linspace(0.01, 0.99, count)))
+    if edges.size < 3:
+        return None
+    return np.stack([np.interp(values, edges, row) for row in np.eye(edges.size)], axis=1)
+
+
+def since_reversal(velocity: Floats, position: Floats, moves: NDArray[np.bool_]) -> Floats:
+    """(n,) way since the velocity last changed its sign, rad or m."""
+    sign = np.where(moves, np.sign(velocity), 0.0)
+    turned = np.flatnonzero(np.diff(sign, prepend=sign[0]) != 0.0)
+    last = np.zeros(sign.size, dtype=np.int64)
+    last[turned] = turned
+    return np.abs(position - position[np.maximum.accumulate(last)])
+
+
+def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | None]]:
+    """Coordinates that a missing force may depend on, and with which sign: (n,) values, and (n,) factor or None."""
+    series = fit.problem.series
+    direction = np.where(found.moves, np.sign(found.velocity), 0.0)
+    way = since_reversal(found.velocity, found.position, found.moves)
+    return {
+        "position": (found.position, None),
+        "velocity": (found.velocity, None),
+        "speed, against the motion": (np.abs(found.velocity), direction),
+        "current": (series.command, None),
+        "time": (series.time_s, None),
+        "time, against the motion": (series.time_s, direction),
+        "way since a reversal, against the motion": (np.log(way + series.resolution), direction),
+        "position, against the motion": (found.position, direction),
+        "acceleration": (np.gradient(found.velocity, series.period_s), None),
+        "change of the current": (np.gradient(series.command, series.period_s), None),
+    }
+
+
+def explainable(fit: Fit, found: Missing, count: int = 8) -> float:
+    """Share of the missing force's power that flexible functions of all coordinates together predict on other blocks."""
+    columns = [np.ones((found.force.size, 1))]
+    for values, factor in coordinates(fit, found).values():
+        shape = hats(values, found.moves, count)
+        if shape is not None:
+            columns.append(shape if factor is None else shape * factor[:, None])
+    design = np.concatenate(columns, axis=1)[found.moves]
+    target = found.force[found.moves]
+    fold = fit.problem.series.fold[fit.problem.series.block][found.moves]
+    total = float(np.sum(target**2))
+    if total == 0.0:
+        return 0.0
+    gram = [design[fold == k].T @ design[fold == k] for k in range(constants.FOLDS)]
+    cross = [design[fold == k].T @ target[fold == k] for k in range(constants.FOLDS)]
+    left = 0.0
+    for k in range(constants.FOLDS):
+        H, g = sum(gram) - gram[k], sum(cross) - cross[k]
+        H = H + 1e-3 * np.diag(np.diag(H)) + 1e-12 * np.trace(H) * np.eye(H.shape[0])
+        left += float(np.sum((target[fold == k] - design[fold == k] @ np.linalg.solve(H, g)) ** 2))
+    return max(1.0 - left / total, 0.0)
+
+
+def where(fit: Fit, found: Missing, bins: int = 12) -> list[dict[str, object]]:
+    """Where the missing force is: for each coordinate the range that holds most of it, the most telling first."""
+    entries: list[tuple[float, dict[str, object]]] = []
+    total = float(found.power.sum())
+    if total <= 0.0:
+        return []
+    constant = float(found.force[found.moves].mean())
+    everywhere = min(constant**2 * int(found.moves.sum()) / total, 1.0)
+    entries.append((everywhere, {"coordinate": "everywhere", "range": [constant, constant], "share": everywhere}))
+    for name, (values, factor) in coordinates(fit, found).items():
+        z = values[found.moves]
+        edges = np.unique(np.quantile(z, np.linspace(0.0, 1.0, bins + 1)))
+        if edges.size < 4:
+            continue
+        place = np.clip(np.searchsorted(edges, z, side="right") - 1, 0, edges.size - 2)
+        count = np.bincount(place, minlength=edges.size - 1)
+        # What is the same everywhere would show along every coordinate.
+        force = (found.force - constant)[found.moves] * (1.0 if factor is None else factor[found.moves])
+        mean = np.bincount(place, force, edges.size - 1) / np.maximum(count, 1)
+        power = mean**2 * count
+        first, last = _densest(power, count)
+        share = float(power.sum() / total)
+        low, high = float(edges[first]), float(edges[last + 1])
+        if name.startswith("way"):
+            low, high = float(np.exp(low)), float(np.exp(high))
+        entries.append((share, {"coordinate": name, "range": [low, high], "share": min(share, 1.0)}))
+    return [entry for _, entry in sorted(entries, key=lambda pair: -pair[0])]
+
+
+def _densest(power: Floats, count: NDArray[np.int64]) -> tuple[int, int]:
+    """First and last bin of the shortest run that holds most of the power."""
+    size = power.size
+    for length in range(1, size + 1):
+        sums = [float(power[k : k + length].sum()) for k in range(size - length + 1)]
+        best = int(np.argmax(sums))
+        if sums[best] >= 0.6 * float(power.sum()):
+            return best, best + length - 1
+    return 0, size - 1
+
+
+def structure(fit: Fit, found: Missing, count: int = 8) -> list[Structure]:
+    """What the innovations of a model depend on: held-out gain of flexible functions, through the linearised filter."""
+    out = fit.out
+    tested = []
+    for name, (values, factor) in coordinates(fit, found).items():
+        shape = hats(values, found.moves, count)
+        if shape is not None:
+            tested.append((name, shape if factor is None else shape * factor[:, None]))
+    results = []
+    for name, columns in tested:
+        answer = sensitivities(out, np.ascontiguousarray(columns))
+        gain, errors = _held_out_gain(fit, answer)
+        results.append(Structure(name, gain, errors, columns @ _coefficients(fit, answer)))
+    return results
+
+
+@dataclass(frozen=True)
+class Structure:
+    """A flexible function of one coordinate.
+
+    Attributes:
+        coordinate: of what. gain: held-out, nats. errors: the same in standard errors.
+        force: (n,) the function, N m or N.
+    """
+
+    coordinate: str
+    gain: float
+    errors: float
+    force: Floats
+
+
+def _normal_equations(fit: Fit, answer: Floats, rows: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats]:
+    score, information = fit.out["score"], fit.out["information"]
+    own = fit.slopes[:, 5:]
+    own = own[:, np.any(own != 0.0, axis=0)]
+    whole = np.concatenate([answer, own], axis=1)
+    if rows is not None:
+        whole, score, information = whole[rows], score[rows], information[rows]
+    H = (whole * information[:, None]).T @ whole
+    return whole.T @ score, H + 1e-3 * np.diag(np.diag(H)) + 1e-30 * np.eye(H.shape[0])
+
+
+def _coefficients(fit: Fit, answer: Floats) -> Floats:
+    g, H = _normal_equations(fit, answer)
+    return np.asarray(np.linalg.solve(H, g)[: answer.shape[1]])
+
+
+def _held_out_gain(fit: Fit, answer: Floats) -> tuple[float, float]:
+    series = fit.problem.series
+    fold = series.fold[series.block]
+    own = fit.slopes[:, 5:]
+    whole = np.concatenate([answer, own[:, np.any(own != 0.0, axis=0)]], axis=1)
+    gains, noises = np.zeros(series.size), np.zeros(series.size)
+    score, information = fit.out["score"], fit.out["information"]
+    parts: Sequence[int] = range(constants.FOLDS)
+    for k in parts:
+        inside = fold == k
+        g, H = _normal_equations(fit, answer, ~inside)
+        shift = whole[inside] @ np.linalg.solve(H, g)
+        gains[inside] = shift * score[inside] - 0.5 * shift**2 * information[inside]
+        noises[inside] = shift * (score[inside] - shift * information[inside])
+    blocks = series.per_block(noises)
+    deviation = np.sqrt(max(float(np.sum(blocks**2)), float(np.sum(noises**2))) + 4.0)
+    return float(gains.sum()), 2.0 * float(gains.sum()) / deviation

@@ -1,0 +1,40 @@
+"""The missing force of one recording sample by sample, before and after, for the figures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Profile:
+    """One recording of n samples.
+
+    Attributes:
+        name: file it came from. time_s: (n,). position: (n,) rad or m. velocity: (n,) rad/s or m/s.
+        current: (n,) commanded, A.
+        moves: (n,) whether the shaft moves, so that a force shows.
+        before, after: (n,) missing force by the model as given and by the improved one, N m or N.
+        deviation: (n,) standard deviation of `after`.
+    """
+
+    name: str
+    time_s: Floats
+    position: Floats
+    velocity: Floats
+    current: Floats
+    moves: NDArray[np.bool_]
+    before: Floats
+    after: Floats
+    deviation: Floats
+
+    @property
+    def explained(self) -> Floats:
+        """What the named effects explain."""
+        return self.before - self.after

@@ -1,0 +1,175 @@
+"""Recordings as the filter takes them: one after the other, as cells of the encoder, with blocks and folds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.gap import constants
+from hapticd.gap.kernel.commands import in_force, segments
+from hapticd.plant.electrical import electrical
+from hapticd.plant.layout import word
+from hapticd.plant.resolution import substeps_for
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hapticd.gap.data import Recording
+
+    Floats = NDArray[np.float64]
+
+_LOSS = word("dropped_samples.p")
+_DELAY, _TRANSPORT_DELAY, _LAG = word("delay_s"), word("transport_delay.t_d"), word("amplifier_lag.f_a")
+_REMEMBERED = 8
+_ELECTRICAL = tuple(
+    word(name)
+    for name in (
+        "delay_s",
+        "transport_delay.t_d",
+        "amplifier_lag.f_a",
+        "amplifier_lag.delta",
+        "current_saturation.i_max",
+        "dac_quantization.q",
+        "dropped_samples.p",
+    )
+)
+_GAP_PERIODS = 10.0
+"""Periods without a sample after which nothing is known of the state."""
+
+
+@dataclass
+class Series:
+    """All samples of the recordings of one device, n in all.
+
+    Attributes:
+        time_s: (n,) from the start of each recording.
+        cell: (n,) lower edge of the encoder's cell over `resolution`.
+        resolution: width of a cell, rad or m.
+        command: (n,) commanded current [A].
+        begins: (n,) whether nothing before this sample tells its state.
+        recording: (n,) which recording a sample is of.
+        block: (n,) number of the sample's block; samples of a block share a fold.
+        fold: (blocks,) fold of each block.
+        period_s: median period.
+    """
+
+    time_s: Floats
+    cell: Floats
+    resolution: float
+    command: Floats
+    begins: NDArray[np.bool_]
+    recording: NDArray[np.int64]
+    block: NDArray[np.int64]
+    fold: NDArray[np.int64]
+    period_s: float
+    _currents: dict[tuple[float, ...], tuple[Floats, Floats, Floats]] = field(default_factory=dict)
+
+    @property
+    def size(self) -> int:
+        """Number of samples."""
+        return int(self.time_s.size)
+
+    @property
+    def blocks(self) -> int:
+        """Number of blocks."""
+        return int(self.fold.size)
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of all recordings together."""
+        return float(self.time_s[np.append(np.flatnonzero(np.diff(self.recording)), -1)].sum())
+
+    def beginning(self, share: float) -> Series:
+        """The first samples, for a first look: what a device remembers is known best where a record begins."""
+        rows = slice(0, int(share * self.size))
+        return replace(
+            self,
+            time_s=self.time_s[rows],
+            cell=self.cell[rows],
+            command=self.command[rows],
+            begins=self.begins[rows],
+            recording=self.recording[rows],
+            block=np.zeros(rows.stop, dtype=np.int64),
+            fold=np.zeros(1, dtype=np.int64),
+            _currents={},
+        )
+
+    def per_block(self, values: Floats) -> Floats:
+        """Sum over the samples of each block; shape (n,) or (n, k) to (blocks,) or (blocks, k)."""
+        if values.ndim == 1:
+            return np.asarray(np.bincount(self.block, values, self.blocks), dtype=np.float64)
+        return np.stack([np.bincount(self.block, column, self.blocks) for column in values.T], axis=1)
+
+    def currents(self, p: Floats) -> tuple[Floats, Floats, Floats]:
+        """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each."""
+        key = tuple(p[list(_ELECTRICAL)])
+        if key not in self._currents:
+            while len(self._currents) >= _REMEMBERED:
+                self._currents.pop(next(iter(self._currents)))
+            found = [
+                self._motor_current(p, slice(rows[0], rows[-1] + 1))
+                for rows in (np.flatnonzero(self.recording == k) for k in range(int(self.recording[-1]) + 1))
+            ]
+            duration, current, spread = (np.concatenate(parts) for parts in zip(*found, strict=True))
+            self._currents[key] = duration, current, spread
+        return self._currents[key]
+
+    def _motor_current(self, p: Floats, rows: slice) -> tuple[Floats, Floats, Floats]:
+        time_s, command = self.time_s[rows], self.command[rows]
+        deviation = np.zeros(time_s.size)
+        if p[_LOSS] > 0.0:
+            sent, command = command, np.empty(time_s.size)
+            in_force(sent, p[_LOSS], command, deviation)
+        delay = p[_DELAY] + p[_TRANSPORT_DELAY]
+        if np.isfinite(p[_LAG]):
+            parts = substeps_for(p, self.period_s)
+            current = np.empty((time_s.size, parts))
+            electrical(p, time_s, command, np.zeros(time_s.size, dtype=np.uint8), parts, current)
+            spans = np.diff(time_s, append=2.0 * time_s[-1] - time_s[-2])
+            duration = np.repeat(spans[:, None] / parts, parts, axis=1)
+            return duration, current, np.repeat(deviation[:, None], parts, axis=1)
+        parts = 2 if 0.0 < delay < self.period_s or delay % self.period_s else 1
+        duration, current, spread = (np.empty((time_s.size, parts)) for _ in range(3))
+        segments(p, time_s, command, deviation, delay, duration, current, spread)
+        return duration, current, spread
+
+
+def series_of(recordings: Sequence[Recording]) -> Series:
+    """Put recordings of one device together.
+
+    Raises:
+        ValueError: no recording.
+    """
+    if not recordings:
+        raise ValueError("there is no recording to compare the model with")
+    resolution = max(recording.resolution for recording in recordings)
+    if resolution <= 0.0:
+        # No cells show: cells far below the noise are as good as a density.
+        bends = np.concatenate([np.diff(recording.position, 2) for recording in recordings])
+        resolution = 1e-3 * float(np.sqrt(np.mean(bends**2)))
+    total = sum(recording.duration_s for recording in recordings)
+    length_s = min(constants.BLOCK_S, total / constants.FEWEST_BLOCKS)
+    begins, block, number = [], [], []
+    blocks = 0
+    for index, recording in enumerate(recordings):
+        waits = np.diff(recording.time_s, prepend=-np.inf)
+        begins.append(waits > _GAP_PERIODS * recording.period_s)
+        own = np.unique((recording.time_s / length_s).astype(np.int64), return_inverse=True)[1]
+        block.append(own + blocks)
+        blocks += int(own.max()) + 1
+        number.append(np.full(recording.rows, index))
+    return Series(
+        time_s=np.ascontiguousarray(np.concatenate([recording.time_s for recording in recordings])),
+        cell=np.concatenate([recording.position for recording in recordings]) / resolution - 0.5,
+        resolution=resolution,
+        command=np.ascontiguousarray(np.concatenate([recording.current for recording in recordings])),
+        begins=np.concatenate(begins),
+        recording=np.concatenate(number),
+        block=np.concatenate(block),
+        fold=np.arange(blocks) % constants.FOLDS,
+        period_s=float(np.median(np.concatenate([np.diff(recording.time_s) for recording in recordings]))),
+    )

@@ -1,0 +1,162 @@
+"""A hypothesis as a vector: which words of the device vector are free, in which coordinates, within which bounds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.plant.layout import word
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+
+_INSTANT_S = 0.2
+"""Change of an instant that matters [s]."""
+_FAR = 30.0
+"""Changes that matter by which a place may leave its start."""
+_REACH = 30.0
+"""Factor by which a fit may leave its start: the starts are closer to each other than that."""
+
+
+@dataclass(frozen=True)
+class Coordinate:
+    """One free number: a word of the device vector, or its logarithm.
+
+    Attributes:
+        name: parameter, with its index where it is an element of a list.
+        word: index in the device vector.
+        is_log: whether the coordinate is the logarithm.
+        lower, upper: bounds of the coordinate.
+        scale: change of the coordinate that matters.
+        prior: standard deviation of a normal prior about `centre`; infinite for none.
+        centre: where that prior is centred.
+    """
+
+    name: str
+    word: int
+    is_log: bool
+    lower: float
+    upper: float
+    scale: float
+    prior: float = np.inf
+    centre: float = 0.0
+
+
+@dataclass(frozen=True)
+class Term:
+    """One effect of a hypothesis.
+
+    Attributes:
+        slug: the effect.
+        coordinates: its free numbers.
+        start: (k,) where they start.
+        fixed: words that are chosen and not fitted (orders of a ripple, edges of a grip), and their values.
+    """
+
+    slug: str
+    coordinates: tuple[Coordinate, ...]
+    start: tuple[float, ...]
+    fixed: tuple[tuple[int, float], ...] = ()
+
+    def put(self, p: Floats, u: Sequence[float] | Floats) -> None:
+        """Write the effect with coordinates `u` into a device vector."""
+        for index, value in self.fixed:
+            p[index] = value
+        for coordinate, value in zip(self.coordinates, u, strict=True):
+            p[coordinate.word] = np.exp(value) if coordinate.is_log else value
+
+    def moved(self, u: Sequence[float] | Floats) -> Term:
+        """The same term with another start."""
+        return replace(self, start=tuple(float(value) for value in u))
+
+    def scaled(self, amplitude: str, factor: float) -> Term:
+        """The term with the parameter in which it is linear (`amplitude`) times a factor, held within its bounds."""
+        u = list(self.start)
+        for k, coordinate in enumerate(self.coordinates):
+            if coordinate.name.partition("[")[0] == amplitude:
+                value = u[k] + np.log(factor) if coordinate.is_log else u[k] * factor
+                u[k] = float(np.clip(value, coordinate.lower, coordinate.upper))
+        return replace(self, start=tuple(u))
+
+
+def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequence[str], shift_scale: float) -> Term:
+    """An effect that starts from parameter values.
+
+    Args:
+        slug: the effect.
+        values: parameter to value, or to values where the parameter is a list; what is left out stays neutral and fixed.
+        held: parameters among them that are not fitted.
+        shift_scale: change of a position that matters, rad or m.
+    """
+    coordinates, start, fixed = [], [], []
+    for parameter in CATALOGUE[slug].parameters:
+        if parameter.name not in values:
+            continue
+        given = values[parameter.name]
+        listed = [float(value) for value in given] if isinstance(given, list | tuple) else [float(given)]  # type: ignore[arg-type]
+        first = word(f"{slug}.{parameter.name}")
+        for k, value in enumerate(listed):
+            if parameter.name in held:
+                fixed.append((first + k, value))
+                continue
+            name = parameter.name if parameter.length == 1 else f"{parameter.name}[{k}]"
+            is_log = parameter.scale == "log" and value > 0.0
+            if is_log:
+                lower = np.log(max(parameter.lower, value / _REACH))
+                upper, scale = np.log(min(parameter.upper, value * _REACH)), 0.5
+                value = float(np.log(value))
+            else:
+                lower, upper = parameter.lower, parameter.upper
+                if parameter.unit == "rad" and parameter.unit_linear == "m":  # a place
+                    scale = shift_scale
+                    lower, upper = max(lower, value - _FAR * scale), min(upper, value + _FAR * scale)
+                elif parameter.unit == "s":  # an instant
+                    scale = _INSTANT_S
+                    lower, upper = max(lower, value - 3.0 * scale), min(upper, value + 3.0 * scale)
+                elif parameter.unit and value != 0.0 and parameter.unit != "rad":
+                    scale = abs(value)
+                else:
+                    scale = max(abs(value), 0.2 if parameter.unit == "rad" else 0.1)
+            coordinates.append(Coordinate(name, first + k, is_log, float(lower), float(upper), float(scale)))
+            start.append(value)
+    return Term(slug, tuple(coordinates), tuple(start), tuple(fixed))
+
+
+def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats) -> Floats | None:
+    """Derivative of an effect's torque by its coordinates where that is a plain function of position, shape (n, k).
+
+    A ripple of many orders has many coordinates; their slopes through the linearised filter cost one pass instead of one
+    run of the filter each.
+    """
+    if item.slug != "torque_ripple":
+        return None
+    found = np.empty((x.size, len(item.coordinates)))
+    orders = [value for _, value in item.fixed]
+    half = len(orders)
+    for k, order in enumerate(orders):
+        amplitude, phase = np.exp(u[k]), u[half + k]
+        found[:, k] = amplitude * np.sin(order * x + phase)
+        found[:, half + k] = amplitude * np.cos(order * x + phase)
+    return found
+
+
+def parameters_of_term(item: Term, u: Sequence[float] | Floats) -> dict[str, float | list[float]]:
+    """Parameter to value (or values) of an effect whose coordinates are `u`, in the order of the catalogue."""
+    p: dict[int, float] = dict(item.fixed)
+    for coordinate, value in zip(item.coordinates, u, strict=True):
+        p[coordinate.word] = float(np.exp(value)) if coordinate.is_log else float(value)
+    found: dict[str, float | list[float]] = {}
+    for parameter in CATALOGUE[item.slug].parameters:
+        first = word(f"{item.slug}.{parameter.name}")
+        listed = [p[first + k] for k in range(parameter.length) if first + k in p]
+        if listed:
+            found[parameter.name] = listed[0] if parameter.length == 1 else listed
+    return found

@@ -1,0 +1,166 @@
+"""What the report and the command line say of a result in the same words.
+
+They take the documents of `gap.json`, so that a result that was read from there is described as a fresh one is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap import constants
+
+if TYPE_CHECKING:
+    from hapticd.gap.result import GapResult
+
+UNITS: Final = {
+    "position": ("rad", "m"),
+    "velocity": ("rad/s", "m/s"),
+    "speed, against the motion": ("rad/s", "m/s"),
+    "current": ("A", "A"),
+    "time": ("s", "s"),
+    "time, against the motion": ("s", "s"),
+    "way since a reversal, against the motion": ("rad", "m"),
+    "position, against the motion": ("rad", "m"),
+    "acceleration": ("rad/s²", "m/s²"),
+    "change of the current": ("A/s", "A/s"),
+}
+"""Coordinate of `where` and `remainder` to its unit, rotary and linear."""
+_AS: Final = {
+    "position": "a function of the position",
+    "velocity": "a function of the velocity",
+    "speed, against the motion": "friction that depends on the speed",
+    "current": "a function of the current",
+    "time": "a function of time",
+    "time, against the motion": "friction that changes in time",
+    "way since a reversal, against the motion": "friction that depends on the way since a reversal",
+    "position, against the motion": "friction that depends on the position",
+    "acceleration": "a function of the acceleration",
+    "change of the current": "a function of the current's rate of change",
+}
+_TOLD: Final = 3
+_JITTER: Final = 0.05
+"""Share of a period above which the jitter of the samples is worth a word before everything else."""
+
+
+def is_linear(unit: str) -> bool:
+    """Whether a gap in this unit is of a linear device."""
+    return unit == "N"
+
+
+def unit_of(coordinate: str, linear: bool) -> str:
+    """Unit of a coordinate of `where`; "" for one that is not known here."""
+    return UNITS.get(coordinate, ("", ""))[linear]
+
+
+def places(where: Sequence[Mapping[str, Any]], unit: str) -> list[str]:
+    """Where the missing force shows: the coordinates that explain most of it, a clause each.
+
+    Args:
+        where: of `gap.json`. unit: of the gap.
+    """
+    told = [entry for entry in where if entry["share"] >= constants.STRUCTURE_SHARE][:_TOLD]
+    return [_place(entry, unit) for entry in told]
+
+
+def _place(entry: Mapping[str, Any], unit: str) -> str:
+    name, linear = str(entry["coordinate"]), is_linear(unit)
+    low, high = entry["range"]
+    if name == "everywhere":
+        return f"{percent(entry['share'])} is the same everywhere, {low:.3g} {unit}"
+    ends = f"{low:.3g} to {high:.3g} {unit_of(name, linear)}".rstrip()
+    return f"{percent(entry['share'])} as {_AS.get(name, f'a function of the {name}')}, most of it from {ends}"
+
+
+def percent(share: float) -> str:
+    """A share of 0 to 1 to two digits, and never more exact than a hundredth of a percent."""
+    value = 100.0 * share
+    return f"{value:.0f} %" if value >= 9.95 else f"{value:.2g} %" if value >= 0.01 else "less than 0.01 %"
+
+
+def chosen(step: Mapping[str, Any]) -> list[str]:
+    """Parameters of an effect that were chosen and not fitted, such as the orders of a ripple; `step` of `gap.json`."""
+    fitted = {name.partition("[")[0] for name in step["parameters"]}
+    found = []
+    for name, value in step["entry"].items():
+        if name not in fitted:
+            values = value if isinstance(value, list | tuple) else [value]
+            found.append(f"{name} = {', '.join(f'{one:.4g}' for one in values)}")
+    return found
+
+
+def behind(step: Mapping[str, Any]) -> str:
+    """How well the data tell an effect from the others; `step` of `gap.json`."""
+    effect = step["effect"]
+    same = [other for other in step["indistinguishable_from"] if other in CATALOGUE[effect].equivalent_to]
+    tied = [other for other in step["indistinguishable_from"] if other not in same]
+    clauses = [f"{other} is the same law in other parameters" for other in same]
+    if tied:
+        return "; ".join([*clauses, f"these data do not tell it from {', '.join(tied)}"])
+    others = sorted(
+        (ranked for ranked in step["ranking"] if ranked["effect"] != effect), key=lambda ranked: float(ranked["behind"])
+    )
+    wider = [ranked["effect"] for ranked in others if ranked["behind"] < constants.TIE]
+    clauses += [f"{other}, of which it is a limit, predicts no better" for other in wider]
+    rest = others[len(wider) :]
+    if rest:
+        clauses.append(f"the next best, {rest[0]['effect']}, is {rest[0]['behind']:.1f} standard errors behind")
+    return "; ".join(clauses) or "no other effect comes near it"
+
+
+def timing(document: Mapping[str, Any]) -> str:
+    """How well the recordings are timed; `document` of `gap.json`."""
+    recording, samples = document["recording"], document["details"].get("samples")
+    missed, jitter_s = recording["missed"], float(recording["jitter_s"])
+    of = f" of {samples + missed}" if samples else ""
+    text = f"{missed}{of} sample{'' if missed == 1 and not of else 's'} missed, jitter {1e6 * jitter_s:.3g} µs"
+    period_s = recording.get("period_s")
+    return f"{text} ({percent(jitter_s / period_s)} of a period)" if period_s else text
+
+
+def timing_is_off(document: Mapping[str, Any]) -> bool:
+    """Whether the timing of the recordings may have a part in what is found; `document` of `gap.json`."""
+    recording, samples = document["recording"], document["details"].get("samples", 0)
+    period_s = recording.get("period_s")
+    jitters = period_s is not None and recording["jitter_s"] > _JITTER * period_s
+    return bool(jitters or recording["missed"] > 1e-3 * samples)
+
+
+def predictions(document: Mapping[str, Any]) -> list[str]:
+    """What the models predict of the motion from the command alone; `document` of `gap.json`."""
+    found = document["prediction"]
+    if not found:
+        return []
+    spans = ((f"{1e3 * found['horizon_s']:.3g} ms ahead", "k_step"), ("the whole record from its start", "free_run"))
+    return [f"{span}: off by {_shrunk(found[key], found['unit'])}" for span, key in spans]
+
+
+def _shrunk(error: Mapping[str, float], unit: str) -> str:
+    if error["before"] == error["after"]:
+        return f"{error['before']:.3g} {unit}"
+    return f"{error['before']:.3g} {unit} before, {error['after']:.3g} {unit} after"
+
+
+def confidence(result: GapResult, known: int) -> str:
+    """How sure the answer is, in sentences.
+
+    Args:
+        result: what was found. known: effects that the catalogue has.
+    """
+    details = result.details
+    tried = len(details.get("candidates", ()))
+    which = "Every effect of the catalogue" if tried == known else f"{tried} of the catalogue's {known} effects"
+    if not result.steps:
+        needed = details.get("needed_standard_errors")
+        bar = f"{needed:.1f} standard errors that " if needed else "level that "
+        return (
+            f"{which} was tried on blocks of data that it was not fitted to; none reaches the {bar}chance alone reaches in "
+            f"{percent(constants.LEVEL)} of runs."
+        )
+    steps = result.to_json()["steps"]
+    return " ".join(
+        f"{step['effect']}: {step['evidence']:.1f} standard errors of evidence on blocks of data that it was not fitted "
+        f"to; {behind(step)}."
+        for step in steps
+    )

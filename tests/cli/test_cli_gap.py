@@ -1,0 +1,111 @@
+"""``hapticd gap`` on a recording with a hidden effect: what it says, what it writes, and what can be done with that."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+import hapticd.gap.search
+from benchmarks.gap import devices
+from benchmarks.gap.generate import generate
+from hapticd.config import load_config
+
+from .conftest import Outcome, Run
+
+HIDDEN = [{"name": "gravity", "m_g_l": 1.2e-3, "theta_0": 0.4}]
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """A recording of the testbed with a weight on an arm, and its nominal model."""
+    folder = tmp_path_factory.mktemp("lab")
+    made = generate(HIDDEN, 1, 6.0, "re35")
+    columns = {"time_s": made.time_s, "encoder_counts": made.counts, "current_command_A": made.current_command}
+    run, model = folder / "lab.csv", folder / "model.yaml"
+    np.savetxt(run, np.column_stack(list(columns.values())), "%.17g", ",", header=",".join(columns), comments="")
+    model.write_text(yaml.safe_dump(devices.model("re35")))
+    return run, model
+
+
+def gap(hapticd: Run, recording: tuple[Path, Path], out: Path, *words: str) -> Outcome:
+    return hapticd("gap", str(recording[0]), "--model", str(recording[1]), "-o", str(out), *words)
+
+
+def test_the_effect_is_named_in_words_and_the_model_can_be_used(
+    hapticd: Run, recording: tuple[Path, Path], tmp_path: Path
+) -> None:
+    out = tmp_path / "gap"
+    said = gap(hapticd, recording, out)
+    assert said.code == 0
+    assert "effect_found: Missing: gravity" in said.out
+    assert "  gravity: m_g_l = 0.0012 (0.0012 … 0.0012) N m, theta_0 = 0.4 (0.4 … 0.4) rad" in said.out
+    assert "as a function of the position, most of it from" in said.out
+    assert "N m after; noise alone reads" in said.out
+    assert "predicted 50 ms ahead: off by" in said.out
+    assert "predicted the whole record from its start" in said.out
+    assert "left: " in said.out
+    assert sorted(path.name for path in out.iterdir()) == ["gap.json", "model.yaml", "report.html"]
+    document = json.loads((out / "gap.json").read_text())
+    assert (document["interrupted"], document["gap"]["unit"]) == (False, "N m")
+
+    model = out / "model.yaml"
+    (effect,) = load_config(model).plant.effects
+    assert (effect.model_extra or {})["m_g_l"] == pytest.approx(1.2e-3, rel=1e-2)
+    check = hapticd("check", str(model), "--json")
+    assert check.document["region"]
+    run = tmp_path / "run.arrow"
+    simulated = hapticd("simulate", str(model), "--duration", "0.2", "--deflection", "20", "-o", str(run), "--json")
+    assert (simulated.code, simulated.document["ticks"]) == (0, 200)
+
+
+def test_json_is_one_document(hapticd: Run, recording: tuple[Path, Path], tmp_path: Path) -> None:
+    said = gap(hapticd, recording, tmp_path / "gap", "--effect", "gravity", "--json")
+    assert said.document["effects"] == ["gravity"]
+    assert said.document["prediction"]["unit"] == "rad"
+    assert said.document == json.loads((tmp_path / "gap" / "gap.json").read_text())
+
+
+def interrupted_in(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C in that round of the search."""
+    compete, rounds = hapticd.gap.search.compete, 0
+
+    def competing(*words: Any) -> Any:
+        nonlocal rounds
+        rounds += 1
+        if rounds == number:
+            raise KeyboardInterrupt
+        return compete(*words)
+
+    monkeypatch.setattr("hapticd.gap.search.slack", lambda fit: 1.0)
+    monkeypatch.setattr("hapticd.gap.search.compete", competing)
+
+
+def test_an_interruption_keeps_what_was_named(
+    hapticd: Run, recording: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupted_in(2, monkeypatch)
+    said = gap(hapticd, recording, tmp_path / "gap", "--effect", "gravity")
+    assert said.code == 130
+    assert "effect_found: Interrupted: Missing: gravity" in said.out
+    assert "interrupted" in said.err
+    document = json.loads((tmp_path / "gap" / "gap.json").read_text())
+    assert document["interrupted"] is True
+    assert load_config(tmp_path / "gap" / "model.yaml").plant.effects[0].name == "gravity"
+    assert (
+        "Interrupted; missing from the model, as far as was looked: gravity"
+        in (tmp_path / "gap" / "report.html").read_text()
+    )
+
+
+def test_an_interruption_before_anything_was_named_leaves_the_folder_alone(
+    hapticd: Run, recording: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    interrupted_in(1, monkeypatch)
+    said = gap(hapticd, recording, tmp_path / "gap", "--effect", "gravity")
+    assert said.code == 130
+    assert not (tmp_path / "gap").exists()

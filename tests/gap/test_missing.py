@@ -1,0 +1,118 @@
+"""The missing force: how large, where, how much of it could be explained, and what noise alone reads."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.gap.disturbance import Coloured
+from hapticd.gap.fit import Fit, nominal_fit
+from hapticd.gap.missing import (
+    explainable,
+    hats,
+    held_out_rms,
+    missing_force,
+    missing_power,
+    noise_floor,
+    since_reversal,
+    structure,
+    where,
+)
+from hapticd.gap.remainder import lines, remainder_of
+from hapticd.gap.workflow import problem_of
+
+GRAVITY = {"name": "gravity", "m_g_l": 6e-4, "theta_0": 0.3}
+
+
+@pytest.fixture(scope="module")
+def with_gravity(hidden: Callable[..., Any]) -> Fit:
+    recording, model = hidden([GRAVITY], 8, 8.0, Coloured(0.05, 0.05))
+    fit = nominal_fit(problem_of([recording], model))
+    fit.held_out()
+    return fit
+
+
+@pytest.fixture(scope="module")
+def noise_alone(hidden: Callable[..., Any]) -> Fit:
+    recording, model = hidden([], 8, 8.0, Coloured(0.25, 0.05))
+    fit = nominal_fit(problem_of([recording], model))
+    fit.held_out()
+    return fit
+
+
+def test_a_hidden_gravity_is_read_sample_by_sample(with_gravity: Fit) -> None:
+    found = missing_force(with_gravity)
+    true = -GRAVITY["m_g_l"] * np.sin(found.position - GRAVITY["theta_0"])
+    moves = found.moves
+    assert np.corrcoef(found.force[moves], true[moves])[0, 1] > 0.9
+    assert found.rms == pytest.approx(float(np.sqrt(np.mean(true[moves] ** 2))), rel=0.25)
+    assert missing_power(with_gravity) == pytest.approx(found.rms**2)
+    assert np.all(found.power[~moves] == 0.0)
+
+
+def test_it_is_a_function_of_the_position(with_gravity: Fit) -> None:
+    found = missing_force(with_gravity)
+    entries = {str(entry["coordinate"]): float(entry["share"]) for entry in where(with_gravity, found)}
+    besides = {name: share for name, share in entries.items() if name != "everywhere"}
+    assert max(besides, key=besides.__getitem__) == "position"
+    assert all(0.0 <= share <= 1.0 for share in entries.values())
+    assert explainable(with_gravity, found) > 0.7
+
+
+def test_what_is_left_is_told_in_words(with_gravity: Fit) -> None:
+    found = missing_force(with_gravity)
+    tests = {test.coordinate: test for test in structure(with_gravity, found)}
+    assert max(tests.values(), key=lambda test: test.gain).coordinate == "position"
+    assert tests["position"].errors > 5.0
+    said = remainder_of(with_gravity, found, found.rms**2)
+    assert said.share == pytest.approx(1.0)
+    assert "a torque that depends on the position" in said.words
+
+
+def test_noise_can_hardly_be_explained(noise_alone: Fit) -> None:
+    found = missing_force(noise_alone)
+    assert explainable(noise_alone, found) < 0.3
+    assert remainder_of(noise_alone, found, found.rms**2).structure == ()
+
+
+@pytest.mark.parametrize("which", ["with_gravity", "noise_alone"])
+def test_the_noise_floor_is_above_zero_and_below_what_is_missing(request: pytest.FixtureRequest, which: str) -> None:
+    fit: Fit = request.getfixturevalue(which)
+    floor = noise_floor(fit)
+    assert 0.0 < floor < 3.0 * missing_force(fit).rms
+
+
+def test_held_out_it_is_the_same_where_nothing_was_fitted(with_gravity: Fit) -> None:
+    assert held_out_rms(with_gravity) == pytest.approx(missing_force(with_gravity).rms, rel=1e-6)
+
+
+def test_hats_add_up_to_one_and_need_variety() -> None:
+    rng = np.random.default_rng(1)
+    z = rng.normal(size=500)
+    every = np.ones(500, dtype=bool)
+    shape = hats(z, every, 8)
+    assert shape is not None
+    assert shape.sum(axis=1) == pytest.approx(np.ones(500))
+    assert shape.min() >= 0.0
+    assert hats(np.ones(500), every, 8) is None
+    assert hats(z, np.zeros(500, dtype=bool), 8) is None
+
+
+def test_the_way_since_a_reversal() -> None:
+    velocity = np.array([1.0, 1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
+    position = np.array([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0])
+    way = since_reversal(velocity, position, np.ones(7, dtype=bool))
+    assert way.tolist() == [0.0, 1.0, 2.0, 0.0, 1.0, 2.0, 0.0]
+
+
+def test_a_line_in_time_is_found(hidden: Callable[..., Any], truth: Callable[..., Any]) -> None:
+    """A torque at one frequency, as a current that the record does not have."""
+    recording, model = hidden([], 9, 20.0)
+    fit = nominal_fit(problem_of([recording], model))
+    assert lines(fit) == []
+    deviation = np.sqrt(fit.out["variance"] * fit.out["share"])
+    fit.out["moved"] += 0.7 * deviation * np.sin(2.0 * np.pi * 73.0 * recording.time_s)
+    assert lines(fit)[0] == pytest.approx(73.0, abs=0.5)

@@ -1,0 +1,68 @@
+"""The improved model is a config like any other, whatever the fit made of its parameters."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import yaml
+
+from hapticd.config import ConfigError, parse_config
+from hapticd.gap.model_file import improved_model, model_yaml, with_effects
+from hapticd.gap.result import Estimate, GapNumbers, GapResult, Remainder, Step
+
+MODEL = parse_config({"plant": {"effects": [{"name": "constant_bias", "tau_0": 1e-4}]}}, "model")
+
+
+def found(*entries: tuple[str, dict[str, Any]], base: dict[str, float] | None = None) -> GapResult:
+    steps = tuple(Step(slug, {}, 2e-4, 1e-4, 0.9, 8.0, 50.0, (), (), entry) for slug, entry in entries)
+    return GapResult(
+        "effect_found",
+        "Missing.",
+        tuple(slug for slug, _ in entries),
+        steps,
+        GapNumbers(2e-4, 1e-4, 2e-4, 1e-4, 1e-6, "N m"),
+        Remainder(0.0, "Nothing is left.", ()),
+        base={name: Estimate(value, (value, value), "") for name, value in (base or {}).items()},
+    )
+
+
+def test_effects_join_those_of_the_model_and_the_text_reads_as_the_model() -> None:
+    result = found(
+        ("gravity", {"m_g_l": 1e-3, "theta_0": 0.2}),
+        ("torque_ripple", {"orders": [7.0, 14.0], "amplitudes": [1e-4, 5e-5], "phases": [0.1, 0.2]}),
+        ("inertia_error", {"r": 0.5}),
+    )
+    improved = improved_model(MODEL, result)
+    assert [effect.name for effect in improved.plant.effects] == ["constant_bias", "gravity", "torque_ripple"]
+    assert improved.plant.inertia == pytest.approx(1.5 * MODEL.plant.inertia)
+    text = model_yaml(MODEL, result, ["lab.csv"])
+    assert parse_config(yaml.safe_load(text), "text") == improved
+    assert "# Missing force 0.0002 N m before, 0.0001 N m after" in text
+
+
+@pytest.mark.parametrize(
+    ("slug", "entry", "name", "value"),
+    [
+        ("gravity", {"m_g_l": -1e-3, "theta_0": 0.2}, "m_g_l", 0.0),
+        ("torque_ripple", {"orders": [7.0], "amplitudes": [1e-4], "phases": [50.0]}, "phases", (12.566370614359172,)),
+        ("flexible_coupling", {"f_r": 20.0, "load_share": 1.4}, "load_share", 0.99),
+    ],
+)
+def test_a_value_that_no_config_may_have_becomes_its_bound(
+    slug: str, entry: dict[str, Any], name: str, value: Any
+) -> None:
+    effect = improved_model(MODEL, found((slug, entry))).plant.effects[-1]
+    assert (effect.model_extra or {})[name] == value
+
+
+def test_a_correction_is_relative_to_the_refitted_base() -> None:
+    improved = improved_model(MODEL, found(("torque_constant_error", {"r": 0.1}), base={"inertia": 1e-5}))
+    assert improved.plant.inertia == 1e-5
+    assert improved.amplifier.torque_constant == pytest.approx(1.1 * MODEL.amplifier.torque_constant)
+
+
+def test_effects_that_no_device_has_together_are_refused() -> None:
+    both = [("backlash", {"gap": 0.01}), ("flexible_coupling", {"f_r": 20.0})]
+    with pytest.raises(ConfigError):
+        with_effects(MODEL, both)

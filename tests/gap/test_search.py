@@ -1,0 +1,147 @@
+"""The selection: evidence between hypotheses, what it must exceed, and laws that fit anything because they cancel all."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.stats import t as student
+
+from benchmarks.gap.disturbance import Coloured
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap import constants, find_gap
+from hapticd.gap.fit import nominal_fit
+from hapticd.gap.search import Judged, Round, compete, critical, evidence, judge, search, slack
+from hapticd.gap.terms import term
+from hapticd.gap.workflow import problem_of
+
+SECONDS = 6.0
+Hidden = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def biased(hidden: Hidden) -> Judged:
+    """The nominal model on a device with a bias."""
+    recording, model = hidden([{"name": "constant_bias", "tau_0": 4e-4}], 11, SECONDS, Coloured(0.05, 0.05))
+    return judge(nominal_fit(problem_of([recording], model)))
+
+
+@pytest.fixture(scope="module")
+def corrected(biased: Judged) -> Judged:
+    """With the bias."""
+    return judge(biased.fit.extended(term("constant_bias", {"tau_0": 3e-4}, (), 0.1)).approach(5, 4).maximise())
+
+
+def test_a_hypothesis_has_no_evidence_against_itself(biased: Judged) -> None:
+    assert evidence(biased, biased) == (0.0, 0.0)
+
+
+def test_evidence_is_gain_in_standard_errors(biased: Judged, corrected: Judged) -> None:
+    gain, errors = evidence(corrected, biased)
+    assert gain == pytest.approx(corrected.total - biased.total)
+    assert gain > 50.0
+    assert errors > critical(corrected.held_out.size, len(CATALOGUE))
+    lost, negative = evidence(biased, corrected)
+    assert lost == -gain
+    assert negative < 0.0
+
+
+def test_discrete_choices_have_a_price(biased: Judged, corrected: Judged) -> None:
+    dear = judge(corrected.fit, 7.0)
+    assert dear.total == pytest.approx(corrected.total - 7.0, abs=1e-6)
+    assert evidence(dear, biased)[0] == pytest.approx(evidence(corrected, biased)[0] - 7.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("blocks", [20, 60])
+def test_more_competitors_need_more_evidence(blocks: int) -> None:
+    assert critical(blocks, 1) == pytest.approx(float(student.isf(constants.LEVEL, blocks - 1)))
+    needed = [critical(blocks, tried) for tried in (1, 2, 24)]
+    assert needed == sorted(set(needed))
+    assert student.sf(needed[-1], blocks - 1) * 24 == pytest.approx(constants.LEVEL)
+    assert critical(blocks, 0) == critical(blocks, 1)
+    assert critical(20, 24) > critical(60, 24) > 3.5
+
+
+def test_slack_falls_with_what_is_explained(biased: Judged, corrected: Judged) -> None:
+    assert slack(biased.fit) > slack(corrected.fit) > 0.0
+
+
+def test_contenders_are_ranked_by_their_gain(biased: Judged) -> None:
+    contenders = compete(biased, ["constant_bias", "coulomb_friction", "asymmetric_viscous", "gravity"])
+    assert contenders
+    gains = [contender.gain for contender in contenders]
+    assert gains == sorted(gains, reverse=True)
+    assert "constant_bias" in {contender.slug for contender in contenders}
+
+
+def test_rounds_end_when_nothing_is_left(biased: Judged) -> None:
+    rounds: list[Round] = []
+    told: list[float] = []
+    last = search(biased, ["constant_bias", "viscous_friction"], lambda share, text: told.append(share), rounds)
+    assert [found.taken.slug for found in rounds] == ["constant_bias"]
+    assert rounds[0].before is biased
+    assert last is rounds[-1].taken.judged
+    assert told == sorted(told)
+    assert 0.0 <= told[0] <= told[-1] < 1.0
+
+
+def test_nothing_to_consider_is_no_round(biased: Judged) -> None:
+    rounds: list[Round] = []
+    assert search(biased, [], lambda share, text: None, rounds) is biased
+    assert rounds == []
+
+
+CANCELS = ("current_saturation", "load_dependent_friction", "torque_constant_error", "dac_quantization")
+
+
+@pytest.mark.parametrize("seed", [12, 13])
+def test_a_current_that_has_nothing_to_do_with_the_motion_is_no_effect(hidden: Hidden, seed: int) -> None:
+    """What cancels the drive fits best, and says nothing of the device."""
+    recording, model = hidden([], seed, SECONDS)
+    other, _ = hidden([], seed + 20, SECONDS)
+    result = find_gap([replace(recording, current=other.current)], model, candidates=CANCELS, design=False)
+    assert result.verdict not in ("effect_found", "ambiguous"), result.statement
+    entries = {step.effect: step.entry for step in result.steps}
+    assert float(str(entries.get("load_dependent_friction", {}).get("kappa", 0.0))) < 0.9
+    assert float(str(entries.get("current_saturation", {}).get("i_max", 1.0))) > 0.02
+
+
+def test_effects_of_the_same_law_are_not_named_twice(hidden: Hidden) -> None:
+    recording, model = hidden([{"name": "constant_bias", "tau_0": 6e-4}], 14, SECONDS)
+    result = find_gap([recording], model, candidates=["constant_bias", "asymmetric_coulomb"], design=False)
+    assert result.effects == ("constant_bias",)
+    assert result.steps[0].indistinguishable_from == ("asymmetric_coulomb",)
+    (interval,) = [result.steps[0].parameters["tau_0"].ci95]
+    assert interval[0] <= result.steps[0].parameters["tau_0"].value <= interval[1]
+    assert np.mean(interval) == pytest.approx(6e-4, rel=0.01)
+
+
+def test_an_interruption_keeps_what_was_found(hidden: Hidden) -> None:
+    effects = [{"name": "constant_bias", "tau_0": 6e-4}, {"name": "viscous_friction", "r": 3.0}]
+    recording, model = hidden(effects, 15, SECONDS)
+    calls = []
+
+    def told(share: float, text: str) -> None:
+        calls.append(text)
+        if text == "trying effects" and calls.count(text) == 2:
+            raise KeyboardInterrupt
+
+    result = find_gap([recording], model, candidates=["constant_bias", "viscous_friction"], progress=told, design=False)
+    assert result.interrupted
+    assert len(result.effects) == 1
+    assert result.statement.startswith("Interrupted: ")
+
+    def at_once(share: float, text: str) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        find_gap([recording], model, progress=at_once)
+
+
+def test_an_unknown_candidate_is_refused(hidden: Hidden) -> None:
+    recording, model = hidden([], 1, SECONDS)
+    with pytest.raises(ValueError, match="unknown effect 'gravitas'"):
+        find_gap([recording], model, candidates=["gravity", "gravitas"])
