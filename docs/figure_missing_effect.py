@@ -1,24 +1,26 @@
-"""The pictures of docs/tutorials/missing-effect.md: the device beside both models, and the gap before and after."""
+"""The pictures of docs/tutorials/missing-effect.md: the device beside both models, and the missing force."""
 
 from __future__ import annotations
 
 import json
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 from hapticd.config import load_config
+from hapticd.gap.figures import over_time
 from hapticd.hil.compare import Trace
 from hapticd.hil.missing_effect import Story, find_secret
+from hapticd.reproduce.style import style
 from hapticd.servo.experiment import read_experiment
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "missing_effect"
 DEFLECTION, SHOWN_TICKS = 31.3, 100.0
-SHOWN_GAP = (0.3, 40.0)
 DEVICE, BEFORE, AFTER = "#0b5fa5", "#8a8a8a", "#c0504d"
 
 
 def missing_effect(images: Path) -> None:
-    """Live the story on simulated hardware and draw it; takes about half a minute."""
+    """Live the story on simulated hardware and draw it; takes one or two minutes."""
     model, secret = load_config(EXAMPLE / "model.yaml"), load_config(EXAMPLE / "secret.yaml")
     with tempfile.TemporaryDirectory(prefix="hf-") as folder:
         story = find_secret(model, secret, read_experiment(EXAMPLE / "first.yaml"), DEFLECTION, Path(folder), say=print)
@@ -33,18 +35,18 @@ def _release(story: Story, path: Path) -> None:
 
     figure, axis = plt.subplots(figsize=(8, 3.6), constrained_layout=True)
     measured = story.nominal.comparison.measured
-    for trace, color, style, width, label in (
+    for trace, color, dashes, width, label in (
         (measured, DEVICE, "-", 1.8, f"device: {story.outcome}"),
         (story.nominal.comparison.simulated, BEFORE, "-", 1.2, f"nominal model: {story.nominal.outcome}"),
         (story.improved.comparison.simulated, AFTER, "--", 1.2, f"improved model: {story.improved.outcome}"),
     ):
         time_s, ticks = _shown(trace, measured.time_s[-1])
-        axis.plot(time_s, ticks, color=color, ls=style, lw=width, label=label)
+        axis.plot(time_s, ticks, color=color, ls=dashes, lw=width, label=label)
     axis.set_ylim(-SHOWN_TICKS, SHOWN_TICKS)
     axis.set_xlabel("time (s)")
     axis.set_ylabel("coarse ticks")
     axis.margins(x=0.01)
-    axis.legend(frameon=False, fontsize=9, loc="upper left", ncols=3)
+    axis.legend(frameon=False, fontsize=9, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0, ncols=3)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 
@@ -55,20 +57,8 @@ def _shown(trace: Trace, end_s: float) -> tuple[object, object]:
 
 
 def _gap(story: Story, path: Path) -> None:
-    from matplotlib import pyplot as plt
-
-    traces = story.result.traces
-    figure, axes = plt.subplots(1, len(traces), figsize=(8, 3.0), constrained_layout=True, sharey=True, squeeze=False)
-    for axis, trace in zip(axes[0], traces, strict=True):
-        axis.plot(trace.time_s, trace.before, ".", color=BEFORE, ms=4, label="nominal")
-        axis.plot(trace.time_s, trace.after, ".", color=AFTER, ms=4, label="improved, held out")
-        axis.axhline(1.0, color="black", lw=0.7)
-        axis.set_yscale("log")
-        axis.set_ylim(*SHOWN_GAP)
-        axis.set_title(trace.name.rpartition("-")[2].removesuffix(".arrow"), fontsize=10, loc="left")
-        axis.set_xlabel("time (s)")
-        axis.margins(x=0.01)
-    axes[0][0].set_ylabel("error / noise floor")
-    axes[0][0].legend(frameon=False, fontsize=9, loc="upper right", ncols=2)
-    figure.savefig(path, dpi=110)
-    plt.close(figure)
+    result = story.result
+    # A run's file has the instant in its name, which says nothing here and would run into the legend.
+    profiles = [replace(profile, name=Path(profile.name).stem.partition("Z-")[2]) for profile in result.profiles]
+    with style():
+        over_time(profiles, result.gap.unit, result.gap.noise_floor).savefig(path, dpi=110)
