@@ -139,8 +139,7 @@ class _Score:
         self.present = present
         self.score, self.information = present.out["score"], present.out["information"]
         self.weight = 1.0 / share
-        own = present.slopes[:, 5:]
-        self.own = own[:, np.any(own != 0.0, axis=0)]
+        self.own = present.own_slopes
         H = (self.own * self.information[:, None]).T @ self.own
         self.inverse = np.linalg.pinv(H) if self.own.size else np.zeros((0, 0))
 

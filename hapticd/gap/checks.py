@@ -26,7 +26,7 @@ _SHORT_S = 5.0
 _FEWEST = 200
 _FEWEST_CELLS = 10.0
 _ONE_WAY = 0.99
-_GAP_PERIODS = 10.0
+GAP_PERIODS = 10.0
 _GAP_SHARE = 0.2
 _SLOWEST_HZ, _FASTEST_HZ = 20.0, 100_000.0
 _PEAK_FACTOR = 30.0
@@ -168,12 +168,12 @@ def _warnings(recording: Recording, model: Config) -> Iterator[str]:
 
 def _gaps(recording: Recording) -> Iterator[str]:
     waits = np.diff(recording.time_s)
-    gaps = np.flatnonzero(waits > _GAP_PERIODS * recording.period_s)
+    gaps = np.flatnonzero(waits > GAP_PERIODS * recording.period_s)
     if gaps.size == 0:
         return
     missing = float(waits[gaps].sum())
     text = (
-        f"{gaps.size} gap(s) of more than {_GAP_PERIODS:g} periods, {missing:.3g} s in all, the longest "
+        f"{gaps.size} gap(s) of more than {GAP_PERIODS:g} periods, {missing:.3g} s in all, the longest "
         f"{waits.max():.3g} s at row {int(np.argmax(waits)) + 1}"
     )
     if missing > _GAP_SHARE * recording.duration_s:

@@ -21,7 +21,7 @@ SHARE = 0.02
 """Share of the first effect's gain, and of the missing force's power, that a further effect must bring."""
 SLACK = 0.01
 """Share of the predicted variance that is process noise, below which nothing is missing: predictions are as good as the
-sensor allows. A bias of 0.3 % of the Coulomb friction makes it 0.08."""
+sensor allows."""
 FORCE_MARGIN = 0.1
 """Share of the missing force's power by which a law may close less of it than another and still be preferred for its
 likelihood."""

@@ -116,6 +116,12 @@ class Fit:
                 values[k] = 0.0
         return values
 
+    @property
+    def own_slopes(self) -> Floats:
+        """(n, j) slopes of the predictions by the coordinates of the terms that were differentiated."""
+        own = self.slopes[:, _NOISES:]
+        return own[:, np.any(own != 0.0, axis=0)]
+
     def share(self, number: int) -> slice:
         """Where the coordinates of a term are in `u`."""
         first = _NOISES + sum(len(item.coordinates) for item in self.terms[:number])

@@ -14,8 +14,6 @@ from hapticd.gap.kernel.linear import sensitivities, smoothed
 from hapticd.plant.layout import word
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from hapticd.gap.fit import Fit
@@ -239,9 +237,7 @@ class Structure:
 
 def _normal_equations(fit: Fit, answer: Floats, rows: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats]:
     score, information = fit.out["score"], fit.out["information"]
-    own = fit.slopes[:, 5:]
-    own = own[:, np.any(own != 0.0, axis=0)]
-    whole = np.concatenate([answer, own], axis=1)
+    whole = np.concatenate([answer, fit.own_slopes], axis=1)
     if rows is not None:
         whole, score, information = whole[rows], score[rows], information[rows]
     H = (whole * information[:, None]).T @ whole
@@ -256,12 +252,10 @@ def _coefficients(fit: Fit, answer: Floats) -> Floats:
 def _held_out_gain(fit: Fit, answer: Floats) -> tuple[float, float]:
     series = fit.problem.series
     fold = series.fold[series.block]
-    own = fit.slopes[:, 5:]
-    whole = np.concatenate([answer, own[:, np.any(own != 0.0, axis=0)]], axis=1)
+    whole = np.concatenate([answer, fit.own_slopes], axis=1)
     gains, noises = np.zeros(series.size), np.zeros(series.size)
     score, information = fit.out["score"], fit.out["information"]
-    parts: Sequence[int] = range(constants.FOLDS)
-    for k in parts:
+    for k in range(constants.FOLDS):
         inside = fold == k
         g, H = _normal_equations(fit, answer, ~inside)
         shift = whole[inside] @ np.linalg.solve(H, g)

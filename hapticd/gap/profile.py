@@ -33,8 +33,3 @@ class Profile:
     before: Floats
     after: Floats
     deviation: Floats
-
-    @property
-    def explained(self) -> Floats:
-        """What the named effects explain."""
-        return self.before - self.after

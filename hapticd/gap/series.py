@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.gap import constants
+from hapticd.gap.checks import GAP_PERIODS
 from hapticd.gap.kernel.commands import in_force, segments
 from hapticd.plant.electrical import electrical
 from hapticd.plant.layout import word
@@ -37,8 +38,6 @@ _ELECTRICAL = tuple(
         "dropped_samples.p",
     )
 )
-_GAP_PERIODS = 10.0
-"""Periods without a sample after which nothing is known of the state."""
 
 
 @dataclass
@@ -157,7 +156,7 @@ def series_of(recordings: Sequence[Recording]) -> Series:
     blocks = 0
     for index, recording in enumerate(recordings):
         waits = np.diff(recording.time_s, prepend=-np.inf)
-        begins.append(waits > _GAP_PERIODS * recording.period_s)
+        begins.append(waits > GAP_PERIODS * recording.period_s)
         own = np.unique((recording.time_s / length_s).astype(np.int64), return_inverse=True)[1]
         block.append(own + blocks)
         blocks += int(own.max()) + 1
