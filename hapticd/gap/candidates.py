@@ -34,11 +34,13 @@ _CLIMBS = 4
 _BASIN = 0.4
 """Difference of the logarithms of two starts that lead to the same maximum."""
 _HOPEFUL = 0.02
+_WORTH_A_CLIMB = 0.1
+"""Share of what an effect must gain that its start must promise to be followed further."""
 _PURSUITS = 3
-_HALVINGS = 6
+_HALVINGS, _TRIAL_HALVINGS = 6, 2
 _COLUMNS = 64
 _PIECES = 100
-_SHORTEST, _LONGEST = 4, 75
+_SHORTEST, _LONGEST = 4, 0.75
 _HIGHEST_ORDER = 90
 _MOST_ORDERS = 8
 _LEAST_ORDER_GAIN = 10.0
@@ -86,10 +88,11 @@ def scale_of(fit: Fit) -> Scale:
     )
 
 
-def candidates(present: Fit, slugs: Sequence[str]) -> list[Candidate]:
-    """The best start of every effect on top of a model."""
+def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candidate]:
+    """The best start of every effect on top of a model; `needed`: what one must gain [nats]."""
     scale = scale_of(present)
     space = _Score(present)
+    part = _beginning(present) if any(CATALOGUE[slug].acts_on == "memory" for slug in slugs) else space
     found: list[Candidate] = []
     for slug in slugs:
         if slug == "torque_ripple":
@@ -102,16 +105,31 @@ def candidates(present: Fit, slugs: Sequence[str]) -> list[Candidate]:
             found += _input(space, slug, scale)
         else:
             starts = [term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale)]
-            tried = sorted((space.along(item) for item in starts), key=lambda candidate: -candidate.promise)
-            found += _apart(tried, _CLIMBS if CATALOGUE[slug].acts_on == "memory" else 1)
+            rough = CATALOGUE[slug].acts_on == "memory"
+            tried = [(part if rough else space).along(item) for item in starts]
+            found += _apart(sorted(tried, key=lambda candidate: -candidate.promise), _CLIMBS if rough else 1)
     best = max((candidate.promise for candidate in found), default=0.0)
-    hopeful = [candidate for candidate in found if candidate.promise > _HOPEFUL * best]
-    part = _beginning(present) if any(CATALOGUE[c.slug].acts_on == "memory" for c in hopeful) else space
-    climbed = [_climbed(part, c) if CATALOGUE[c.slug].acts_on == "memory" else c for c in hopeful]
+    least = max(_HOPEFUL * best, _WORTH_A_CLIMB * needed)
+    followed = _followed(space, part, [candidate for candidate in found if candidate.promise > least])
     first: dict[str, Candidate] = {}
-    for candidate in sorted(climbed, key=lambda candidate: -candidate.promise):
+    for candidate in sorted(followed, key=lambda candidate: -candidate.promise):
         first.setdefault(candidate.slug, candidate)
     return list(first.values())
+
+
+def _followed(whole: _Score, part: _Score, hopeful: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates, those climbed whose likelihood is too rough for slopes; of several starts the best goes on."""
+    rough = [c for c in hopeful if c.slug == "hand_impedance" or CATALOGUE[c.slug].acts_on == "memory"]
+    found = [c for c in hopeful if c not in rough]
+    for slug in dict.fromkeys(c.slug for c in rough):
+        space = part if CATALOGUE[slug].acts_on == "memory" else whole
+        climbs = [_Climb(space, candidate) for candidate in rough if candidate.slug == slug]
+        for climb in climbs:
+            climb.go(_TRIAL_HALVINGS)
+        best = max(climbs, key=lambda climb: climb.fit.log_likelihood)
+        best.go(_HALVINGS - _TRIAL_HALVINGS)
+        found.append(best.candidate)
+    return found
 
 
 def _apart(tried: Sequence[Candidate], most: int) -> list[Candidate]:
@@ -236,24 +254,35 @@ def _pursued(space: _Score, scale: Scale) -> Candidate | None:
     return Candidate("torque_ripple", item, total, len(chosen) * math.log(count))
 
 
-def _climbed(space: _Score, candidate: Candidate) -> Candidate:
-    """A start after a compass search, the noise following: with impacts the likelihood is too rough for slopes."""
-    present = space.present
-    fit = present.extended(candidate.term)
-    own = slice(present.u.size, fit.u.size)
-    size = np.array([0.3 if c.is_log else c.scale for c in candidate.term.coordinates])
-    fit.scan_power()
-    for _ in range(_HALVINGS):
-        for k in range(size.size):
-            for sign in (1.0, -1.0):
-                u = fit.u.copy()
-                u[present.u.size + k] += sign * size[k]
-                if fit.move(u):
-                    break
-        fit.scan_power()
-        size *= 0.6
-    promise = space.weight * (fit.log_likelihood - present.log_likelihood)
-    return Candidate(candidate.slug, candidate.term.moved(fit.u[own]), max(promise, candidate.promise))
+class _Climb:
+    """A compass search, the noise following: with impacts the likelihood is too rough for slopes."""
+
+    def __init__(self, space: _Score, candidate: Candidate) -> None:
+        self.space, self.start = space, candidate
+        self.fit = space.present.extended(candidate.term)
+        self.fit.scan_power()
+        self.size = np.array([0.3 if c.is_log else c.scale for c in candidate.term.coordinates])
+
+    def go(self, halvings: int) -> None:
+        """Try a step along each coordinate, both ways; then smaller ones."""
+        fit, first = self.fit, self.space.present.u.size
+        for _ in range(halvings):
+            for k in range(self.size.size):
+                for sign in (1.0, -1.0):
+                    u = fit.u.copy()
+                    u[first + k] += sign * self.size[k]
+                    if fit.move(u):
+                        break
+            fit.scan_power()
+            self.size *= 0.6
+
+    @property
+    def candidate(self) -> Candidate:
+        """The candidate where the search stands."""
+        present = self.space.present
+        promise = self.space.weight * (self.fit.log_likelihood - present.log_likelihood)
+        item = self.start.term.moved(self.fit.u[present.u.size :])
+        return replace(self.start, term=item, promise=max(promise, self.start.promise))
 
 
 def _input(space: _Score, slug: str, scale: Scale) -> list[Candidate]:
@@ -313,7 +342,9 @@ def _grip(space: _Score, scale: Scale) -> list[Candidate]:
     sizes = np.linalg.solve(curves, sums[:, :, None])[:, :, 0]
     promise = 0.5 * np.einsum("ki,ki->k", sums, sizes)
     promise[(sizes[:, 1:] < 0.0).sum(axis=1) > 1] = 0.0  # a hand gives no energy; noise may turn one of three
-    promise[last - first > _LONGEST] = 0.0  # a hand that never lets go is inertia, friction and a spring
+    way = np.concatenate([[0.0], np.cumsum(np.bincount(pieces, np.abs(v), _PIECES))])
+    # A hand that never lets go, or only of a shaft at rest, is inertia, friction and a spring.
+    promise[(last - first > _LONGEST * _PIECES) | (way[last] - way[first] > _LONGEST * way[-1])] = 0.0
     k = int(np.argmax(promise))
     push, stiffness, damping, inertia = (float(size) for size in sizes[k])
     begin, end = (float(edge) / _PIECES * series.duration_s for edge in (first[k], last[k]))
@@ -327,5 +358,4 @@ def _grip(space: _Score, scale: Scale) -> list[Candidate]:
     }
     values["rest"] = float(out["x"].mean()) + push / values["k_h"] if stiffness > 0.0 else float(out["x"].mean())
     item = term("hand_impedance", values, (), 0.1 * scale.travel)
-    found = _climbed(space, Candidate("hand_impedance", item, float(promise[k])))
-    return [replace(found, price=math.log(promise.size))]
+    return [Candidate("hand_impedance", item, float(promise[k]), math.log(promise.size))]

@@ -31,6 +31,8 @@ _OFF = (DISTURBANCE, JITTER)
 """Noise that is off at its lower bound."""
 _NEVER = -1e12
 _SCANS = 3
+_POOR = 2
+"""Steps in a row that gain nothing before a climb is over: on a curved ridge a single one may."""
 _SHORTER = 6
 """Attempts to shorten a step that does not climb."""
 
@@ -200,13 +202,14 @@ class Fit:
 
     def maximise(self, iterations: int = 25, tolerance: float = 0.05) -> Fit:
         """Climb to the maximum; returns itself."""
-        damping = 1e-2
+        damping, poor = 1e-2, 0
         for iteration in range(iterations):
             before = self.log_likelihood
             if iteration < _SCANS:
                 self.scan_power()
             damping = self._step(self._free(), damping)
-            if self.log_likelihood - before < tolerance:
+            poor = poor + 1 if self.log_likelihood - before < tolerance else 0
+            if poor == _POOR:
                 break
         return self
 

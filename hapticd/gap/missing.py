@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.gap.fit import Fit
+    from hapticd.gap.terms import Term
 
     Floats = NDArray[np.float64]
 
@@ -206,18 +207,39 @@ def _densest(power: Floats, count: NDArray[np.int64]) -> tuple[int, int]:
 
 def structure(fit: Fit, found: Missing, count: int = 8) -> list[Structure]:
     """What the innovations of a model depend on: held-out gain of flexible functions, through the linearised filter."""
-    out = fit.out
-    tested = []
+    results = []
+    for name, columns in _functions(fit, found, count):
+        answer = sensitivities(fit.out, columns)
+        gain, errors = _gain(fit, _held_out_shift(fit, answer))
+        results.append(Structure(name, gain, errors, columns @ _coefficients(fit, answer)))
+    return results
+
+
+def better_function(before: Fit, law: Term, found: Missing, count: int = 8) -> str | None:
+    """A coordinate of which a flexible function predicts held-out blocks better than a law that was named, or None.
+
+    Args:
+        before: the model without the law, held out. law: started at its estimate. found: missing force of `before`.
+    """
+    own = (before.extended(law).out["mean"] - before.out["mean"])[:, None]
+    shift = _held_out_shift(before, own)
+    best: tuple[float, str | None] = (constants.MATERIAL * before.out.size, None)
+    for name, columns in _functions(before, found, count):
+        other = _held_out_shift(before, sensitivities(before.out, columns))
+        gain, errors = _gain(before, other, shift)
+        if errors > constants.TIE:
+            best = max(best, (gain, name), key=lambda pair: pair[0])
+    return best[1]
+
+
+def _functions(fit: Fit, found: Missing, count: int) -> list[tuple[str, Floats]]:
+    """Torques that are flexible functions of each coordinate, shape (n, k)."""
+    functions = []
     for name, (values, factor) in coordinates(fit, found).items():
         shape = hats(values, found.moves, count)
         if shape is not None:
-            tested.append((name, shape if factor is None else shape * factor[:, None]))
-    results = []
-    for name, columns in tested:
-        answer = sensitivities(out, np.ascontiguousarray(columns))
-        gain, errors = _held_out_gain(fit, answer)
-        results.append(Structure(name, gain, errors, columns @ _coefficients(fit, answer)))
-    return results
+            functions.append((name, np.ascontiguousarray(shape if factor is None else shape * factor[:, None])))
+    return functions
 
 
 @dataclass(frozen=True)
@@ -249,18 +271,23 @@ def _coefficients(fit: Fit, answer: Floats) -> Floats:
     return np.asarray(np.linalg.solve(H, g)[: answer.shape[1]])
 
 
-def _held_out_gain(fit: Fit, answer: Floats) -> tuple[float, float]:
-    series = fit.problem.series
-    fold = series.fold[series.block]
+def _held_out_shift(fit: Fit, answer: Floats) -> Floats:
+    """(n,) change of the predictions that directions make, each block's by the coefficients without its fold."""
+    fold = fit.problem.series.fold[fit.problem.series.block]
     whole = np.concatenate([answer, fit.own_slopes], axis=1)
-    gains, noises = np.zeros(series.size), np.zeros(series.size)
-    score, information = fit.out["score"], fit.out["information"]
+    shift = np.zeros(fold.size)
     for k in range(constants.FOLDS):
         inside = fold == k
         g, H = _normal_equations(fit, answer, ~inside)
-        shift = whole[inside] @ np.linalg.solve(H, g)
-        gains[inside] = shift * score[inside] - 0.5 * shift**2 * information[inside]
-        noises[inside] = shift * (score[inside] - shift * information[inside])
-    blocks = series.per_block(noises)
-    deviation = np.sqrt(max(float(np.sum(blocks**2)), float(np.sum(noises**2))) + 4.0)
-    return float(gains.sum()), 2.0 * float(gains.sum()) / deviation
+        shift[inside] = whole[inside] @ np.linalg.solve(H, g)
+    return shift
+
+
+def _gain(fit: Fit, shift: Floats, other: Floats | float = 0.0) -> tuple[float, float]:
+    """Gain of one change of the predictions over another, nats, and the same in standard errors."""
+    score, information = fit.out["score"], fit.out["information"]
+    gain = float(np.sum((shift - other) * score - 0.5 * (shift**2 - other**2) * information))
+    noise = (shift - other) * (score - shift * information)
+    blocks = fit.problem.series.per_block(noise)
+    deviation = np.sqrt(max(float(np.sum(blocks**2)), float(np.sum(noise**2))) + 4.0)
+    return gain, 2.0 * gain / deviation

@@ -22,15 +22,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.gap.candidates import Candidate
+    from hapticd.gap.terms import Term
 
     Floats = NDArray[np.float64]
 
 _FIRST_STEPS = 3
 _SHORTLIST = 8
 _PROMISING = 0.05
+_HALF_WAY = 0.25
 _CLOSE = 0.3
-_CLOSEST = 0.7
 _MOST_FITTED = 4
+_MOST_OF_IT = 0.5
 _ROUGH = 0.5
 """Nats to which contenders are fitted; the one that is taken is fitted to the end."""
 
@@ -61,6 +63,13 @@ class Contender:
     """The same in standard errors."""
     price: float = 0.0
     """Logarithm of the number of discrete choices made for it."""
+
+    @property
+    def law(self) -> Term:
+        """The effect at its estimate."""
+        fit = self.judged.fit
+        number = [item.slug for item in fit.terms].index(self.slug)
+        return fit.terms[number].moved(fit.u[fit.share(number)])
 
 
 @dataclass(frozen=True)
@@ -131,7 +140,7 @@ def search(first: Judged, slugs: Sequence[str], told: Callable[[float, str], Non
         )
         if slack(present.fit) < constants.SLACK:
             break
-        contenders = compete(present, [slug for slug in slugs if slug not in _settled(rounds)])
+        contenders = compete(present, [slug for slug in slugs if slug not in _settled(rounds)], needed)
         if not contenders:
             break
         needed_errors = critical(present.held_out.size, len(slugs))
@@ -160,7 +169,8 @@ def _look_back(rounds: list[Round], base: int, needed_errors: float, needed: flo
     """Take out again what an effect that was named later makes unnecessary; `base` terms come before the effects."""
     for number in reversed(range(len(rounds) - 1)):
         last = rounds[-1].taken
-        without = judge(last.judged.fit.without(base + number).maximise(tolerance=_ROUGH), last.price)
+        poorer = last.judged.fit.without(base + number).with_noise(rounds[number].before.fit.noise)
+        without = judge(poorer.maximise(tolerance=_ROUGH), last.price)
         gain, errors = evidence(last.judged, without)
         if errors < needed_errors or gain < needed:
             del rounds[number]
@@ -180,11 +190,13 @@ def _closing(contenders: list[Contender], present: Judged, least: float, needed_
     force is what the device lacks. A law that gains the one without closing the other is none.
     """
     power = missing_power(present.fit)
+    least = min(least, _MOST_OF_IT * power)
     left = {contender.slug: missing_power(contender.judged.fit) for contender in contenders}
     contenders = [
         contender
         for contender in contenders
-        if left[contender.slug] < power - least and _keeps_the_drive(contender.judged.fit, present.fit)
+        if left[contender.slug] < power - min(least, _MOST_OF_IT * power)
+        and _keeps_the_drive(contender.judged.fit, present.fit)
     ]
     sure = [left[contender.slug] for contender in contenders if contender.evidence >= needed_errors]
     if not sure:
@@ -215,12 +227,12 @@ def _simplest_first(contenders: list[Contender]) -> list[Contender]:
     return contenders
 
 
-def compete(present: Judged, slugs: Sequence[str]) -> list[Contender]:
-    """Fit what promises most on top of the present model; best first."""
-    found = sorted(candidates(present.fit, slugs), key=lambda candidate: -candidate.promise)
+def compete(present: Judged, slugs: Sequence[str], needed: float) -> list[Contender]:
+    """Fit what promises most on top of the present model, where an effect must gain `needed` nats; best first."""
+    found = sorted(candidates(present.fit, slugs, needed), key=lambda candidate: -candidate.promise)
     if not found:
         return []
-    likely = [c for c in found[:_SHORTLIST] if c.promise > _PROMISING * found[0].promise]
+    likely = [c for c in found[:_SHORTLIST] if c.promise > max(_PROMISING * found[0].promise, _HALF_WAY * needed)]
     # A law competes with its limits, however little they promise by themselves.
     limits = {slug for candidate in likely for slug in CATALOGUE[candidate.slug].contains}
     likely += [c for c in found if c.slug in limits and c not in likely]
@@ -230,12 +242,18 @@ def compete(present: Judged, slugs: Sequence[str]) -> list[Contender]:
         fits.append((candidate, fit.approach(present.fit.u.size, _FIRST_STEPS)))
     fits.sort(key=lambda pair: -pair[1].log_likelihood)
     base = present.fit.log_likelihood
-    ahead = fits[0][1].log_likelihood - base
+    if not fits:
+        return []
     contenders: list[Contender] = []
-    falls = [missing_power(present.fit) - missing_power(fit) for _, fit in fits]
-    for (candidate, fit), fall in zip(fits, falls, strict=True):
-        gain = fit.log_likelihood - base
-        if gain < 0.25 * constants.MATERIAL * fit.out.size or (gain < _CLOSE * ahead and fall < _CLOSEST * max(falls)):
+    before = missing_power(present.fit)
+    gains = [fit.log_likelihood - base for _, fit in fits]
+    closed = [(before - missing_power(fit)) / before for _, fit in fits]
+    for (candidate, fit), gain, part in zip(fits, gains, closed, strict=True):
+        beaten = (
+            gain < _CLOSE * other and part < most + constants.FORCE_MARGIN
+            for other, most in zip(gains, closed, strict=True)
+        )
+        if gain < _HALF_WAY * needed or any(beaten):
             continue
         if len(contenders) == _MOST_FITTED:
             break

@@ -5,19 +5,24 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from hapticd.gap.result import GapNumbers, Remainder, Verdict
 
 
 def decide(
-    effects: Sequence[str], tied: Sequence[Sequence[str]], gap: GapNumbers, remainder: Remainder
+    effects: Sequence[str],
+    tied: Sequence[Sequence[str]],
+    beaten: Mapping[str, str],
+    gap: GapNumbers,
+    remainder: Remainder,
 ) -> tuple[Verdict, str]:
     """Verdict and statement.
 
     Args:
         effects: slugs that were added.
         tied: for each, the effects of other classes that these data cannot tell from it.
+        beaten: effect to the coordinate of which a flexible function predicts better than that effect.
         gap: the missing force before and after.
         remainder: what is left.
     """
@@ -38,6 +43,10 @@ def decide(
     if ambiguous:
         told = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)
         return "ambiguous", f"These data cannot tell which it is: {told} ({force})."
-    if left:
-        return "partly_explained", f"Missing: {names} ({force}). {remainder.words}"
+    if left or beaten:
+        doubts = "".join(
+            f" A flexible function of the {coordinate} predicts better than {effect}: the law itself may be another."
+            for effect, coordinate in beaten.items()
+        )
+        return "partly_explained", f"Missing: {names} ({force}).{doubts} {remainder.words}"
     return "effect_found", f"Missing: {names} ({force})."

@@ -160,7 +160,12 @@ def _result(
     effects = tuple(step.effect for step in steps)
     ties = [each.tied for each in rounds]
     remainder = remainder_of(last.fit, found[-1], power[0])
-    verdict, statement = decide(effects, ties, numbers, remainder)
+    beaten = {
+        each.taken.slug: coordinate
+        for each, before in zip(rounds, found, strict=False)
+        if (coordinate := missing.better_function(each.before.fit, each.taken.law, before)) is not None
+    }
+    verdict, statement = decide(effects, ties, beaten, numbers, remainder)
     series = first.fit.problem.series
     noise = last.fit.noise_values()
     return GapResult(
@@ -181,6 +186,7 @@ def _result(
             "noise": dict(zip(NOISE, (float(value) for value in noise), strict=True)),
             "needed_standard_errors": critical(series.blocks, len(slugs)),
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
+            "predicted_better_by": beaten,
             "likelihood_evaluations": first.fit.problem.counter[0],
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),

@@ -11,6 +11,7 @@ import pytest
 from benchmarks.gap.disturbance import Coloured
 from hapticd.gap.fit import Fit, nominal_fit
 from hapticd.gap.missing import (
+    better_function,
     explainable,
     hats,
     held_out_rms,
@@ -22,6 +23,7 @@ from hapticd.gap.missing import (
     where,
 )
 from hapticd.gap.remainder import lines, remainder_of
+from hapticd.gap.terms import term
 from hapticd.gap.workflow import problem_of
 
 GRAVITY = {"name": "gravity", "m_g_l": 6e-4, "theta_0": 0.3}
@@ -70,6 +72,14 @@ def test_what_is_left_is_told_in_words(with_gravity: Fit) -> None:
     said = remainder_of(with_gravity, found, found.rms**2)
     assert said.share == pytest.approx(1.0)
     assert "a torque that depends on the position" in said.words
+
+
+def test_a_function_of_the_position_beats_a_law_of_something_else_but_not_gravity(with_gravity: Fit) -> None:
+    found = missing_force(with_gravity)
+    drift = term("thermal_drift", {"kappa": 0.1, "tau_th": 5.0}, (), 0.1)
+    assert better_function(with_gravity, drift, found) == "position"
+    gravity = term("gravity", {"m_g_l": GRAVITY["m_g_l"], "theta_0": GRAVITY["theta_0"]}, (), 0.1)
+    assert better_function(with_gravity, gravity, found) is None
 
 
 def test_noise_can_hardly_be_explained(noise_alone: Fit) -> None:

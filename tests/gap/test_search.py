@@ -70,7 +70,7 @@ def test_slack_falls_with_what_is_explained(biased: Judged, corrected: Judged) -
 
 
 def test_contenders_are_ranked_by_their_gain(biased: Judged) -> None:
-    contenders = compete(biased, ["constant_bias", "coulomb_friction", "asymmetric_viscous", "gravity"])
+    contenders = compete(biased, ["constant_bias", "coulomb_friction", "asymmetric_viscous", "gravity"], 10.0)
     assert contenders
     gains = [contender.gain for contender in contenders]
     assert gains == sorted(gains, reverse=True)
