@@ -144,6 +144,8 @@ def search(first: Judged, slugs: Sequence[str], told: Callable[[float, str], Non
         if not contenders:
             break
         needed_errors = critical(present.held_out.size, len(slugs))
+        if rounds:  # A law at its limit is another law: an answer may be that vague, but it does not grow by it.
+            contenders = [contender for contender in contenders if not contender.law.at_bounds(contender.law.start)]
         contenders = _closing(contenders, present, constants.SHARE * whole, needed_errors)
         if not contenders:
             break

@@ -73,6 +73,10 @@ class Term:
         for coordinate, value in zip(self.coordinates, u, strict=True):
             p[coordinate.word] = np.exp(value) if coordinate.is_log else value
 
+    def at_bounds(self, u: Sequence[float] | Floats) -> list[str]:
+        """Parameters whose coordinates in `u` are at the end of their range."""
+        return [c.name for c, value in zip(self.coordinates, u, strict=True) if not c.lower < value < c.upper]
+
     def moved(self, u: Sequence[float] | Floats) -> Term:
         """The same term with another start."""
         return replace(self, start=tuple(float(value) for value in u))

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 def decide(
     effects: Sequence[str],
     tied: Sequence[Sequence[str]],
-    beaten: Mapping[str, str],
+    doubts: Sequence[str],
     gap: GapNumbers,
     remainder: Remainder,
 ) -> tuple[Verdict, str]:
@@ -22,7 +22,7 @@ def decide(
     Args:
         effects: slugs that were added.
         tied: for each, the effects of other classes that these data cannot tell from it.
-        beaten: effect to the coordinate of which a flexible function predicts better than that effect.
+        doubts: sentences that say why the named laws may not be the whole truth.
         gap: the missing force before and after.
         remainder: what is left.
     """
@@ -43,10 +43,22 @@ def decide(
     if ambiguous:
         told = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)
         return "ambiguous", f"These data cannot tell which it is: {told} ({force})."
-    if left or beaten:
-        doubts = "".join(
-            f" A flexible function of the {coordinate} predicts better than {effect}: the law itself may be another."
-            for effect, coordinate in beaten.items()
-        )
-        return "partly_explained", f"Missing: {names} ({force}).{doubts} {remainder.words}"
+    if left or doubts:
+        return "partly_explained", " ".join([f"Missing: {names} ({force}).", *doubts, remainder.words])
     return "effect_found", f"Missing: {names} ({force})."
+
+
+def doubts_about(at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, str]) -> list[str]:
+    """Why named laws may not be the whole truth, a sentence each.
+
+    Args:
+        at_bounds: effect to those of its parameters that the data push to the end of what they may be.
+        beaten: effect to the coordinate of which a flexible function predicts better than that effect.
+    """
+    return [
+        f"The data push {' and '.join(names)} of {effect} to the end of its range: a law at its limit is another law."
+        for effect, names in at_bounds.items()
+    ] + [
+        f"A flexible function of the {coordinate} predicts better than {effect}: the law itself may be another."
+        for effect, coordinate in beaten.items()
+    ]

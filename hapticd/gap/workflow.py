@@ -21,7 +21,7 @@ from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
 from hapticd.gap.search import Judged, Round, critical, evidence, judge, search
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
-from hapticd.gap.verdict import decide
+from hapticd.gap.verdict import decide, doubts_about
 from hapticd.plant.layout import WORDS, device_vector, word
 
 if TYPE_CHECKING:
@@ -165,7 +165,9 @@ def _result(
         for each, before in zip(rounds, found, strict=False)
         if (coordinate := missing.better_function(each.before.fit, each.taken.law, before)) is not None
     }
-    verdict, statement = decide(effects, ties, beaten, numbers, remainder)
+    laws = [(last.fit.terms[number], last.fit.share(number)) for number in range(fixed, len(last.fit.terms))]
+    at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share]))}
+    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten), numbers, remainder)
     series = first.fit.problem.series
     noise = last.fit.noise_values()
     return GapResult(
@@ -186,6 +188,7 @@ def _result(
             "noise": dict(zip(NOISE, (float(value) for value in noise), strict=True)),
             "needed_standard_errors": critical(series.blocks, len(slugs)),
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
+            "at_bounds": at_bounds,
             "predicted_better_by": beaten,
             "likelihood_evaluations": first.fit.problem.counter[0],
         },

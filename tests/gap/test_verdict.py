@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hapticd.gap.result import GapNumbers, Remainder
-from hapticd.gap.verdict import decide
+from hapticd.gap.verdict import decide, doubts_about
 
 GAP = GapNumbers(3e-4, 1e-5, 3.1e-4, 1.2e-5, 2e-6, "N m")
 CLEAN = Remainder(0.002, "0.2 % of the missing force's power is left.", ())
@@ -30,7 +30,7 @@ LEFT = Remainder(
     ],
 )
 def test_the_verdict(effects: list[str], tied: list[tuple[str, ...]], remainder: Remainder, verdict: str) -> None:
-    found, statement = decide(effects, tied, {}, GAP, remainder)
+    found, statement = decide(effects, tied, [], GAP, remainder)
     assert found == verdict
     assert statement.endswith(".")
     for effect in effects if verdict != "ambiguous" else []:
@@ -38,28 +38,44 @@ def test_the_verdict(effects: list[str], tied: list[tuple[str, ...]], remainder:
 
 
 def test_numbers_before_and_after_are_said() -> None:
-    _, statement = decide(["stribeck", "gravity"], [(), ()], {}, GAP, CLEAN)
+    _, statement = decide(["stribeck", "gravity"], [(), ()], [], GAP, CLEAN)
     assert statement == "Missing: stribeck and gravity (missing 0.00031 N m before, 1.2e-05 N m after)."
 
 
 def test_what_is_tied_is_said() -> None:
-    _, statement = decide(["gravity"], [("constant_bias", "return_spring")], {}, GAP, CLEAN)
+    _, statement = decide(["gravity"], [("constant_bias", "return_spring")], [], GAP, CLEAN)
     assert "gravity or constant_bias or return_spring" in statement
     assert "cannot tell" in statement
 
 
 def test_what_is_left_is_said() -> None:
     for effects, tied in (([], []), (["gravity"], [()])):
-        assert LEFT.words in decide(effects, tied, {}, GAP, LEFT)[1]
+        assert LEFT.words in decide(effects, tied, [], GAP, LEFT)[1]
 
 
-def test_a_law_that_a_free_function_beats_is_not_the_whole_answer() -> None:
-    verdict, statement = decide(["gravity"], [()], {"gravity": "position"}, GAP, CLEAN)
+@pytest.mark.parametrize(
+    ("at_bounds", "beaten", "words"),
+    [
+        ({"gravity": ["theta_0"]}, {}, "push theta_0 of gravity to the end of its range"),
+        ({}, {"gravity": "position"}, "A flexible function of the position predicts better than gravity"),
+    ],
+)
+def test_a_doubt_makes_it_a_part_of_the_answer(
+    at_bounds: dict[str, list[str]], beaten: dict[str, str], words: str
+) -> None:
+    doubts = doubts_about(at_bounds, beaten)
+    assert len(doubts) == 1
+    verdict, statement = decide(["gravity"], [()], doubts, GAP, CLEAN)
     assert verdict == "partly_explained"
-    assert "flexible function of the position predicts better than gravity" in statement
+    assert words in statement
+    assert decide(["gravity"], [("constant_bias",)], doubts, GAP, CLEAN)[0] == "ambiguous"
+
+
+def test_without_a_reason_there_is_no_doubt() -> None:
+    assert doubts_about({}, {}) == []
 
 
 def test_nothing_missing_names_the_noise_floor() -> None:
-    _, statement = decide([], [], {}, GAP, CLEAN)
+    _, statement = decide([], [], [], GAP, CLEAN)
     assert "Nothing is missing" in statement
     assert "2e-06 N m" in statement
