@@ -11,23 +11,11 @@ from scipy.stats import t as student
 from hapticd.gap import constants
 from hapticd.gap.missing import Missing, structure
 from hapticd.gap.result import Remainder
-from hapticd.gap.words import percent
+from hapticd.gap.words import SHOWS_AS, percent
 
 if TYPE_CHECKING:
     from hapticd.gap.fit import Fit
 
-_WORDS = {
-    "position": "a torque that depends on the position",
-    "velocity": "a torque that depends on the velocity",
-    "speed, against the motion": "friction that depends on the speed",
-    "current": "a torque that depends on the current",
-    "time": "a torque that drifts in time",
-    "time, against the motion": "friction that drifts in time",
-    "way since a reversal, against the motion": "friction that builds up or fades after a reversal",
-    "position, against the motion": "friction that depends on the position",
-    "acceleration": "a torque that depends on the acceleration",
-    "change of the current": "a torque that follows changes of the current",
-}
 _TOLD = 3
 _SEGMENT = 4096
 _FEWEST = 8
@@ -51,7 +39,7 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
         if matters and min(part, share) > constants.STRUCTURE_SHARE:
             p_value = float(student.sf(test.errors, fit.problem.series.blocks - 1)) * len(tested)
             entries.append({"coordinate": test.coordinate, "share": min(part, share), "p_value": min(p_value, 1.0)})
-    words = [_WORDS[entry["coordinate"]] for entry in entries[:_TOLD]]
+    words = [SHOWS_AS[entry["coordinate"]] for entry in entries[:_TOLD]]
     words += [f"a line at {frequency:.3g} Hz in time" for frequency in lines(fit)]
     left = f"{percent(share)} of the missing force's power is left"
     if words:

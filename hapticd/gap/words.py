@@ -27,18 +27,19 @@ UNITS: Final = {
     "change of the current": ("A/s", "A/s"),
 }
 """Coordinate of `where` and `remainder` to its unit, rotary and linear."""
-_AS: Final = {
-    "position": "a function of the position",
-    "velocity": "a function of the velocity",
+SHOWS_AS: Final = {
+    "position": "a torque that depends on the position",
+    "velocity": "a torque that depends on the velocity",
     "speed, against the motion": "friction that depends on the speed",
-    "current": "a function of the current",
-    "time": "a function of time",
-    "time, against the motion": "friction that changes in time",
-    "way since a reversal, against the motion": "friction that depends on the way since a reversal",
+    "current": "a torque that depends on the current",
+    "time": "a torque that drifts in time",
+    "time, against the motion": "friction that drifts in time",
+    "way since a reversal, against the motion": "friction that builds up or fades after a reversal",
     "position, against the motion": "friction that depends on the position",
-    "acceleration": "a function of the acceleration",
-    "change of the current": "a function of the current's rate of change",
+    "acceleration": "a torque that depends on the acceleration",
+    "change of the current": "a torque that follows changes of the current",
 }
+"""Coordinate to what a missing force looks like that depends on it."""
 _TOLD: Final = 3
 _JITTER: Final = 0.05
 """Share of a period above which the jitter of the samples is worth a word before everything else."""
@@ -70,7 +71,7 @@ def _place(entry: Mapping[str, Any], unit: str) -> str:
     if name == "everywhere":
         return f"{percent(entry['share'])} is the same everywhere, {low:.3g} {unit}"
     ends = f"{low:.3g} to {high:.3g} {unit_of(name, linear)}".rstrip()
-    return f"{percent(entry['share'])} as {_AS.get(name, f'a function of the {name}')}, most of it from {ends}"
+    return f"{percent(entry['share'])} as {SHOWS_AS.get(name, f'something of the {name}')}, most of it from {ends}"
 
 
 def percent(share: float) -> str:
