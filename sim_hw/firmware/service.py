@@ -79,6 +79,7 @@ def _from_host(sim: Sim, lines: Lines, size: int, ns: int) -> None:
         sim.s[b.HOST_LENGTH] = 0
         found = decode(lines.from_host, length, lines.payload)
         if found == 2 and lines.payload[0] == _SAMPLE:
+            sim.s[b.GLITCH_SHOWN] = 1 if sim.s[w.GLITCH_LEFT] > 0 else 0
             log_row(sim, ns, log.SAMPLE, int(lines.payload[1]), -1)
         if framed and length <= LONGEST_FRAME:
             frame = kinds.COMMAND if found > 0 and lines.payload[0] == _COMMAND else kinds.REQUEST
@@ -97,7 +98,8 @@ def _from_board(sim: Sim, lines: Lines, size: int, ns: int) -> None:
             continue
         sim.s[b.BOARD_LENGTH] = 0
         found = decode(lines.from_board, length, lines.payload)
-        if found > 0 and lines.payload[0] == _SAMPLE_REPLY:
+        if found > 0 and lines.payload[0] == _SAMPLE_REPLY and sim.s[b.GLITCH_SHOWN] == 1:
+            sim.s[b.GLITCH_SHOWN] = 0
             end_sample(sim)
         if found > 0 and lines.payload[0] == _HELLO_REPLY and sim.s[b.VERSION] >= 0:
             lines.payload[1] = sim.s[b.VERSION]

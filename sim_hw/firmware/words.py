@@ -39,7 +39,9 @@ OFF_UNTIL_NS = _B + 11
 """The board is off until then; FAR_NS when it runs."""
 PLUG_IN_NS = _B + 12
 """The cable is put back then; FAR_NS while it is in."""
-CAUSE_UNTIL_NS = _B + 13
+GLITCH_SHOWN = _B + 13
+"""1 when a SAMPLE came while an injected glitch was to be seen."""
+CAUSE_UNTIL_NS = _B + 14
 """Three words: until when the causes of ENCODER_FAULT, AMPLIFIER_FAULT and EXTERNAL_STOP last."""
 
 BUFFER_BYTES = 512

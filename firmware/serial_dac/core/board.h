@@ -14,8 +14,8 @@ struct board_facts {
     uint8_t dac_bits;         /* 8 ... 16 */
     uint32_t full_scale_ua;   /* uA; the current at code 0 is minus this */
     uint8_t counter_bits;     /* 16 ... 32 */
-    uint16_t watchdog_min_ms; /* at least 1 */
-    uint16_t watchdog_max_ms;
+    uint16_t watchdog_min_ms; /* 1 ... CORE_WATCHDOG_POWER_UP_MS */
+    uint16_t watchdog_max_ms; /* not below CORE_WATCHDOG_POWER_UP_MS */
     uint32_t serial_number;
 };
 

@@ -264,10 +264,4 @@ void core_begin(void)
     queue_tail = 0U;
     watchdog_ms = CORE_WATCHDOG_POWER_UP_MS;
     disable_output();
-    /* "20 ms, or the nearest that the range allows" */
-    if (watchdog_ms < board_facts.watchdog_min_ms) {
-        watchdog_ms = board_facts.watchdog_min_ms;
-    } else if (watchdog_ms > board_facts.watchdog_max_ms) {
-        watchdog_ms = board_facts.watchdog_max_ms;
-    }
 }
