@@ -21,7 +21,7 @@ for board in "$@"; do
     avr-uno)
       need avr-gcc gcc-avr; need /usr/lib/avr/include/avr/io.h avr-libc
       need gcc gcc; need /usr/include/stdio.h libc6-dev
-      need /usr/include/simavr/sim_avr.h libsimavr-dev; need /usr/include/libelf.h libelf-dev ;;
+      need /usr/include/simavr/sim_avr.h libsimavr-dev ;;
     fuzz) need clang clang; need /usr/include/stdio.h libc6-dev ;;
     *) echo "install: no such board: $board" >&2; exit 2 ;;
   esac

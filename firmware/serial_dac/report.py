@@ -35,6 +35,19 @@ BOARDS = {
         (("reset",), ("uart_rx_interrupt", "uart_tx_interrupt"), ("tick_interrupt",), ("watchdog_interrupt",)),
         CORTEX_M_FRAME,
     ),
+    # Interrupt vectors of the ATmega328P: 1 and 2 INT0 and INT1, 13 and 14 timers, 18 and 19 UART. Only the receiver's lets
+    # others in, itself among them.
+    "avr-uno": Board(
+        "board.elf",
+        "avr-",
+        (
+            ("main",),
+            ("__vector_18",),
+            ("__vector_1", "__vector_2", "__vector_13", "__vector_14", "__vector_18", "__vector_19"),
+        ),
+        0,  # gcc counts the return address in
+        UNKNOWN_AVR,
+    ),
 }
 
 _FUNCTION = re.compile(r"^[0-9a-f]+ <([^>]+)>:$")

@@ -54,9 +54,14 @@ def _qemu(image: Path, line: Path, memory: Path) -> Sequence[str]:
     )
 
 
+def _simavr(image: Path, line: Path, memory: Path) -> Sequence[str]:
+    return [str(FIRMWARE / "build" / "avr-uno" / "runner"), str(image), str(line), str(memory)]
+
+
 BOARDS: Final = {
     "host": Board("host/board", _host),
     "mps2-an385": Board("mps2-an385/board.elf", _qemu, "qemu-system-arm", "qemu-system-arm"),
+    "avr-uno": Board("avr-uno/board.elf", _simavr, dac_bits=12),
 }
 
 
