@@ -35,6 +35,12 @@ BOARDS = {
         (("reset",), ("uart_rx_interrupt", "uart_tx_interrupt"), ("tick_interrupt",), ("watchdog_interrupt",)),
         CORTEX_M_FRAME,
     ),
+    "nucleo-g474re": Board(
+        "board.elf",
+        "arm-none-eabi-",
+        (("reset",), ("usart_interrupt",), ("tick_interrupt",), ("watchdog_interrupt",)),
+        CORTEX_M_FRAME,
+    ),
     # Interrupt vectors of the ATmega328P: 1 and 2 INT0 and INT1, 13 and 14 timers, 18 and 19 UART. Only the receiver's lets
     # others in, itself among them.
     "avr-uno": Board(

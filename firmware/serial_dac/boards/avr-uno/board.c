@@ -246,9 +246,10 @@ int main(void)
     MCUSR = 0U;
     wdt_enable(WDTO_60MS); /* without the tick: reset, and so off */
 
+    EICRA = _BV(ISC00) | _BV(ISC10); /* any change; until it says so, a low line would count */
     PORTD = PIN_STOP | PIN_NO_AMP_FAULT | (3U << ENCODER_SHIFT); /* pull-ups */
     encoder_last = (uint8_t)((PIND >> ENCODER_SHIFT) & 3U);
-    EICRA = _BV(ISC00) | _BV(ISC10); /* any change */
+    EIFR = _BV(INTF0) | _BV(INTF1);
     EIMSK = _BV(INT0) | _BV(INT1);
     TCCR1B = _BV(CS11); /* 2 MHz */
     TIMSK1 = _BV(TOIE1);
