@@ -129,8 +129,10 @@ uint8_t board_causes(void)
 
 void board_watchdog_start(uint16_t milliseconds)
 {
-    /* The millisecond that is under way does not count. */
-    watchdog_left_ms = (uint16_t)(milliseconds + 1U);
+    /* The millisecond that is under way does not count, nor one that has ended and waits for its interrupt. */
+    const uint16_t begun = ((TIFR0 & _BV(OCF0A)) != 0U) ? 2U : 1U;
+
+    watchdog_left_ms = (uint16_t)(milliseconds + begun);
 }
 
 void board_watchdog_stop(void)

@@ -186,17 +186,19 @@ static void turn(avr_cycle_count_t edge_cycles)
     static avr_cycle_count_t next_edge;
     static avr_cycle_count_t next_illegal;
     static unsigned int lines;
+    static unsigned int flipped;
+    const bool broken = (page->causes & CAUSE_ENCODER) != 0U;
 
-    if (((page->causes & CAUSE_ENCODER) != 0U) && (avr->cycle >= next_illegal)) {
+    if ((broken || (flipped != 0U)) && (avr->cycle >= next_illegal)) {
         next_illegal = avr->cycle + ILLEGAL_CYCLES;
-        put_encoder(lines ^ 3U);
-        put_encoder(lines);
+        flipped ^= 3U; /* both lines change at once */
+        put_encoder(lines ^ flipped);
     }
     if ((page->count != shown) && (avr->cycle >= next_edge)) {
         next_edge = avr->cycle + edge_cycles;
         shown += ((int32_t)(page->count - shown) > 0) ? 1U : UINT32_MAX;
         lines = gray[shown & 3U];
-        put_encoder(lines);
+        put_encoder(lines ^ flipped);
     }
 }
 
@@ -262,9 +264,10 @@ static void keep_pace(void)
 int main(int count, char **arguments)
 {
     elf_firmware_t firmware;
-    /* Shortest time between two edges, us: how fast the encoder may be turned. */
+    /* Shortest time between two edges, us: how fast the encoder may be turned. simavr takes 100 us for a byte on SPI, which
+       the processor does in 1 us, and no edge is served meanwhile. */
     const char *fastest = getenv("RUNNER_EDGE_US");
-    const avr_cycle_count_t edge_cycles = (avr_cycle_count_t)((fastest ? atof(fastest) : 25.0) * CYCLES_PER_US);
+    const avr_cycle_count_t edge_cycles = (avr_cycle_count_t)((fastest ? atof(fastest) : 400.0) * CYCLES_PER_US);
 
     if (count != 4) {
         (void)fprintf(stderr, "usage: runner IMAGE LINE PAGE\n");
