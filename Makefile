@@ -7,7 +7,8 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test compiled lint types layers bench soak dist docs site install uninstall system-test clean help
+.PHONY: run test compiled lint types layers bench soak dist docs site firmware firmware-test install uninstall system-test clean \
+  help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -16,11 +17,11 @@ run: $(STAMP)    ## the daemon on the simulated RE35/Copley testbed, in real tim
 	$(BIN)/hapticd run
 
 test: $(STAMP) lint types layers compiled   ## every check and test that needs no special machine
-	$(BIN)/python -m pytest -m 'not realtime' -n 2 --dist worksteal
+	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 2 --dist worksteal
 	$(BIN)/python -m pytest -m realtime
 
 compiled: $(STAMP)   ## fill the compile caches of daemon and simulated hardware, side by side
-	$(BIN)/python -c 'import sim_hw.canopen.command, sim_hw.canopen.serve, sim_hw.serial_board.command, sim_hw.serial_board.service' & \
+	$(BIN)/python -c 'import tests.sim_hw.forked_device' & \
 	  $(BIN)/python -m hapticd.service.precompile && wait $$!
 
 lint: $(STAMP)   ## ruff
@@ -52,6 +53,14 @@ site: $(STAMP)   ## the documentation as a web site in site/; a broken link or a
 dist: $(STAMP)   ## wheel and sdist in dist/, and what is in them checked
 	$(BIN)/python -m pytest tests/dist/check_dist.py
 
+firmware:        ## the serial DAC board's firmware for every board, with sizes and stack; installs compilers that are missing
+	firmware/install.sh
+	$(MAKE) --no-print-directory -C firmware/serial_dac
+	$(PYTHON) firmware/serial_dac/report.py
+
+firmware-test: $(STAMP)   ## the firmware as binaries in emulation, all boards: some ten minutes
+	$(BIN)/python -m pytest tests/firmware
+
 install:         ## for the whole machine, as root: service, user, completions, manual pages
 	systemd/install.sh install
 
@@ -62,7 +71,7 @@ system-test: $(STAMP)   ## a Debian guest with PREEMPT_RT, systemd and CAN under
 	$(BIN)/python tests/system/run.py
 
 clean:           ## forget the virtual environment and every cache
-	rm -rf $(VENV) build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) build firmware/serial_dac/build dist site *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis .import_linter_cache
 
 $(STAMP): pyproject.toml constraints.txt install.sh
 	PYTHON=$(PYTHON) ./install.sh $(VENV)

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 from hapticd.config import ConfigError
 
-_DEVICES = ("serial_board", "canopen")
+_DEVICES = ("serial_board", "firmware", "canopen")
 """Packages with a module ``command`` whose ``add_parser(subparsers)`` describes a subcommand and sets its ``run``."""
 
 

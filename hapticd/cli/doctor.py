@@ -1,21 +1,51 @@
-"""``hapticd doctor``: is this machine fit for the configured rate, and what would make it so."""
+"""``hapticd doctor``: is this machine fit for the configured rate, and what would make it so; bring-up of a board."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import sys
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
 from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, register, resolve_config
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hapticd.config import Config
     from hapticd.doctor import Examination
+    from hapticd.doctor.board import BringUp
+    from hapticd.doctor.finding import Finding
+
+DeviceOption = Annotated[
+    bool,
+    typer.Option(
+        "--device", help="Bring up the serial board that CONFIG names, step by step, instead of looking at the machine."
+    ),
+]
+CurrentOption = Annotated[
+    float | None,
+    typer.Option(
+        "--current",
+        metavar="A",
+        min=0.0,
+        show_default=False,
+        help="Peak of --device's ramp, A. Default: 5 % of amplifier.continuous_current.",
+    ),
+]
 
 _SIGNS = {"good": "ok  ", "note": "note", "bad": "BAD "}
 
 
-def doctor(config: ConfigArgument = None, assignments: SettingsOption = None, as_json: JsonOption = False) -> int:
+def doctor(
+    config: ConfigArgument = None,
+    device: DeviceOption = False,
+    current: CurrentOption = None,
+    assignments: SettingsOption = None,
+    as_json: JsonOption = False,
+) -> int:
     """Say whether this machine is fit to run the servo loop, and how to make it so.
 
     Looks at the kernel's preemption, real-time limits, CPU frequency and idle states, isolated CPUs and interrupts,
@@ -23,8 +53,16 @@ def doctor(config: ConfigArgument = None, assignments: SettingsOption = None, as
     what was found; where it matters at the configured rate, why, and the command that repairs it. Changes nothing.
 
     Run it as the user that runs the daemon: limits and permissions are that user's.
+
+    With --device it talks to the serial board itself, the daemon not running: version and capabilities, how fast it
+    answers, whether its counter follows the knob and which way. Then, each only after a yes: the watchdog, at zero
+    current, and a slow ramp to a small current that shows the polarity. Without a terminal these steps are left out.
     """
     resolved = resolve_config(config, assignments)
+    if device:
+        return _bring_up(resolved, current, as_json)
+    if current is not None:
+        raise UsageError("--current goes with --device")
     from hapticd.doctor import examine
 
     found = examine(resolved)
@@ -32,18 +70,60 @@ def doctor(config: ConfigArgument = None, assignments: SettingsOption = None, as
     return exits.DONE if found.fit else exits.NO
 
 
+def _bring_up(config: Config, current: float | None, as_json: bool) -> int:
+    if config.driver.name != "serial_dac":
+        raise UsageError(f"driver.name = {config.driver.name}: --device brings up serial boards, driver serial_dac")
+    from hapticd.doctor.board import bring_up
+
+    found = bring_up(config, _Terminal(), current)
+    output.emit(found.document(), as_json, describe_board(found))
+    return exits.DONE if found.fit else exits.NO
+
+
+class _Terminal:
+    """The person at the terminal; nobody where there is none. Talks on stderr: stdout is the report's."""
+
+    _WIDTH = 30
+
+    def agrees(self, question: str) -> bool:
+        return sys.stdin.isatty() and typer.confirm(question, default=False, err=True)
+
+    def does(self, request: str) -> bool:
+        if not sys.stdin.isatty():
+            return False
+        return bool(typer.prompt(f"{request} [Enter, or s to skip]", default="", show_default=False, err=True) != "s")
+
+    def shows(self, counts: int, rate: float, fastest: float) -> None:
+        if sys.stderr.isatty():
+            bar = "█" * round(self._WIDTH * min(abs(rate) / max(fastest, 1.0), 1.0))
+            text = f"\r{counts:+10d} counts  {bar:{self._WIDTH}} {abs(rate):8.0f} counts/s, at most {fastest:8.0f}"
+            print(text, end="", file=sys.stderr, flush=True)
+
+
+def describe_board(found: BringUp) -> str:
+    """The report of a board."""
+    from hapticd.doctor.board import histogram
+
+    lines = _lines(found.findings)
+    return "\n".join([*lines, "", *histogram(found.round_trip_us), "", found.verdict])
+
+
 def describe(found: Examination) -> str:
     """The report."""
-    width = max(len(finding.name) for finding in found.findings)
+    return "\n".join([*_lines(found.findings), "", found.verdict])
+
+
+def _lines(findings: Sequence[Finding]) -> list[str]:
+    width = max(len(finding.name) for finding in findings)
     lines = []
-    for finding in found.findings:
+    for finding in findings:
         lines.append(f"{_SIGNS[finding.level.value]}  {finding.name:{width}}  {finding.found}")
         indent = " " * (width + 8)
         if finding.matters:
             lines.append(f"{indent}{finding.matters}")
         if finding.fix:
             lines.append(f"{indent}to repair: {finding.fix}")
-    return "\n".join([*lines, "", found.verdict])
+    return lines
 
 
 def add_to(app: typer.Typer) -> None:
@@ -52,5 +132,6 @@ def add_to(app: typer.Typer) -> None:
         "hapticd doctor",
         "hapticd doctor /etc/hapticd/hapticd.yaml",
         "hapticd doctor --set servo.rate_hz=3000 --json",
+        "hapticd doctor --device rig.yaml",
     )
-    register(app, doctor, *examples, codes=(exits.DONE, exits.NO, exits.USAGE))
+    register(app, doctor, *examples, codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -15,17 +15,35 @@ from hapticd.cli.options import (
     check_folder,
     folder_option,
     only_option,
+    parse_settings,
     register,
     resolve_config,
 )
 
+if TYPE_CHECKING:
+    from hapticd.config import Config
+
 HilConfigArgument = Annotated[
-    str,
+    str | None,
     typer.Argument(
-        metavar="CONFIG",
+        metavar="[CONFIG]",
         show_default=False,
-        help="A YAML file whose driver is serial_dac or canopen: the daemon's config.",
+        help="A YAML file whose driver is serial_dac or canopen: the daemon's config. May be left out with --device "
+        "firmware: the built-in testbed.",
     ),
+]
+DeviceOption = Annotated[
+    str,
+    typer.Option(
+        "--device",
+        metavar="KIND",
+        help="simulated: the board or drive of CONFIG's driver, in Python. firmware: the serial board's reference firmware "
+        "as a binary in emulation, at 200 Hz.",
+    ),
+]
+BoardOption = Annotated[
+    str,
+    typer.Option("--board", metavar="NAME", help="Board of --device firmware: mps2-an385 (QEMU), host or avr-uno."),
 ]
 PlantOption = Annotated[
     str | None,
@@ -44,7 +62,9 @@ OnlyOption = Annotated[list[str] | None, only_option("this case (a, b, c, d, exc
 
 
 def hil(
-    config: HilConfigArgument,
+    config: HilConfigArgument = None,
+    device: DeviceOption = "simulated",
+    board: BoardOption = "mps2-an385",
     plant: PlantOption = None,
     out: OutOption = None,
     fault_matrix: MatrixOption = False,
@@ -61,26 +81,34 @@ def hil(
 
     With --fault-matrix every fault is injected instead, each on a fresh device and daemon: which code was raised, when
     the current was zero according to the device, and what the recording lost.
+
+    With --device firmware the same runs against the firmware that 'make firmware' has built, in emulation. An emulated
+    processor is no measure of time, so all runs at 200 Hz, on a rig slowed down until inertia, friction and delay are in
+    periods and ticks what they are at the rate of each case: mu, beta and sigma are the paper's.
     """
-    resolved = resolve_config(config, assignments)
+    on_firmware = _on_firmware(device)
+    resolved = _resolved(config, assignments, on_firmware)
     device_plant = resolve_config(plant, None) if plant else None
     check_folder(out)
     if fault_matrix:
         if plant is not None:
             raise UsageError("--plant goes with the experiments; the fault matrix runs on CONFIG's own plant")
-        return _matrix(resolved, out, only, as_json)
+        return _matrix(resolved, out, only, as_json, board if on_firmware else None)
+    if on_firmware and plant is not None:
+        raise UsageError("--plant goes with simulated devices; the firmware's rig is CONFIG's own")
     from hapticd.hil.cases import FIG_8
     from hapticd.hil.suite import run_suite
     from hapticd.hil.words import suite_document, suite_text
 
-    known = [*(case.name for case in FIG_8), "excitation"]
+    known = [*(case.name for case in FIG_8), *(() if on_firmware else ("excitation",))]
     _check_names(only, known)
     with output.progress_bar("hil") as bar:
         result = run_suite(
             resolved,
             plant=device_plant,
             cases=[case for case in FIG_8 if not only or case.name in only],
-            with_excitation=not only or "excitation" in only,
+            with_excitation=not on_firmware and (not only or "excitation" in only),
+            board=board if on_firmware else None,
             keep=out,
             progress=lambda fraction, what: bar(fraction),
         )
@@ -95,20 +123,48 @@ def hil(
     return exits.DONE if result.agrees else exits.NO
 
 
-def _matrix(config: Any, out: Path | None, only: list[str] | None, as_json: bool) -> int:
+def _on_firmware(device: str) -> bool:
+    if device not in ("simulated", "firmware"):
+        raise UsageError(f"--device {device}: unknown (known: simulated, firmware)")
+    return device == "firmware"
+
+
+def _resolved(config: str | None, assignments: list[str] | None, on_firmware: bool) -> Config:
+    """The daemon's config; the built-in testbed on the firmware where none is given."""
+    if config is None and not on_firmware:
+        raise UsageError("CONFIG is missing: a YAML file whose driver is serial_dac or canopen")
+    if config is not None:
+        resolved = resolve_config(config, assignments)
+    else:
+        from hapticd.config import apply_settings, parse_config
+        from hapticd.hil.cases import FIRMWARE_CONFIG
+
+        resolved = parse_config(FIRMWARE_CONFIG, "the testbed on the firmware")
+        if settings := parse_settings(assignments):
+            resolved = apply_settings(resolved, settings, source="command line")
+    if on_firmware and resolved.driver.name != "serial_dac":
+        raise UsageError(f"driver.name = {resolved.driver.name}: the firmware is a serial board's, serial_dac")
+    return resolved
+
+
+def _matrix(config: Config, out: Path | None, only: list[str] | None, as_json: bool, board: str | None) -> int:
     from hapticd.hil.injections import INJECTIONS
     from hapticd.hil.matrix import run_matrix
     from hapticd.hil.words import matrix_document, matrix_markdown, matrix_text
 
+    if board is not None:
+        from hapticd.hil.cases import FIRMWARE_RATE_HZ, slower_rig
+
+        config = slower_rig(config, config.servo.rate_hz, FIRMWARE_RATE_HZ)
     possible = [injection for injection in INJECTIONS if config.driver.name in injection.devices]
     if possible:  # else the device itself says which drivers have one
         _check_names(only, [injection.name for injection in possible])
     chosen = [injection for injection in possible if not only or injection.name in only]
     with output.progress_bar("faults") as bar:
-        rows = run_matrix(config, injections=chosen, progress=lambda fraction, what: bar(fraction))
+        rows = run_matrix(config, injections=chosen, board=board, progress=lambda fraction, what: bar(fraction))
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
-        (out / f"fault-matrix-{config.driver.name}.md").write_text(matrix_markdown(rows), encoding="utf-8")
+        (out / f"fault-matrix-{board or config.driver.name}.md").write_text(matrix_markdown(rows), encoding="utf-8")
     document = matrix_document(rows)
     output.emit(document, as_json, matrix_text(rows))
     return exits.DONE if document["met"] else exits.NO
@@ -126,5 +182,7 @@ def add_to(app: typer.Typer) -> None:
         "hapticd hil examples/serial-board.yaml",
         "hapticd hil examples/canopen-drive.yaml --set driver.interface=unix_seqpacket -o report",
         "hapticd hil examples/serial-board.yaml --fault-matrix --only sigkill",
+        "hapticd hil --device firmware",
+        "hapticd hil --device firmware --fault-matrix",
     )
     register(app, hil, *examples, codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE, exits.INTERRUPTED))

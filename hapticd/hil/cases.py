@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+from hapticd.hil.errors import HilError
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
 
 
 @dataclass(frozen=True)
@@ -36,3 +41,44 @@ EXCITATION: Final = "steps"
 EXCITATION_S: Final = 4.0
 EXCITATION_SPAN_S: Final = 0.25
 """Time over which the excited run is compared: two steps. Later the two runs part as any two runs of the rig do."""
+
+
+FIRMWARE_RATE_HZ: Final = 200.0
+"""An emulated processor is no faster: what it shows is right, and not how soon."""
+FIRMWARE_CONFIG: Final[dict[str, Any]] = {
+    "servo": {"rate_hz": 1000.0},
+    "driver": {"name": "serial_dac", "port": "the firmware's", "latency_s": 0.00125},
+}
+"""The built-in testbed on the firmware in emulation. The delay is what emulation takes (`hapticd hil --device firmware`)."""
+
+
+def slower_case(case: Case, rate_hz: float) -> Case:
+    """The case at another rate, its time stretched with the period."""
+    return replace(case, rate_hz=rate_hz, duration_s=case.duration_s * case.rate_hz / rate_hz)
+
+
+def slower_rig(config: Config, from_hz: float, rate_hz: float) -> Config:
+    """A rig that is at ``rate_hz`` what the config's is at ``from_hz``: the same μ, β, σ, τ_D (Table I) and limits.
+
+    With s = T'/T: inertia s² m, viscous friction s b, amplifier lag s T_A; speeds become slower by s. The delay of the
+    driver is the device's own, and stays.
+
+    Raises:
+        HilError: the plant has effects, whose parameters have no such rule.
+    """
+    if config.plant.effects:
+        raise HilError("plant.effects: cannot be brought to another rate; leave them out for --device firmware")
+    s = from_hz / rate_hz
+    plant, hand, amplifier, safety = config.plant, config.hand, config.amplifier, config.safety
+    return config.model_copy(
+        update={
+            "servo": config.servo.model_copy(update={"rate_hz": rate_hz}),
+            "delay": config.delay.model_copy(update={"computation_s": s * config.delay.computation_s}),
+            "plant": plant.model_copy(update={"inertia": s * s * plant.inertia, "viscous": s * plant.viscous}),
+            "hand": hand.model_copy(update={"inertia": s * s * hand.inertia, "damping": s * hand.damping}),
+            "amplifier": amplifier.model_copy(
+                update={"bandwidth_hz": amplifier.bandwidth_hz and amplifier.bandwidth_hz / s}
+            ),
+            "safety": safety.model_copy(update={"max_velocity": safety.max_velocity and safety.max_velocity / s}),
+        }
+    )

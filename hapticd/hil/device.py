@@ -28,13 +28,20 @@ class Device(Child):
         folder: takes plant file, script, log and output.
         plant: the device's own plant, which the daemon does not see; None: the config's.
         script: hand forces and faults to play (``docs/reference/simulated-hardware.md``).
+        board: the reference firmware as a binary on this board in place of the simulated one.
 
     Raises:
         HilError: the config's driver has no simulated device.
     """
 
     def __init__(
-        self, config: Config, folder: Path, *, plant: Config | None = None, script: dict[str, Any] | None = None
+        self,
+        config: Config,
+        folder: Path,
+        *,
+        plant: Config | None = None,
+        script: dict[str, Any] | None = None,
+        board: str | None = None,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.log_path = folder / "device.arrow"
@@ -44,16 +51,18 @@ class Device(Child):
         plant_file.write_text(config_to_yaml(plant or config))
         script_file.write_text(yaml.safe_dump(script or {}))
         common = ["--plant", str(plant_file), "--script", str(script_file), "--log", str(self.log_path)]
-        address = self._address(config, folder)
+        address = self._address(config, folder, board)
         super().__init__(
             "the simulated device", [sys.executable, "-m", "sim_hw", *address, *common], folder / "device.out"
         )
 
-    def _address(self, config: Config, folder: Path) -> list[str]:
+    def _address(self, config: Config, folder: Path, board: str | None) -> list[str]:
         options = config.driver.options
         if config.driver.name == "serial_dac":
             link = folder / "tty"
             self.options = {"port": str(link)}
+            if board is not None:
+                return ["firmware", "--board", board, "--link", str(link)]
             # A pseudo-terminal is as fast as memory; the board lets its bytes take the time they would on the line.
             return ["serial", "--link", str(link), "--line-baud", str(options.get("baud", DEFAULT_BAUD))]
         if config.driver.name == "canopen":

@@ -105,10 +105,14 @@ INJECTIONS: Final = (
         codes=_LOST,
     ),
     Injection("duplicate", "five replies sent twice", faults=_frames("duplicate", "reply", "tpdo", count=5)),
-    Injection("delay_one", "one reply 2 ms late", faults=_frames("delay", "reply", "tpdo", count=1, delay_s=0.002)),
+    Injection(
+        "delay_one",
+        "one reply 2 ms late, a period at least",
+        faults=_frames("delay", "reply", "tpdo", count=1, delay_s=0.002),
+    ),
     Injection(
         "delay_replies",
-        "every reply 2 ms late",
+        "every reply 2 ms late, a period at least",
         faults=_frames("delay", "reply", "tpdo", count=_FOREVER, delay_s=0.002),
         codes=_LOST,
     ),

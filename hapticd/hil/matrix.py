@@ -63,6 +63,7 @@ def run_matrix(
     config: Config,
     *,
     injections: Sequence[Injection] = INJECTIONS,
+    board: str | None = None,
     progress: Callable[[float, str], None] = lambda fraction, what: None,
 ) -> list[Row]:
     """Inject every fault that applies to the config's driver, each on a fresh device and a fresh daemon.
@@ -70,6 +71,7 @@ def run_matrix(
     Args:
         config: the daemon's; its driver names the device.
         injections: which faults.
+        board: run the reference firmware on this board in place of the simulated device.
         progress: called with the fraction done and what is being done.
 
     Returns:
@@ -89,7 +91,7 @@ def run_matrix(
         progress(index / len(chosen), injection.name)
         with tempfile.TemporaryDirectory(prefix="hapticd-fault-") as folder:
             try:
-                rows.append(run_injection(config, injection, Path(folder)))
+                rows.append(run_injection(config, injection, Path(folder), board))
             except HilError as error:
                 nothing = (config.driver.name, None, "", None, 0, 0, 0, None)
                 rows.append(Row(injection, *nothing, (f"not run: {str(error).splitlines()[-1]}",)))
@@ -113,7 +115,7 @@ def watchdog_s(config: Config) -> float:
     return float(config.driver.options.get("watchdog_ms", default)) * 1e-3
 
 
-def run_injection(config: Config, injection: Injection, folder: Path) -> Row:
+def run_injection(config: Config, injection: Injection, folder: Path, board: str | None = None) -> Row:
     """One row of the matrix, tried again where the machine disturbed the run before the fault struck.
 
     Raises:
@@ -121,7 +123,7 @@ def run_injection(config: Config, injection: Injection, folder: Path) -> Row:
     """
     for attempt in range(ATTEMPTS):
         try:
-            return _inject(config, injection, folder / str(attempt))
+            return _inject(config, injection, folder / str(attempt), board)
         except _DisturbedError as disturbance:
             words = str(disturbance)
     raise HilError(f"{injection.name}: {words}, {ATTEMPTS} times; this machine is too busy for the fault matrix")
@@ -131,8 +133,11 @@ class _DisturbedError(Exception):
     """The loop did not run undisturbed up to the fault."""
 
 
-def _inject(config: Config, injection: Injection, folder: Path) -> Row:
+def _inject(config: Config, injection: Injection, folder: Path, board: str | None) -> Row:
     faults = [{"at_s": AT_S, "from": "enabled", **fault} for fault in injection.faults.get(config.driver.name, [])]
+    for fault in faults:
+        if "delay_s" in fault:
+            fault["delay_s"] = max(fault["delay_s"], 1.0 / config.servo.rate_hz)
     if injection.refused:
         faults = [{"kind": fault["kind"]} for fault in faults]
     script: dict[str, Any] = {"faults": faults}
@@ -140,7 +145,7 @@ def _inject(config: Config, injection: Injection, folder: Path) -> Row:
         script["start"] = injection.start
     if injection.hand:
         script["hand"] = injection.hand
-    device = Device(config, folder, script=script)
+    device = Device(config, folder, script=script, board=board)
     clock = JumpingClock(folder) if injection.clock_jump else None
     with device:
         device.wait_ready()

@@ -14,7 +14,16 @@ import numpy as np
 from drivers import declared_latency
 from hapticd.client import RequestRefused
 from hapticd.config import Config, apply_settings
-from hapticd.hil.cases import EXCITATION, EXCITATION_S, EXCITATION_SPAN_S, FIG_8, Case
+from hapticd.hil.cases import (
+    EXCITATION,
+    EXCITATION_S,
+    EXCITATION_SPAN_S,
+    FIG_8,
+    FIRMWARE_RATE_HZ,
+    Case,
+    slower_case,
+    slower_rig,
+)
 from hapticd.hil.compare import GROWTH, Comparison, compare, measured_trace, rest_range, simulated_trace
 from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
@@ -68,6 +77,7 @@ def run_suite(
     plant: Config | None = None,
     cases: Sequence[Case] = FIG_8,
     with_excitation: bool = True,
+    board: str | None = None,
     keep: Path | None = None,
     progress: Progress = lambda fraction, what: None,
 ) -> SuiteResult:
@@ -77,6 +87,8 @@ def run_suite(
         config: the daemon's; its driver names the device.
         plant: the device's own plant; None: the config's.
         cases: releases to do. with_excitation: whether to play an excitation as well.
+        board: run the reference firmware on this board in place of the simulated device, with the releases alone, each on a
+            rig slowed down to its rate (:func:`hapticd.hil.cases.slower_rig`).
         keep: folder that takes recordings, logs and the device's log; None: they are thrown away.
         progress: called with the fraction done and what is being done.
 
@@ -88,7 +100,9 @@ def run_suite(
         # Sockets have short names: the folder to keep may be anywhere, the processes work in the scratch one.
         folder = Path(scratch)
         try:
-            return _run(config, plant, cases, with_excitation, folder, progress)
+            if board is None:
+                return _run(config, plant, cases, with_excitation, folder, progress)
+            return _run_on_firmware(config, cases, board, folder, progress)
         finally:
             if keep is not None:
                 ignored = shutil.ignore_patterns("state", "*.sock", "tty")
@@ -96,12 +110,18 @@ def run_suite(
 
 
 def _run(
-    config: Config, plant: Config | None, cases: Sequence[Case], excited: bool, folder: Path, progress: Progress
+    config: Config,
+    plant: Config | None,
+    cases: Sequence[Case],
+    excited: bool,
+    folder: Path,
+    progress: Progress,
+    board: str | None = None,
 ) -> SuiteResult:
     config = _patient(config)
     results: list[CaseResult] = []
     steps = len(cases) + int(excited)
-    device = Device(config, folder, plant=plant)
+    device = Device(config, folder, plant=plant, board=board)
     with device:
         progress(0.0, "device")
         device.wait_ready()
@@ -124,6 +144,28 @@ def _run(
         declared,
         {**status["timing"], "exchanges_missed": status["exchanges_missed"]},
         (doubt,) if doubt else (),
+    )
+
+
+def _run_on_firmware(
+    config: Config, cases: Sequence[Case], board: str, folder: Path, progress: Progress
+) -> SuiteResult:
+    """Each case on a rig of its own, which is at the emulated board's rate what the config's is at the case's."""
+    parts = []
+    for number, case in enumerate(cases):
+        progress(number / len(cases), f"case {case.name}")
+        rig = slower_rig(config, case.rate_hz, FIRMWARE_RATE_HZ)
+        slow = [slower_case(case, FIRMWARE_RATE_HZ)]
+        parts.append(_run(rig, None, slow, False, folder / case.name, lambda fraction, what: None, board))
+    progress(1.0, "done")
+    counted = ("ticks", "missed", "exchanges_missed")
+    return SuiteResult(
+        f"{config.driver.name}, firmware on {board}",
+        tuple(result for part in parts for result in part.cases),
+        np.concatenate([part.latency_s for part in parts]),
+        parts[0].declared_s,
+        {**parts[0].timing, **{key: sum(part.timing[key] for part in parts) for key in counted}},
+        tuple(dict.fromkeys(warning for part in parts for warning in part.warnings)),
     )
 
 

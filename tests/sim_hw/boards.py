@@ -45,10 +45,12 @@ def rows(log: NDArray[Any], *events: str) -> NDArray[Any]:
 
 
 @contextlib.contextmanager
-def running_board(folder: Path, script: str = "", plant: str = "", *options: str) -> Iterator[Board]:
-    """What ``python -m sim_hw serial`` runs, on a link in ``folder``."""
+def running_board(
+    folder: Path, script: str = "", plant: str = "", *options: str, device: tuple[str, ...] = ("serial",)
+) -> Iterator[Board]:
+    """What ``python -m sim_hw serial``, or another ``device`` with a port, runs, on a link in ``folder``."""
     link, log = folder / "board", folder / "truth.arrow"
-    command = ["serial", "--link", str(link), "--log", str(log), *options]
+    command = [*device, "--link", str(link), "--log", str(log), *options]
     for name, text in (("script", script), ("plant", plant)):
         if text:
             (folder / f"{name}.yaml").write_text(text)

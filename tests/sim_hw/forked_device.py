@@ -6,6 +6,8 @@ from multiprocessing.connection import Connection
 
 import sim_hw.canopen.command
 import sim_hw.canopen.serve
+import sim_hw.firmware.command
+import sim_hw.firmware.device
 import sim_hw.serial_board.command
 import sim_hw.serial_board.service  # noqa: F401
 from sim_hw.__main__ import main

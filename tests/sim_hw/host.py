@@ -75,6 +75,8 @@ class Host:
         self.timeout_s = timeout_s
         self.seq = 0
         self.bad = 0
+        self.frame = b""
+        """The last good frame as it was on the line, its delimiter included."""
         self._waiting = b""
         self.put(b"\0")
 
@@ -96,6 +98,7 @@ class Host:
                 if not frame:
                     continue
                 if (payload := unstuffed(frame)) is not None:
+                    self.frame = frame + b"\0"
                     return payload
                 self.bad += 1
             left = end - time.monotonic()

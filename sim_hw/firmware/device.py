@@ -1,0 +1,94 @@
+"""The bench as a whole: board, port and plant, and the Python around its compiled service."""
+
+from __future__ import annotations
+
+import math
+import time
+from typing import TYPE_CHECKING
+
+from hapticd.config import ConfigError, Problem
+from hapticd.plant import kernel
+from sim_hw import kinds, log
+from sim_hw import layout as w
+from sim_hw.firmware import words as b
+from sim_hw.firmware.emulator import EmulatorError
+from sim_hw.firmware.output import lose_power, show_inputs, take_outputs
+from sim_hw.firmware.service import BOARD_GONE, PLUG_IN, POWER_OFF, POWER_ON, STOPPED, UNPLUG, serve
+from sim_hw.motion import log_row, move_to, set_current
+from sim_hw.plant import build_sim
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from sim_hw.firmware.emulator import Board, Emulator
+    from sim_hw.layout import Sim
+    from sim_hw.script import Script
+    from sim_hw.serial_board.port import Port
+
+
+def set_up(config: Config, script: Script, plant_name: str, board: Board) -> Sim:
+    """The bench's memory with the board off.
+
+    Args:
+        config: the plant file; its converter must be the board's.
+        script: hand, start and faults. plant_name: what to call the plant file in messages.
+
+    Raises:
+        ConfigError: a plant file with another converter.
+    """
+    amplifier = config.amplifier
+    for key, found, wanted in (
+        ("dac_bits", amplifier.dac_bits, board.dac_bits),
+        ("dac_full_scale", amplifier.dac_full_scale, board.full_scale_A),
+    ):
+        if found != wanted:
+            message = f"this board has {wanted:g} {'bits' if key == 'dac_bits' else 'A'}"
+            raise ConfigError([Problem(plant_name, f"amplifier.{key}", str(found), message)])
+    sim = build_sim(config, script)
+    s = sim.s
+    s[b.HOST] = s[b.BOARD] = -1
+    s[b.OFF_UNTIL_NS] = s[b.PLUG_IN_NS] = w.FAR_NS
+    s[b.DAC_BITS], s[b.FULL_SCALE_UA] = board.dac_bits, round(board.full_scale_A * 1e6)
+    s[b.VERSION] = -1 if script.wrong_version is None else script.wrong_version
+    s[b.FRAMED] = int(len(script.faults) > 0)
+    start = int(s[w.START_NS])
+    log_row(sim, start, log.START, 0, 0)
+    if script.wrong_version is not None:
+        log_row(sim, start, log.FAULT_INJECTED, kinds.WRONG_VERSION, -1)
+    return sim
+
+
+def run_bench(sim: Sim, emulator: Emulator, port: Port) -> None:
+    """Be the bench of a board that is on until ``sim.s[STOP]`` is set; then switch it off and end the log.
+
+    Raises:
+        EmulatorError: the board ended by itself, or does not come up.
+    """
+    lines = b.new_lines(emulator.page)
+    sim.s[b.BOARD], sim.s[b.HOST] = emulator.descriptor, port.master
+    while (reason := serve(sim, lines)) != STOPPED:
+        now = time.monotonic_ns()
+        if reason == UNPLUG:
+            port.unplug()
+        elif reason == PLUG_IN:
+            port.plug_in()
+        elif reason == POWER_OFF:
+            emulator.power_off()
+            lose_power(sim, lines, now)
+        elif reason == POWER_ON:
+            sim.s[w.COUNTS_OFFSET] = -kernel.plant_counts(sim.f, sim.i)
+            show_inputs(sim, lines, now)
+            emulator.power_on()
+            sim.s[b.BOARD] = emulator.descriptor
+            log_row(sim, time.monotonic_ns(), log.REBOOT, 1, 0)
+        elif reason == BOARD_GONE:
+            raise EmulatorError("the board's process has ended by itself")
+        if reason in (UNPLUG, PLUG_IN):
+            sim.s[b.HOST], sim.s[b.PORT_OPEN] = port.master, 0
+    now = time.monotonic_ns()
+    take_outputs(sim, lines, now)
+    emulator.power_off()
+    set_current(sim, now, 0.0)
+    # The log ends when the last command has reached the motor.
+    end = now + math.ceil(sim.f[kernel.LAG_NS])
+    move_to(sim, end)
+    log_row(sim, end, log.END, 0, 0)

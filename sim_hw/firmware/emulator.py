@@ -1,0 +1,146 @@
+"""Board processes: which there are, how each is started, and the line to it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final
+
+from numpy.typing import NDArray
+
+from sim_hw.firmware import page
+
+FIRMWARE: Final = Path(__file__).resolve().parents[2] / "firmware" / "serial_dac"
+"""The firmware's source, in a checkout of the project; a wheel has none."""
+_BOOT_S: Final = 20.0
+
+
+@dataclass(frozen=True)
+class Board:
+    """A board that can be run here.
+
+    Attributes:
+        image: path of its binary below ``build`` of the firmware's source.
+        command: program and arguments for an image, a socket and a page.
+        program: what must be installed to run it.
+        package: the Debian package that has it.
+        dac_bits: of its converter. full_scale_A: of its output stage.
+    """
+
+    image: str
+    command: Callable[[Path, Path, Path], Sequence[str]]
+    program: str | None = None
+    package: str | None = None
+    dac_bits: int = 14
+    full_scale_A: float = 6.0
+
+
+def _host(image: Path, line: Path, memory: Path) -> Sequence[str]:
+    return [str(image), str(line), str(memory)]
+
+
+def _qemu(image: Path, line: Path, memory: Path) -> Sequence[str]:
+    return (
+        *("qemu-system-arm", "-M", "mps2-an385,memory-backend=memory", "-display", "none", "-monitor", "none"),
+        *("-object", f"memory-backend-file,id=memory,size={page.MEMORY_BYTES},mem-path={memory},share=on"),
+        *("-chardev", f"socket,id=line,path={line}", "-serial", "chardev:line", "-kernel", str(image)),
+    )
+
+
+def _simavr(image: Path, line: Path, memory: Path) -> Sequence[str]:
+    return [str(FIRMWARE / "build" / "avr-uno" / "runner"), str(image), str(line), str(memory)]
+
+
+BOARDS: Final = {
+    "host": Board("host/board", _host),
+    "mps2-an385": Board("mps2-an385/board.elf", _qemu, "qemu-system-arm", "qemu-system-arm"),
+    "avr-uno": Board("avr-uno/board.elf", _simavr, dac_bits=12),
+}
+
+
+class EmulatorError(OSError):
+    """A board cannot be run; the text says what is missing."""
+
+
+class Emulator:
+    """A board as a process. Killing it and starting it again is its reset; its page stays.
+
+    Args:
+        name: of :data:`BOARDS`. folder: takes socket and page. image: another binary than the board's own.
+
+    Raises:
+        EmulatorError: the image or the emulator is not there. OSError: the page or the socket cannot be made.
+    """
+
+    def __init__(self, name: str, folder: Path, image: Path | None = None) -> None:
+        board = BOARDS[name]
+        found = image or FIRMWARE / "build" / board.image
+        if not found.exists():
+            raise EmulatorError(f"{found} is not there: 'make firmware' in the project's source makes it")
+        if board.program and not shutil.which(board.program):
+            raise EmulatorError(f"board {name} needs {board.program}: apt-get install {board.package}")
+        self.board = board
+        memory, line = folder / "memory", folder / "line"
+        self.page: NDArray[Any] = page.new_page(memory)
+        self._server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        self._server.bind(str(line))
+        self._server.listen(1)
+        self._server.settimeout(_BOOT_S)
+        self._command = [*_tied(), *board.command(found, line, memory)]
+        self._process: subprocess.Popen[bytes] | None = None
+        self._line: socket.socket | None = None
+
+    @property
+    def descriptor(self) -> int:
+        """Of the line to the board; −1 while it is off."""
+        return -1 if self._line is None else self._line.fileno()
+
+    def power_on(self) -> None:
+        """Start the board and wait until it has set its output.
+
+        Raises:
+            EmulatorError: it ended, or did nothing.
+        """
+        before = int(self.page[page.WRITTEN])
+        # A session of its own: Ctrl-C in the terminal is for the bench, which switches the board off when it is done.
+        self._process = subprocess.Popen(self._command, stdin=subprocess.DEVNULL, start_new_session=True)
+        try:
+            self._line, _ = self._server.accept()
+        except TimeoutError as error:
+            raise EmulatorError(f"the board has not come up within {_BOOT_S:g} s: {self._command}") from error
+        self._line.setblocking(False)
+        end = time.monotonic() + _BOOT_S
+        while int(self.page[page.WRITTEN]) == before:
+            if self._process.poll() is not None or time.monotonic() > end:
+                raise EmulatorError(f"the board does not set its output: {self._command}")
+            time.sleep(0.001)
+
+    def power_off(self) -> None:
+        """End the board at once, as its supply would."""
+        if self._line is not None:
+            self._line.close()
+            self._line = None
+        if self._process is not None:
+            self._process.send_signal(signal.SIGKILL)
+            self._process.wait()
+            self._process = None
+
+    def close(self) -> None:
+        """End it for good."""
+        self.power_off()
+        self._server.close()
+
+
+def _tied() -> list[str]:
+    """What makes the board end with this process, however that ends; at its priority where that is allowed."""
+    command = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
+    if os.geteuid() == 0 and shutil.which("chrt"):
+        command += ["chrt", "--fifo", "60"]
+    return command
