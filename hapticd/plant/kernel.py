@@ -23,11 +23,10 @@ from hapticd.plant import layout as effects
 from hapticd.plant.amplifier import quantise_current
 from hapticd.plant.closed_loop import advance_with_effects, stays_with_effects
 from hapticd.plant.electrical import delivered
-from hapticd.plant.exact import propagate
 from hapticd.plant.noise import next_uniform
 from hapticd.plant.numeric import edited_base, measured, needs_laws
 from hapticd.plant.resolution import substeps_for
-from hapticd.plant.spring import propagate_with_stiffness
+from hapticd.plant.spring import propagate_about_rest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -189,16 +188,9 @@ def _move(f: NDArray[Any], i: NDArray[Any], dt: float) -> None:
         _move_with_laws(f, dt)
         return
     force = f[CURRENT] * f[TORQUE_CONSTANT] + f[HAND_FORCE] + f[BIAS]
-    if f[STIFFNESS] == 0.0:
-        f[POSITION], f[VELOCITY] = propagate(f[POSITION], f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB])
-    else:
-        before = f[POSITION] - f[HAND_REST]
-        after, f[VELOCITY] = propagate_with_stiffness(
-            before, f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB], f[STIFFNESS]
-        )
-        # A shaft that stiction holds keeps its position to the bit: it may lie on an edge of the encoder.
-        if after != before:
-            f[POSITION] = after + f[HAND_REST]
+    f[POSITION], f[VELOCITY] = propagate_about_rest(
+        f[POSITION], f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB], f[STIFFNESS], f[HAND_REST]
+    )
 
 
 @njit("void(float64[::1], int64[::1], int64, float64)", counted=False)

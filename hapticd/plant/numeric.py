@@ -14,7 +14,6 @@ from numba import prange, types
 
 from hapticd.effects import asymmetric_coulomb, encoder_eccentricity, hand_impedance, thermal_drift
 from hapticd.jit import law, njit
-from hapticd.plant.exact import propagate
 from hapticd.plant.laws import (
     coulomb_level,
     has_bristle,
@@ -28,7 +27,7 @@ from hapticd.plant.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, 
 from hapticd.plant.phases import move
 from hapticd.plant.resolution import substeps_for
 from hapticd.plant.slide import ACTIONS, Actions, friction_of, pull_on
-from hapticd.plant.spring import propagate_with_stiffness, springs_together
+from hapticd.plant.spring import propagate_about_rest, springs_together
 from hapticd.plant.two_masses import move_with_coupling, move_with_play
 
 if TYPE_CHECKING:
@@ -115,18 +114,9 @@ def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curren
     else:
         level = friction_of(p, 0.0, on)
         viscous = on.viscous + on.damping
-        if on.stiffness == 0.0:
-            state[THETA], state[OMEGA] = propagate(
-                state[THETA], state[OMEGA], span, on.drive, on.inertia, viscous, level
-            )
-        else:
-            before = state[THETA] - on.rest
-            after, state[OMEGA] = propagate_with_stiffness(
-                before, state[OMEGA], span, on.drive, on.inertia, viscous, level, on.stiffness
-            )
-            # A shaft that stiction holds keeps its position to the bit: it may lie on an edge of the encoder.
-            if after != before:
-                state[THETA] = after + on.rest
+        state[THETA], state[OMEGA] = propagate_about_rest(
+            state[THETA], state[OMEGA], span, on.drive, on.inertia, viscous, level, on.stiffness, on.rest
+        )
     state[LOAD_THETA], state[LOAD_OMEGA] = state[THETA], state[OMEGA]
 
 
