@@ -12,8 +12,7 @@ import numpy as np
 from drivers import declared_latency
 from drivers.loopback import LoopbackDriver
 from hapticd.config import Driver
-from hapticd.servo import faults
-from hapticd.servo import layout as w
+from hapticd.servo import faults, layout, words
 from hapticd.servo.core import Request, ServoCore, parameters
 from hapticd.stability.outcome import OutcomeTracker
 from hapticd.stability.storage import storage
@@ -86,18 +85,18 @@ def simulate(
     table = np.zeros((2, 1)) if excitation is None else excitation
     core = ServoCore(driver, ring_rows=_CHUNK, keep_truth=True, excitation_rows=table.shape[1])
     core.excitation[:] = table
-    played = Request(state=w.RUNNING, excitation_id=1, excitation_length=table.shape[1])
-    request = Request(state=w.RUNNING) if excitation is None else played
+    played = Request(state=layout.RUNNING, excitation_id=1, excitation_length=table.shape[1])
+    request = Request(state=layout.RUNNING) if excitation is None else played
     core.publish(parameters(config, request, safety=safety))
-    core.begin(0, w.RUNNING)
+    core.begin(0, layout.RUNNING)
 
     inertia = config.plant.inertia + config.hand.inertia
     mu = inertia / (config.spring.stiffness * period**2) if config.spring.stiffness else 0.0
     kappa = config.hand.stiffness / config.spring.stiffness if config.spring.stiffness else 0.0
     tracker = OutcomeTracker()
-    done, reason, spent, peak = 0, w.RETURN_TICKS, 0.0, 0.0
+    done, reason, spent, peak = 0, layout.RETURN_TICKS, 0.0, 0.0
     wall = time.perf_counter()
-    while done < ticks and reason == w.RETURN_TICKS:
+    while done < ticks and reason == layout.RETURN_TICKS:
         count = min(_CHUNK, ticks - done)
         begin = time.perf_counter()
         reason = core.run(real_time=False, ticks=count)
@@ -115,7 +114,7 @@ def simulate(
     final_ns, final_frac = core.next_instant()
     position, speed = driver.true_state(final_ns, final_frac)
     at_rest = driver.stays_at_rest()
-    number = core.load(w.C_FAULT_CODE)
+    number = core.load(words.FAULT_CODE)
     warnings = [doubt] if doubt else []
     limit = config.amplifier.peak_current
     if limit and peak > limit:
@@ -127,7 +126,7 @@ def simulate(
         "ticks": done,
         "wall_s": time.perf_counter() - wall,
         "ticks_per_s": done / spent if spent > 0 else None,
-        "outcome": tracker.outcome(at_rest, reason == w.RETURN_RUNAWAY) if mu else None,
+        "outcome": tracker.outcome(at_rest, reason == layout.RETURN_RUNAWAY) if mu else None,
         "final": {
             "position_ticks": (position - origin) / resolution,
             "velocity_ticks_per_period": speed * period / resolution,
@@ -141,6 +140,6 @@ def simulate(
 
 
 def _fault(core: ServoCore, config: Config, number: int) -> dict[str, Any]:
-    value, limit = float(core.snapshot[w.S_FAULT_VALUE]), float(core.snapshot[w.S_FAULT_LIMIT])
+    value, limit = float(core.snapshot["fault_value"]), float(core.snapshot["fault_limit"])
     described = faults.describe(number, value, limit, is_linear=config.is_linear)
-    return {**described, "tick": core.load(w.C_FAULT_TICK)}
+    return {**described, "tick": core.load(words.FAULT_TICK)}
