@@ -182,7 +182,7 @@ def _move_with_laws(f: NDArray[Any], dt: float) -> None:
     f[AGE] += dt
 
 
-@njit("void(float64[::1], int64[::1], float64)", counted=False)
+@njit("void(float64[::1], int64[::1], float64)", inline=True, counted=False)
 def _move(f: NDArray[Any], i: NDArray[Any], dt: float) -> None:
     if i[HAS_LAWS] != 0:
         _move_with_laws(f, dt)
@@ -193,7 +193,14 @@ def _move(f: NDArray[Any], i: NDArray[Any], dt: float) -> None:
     )
 
 
-@njit("void(float64[::1], int64[::1], int64, float64)", counted=False)
+@njit("void(float64[::1], float64)", inline=True, counted=False)
+def _take_effect(f: NDArray[Any], current: float) -> None:
+    f[AIM] = current
+    if f[DEVICE + _LAG] == math.inf:
+        f[CURRENT] = current
+
+
+@njit("void(float64[::1], int64[::1], int64, float64)", inline=True, counted=False)
 def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> None:
     """Move the shaft to an instant, through every switch of the current on the way; an instant in the past does nothing."""
     while i[QUEUE_TAIL] < i[QUEUE_HEAD]:
@@ -206,9 +213,7 @@ def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> Non
             _move(f, i, dt / _NS_PER_SECOND)
             i[TIME_NS] = due_ns
             f[TIME_FRAC] = due_frac
-        f[AIM] = f[_DUE_CURRENT + slot]
-        if f[DEVICE + _LAG] == math.inf:
-            f[CURRENT] = f[AIM]
+        _take_effect(f, f[_DUE_CURRENT + slot])
         i[QUEUE_TAIL] += 1
     dt = (ns - i[TIME_NS]) + (frac - f[TIME_FRAC])
     if dt > 0.0:
@@ -217,7 +222,7 @@ def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> Non
         f[TIME_FRAC] = frac
 
 
-@njit("void(float64[::1], int64[::1], int64, float64, float64)", counted=False)
+@njit("void(float64[::1], int64[::1], int64, float64, float64)", inline=True, counted=False)
 def plant_current(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
     """Have the amplifier deliver a current (A): onto the DAC's grid, into saturation, and into the motor T_A later.
 
@@ -232,6 +237,10 @@ def plant_current(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, curren
         current, _ = quantise_current(current, f[DAC_STEP], i[DAC_MAX_CODE])
     current = delivered(f[DEVICE:_STATE], min(max(current, -f[SATURATION]), f[SATURATION]))
     head = i[QUEUE_HEAD]
+    if f[LAG_NS] == 0.0 and head == i[QUEUE_TAIL]:
+        plant_advance(f, i, ns, frac)
+        _take_effect(f, current)
+        return
     if head - i[QUEUE_TAIL] == QUEUE_LENGTH:
         i[QUEUE_OVERFLOWS] += 1
         head -= 1
@@ -246,7 +255,7 @@ def plant_current(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, curren
         plant_advance(f, i, ns, frac)
 
 
-@njit("void(float64[::1], int64[::1], int64, float64, float64)", counted=False)
+@njit("void(float64[::1], int64[::1], int64, float64, float64)", inline=True, counted=False)
 def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
     """Command a current (A) at an instant, over a link that may lose it; otherwise as :func:`plant_current`."""
     if f[DEVICE + _LOSS] > 0.0:
@@ -267,7 +276,7 @@ def plant_next_switch(f: NDArray[Any], i: NDArray[Any]) -> tuple[int, int]:
     return due + 1 if f[_DUE_FRAC + slot] > 0.0 else due, waiting
 
 
-@njit("int64(float64[::1], int64[::1])", counted=False)
+@njit("int64(float64[::1], int64[::1])", inline=True, counted=False)
 def plant_counts(f: NDArray[Any], i: NDArray[Any]) -> int:
     """What the encoder counts: ⌊x/δ⌋, negated when it is mounted the other way round.
 

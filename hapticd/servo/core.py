@@ -131,6 +131,11 @@ def _converter(config: Config) -> tuple[float, int]:
     return math.ldexp(full_scale, 1 - bits), (1 << (bits - 1)) - 1
 
 
+def _copied(*parts: NDArray[Any]) -> NDArray[Any]:
+    """Rows one after the other, in memory of their own: as words, which is several times as fast as field by field."""
+    return np.concatenate([part.view(np.int64) for part in parts]).view(ROW)
+
+
 class ServoCore:
     """Shared memory of one servo loop.
 
@@ -208,22 +213,28 @@ class ServoCore:
         while True:
             tail = int(self.shared[words.RING_TAIL])
             begin = tail & (len(self.ring) - 1)
-            taken = self.ring[begin : begin + min(head - tail, rows)].copy()
+            taken = _copied(self.ring[begin : begin + min(head - tail, rows)])
             self.store(words.RING_TAIL, tail + len(taken))
             yield taken
             if tail + len(taken) == head:
                 return
 
-    def drain_with_truth(self) -> tuple[NDArray[Any], NDArray[np.float64]]:
-        """Rows that are waiting and the simulated device's true (position, velocity) beside them."""
+    def drain_with_truth(self, *, copy: bool = True) -> tuple[NDArray[Any], NDArray[np.float64]]:
+        """Rows that are waiting and the simulated device's true (position, velocity) beside them.
+
+        Args:
+            copy: False for the memory of the ring itself, which is theirs until the loop runs again.
+        """
         tail = int(self.shared[words.RING_TAIL])
         head = self.load(words.RING_HEAD)
         begin, end = tail & (len(self.ring) - 1), head & (len(self.ring) - 1)
-        if head > tail and end <= begin:
-            rows = np.concatenate([self.ring[begin:], self.ring[:end]])
+        if head - tail > len(self.ring) - begin:
+            rows = _copied(self.ring[begin:], self.ring[:end])
             truth = np.concatenate([self.truth[begin:], self.truth[:end]])
         else:
-            rows, truth = self.ring[begin:end].copy(), self.truth[begin:end].copy()
+            rows, truth = self.ring[begin : begin + head - tail], self.truth[begin : begin + head - tail]
+            if copy:
+                rows, truth = _copied(rows), truth.copy()
         self.store(words.RING_TAIL, head)
         return rows, truth
 

@@ -7,22 +7,48 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 
 from drivers import declared_latency
 from drivers.loopback import LoopbackDriver
 from hapticd.config import Driver
+from hapticd.jit import njit
+from hapticd.record.schema import ROW
 from hapticd.servo import faults, layout, words
 from hapticd.servo.core import Request, ServoCore, parameters
+from hapticd.stability.map_kernel import energy
 from hapticd.stability.outcome import OutcomeTracker
-from hapticd.stability.storage import storage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.config import Config
 
-_CHUNK = 1 << 15
+_CHUNK = 1 << 14
+
+_ROWS = numba.types.Array(numba.from_dtype(ROW), 1, "C")
+_STATES = numba.types.Array(numba.float64, 2, "C")
+_f8 = numba.float64
+
+
+@njit(_f8(_ROWS), counted=False)
+def _largest_current(rows: NDArray[Any]) -> float:
+    """Largest command of either sign, A."""
+    largest = 0.0
+    for k in range(len(rows)):
+        largest = max(largest, abs(rows[k].current_command_A))
+    return largest
+
+
+@njit(numba.void(_STATES, _f8, _f8, _f8, _f8, _f8, numba.float64[::1]), counted=False)
+def _energies(
+    truth: NDArray[Any], origin: float, resolution: float, period: float, mu: float, kappa: float, out: NDArray[Any]
+) -> None:
+    """H_T (35) of true states (n, 2), as `hapticd.stability.storage.storage` has it, into ``out`` (n,)."""
+    for k in range(len(truth)):
+        xi, xi_dot = (truth[k, 0] - origin) / resolution, truth[k, 1] * (period / resolution)
+        out[k] = energy(xi, xi_dot, mu) + 0.5 * kappa * xi * xi
 
 
 @dataclass(frozen=True)
@@ -44,6 +70,7 @@ def simulate(
     velocity: float | None = None,
     safety: bool = False,
     seed: int | None = None,
+    energies: bool = True,
     excitation: NDArray[np.float64] | None = None,
     on_rows: Callable[[NDArray[Any]], None] | None = None,
     progress: Callable[[float], None] | None = None,
@@ -57,6 +84,7 @@ def simulate(
         velocity: true initial velocity in coarse ticks per period (default 0).
         safety: keep the trips and the clamp at the peak current; otherwise the amplifier has no limit but its DAC.
         seed: seed of the dither, instead of the config's.
+        energies: follow the energy, which the outcome is judged by; without, the outcome is None.
         excitation: table of an identification experiment (:func:`hapticd.servo.excitation.build`), played from the start;
             shape (2, ticks of the table).
         on_rows: called with every block of rows, in order.
@@ -93,18 +121,19 @@ def simulate(
     inertia = config.plant.inertia + config.hand.inertia
     mu = inertia / (config.spring.stiffness * period**2) if config.spring.stiffness else 0.0
     kappa = config.hand.stiffness / config.spring.stiffness if config.spring.stiffness else 0.0
-    tracker = OutcomeTracker()
+    tracker = OutcomeTracker() if mu and energies else None
+    stored = np.zeros(_CHUNK)
     done, reason, spent, peak = 0, layout.RETURN_TICKS, 0.0, 0.0
     wall = time.perf_counter()
     while done < ticks and reason == layout.RETURN_TICKS:
         count = min(_CHUNK, ticks - done)
         begin = time.perf_counter()
         reason = core.run(real_time=False, ticks=count)
-        rows, truth = core.drain_with_truth()
-        if mu:
-            xi, xi_dot = (truth[:, 0] - origin) / resolution, truth[:, 1] * (period / resolution)
-            tracker.update(storage(xi, xi_dot, mu, kappa))
-        peak = max(peak, float(np.abs(rows["current_command_A"]).max(initial=0.0)))
+        rows, truth = core.drain_with_truth(copy=on_rows is not None)
+        if tracker is not None:
+            _energies(truth, origin, resolution, period, mu, kappa, stored)
+            tracker.update(stored[: len(truth)])
+        peak = max(peak, _largest_current(rows))
         spent += time.perf_counter() - begin
         done += len(rows)
         if on_rows is not None:
@@ -126,7 +155,7 @@ def simulate(
         "ticks": done,
         "wall_s": time.perf_counter() - wall,
         "ticks_per_s": done / spent if spent > 0 else None,
-        "outcome": tracker.outcome(at_rest, reason == layout.RETURN_RUNAWAY) if mu else None,
+        "outcome": tracker.outcome(at_rest, reason == layout.RETURN_RUNAWAY) if tracker is not None else None,
         "final": {
             "position_ticks": (position - origin) / resolution,
             "velocity_ticks_per_period": speed * period / resolution,
