@@ -20,7 +20,7 @@ import numpy as np
 from hapticd.effects import dropped_samples
 from hapticd.jit import law, njit
 from hapticd.plant import layout as effects
-from hapticd.plant.amplifier import quantise_current
+from hapticd.plant.amplifier import converter_grid, quantise_current
 from hapticd.plant.closed_loop import advance_with_effects, stays_with_effects
 from hapticd.plant.electrical import delivered
 from hapticd.plant.noise import next_uniform
@@ -137,10 +137,7 @@ def init_plant(config: Config, position: float = 0.0, velocity: float = 0.0) -> 
     f[HAND_REST] = config.origin_counts * config.raw_resolution
     f[TORQUE_CONSTANT] = amplifier.torque_constant
     f[LAG_NS] = amplifier.delay * 1e9
-    bits = amplifier.dac_bits or 0
-    if bits and amplifier.dac_full_scale:
-        f[DAC_STEP] = math.ldexp(amplifier.dac_full_scale, 1 - bits)
-        i[DAC_MAX_CODE] = (1 << (bits - 1)) - 1
+    f[DAC_STEP], i[DAC_MAX_CODE] = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
     f[SATURATION] = amplifier.peak_current or math.inf
     f[RAW_RESOLUTION] = config.raw_resolution
     i[INVERT] = int(config.encoder.invert)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from numba import prange, types
+from numba import types
 
 from hapticd.effects import asymmetric_coulomb, encoder_eccentricity, hand_impedance, thermal_drift
 from hapticd.jit import law, njit
@@ -33,7 +33,7 @@ from hapticd.plant.two_masses import move_with_coupling, move_with_play
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["STATE", "measured", "mechanical", "simulate_windows", "simulate_windows_serial", "substep", "substeps_for"]
+__all__ = ["STATE", "measured", "mechanical", "simulate_windows_serial", "substep", "substeps_for"]
 
 _f8 = types.float64
 _i8 = types.int64
@@ -231,26 +231,7 @@ def simulate_windows_serial(
     out_position: NDArray[Any],
     out_end: NDArray[Any],
 ) -> None:
-    """As :func:`simulate_windows`, on the calling thread alone: for callers that use threads of their own."""
-    for w in range(len(start)):
-        out_end[w] = state0[w]
-        _simulate_window(p, time_s, i_sub, start[w], length, out_end[w], out_position[w])
-
-
-@njit(_WINDOWS, parallel=True)
-def simulate_windows(
-    p: NDArray[Any],
-    time_s: NDArray[Any],
-    i_sub: NDArray[Any],
-    start: NDArray[Any],
-    length: int,
-    state0: NDArray[Any],
-    out_position: NDArray[Any],
-    out_end: NDArray[Any],
-) -> None:
     """Predict the measured position over many windows of a record, each from its own state.
-
-    Not to be called from two threads at once (Numba's fallback thread pool ends the process on that).
 
     Args:
         p: device vector, shape (SIZE,).
@@ -262,6 +243,6 @@ def simulate_windows(
         out_position: measured position at rows start + 1 … start + length, shape (w, length).
         out_end: state after each window, shape (w, STATE).
     """
-    for w in prange(len(start)):
+    for w in range(len(start)):
         out_end[w] = state0[w]
         _simulate_window(p, time_s, i_sub, start[w], length, out_end[w], out_position[w])

@@ -14,6 +14,7 @@ import numba
 import numpy as np
 
 from hapticd.jit import atomic_load, atomic_store, fence_release, njit
+from hapticd.plant.amplifier import converter_grid
 from hapticd.record.schema import ROW
 from hapticd.servo import layout, words
 from hapticd.servo.clock import grid_instant
@@ -102,7 +103,7 @@ def parameters(config: Config, request: Request, *, safety: bool = True) -> np.v
     p["dither_frequency"] = dither.frequency_hz
     p["dither_seed"] = dither.seed
     p["delay_ns"] = config.delay.computation_s * 1e9
-    step, p["dac_max_code"] = _converter(config)
+    step, p["dac_max_code"] = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
     p["dac_step"] = step
     peak = _limit(amplifier.peak_current)
     # The DAC rounds; a clamp that is not on its grid could be rounded up, beyond the peak.
@@ -121,14 +122,6 @@ def parameters(config: Config, request: Request, *, safety: bool = True) -> np.v
     p["excitation_id"] = request.excitation_id
     p["excitation_length"] = request.excitation_length
     return p
-
-
-def _converter(config: Config) -> tuple[float, int]:
-    """Step (A) and largest code of the DAC; 0 and 0 for an ideal one."""
-    bits, full_scale = config.amplifier.dac_bits, config.amplifier.dac_full_scale
-    if not bits or not full_scale:
-        return 0.0, 0
-    return math.ldexp(full_scale, 1 - bits), (1 << (bits - 1)) - 1
 
 
 def _copied(*parts: NDArray[Any]) -> NDArray[Any]:
