@@ -1,6 +1,6 @@
 """The daemon's life: it owns the rig, beats the heart, latches faults, and answers the control API.
 
-The supervisor thread touches the servo loop only through control words and the mailbox; the API's threads touch it only
+The supervisor thread touches the servo loop only through shared words and the mailbox; the API's threads touch it only
 through the methods below, one at a time, except :meth:`Daemon.estop` and :meth:`Daemon.status`, which never wait.
 """
 
