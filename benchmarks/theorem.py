@@ -1,7 +1,7 @@
 """The theorem at full count: 120,000 exact trajectories under each form of the criterion.
 
 Under the corrected and the sharp criterion not one rise of energy is allowed. Under the paper's (12) and (19) rises are
-counted, and none of the motions may go on for ever. `hapticd.stability.theorem.draw` says how trajectories are drawn.
+counted, and none of the motions may go on for ever. `tests.stability.theorem.draw` says how trajectories are drawn.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import Final
 
 from benchmarks.report import Figure, progress, run_alone
 from hapticd.stability.criterion import Law
-from hapticd.stability.theorem import Verdict, check
+from tests.stability.theorem import Verdict, check
 
 COUNT: Final = 120_000
 _SEED: Final = 20_060

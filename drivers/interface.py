@@ -50,6 +50,27 @@ X_TRUE_POSITION = 11
 X_TRUE_VELOCITY = 12
 """f64, out of read, simulated devices only: true velocity in rad/s or m/s."""
 
+EXCHANGE = np.dtype(
+    [
+        ("tick", "i8"),
+        ("time_ns", "i8"),
+        ("time_frac", "f8"),
+        ("period_ns", "f8"),
+        ("counts", "i8"),
+        ("current_measured", "f8"),
+        ("status", "i8"),
+        ("device_code", "i8"),
+        ("current", "f8"),
+        ("code", "i8"),
+        ("enable", "i8"),
+        ("true_position", "f8"),
+        ("true_velocity", "f8"),
+        ("reserved", ("i8", 3)),
+    ],
+    align=True,
+)
+"""The same 16 words as a record, as the loop sees them."""
+
 STATUS_ENABLED = 1
 """The amplifier reports that it is on and follows the command."""
 

@@ -64,11 +64,6 @@ def fastest_rate_hz(
     return max(0.0, (USABLE * bitrate - _guard_bits_per_s(watchdog_ms)) / tick_bits(read_back))
 
 
-def slowest_rate_hz(watchdog_ms: float = DEFAULT_WATCHDOG_MS) -> float:
-    """Lowest servo rate in Hz at which the loop can give its sign of life every quarter of the watchdog's time."""
-    return GUARDS_PER_WATCHDOG * 1e3 / watchdog_ms
-
-
 def wire_time_s(bitrate: float = DEFAULT_BITRATE) -> float:
     """Time in s from the sample (at the end of SYNC) to the command's arrival that the wire takes: TPDO 1 and RPDO 1."""
     return (frame_bits(8) + frame_bits(4)) / bitrate

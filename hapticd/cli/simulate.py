@@ -68,6 +68,15 @@ SeedOption = Annotated[
     ),
 ]
 
+EnergiesOption = Annotated[
+    bool,
+    typer.Option(
+        "--no-energies",
+        help="Leave out the energies, and with them the outcome: faster by a tenth.",
+        show_default=False,
+    ),
+]
+
 
 def simulate(
     duration: DurationOption,
@@ -77,6 +86,7 @@ def simulate(
     out: OutOption = None,
     safety: SafetyOption = False,
     seed: SeedOption = None,
+    no_energies: EnergiesOption = False,
     assignments: SettingsOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -101,6 +111,7 @@ def simulate(
             velocity=velocity,
             safety=safety,
             seed=seed,
+            energies=not no_energies,
             on_rows=on_rows,
             progress=progress,
         )

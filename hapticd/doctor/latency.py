@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import drivers
+from hapticd.servo import words
 from hapticd.servo.core import Request, parameters
-from hapticd.servo.layout import C_EXCHANGES_MISSED
 from hapticd.servo.thread import ServoThread
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.tuning import stiffness_max_stable
@@ -160,7 +160,7 @@ def _result(config: Config, servo: ServoThread, declared: float) -> RateResult:
     return RateResult(
         config.servo.rate_hz,
         timing,
-        servo.core.load(C_EXCHANGES_MISSED),
+        servo.core.load(words.MISSED_EXCHANGES),
         servo.core.late_histogram.copy(),
         ideal.numbers.tau_d,
         real.numbers.tau_d,

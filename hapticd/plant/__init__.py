@@ -9,26 +9,21 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from hapticd.plant.amplifier import dac_quantise, quantise_current
-    from hapticd.plant.batch import propagate_batch
+    from hapticd.plant.amplifier import quantise_current
     from hapticd.plant.device import Plant
     from hapticd.plant.exact import propagate
     from hapticd.plant.spring import propagate_with_stiffness
 
 __all__ = [
     "Plant",
-    "dac_quantise",
     "propagate",
-    "propagate_batch",
     "propagate_with_stiffness",
     "quantise_current",
 ]
 
 _MODULES = {
     "Plant": "device",
-    "dac_quantise": "amplifier",
     "propagate": "exact",
-    "propagate_batch": "batch",
     "propagate_with_stiffness": "spring",
     "quantise_current": "amplifier",
 }

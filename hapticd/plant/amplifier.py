@@ -44,21 +44,8 @@ def quantise_current(current: float, step: float, max_code: int) -> tuple[float,
     return code * step, code
 
 
-@njit(types.Tuple((_f8, _i8))(_f8, _i8, _f8))
-def dac_quantise(current: float, bits: int, full_scale: float) -> tuple[float, int]:
-    """Quantise and clip a current as a converter of `bits` bits over ±`full_scale` does.
-
-    Args:
-        current: commanded current [A].
-        bits: the converter's resolution; 0 is an ideal one, which only clips.
-        full_scale: full scale [A]; with bits = 0, a full scale of 0 does not clip either.
-
-    Returns:
-        The delivered current [A] and the two's-complement code (0 with bits = 0).
-    """
-    if bits > 0:
-        step = math.ldexp(full_scale, 1 - bits)
-        return quantise_current(current, step, (1 << (bits - 1)) - 1)
-    if full_scale > 0.0:
-        return min(max(current, -full_scale), full_scale), 0
-    return current, 0
+def converter_grid(bits: int | None, full_scale: float | None) -> tuple[float, int]:
+    """Step [A] and largest code of a converter over ±`full_scale` [A]; 0 and 0 for an ideal one: without either."""
+    if not bits or not full_scale:
+        return 0.0, 0
+    return math.ldexp(full_scale, 1 - bits), (1 << (bits - 1)) - 1

@@ -12,7 +12,7 @@ from hapticd.jit import law, njit
 from hapticd.plant.exact import phi_functions
 from hapticd.plant.laws import coulomb_level, damping_at
 from hapticd.plant.layout import word
-from hapticd.plant.slide import ACTIONS, Actions, friction_of, glide, pull_on
+from hapticd.plant.slide import ACTIONS, Actions, friction_of, glide_on_spring, pull_on
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -71,7 +71,7 @@ def slide_on_bristle(
             pull -= sigma_0 * way * slack * of_mean
             spring = 0.0
         total += on.damping + p[_SIGMA_1] * max(stretch, 0.0)
-        way, end, time = glide(
+        way, end, time = glide_on_spring(
             speed, pull / on.inertia, limit, total / on.inertia, (spring + on.stiffness) / on.inertia
         )
     if time == 0.0 and v == 0.0:

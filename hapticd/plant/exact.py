@@ -79,6 +79,62 @@ def time_and_way_to_rest(speed: float, deceleration: float, rate: float) -> tupl
     return logarithm / rate, speed / rate * (1.0 - logarithm / w)
 
 
+@njit(types.UniTuple(_f8, 3)(_f8, _f8, _f8, _f8, _f8, _f8, _f8), inline=True)
+def glide(
+    v: float, g: float, rate: float, dt: float, exponential: float, phi1: float, phi2: float
+) -> tuple[float, float, float]:
+    """Move by v′ = g − rate·v to the first stop, or to the end of `dt`: the closed form that all motion is made of.
+
+    Args:
+        v: initial velocity; zero for a mass that g ≥ 0 sets off.
+        g: acceleration by all constant forces, Coulomb friction among them.
+        rate: decay rate b/m, ≥ 0.
+        dt: duration, ≥ 0.
+        exponential: eᶻ of z = −rate·dt; phi1: φ₁(z); phi2: φ₂(z), as `phi_functions` has them.
+
+    Returns:
+        Way, end velocity and time taken: at a stop zero velocity and at most `dt`, else `dt`. Not-a-number comes through.
+    """
+    gained = g * dt
+    end = v * exponential + gained * phi1
+    direction = math.copysign(1.0, v)
+    # Speed is monotone in time here, so an end in the same direction means no stop on the way. Written to let NaN pass.
+    if not direction * end <= 0.0 or direction * g >= 0.0:
+        return dt * (v * phi1 + gained * phi2), end, dt
+    time, way = time_and_way_to_rest(abs(v), abs(g), rate)
+    return direction * way, 0.0, min(time, dt)
+
+
+@njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8), inline=True)
+def step(
+    x: float,
+    v: float,
+    dt: float,
+    force: float,
+    inertia: float,
+    viscous: float,
+    coulomb: float,
+    exponential: float,
+    phi1: float,
+    phi2: float,
+) -> tuple[float, float]:
+    """`propagate`, for those who have `phi_functions(-viscous * dt / inertia)` at hand because their `dt` never changes."""
+    remaining = dt
+    if v != 0.0:
+        g = (force - math.copysign(coulomb, v)) / inertia
+        way, v, time = glide(v, g, viscous / inertia, dt, exponential, phi1, phi2)
+        x += way
+        if v != 0.0:
+            return x, v
+        remaining -= time
+    if abs(force) <= coulomb:
+        return x, 0.0
+    if remaining < dt:
+        _, phi1, phi2 = phi_functions(-viscous * remaining / inertia)
+    g = (force - math.copysign(coulomb, force)) / inertia
+    return x + g * remaining * remaining * phi2, g * remaining * phi1
+
+
 @njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8, _f8, _f8))
 def propagate(
     x: float, v: float, dt: float, force: float, inertia: float, viscous: float, coulomb: float
@@ -98,30 +154,7 @@ def propagate(
         Position and velocity after `dt`, accurate to 1e-12 relative to max(|x|, |v|·dt). A not-a-number that the motion
         depends on comes through as one.
     """
-    if v == 0.0:
-        if abs(force) <= coulomb:
-            return x, 0.0
-        sign = math.copysign(1.0, force)
-        g = (abs(force) - coulomb) / inertia
-        _, phi1, phi2 = phi_functions(-viscous * dt / inertia)
-        return x + sign * (g * dt * dt * phi2), sign * (g * dt * phi1)
-
-    # Mirrored so that the mass moves towards positive x: one case instead of two.
-    sign = math.copysign(1.0, v)
-    speed = abs(v)
-    net = sign * force - coulomb
-    g = net / inertia
+    if v == 0.0 and abs(force) <= coulomb:
+        return x, 0.0
     exponential, phi1, phi2 = phi_functions(-viscous * dt / inertia)
-    end_speed = speed * exponential + g * dt * phi1
-    # Speed is monotone in time here, so a positive end means no stop on the way. Written to let NaN pass.
-    if net >= 0.0 or not end_speed <= 0.0:
-        return x + sign * dt * (speed * phi1 + g * dt * phi2), sign * end_speed
-
-    time, way = time_and_way_to_rest(speed, -g, viscous / inertia)
-    stop = x + sign * way
-    if abs(force) <= coulomb:
-        return stop, 0.0
-    remaining = max(dt - time, 0.0)
-    g = (abs(force) - coulomb) / inertia
-    _, phi1, phi2 = phi_functions(-viscous * remaining / inertia)
-    return stop - sign * (g * remaining * remaining * phi2), -sign * (g * remaining * phi1)
+    return step(x, v, dt, force, inertia, viscous, coulomb, exponential, phi1, phi2)

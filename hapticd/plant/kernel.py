@@ -20,14 +20,13 @@ import numpy as np
 from hapticd.effects import dropped_samples
 from hapticd.jit import law, njit
 from hapticd.plant import layout as effects
-from hapticd.plant.amplifier import quantise_current
+from hapticd.plant.amplifier import converter_grid, quantise_current
 from hapticd.plant.closed_loop import advance_with_effects, stays_with_effects
 from hapticd.plant.electrical import delivered
-from hapticd.plant.exact import propagate
 from hapticd.plant.noise import next_uniform
 from hapticd.plant.numeric import edited_base, measured, needs_laws
 from hapticd.plant.resolution import substeps_for
-from hapticd.plant.spring import propagate_with_stiffness
+from hapticd.plant.spring import propagate_about_rest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -138,10 +137,7 @@ def init_plant(config: Config, position: float = 0.0, velocity: float = 0.0) -> 
     f[HAND_REST] = config.origin_counts * config.raw_resolution
     f[TORQUE_CONSTANT] = amplifier.torque_constant
     f[LAG_NS] = amplifier.delay * 1e9
-    bits = amplifier.dac_bits or 0
-    if bits and amplifier.dac_full_scale:
-        f[DAC_STEP] = math.ldexp(amplifier.dac_full_scale, 1 - bits)
-        i[DAC_MAX_CODE] = (1 << (bits - 1)) - 1
+    f[DAC_STEP], i[DAC_MAX_CODE] = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
     f[SATURATION] = amplifier.peak_current or math.inf
     f[RAW_RESOLUTION] = config.raw_resolution
     i[INVERT] = int(config.encoder.invert)
@@ -183,25 +179,25 @@ def _move_with_laws(f: NDArray[Any], dt: float) -> None:
     f[AGE] += dt
 
 
-@njit("void(float64[::1], int64[::1], float64)", counted=False)
+@njit("void(float64[::1], int64[::1], float64)", inline=True, counted=False)
 def _move(f: NDArray[Any], i: NDArray[Any], dt: float) -> None:
     if i[HAS_LAWS] != 0:
         _move_with_laws(f, dt)
         return
     force = f[CURRENT] * f[TORQUE_CONSTANT] + f[HAND_FORCE] + f[BIAS]
-    if f[STIFFNESS] == 0.0:
-        f[POSITION], f[VELOCITY] = propagate(f[POSITION], f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB])
-    else:
-        before = f[POSITION] - f[HAND_REST]
-        after, f[VELOCITY] = propagate_with_stiffness(
-            before, f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB], f[STIFFNESS]
-        )
-        # A shaft that stiction holds keeps its position to the bit: it may lie on an edge of the encoder.
-        if after != before:
-            f[POSITION] = after + f[HAND_REST]
+    f[POSITION], f[VELOCITY] = propagate_about_rest(
+        f[POSITION], f[VELOCITY], dt, force, f[INERTIA], f[VISCOUS], f[COULOMB], f[STIFFNESS], f[HAND_REST]
+    )
 
 
-@njit("void(float64[::1], int64[::1], int64, float64)", counted=False)
+@njit("void(float64[::1], float64)", inline=True, counted=False)
+def _take_effect(f: NDArray[Any], current: float) -> None:
+    f[AIM] = current
+    if f[DEVICE + _LAG] == math.inf:
+        f[CURRENT] = current
+
+
+@njit("void(float64[::1], int64[::1], int64, float64)", inline=True, counted=False)
 def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> None:
     """Move the shaft to an instant, through every switch of the current on the way; an instant in the past does nothing."""
     while i[QUEUE_TAIL] < i[QUEUE_HEAD]:
@@ -214,9 +210,7 @@ def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> Non
             _move(f, i, dt / _NS_PER_SECOND)
             i[TIME_NS] = due_ns
             f[TIME_FRAC] = due_frac
-        f[AIM] = f[_DUE_CURRENT + slot]
-        if f[DEVICE + _LAG] == math.inf:
-            f[CURRENT] = f[AIM]
+        _take_effect(f, f[_DUE_CURRENT + slot])
         i[QUEUE_TAIL] += 1
     dt = (ns - i[TIME_NS]) + (frac - f[TIME_FRAC])
     if dt > 0.0:
@@ -225,7 +219,7 @@ def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> Non
         f[TIME_FRAC] = frac
 
 
-@njit("void(float64[::1], int64[::1], int64, float64, float64)", counted=False)
+@njit("void(float64[::1], int64[::1], int64, float64, float64)", inline=True, counted=False)
 def plant_current(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
     """Have the amplifier deliver a current (A): onto the DAC's grid, into saturation, and into the motor T_A later.
 
@@ -240,6 +234,10 @@ def plant_current(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, curren
         current, _ = quantise_current(current, f[DAC_STEP], i[DAC_MAX_CODE])
     current = delivered(f[DEVICE:_STATE], min(max(current, -f[SATURATION]), f[SATURATION]))
     head = i[QUEUE_HEAD]
+    if f[LAG_NS] == 0.0 and head == i[QUEUE_TAIL]:
+        plant_advance(f, i, ns, frac)
+        _take_effect(f, current)
+        return
     if head - i[QUEUE_TAIL] == QUEUE_LENGTH:
         i[QUEUE_OVERFLOWS] += 1
         head -= 1
@@ -254,7 +252,7 @@ def plant_current(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, curren
         plant_advance(f, i, ns, frac)
 
 
-@njit("void(float64[::1], int64[::1], int64, float64, float64)", counted=False)
+@njit("void(float64[::1], int64[::1], int64, float64, float64)", inline=True, counted=False)
 def plant_command(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
     """Command a current (A) at an instant, over a link that may lose it; otherwise as :func:`plant_current`."""
     if f[DEVICE + _LOSS] > 0.0:
@@ -275,7 +273,7 @@ def plant_next_switch(f: NDArray[Any], i: NDArray[Any]) -> tuple[int, int]:
     return due + 1 if f[_DUE_FRAC + slot] > 0.0 else due, waiting
 
 
-@njit("int64(float64[::1], int64[::1])", counted=False)
+@njit("int64(float64[::1], int64[::1])", inline=True, counted=False)
 def plant_counts(f: NDArray[Any], i: NDArray[Any]) -> int:
     """What the encoder counts: ⌊x/δ⌋, negated when it is mounted the other way round.
 

@@ -10,11 +10,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-from numba import prange, types
+from numba import types
 
 from hapticd.effects import asymmetric_coulomb, encoder_eccentricity, hand_impedance, thermal_drift
 from hapticd.jit import law, njit
-from hapticd.plant.exact import propagate
 from hapticd.plant.laws import (
     coulomb_level,
     has_bristle,
@@ -28,13 +27,13 @@ from hapticd.plant.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, 
 from hapticd.plant.phases import move
 from hapticd.plant.resolution import substeps_for
 from hapticd.plant.slide import ACTIONS, Actions, friction_of, pull_on
-from hapticd.plant.spring import propagate_with_stiffness, springs_together
+from hapticd.plant.spring import propagate_about_rest, springs_together
 from hapticd.plant.two_masses import move_with_coupling, move_with_play
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-__all__ = ["STATE", "measured", "mechanical", "simulate_windows", "simulate_windows_serial", "substep", "substeps_for"]
+__all__ = ["STATE", "measured", "mechanical", "simulate_windows_serial", "substep", "substeps_for"]
 
 _f8 = types.float64
 _i8 = types.int64
@@ -115,18 +114,9 @@ def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curren
     else:
         level = friction_of(p, 0.0, on)
         viscous = on.viscous + on.damping
-        if on.stiffness == 0.0:
-            state[THETA], state[OMEGA] = propagate(
-                state[THETA], state[OMEGA], span, on.drive, on.inertia, viscous, level
-            )
-        else:
-            before = state[THETA] - on.rest
-            after, state[OMEGA] = propagate_with_stiffness(
-                before, state[OMEGA], span, on.drive, on.inertia, viscous, level, on.stiffness
-            )
-            # A shaft that stiction holds keeps its position to the bit: it may lie on an edge of the encoder.
-            if after != before:
-                state[THETA] = after + on.rest
+        state[THETA], state[OMEGA] = propagate_about_rest(
+            state[THETA], state[OMEGA], span, on.drive, on.inertia, viscous, level, on.stiffness, on.rest
+        )
     state[LOAD_THETA], state[LOAD_OMEGA] = state[THETA], state[OMEGA]
 
 
@@ -241,26 +231,7 @@ def simulate_windows_serial(
     out_position: NDArray[Any],
     out_end: NDArray[Any],
 ) -> None:
-    """As :func:`simulate_windows`, on the calling thread alone: for callers that use threads of their own."""
-    for w in range(len(start)):
-        out_end[w] = state0[w]
-        _simulate_window(p, time_s, i_sub, start[w], length, out_end[w], out_position[w])
-
-
-@njit(_WINDOWS, parallel=True)
-def simulate_windows(
-    p: NDArray[Any],
-    time_s: NDArray[Any],
-    i_sub: NDArray[Any],
-    start: NDArray[Any],
-    length: int,
-    state0: NDArray[Any],
-    out_position: NDArray[Any],
-    out_end: NDArray[Any],
-) -> None:
     """Predict the measured position over many windows of a record, each from its own state.
-
-    Not to be called from two threads at once (Numba's fallback thread pool ends the process on that).
 
     Args:
         p: device vector, shape (SIZE,).
@@ -272,6 +243,6 @@ def simulate_windows(
         out_position: measured position at rows start + 1 … start + length, shape (w, length).
         out_end: state after each window, shape (w, STATE).
     """
-    for w in prange(len(start)):
+    for w in range(len(start)):
         out_end[w] = state0[w]
         _simulate_window(p, time_s, i_sub, start[w], length, out_end[w], out_position[w])

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.exact import phi_functions, time_and_way_to_rest
+from hapticd.plant.exact import glide, phi_functions
 from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws, steady_span
 from hapticd.plant.spring import spring_functions, time_to_rest
 
@@ -71,8 +71,8 @@ def friction_of(p: NDArray[Any], speed: float, on: Actions) -> float:
 
 
 @njit(types.UniTuple(_f8, 3)(_f8, _f8, _f8, _f8, _f8))
-def glide(speed: float, a: float, span: float, rate: float, omega2: float) -> tuple[float, float, float]:
-    """Move by speed′ = a − rate·speed − omega2·way, until the speed is zero or `span` is over.
+def glide_on_spring(speed: float, a: float, span: float, rate: float, omega2: float) -> tuple[float, float, float]:
+    """Move one way by speed′ = a − rate·speed − omega2·way, until the speed is zero or `span` is over.
 
     Args:
         speed: initial speed, ≥ 0.
@@ -88,11 +88,7 @@ def glide(speed: float, a: float, span: float, rate: float, omega2: float) -> tu
         return 0.0, 0.0, 0.0
     if omega2 == 0.0:
         exponential, phi1, phi2 = phi_functions(-rate * span)
-        end = speed * exponential + a * span * phi1
-        if a >= 0.0 or end > 0.0:
-            return span * (speed * phi1 + a * span * phi2), end, span
-        time, way = time_and_way_to_rest(speed, -a, rate)
-        return way, 0.0, min(time, span)
+        return glide(speed, a, rate, span, exponential, phi1, phi2)
     end_rate, s, p = spring_functions(span, 0.5 * rate, omega2)
     end = speed * end_rate + a * s
     # Zeros of the speed are half a swing apart: in less than that a positive end means no stop on the way.
@@ -135,7 +131,7 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tupl
         pull = pull_on(p, x, x + sign * way, sign * mean_speed, on)
         if attempt == 0:
             span = steady_span(p, speed, pull, on.inertia, span)
-        way, end, time = glide(
+        way, end, time = glide_on_spring(
             speed,
             (sign * pull - level) / on.inertia,
             span,

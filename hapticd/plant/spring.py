@@ -165,3 +165,24 @@ def springs_together(stiffness: float, rest: float, more: float, more_rest: floa
     """Return stiffness and rest position of two springs in parallel; `more` > 0 is the second one's stiffness."""
     total = stiffness + more
     return total, (stiffness * rest + more * more_rest) / total
+
+
+@njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8), inline=True)
+def propagate_about_rest(
+    x: float,
+    v: float,
+    dt: float,
+    force: float,
+    inertia: float,
+    viscous: float,
+    coulomb: float,
+    stiffness: float,
+    rest: float,
+) -> tuple[float, float]:
+    """`propagate_with_stiffness` for a spring that is relaxed at `rest`, or for none."""
+    if stiffness == 0.0:
+        return propagate(x, v, dt, force, inertia, viscous, coulomb)
+    before = x - rest
+    after, v = propagate_with_stiffness(before, v, dt, force, inertia, viscous, coulomb, stiffness)
+    # A shaft that stiction holds keeps its position to the bit: it may lie on an edge of the encoder.
+    return after + rest if after != before else x, v

@@ -1,6 +1,6 @@
 """The daemon's life: it owns the rig, beats the heart, latches faults, and answers the control API.
 
-The supervisor thread touches the servo loop only through control words and the mailbox; the API's threads touch it only
+The supervisor thread touches the servo loop only through shared words and the mailbox; the API's threads touch it only
 through the methods below, one at a time, except :meth:`Daemon.estop` and :meth:`Daemon.status`, which never wait.
 """
 
@@ -24,7 +24,7 @@ from hapticd.service.latch import FaultLatch
 from hapticd.service.notify import Notifier, TickWatchdog
 from hapticd.service.rig import Rig
 from hapticd.service.settings import changed_keys, is_live
-from hapticd.servo import faults
+from hapticd.servo import faults, words
 from hapticd.servo import layout as w
 
 log = logging.getLogger(__name__)
@@ -58,7 +58,7 @@ class Daemon:
         self._faults = FaultKeeper(latch, lambda: self._rig, self._end_recording)
         self._experiments = Experiments(lambda: self._rig, self._prepare_experiment, self._run_loop)
         self._rig = Rig(config, self._faults.number)
-        self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self._rig.core.load(w.C_TICKS))
+        self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self._rig.core.load(words.TICKS))
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self._supervisor.start()
 
@@ -111,7 +111,7 @@ class Daemon:
         """Zero current in the next tick and a latched fault. Takes no lock."""
         self._estops += 1
         rig = self._rig
-        rig.core.store(w.C_ESTOP, self._estops)
+        rig.core.store(words.ESTOP, self._estops)
         rig.halt()
         if not (rig.wait(lambda: rig.state == w.FAULT, _ANSWER_S) and rig.wait_ticks(1)):
             raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
@@ -270,7 +270,7 @@ class Daemon:
         if changed:
             with contextlib.suppress(RecordingError):
                 self._rig.recorder.annotate(
-                    {"event": "set", "tick": self._rig.core.load(w.C_TICKS), "changed": changed}
+                    {"event": "set", "tick": self._rig.core.load(words.TICKS), "changed": changed}
                 )
         return changed
 
@@ -302,7 +302,7 @@ class Daemon:
                     self.dead = True
             raise DriverFailure(f"reload failed: {error}") from error
         if self._estops != estops:
-            self._rig.core.store(w.C_ESTOP, self._estops)
+            self._rig.core.store(words.ESTOP, self._estops)
 
     def _begin_recording(self, label: str) -> None:
         if not self._rig.config.record.enabled:

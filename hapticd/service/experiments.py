@@ -18,7 +18,7 @@ import numpy as np
 from hapticd.record import RecordingError, read_run
 from hapticd.record.schema import FLAG_RUNNING
 from hapticd.service.control import Refused
-from hapticd.servo import excitation, faults
+from hapticd.servo import excitation, faults, words
 from hapticd.servo import layout as w
 from hapticd.stability.outcome import STRETCHES, decide
 
@@ -146,7 +146,7 @@ class Experiments:
         path = start_recording(rig, f"excite-{name}")
 
         def finished() -> bool:
-            return rig.core.load(w.C_EXCITATION_DONE) == experiment.id
+            return rig.core.load(words.EXCITATION_DONE) == experiment.id
 
         self._launch(experiment, path, permit, finished, lambda: {"excitation": name, "ticks": ticks})
         return {"experiment": experiment.id, "duration_s": experiment.duration_s, "run": str(path)}

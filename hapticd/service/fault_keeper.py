@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from hapticd.record import RecordingError
 from hapticd.service.control import JsonDict, Refused
-from hapticd.servo import faults
+from hapticd.servo import faults, words
 from hapticd.servo import layout as w
 
 if TYPE_CHECKING:
@@ -113,15 +113,15 @@ class FaultKeeper:
         rig.driver.close()
         with self.lock:
             # The loop is gone, so its words are ours to write.
-            rig.core.store(w.C_FAULT_CODE, faults.DRIVER_ERROR)
-            rig.core.store(w.C_STATE, w.FAULT)
+            rig.core.store(words.FAULT_CODE, faults.DRIVER_ERROR)
+            rig.core.store(words.MODE, w.FAULT)
             detail = "the servo thread ended by itself; restart the daemon"
             self.keep(faults.describe(faults.DRIVER_ERROR, -1, 0, is_linear=False, detail=detail))
 
     def _described(self) -> JsonDict:
         rig = self._rig()
         number = rig.fault_number or faults.ESTOP
-        value, limit = float(rig.core.snapshot[w.S_FAULT_VALUE]), float(rig.core.snapshot[w.S_FAULT_LIMIT])
+        value, limit = float(rig.core.snapshot["fault_value"]), float(rig.core.snapshot["fault_limit"])
         return faults.describe(number, value, limit, is_linear=rig.config.is_linear, detail=rig.driver.error)
 
     def _keep_past(self, code: str) -> None:

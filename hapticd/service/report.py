@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from hapticd.config import Config, config_digest
 from hapticd.service.control import JsonDict
 from hapticd.servo import layout as w
+from hapticd.servo import words
 from hapticd.stability import numbers, regions
 
 if TYPE_CHECKING:
@@ -26,17 +27,17 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "timing": {"rate_hz": config.servo.rate_hz, **rig.core.timing()},
         "operating_point": _operating_point(rig),
         "position": (rig.counts - rig.origin_counts) * config.raw_resolution,
-        "velocity": float(snapshot[w.S_VELOCITY]),
-        "current": float(snapshot[w.S_CURRENT]),
-        "current_measured": _finite(float(snapshot[w.S_CURRENT_MEASURED])),
-        "force": float(snapshot[w.S_FORCE]),
-        "position_ticks": float(snapshot[w.S_POSITION]),
+        "velocity": float(snapshot["velocity"]),
+        "current": float(snapshot["current"]),
+        "current_measured": _finite(float(snapshot["current_measured"])),
+        "force": float(snapshot["force"]),
+        "position_ticks": float(snapshot["position"]),
         "encoder_counts": rig.counts,
         "origin_counts": rig.origin_counts,
         "units": _units(config),
         "energy": rig.energy.status(),
-        "exchanges_missed": rig.core.load(w.C_EXCHANGES_MISSED),
-        "commands_clamped": rig.core.load(w.C_CLAMPED),
+        "exchanges_missed": rig.core.load(words.MISSED_EXCHANGES),
+        "commands_clamped": rig.core.load(words.CLAMPED),
         "recorder": recorder,
         "experiment": experiment,
     }

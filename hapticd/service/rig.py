@@ -18,6 +18,7 @@ from hapticd.config import config_digest
 from hapticd.record import Recorder, run_metadata
 from hapticd.record.schema import Rows
 from hapticd.servo import layout as w
+from hapticd.servo import words
 from hapticd.servo.core import Request, parameters
 from hapticd.servo.thread import ServoThread
 from hapticd.stability.energy_estimate import EnergyEstimate
@@ -103,17 +104,17 @@ class Rig:
     @property
     def state(self) -> int:
         """State of the loop."""
-        return self.core.load(w.C_STATE)
+        return self.core.load(words.MODE)
 
     @property
     def fault_number(self) -> int:
         """Number of the latched fault, 0 for none."""
-        return self.core.load(w.C_FAULT_CODE)
+        return self.core.load(words.FAULT_CODE)
 
     @property
     def counts(self) -> int:
         """Encoder counts of the last tick."""
-        return self.core.load(w.C_COUNTS)
+        return self.core.load(words.COUNTS)
 
     def ask(self, config: Config | None = None, **changes: Any) -> None:
         """Publish a changed request and/or config as one whole parameter set."""
@@ -159,8 +160,8 @@ class Rig:
 
     def wait_ticks(self, ticks: int) -> bool:
         """Wait until the loop has done that many more ticks; False when it does not."""
-        target = self.core.load(w.C_TICKS) + ticks
-        return self.wait(lambda: self.core.load(w.C_TICKS) >= target, 1.0 + ticks * self.config.period)
+        target = self.core.load(words.TICKS) + ticks
+        return self.wait(lambda: self.core.load(words.TICKS) >= target, 1.0 + ticks * self.config.period)
 
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Poll until ``condition`` holds; False when it did not in time."""
@@ -173,7 +174,7 @@ class Rig:
 
     def applied(self) -> bool:
         """Whether the loop has taken the newest parameter set."""
-        return self.core.load(w.C_APPLIED) == self.core.load(w.C_SEQUENCE)
+        return self.core.load(words.APPLIED) == self.core.load(words.SEQUENCE)
 
     def close(self) -> None:
         """Zero current, amplifier off, thread and recording ended, device released; whatever fails on the way is logged."""

@@ -22,14 +22,14 @@ _clock_gettime = types.ExternalFunction("clock_gettime", types.intc(types.intc, 
 _clock_nanosleep = types.ExternalFunction("clock_nanosleep", types.intc(types.intc, types.intc, types.intp, types.intp))
 
 
-@njit("int64(int64[::1])", inline=True, counted=False)
+@njit(inline=True, counted=False)
 def now_ns(timespec: NDArray[Any]) -> int:
     """CLOCK_MONOTONIC in ns; ``timespec`` is an int64[2] scratch buffer."""
     _clock_gettime(_CLOCK_MONOTONIC, timespec.ctypes.data)
     return timespec[0] * 1_000_000_000 + timespec[1]
 
 
-@njit("void(int64[::1], int64)", inline=True, counted=False)
+@njit(inline=True, counted=False)
 def sleep_until(timespec: NDArray[Any], instant_ns: int) -> None:
     """Sleep until an absolute CLOCK_MONOTONIC instant; a signal only makes it go on sleeping."""
     timespec[0] = instant_ns // 1_000_000_000

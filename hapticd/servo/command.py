@@ -4,159 +4,133 @@ from __future__ import annotations
 
 from typing import Any
 
-import numba
-from numpy.typing import NDArray
-
-from drivers.interface import X_CODE, X_CURRENT, X_ENABLE, X_TIME_FRAC, X_TIME_NS
 from hapticd.jit import call_driver, njit
-from hapticd.plant.amplifier import dac_quantise
+from hapticd.plant.amplifier import quantise_current
 from hapticd.record.schema import FLAG_SATURATED
-from hapticd.servo import layout as w
 from hapticd.servo.clock import later, now_ns, sleep_until
+from hapticd.servo.layout import DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT, MOST_DELAYED, READY
 
-_FIFO_MASK = w.FIFO_LENGTH - 1
+_MASK = MOST_DELAYED - 1
 _HALF_NS = 0.5
 LAST_WRITE_ATTEMPTS = 3
 
-_I = numba.types.Array(numba.int64, 1, "C")
-_F = numba.types.Array(numba.float64, 1, "C")
-_F2 = numba.types.Array(numba.float64, 2, "C")
-_i = numba.int64
-_f = numba.float64
+
+@njit(inline=True, counted=False)
+def present(servo: Any) -> tuple[int, float]:
+    """The present instant: by the clock, or in virtual time the tick's."""
+    if servo.real_time:
+        return now_ns(servo.timespec), 0.0
+    return servo.tick.ns, servo.tick.frac
 
 
-@njit(_i(_F, _F, _I, _F, _I, _f, _i, _f, _i), inline=True, counted=False)
-def write(
-    params: NDArray[Any],
-    floats: NDArray[Any],
-    exchange: NDArray[Any],
-    exchange_floats: NDArray[Any],
-    pointers: NDArray[Any],
-    current: float,
-    ns: int,
-    frac: float,
-    enable: int,
-) -> int:
+@njit(inline=True, counted=False)
+def write(servo: Any, current: float, ns: int, frac: float, enable: int) -> int:
     """Put a current on the DAC's grid and hand it to the driver at (ns, frac); returns the driver's word."""
-    quantised, code = dac_quantise(current, int(params[w.P_DAC_BITS]), params[w.P_DAC_FULL_SCALE])
-    exchange[X_TIME_NS] = ns
-    exchange_floats[X_TIME_FRAC] = frac
-    exchange_floats[X_CURRENT] = quantised
-    exchange[X_CODE] = code
-    exchange[X_ENABLE] = enable
-    floats[w.V_CURRENT] = quantised
-    return call_driver(pointers[1], pointers[2], pointers[3])
+    exchange, driver = servo.exchange, servo.driver
+    quantised, code = quantise_current(current, servo.params.dac_step, servo.params.dac_max_code)
+    exchange.time_ns = ns
+    exchange.time_frac = frac
+    exchange.current = quantised
+    exchange.code = code
+    exchange.enable = enable
+    servo.state.current = quantised
+    return call_driver(driver.write, driver.state, driver.exchange)
 
 
-@njit(_i(_F, _I, _F, _I, _F, _I, _i), inline=True, counted=False)
-def write_zero(
-    params: NDArray[Any],
-    ints: NDArray[Any],
-    floats: NDArray[Any],
-    exchange: NDArray[Any],
-    exchange_floats: NDArray[Any],
-    pointers: NDArray[Any],
-    ns: int,
-) -> int:
+@njit(inline=True, counted=False)
+def write_zero(servo: Any) -> int:
     """Zero current; the amplifier stays on for this one write, and is switched off by the next."""
-    ints[w.W_FIFO_HEAD] = 0
-    ints[w.W_FIFO_TAIL] = 0
-    floats[w.V_REQUESTED] = 0.0
-    floats[w.V_FORCE] = 0.0
-    ready = ints[w.W_STATE] == w.READY
-    enable = 1 if ready or ints[w.W_ENABLED] == w.ENABLED_WITH_CURRENT else 0
-    ints[w.W_ENABLED] = w.ENABLED_AT_ZERO if enable == 1 else w.DISABLED
-    return write(params, floats, exchange, exchange_floats, pointers, 0.0, ns, 0.0, enable)
+    state = servo.state
+    state.delayed_head = 0
+    state.delayed_tail = 0
+    state.requested = 0.0
+    state.force = 0.0
+    enable = 1 if state.mode == READY or state.amplifier == ENABLED_WITH_CURRENT else 0
+    state.amplifier = ENABLED_AT_ZERO if enable == 1 else DISABLED
+    ns, _ = present(servo)
+    return write(servo, 0.0, ns, 0.0, enable)
 
 
-@njit(numba.void(_F, _I, _F, _I, _F, _I, _i), inline=True, counted=False)
-def leave(
-    params: NDArray[Any],
-    ints: NDArray[Any],
-    floats: NDArray[Any],
-    exchange: NDArray[Any],
-    exchange_floats: NDArray[Any],
-    pointers: NDArray[Any],
-    ns: int,
-) -> None:
+@njit(inline=True, counted=False)
+def leave(servo: Any) -> None:
     """The loop's way out: zero current first, then amplifier off, each tried again when the exchange fails."""
     for enable in (1, 0):
-        if enable == 1 and ints[w.W_ENABLED] == w.DISABLED:
+        if enable == 1 and servo.state.amplifier == DISABLED:
             continue
         for _ in range(LAST_WRITE_ATTEMPTS):
-            if write(params, floats, exchange, exchange_floats, pointers, 0.0, ns, 0.0, enable) == 0:
+            if write(servo, 0.0, servo.tick.woke_ns, 0.0, enable) == 0:
                 break
-    ints[w.W_ENABLED] = w.DISABLED
+    servo.state.amplifier = DISABLED
 
 
-@njit(
-    numba.types.UniTuple(_i, 3)(_F, _I, _F, _I, _F2, _I, _F, _I, _I, _i, _f, numba.boolean), inline=True, counted=False
-)
-def write_current(
-    params: NDArray[Any],
-    ints: NDArray[Any],
-    floats: NDArray[Any],
-    fifo_ns: NDArray[Any],
-    fifo: NDArray[Any],
-    exchange: NDArray[Any],
-    exchange_floats: NDArray[Any],
-    pointers: NDArray[Any],
-    timespec: NDArray[Any],
-    ns: int,
-    frac: float,
-    real_time: bool,
-) -> tuple[int, int, int]:
-    """Write ``floats[V_REQUESTED]`` after T_V: at once, or whatever of the waiting commands falls due in this period.
+@njit(inline=True, counted=False)
+def write_at(servo: Any, current: float, ns: int, frac: float) -> int:
+    """Write a current that was asked for; a converter at the end of its range is noted in the row."""
+    result = write(servo, current, ns, frac, 1)
+    if abs(servo.state.current - current) > servo.params.dac_step:
+        servo.tick.flags |= FLAG_SATURATED
+    return result
+
+
+@njit(inline=True, counted=False)
+def delay(servo: Any) -> None:
+    """Put the rendered current into T_V."""
+    state, tick = servo.state, servo.tick
+    if state.delayed_head - state.delayed_tail < MOST_DELAYED:
+        command = servo.delayed[state.delayed_head & _MASK]
+        command.due_ns, command.due_frac = later(tick.ns, tick.frac, servo.params.delay_ns)
+        command.current = state.requested
+        state.delayed_head += 1
+
+
+@njit(inline=True, counted=False)
+def due_in(servo: Any, number: int) -> float:
+    """Time from the tick's grid instant to that at which a waiting command falls due, ns."""
+    command = servo.delayed[number & _MASK]
+    return (command.due_ns - servo.tick.ns) + (command.due_frac - servo.tick.frac)
+
+
+@njit(counted=False)
+def write_what_is_due(servo: Any) -> int:
+    """Write every waiting command that falls due within this period, at its instant; returns the driver's last word."""
+    state, tick = servo.state, servo.tick
+    result = 0
+    is_silent = True
+    while state.delayed_tail < state.delayed_head and (result == 0 or result == 1):
+        if due_in(servo, state.delayed_tail) >= servo.params.period_ns - _HALF_NS:
+            break
+        command = servo.delayed[state.delayed_tail & _MASK]
+        state.delayed_tail += 1
+        if state.delayed_tail < state.delayed_head and due_in(servo, state.delayed_tail) <= 0.0:
+            continue  # after missed periods: a later command is overdue too, this one has had its day
+        ns, frac = command.due_ns, command.due_frac
+        if servo.real_time:
+            begin = now_ns(servo.timespec)
+            ns, frac = begin, 0.0
+            if command.due_ns > begin:
+                sleep_until(servo.timespec, command.due_ns)
+                ns = now_ns(servo.timespec)
+                tick.waited_ns += ns - begin
+        result = write_at(servo, command.current, ns, frac)
+        is_silent = False
+    if is_silent:
+        # Nothing is due, but a device with a watchdog wants to hear from us every tick.
+        ns, frac = present(servo)
+        result = write(servo, state.current, ns, frac, 1)
+    return result
+
+
+@njit(inline=True, counted=False)
+def write_current(servo: Any) -> int:
+    """Write the rendered current after T_V: at once, or whatever of the waiting commands falls due in this period.
 
     Returns:
-        The driver's last word, ns spent waiting for due times, and FLAG_SATURATED or 0.
+        The driver's last word.
     """
-    ints[w.W_ENABLED] = w.ENABLED_WITH_CURRENT
-    requested = floats[w.V_REQUESTED]
-    if params[w.P_DELAY_NS] < _HALF_NS and ints[w.W_FIFO_HEAD] == ints[w.W_FIFO_TAIL]:
-        at = now_ns(timespec) if real_time else ns
-        result = write(
-            params, floats, exchange, exchange_floats, pointers, requested, at, 0.0 if real_time else frac, 1
-        )
-        saturated = abs(floats[w.V_CURRENT] - requested) > params[w.P_DAC_STEP]
-        return result, 0, FLAG_SATURATED if saturated else 0
-
-    head = ints[w.W_FIFO_HEAD]
-    if head - ints[w.W_FIFO_TAIL] < w.FIFO_LENGTH:
-        slot = head & _FIFO_MASK
-        fifo_ns[slot], fifo[0, slot] = later(ns, frac, params[w.P_DELAY_NS])
-        fifo[1, slot] = requested
-        ints[w.W_FIFO_HEAD] = head + 1
-    waited = 0
-    result = 0
-    flags = 0
-    writes = 0
-    while ints[w.W_FIFO_TAIL] < ints[w.W_FIFO_HEAD] and (result == 0 or result == 1):
-        slot = ints[w.W_FIFO_TAIL] & _FIFO_MASK
-        due_in = (fifo_ns[slot] - ns) + (fifo[0, slot] - frac)
-        if due_in >= params[w.P_PERIOD_NS] - _HALF_NS:
-            break
-        ints[w.W_FIFO_TAIL] += 1
-        following = ints[w.W_FIFO_TAIL] & _FIFO_MASK
-        if ints[w.W_FIFO_TAIL] < ints[w.W_FIFO_HEAD] and (fifo_ns[following] - ns) + (fifo[0, following] - frac) <= 0.0:
-            continue  # after missed periods: a later command is overdue too, this one has had its day
-        at, at_frac = fifo_ns[slot], fifo[0, slot]
-        if real_time:
-            begin = now_ns(timespec)
-            at = begin
-            if fifo_ns[slot] > begin:
-                sleep_until(timespec, fifo_ns[slot])
-                at = now_ns(timespec)
-                waited += at - begin
-            at_frac = 0.0
-        result = write(params, floats, exchange, exchange_floats, pointers, fifo[1, slot], at, at_frac, 1)
-        if abs(floats[w.V_CURRENT] - fifo[1, slot]) > params[w.P_DAC_STEP]:
-            flags = FLAG_SATURATED
-        writes += 1
-    if writes == 0:
-        # Nothing is due, but a device with a watchdog wants to hear from us every tick.
-        at = now_ns(timespec) if real_time else ns
-        result = write(
-            params, floats, exchange, exchange_floats, pointers, floats[w.V_CURRENT], at, 0.0 if real_time else frac, 1
-        )
-    return result, waited, flags
+    params, state = servo.params, servo.state
+    state.amplifier = ENABLED_WITH_CURRENT
+    if params.delay_ns < _HALF_NS and state.delayed_head == state.delayed_tail:
+        ns, frac = present(servo)
+        return write_at(servo, state.requested, ns, frac)
+    delay(servo)
+    return write_what_is_due(servo)

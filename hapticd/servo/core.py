@@ -10,15 +10,17 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 
-from drivers.interface import new_exchange
 from hapticd.jit import atomic_load, atomic_store, fence_release, njit
+from hapticd.plant.amplifier import converter_grid
 from hapticd.record.schema import ROW
-from hapticd.servo import layout as w
+from hapticd.servo import layout, words
 from hapticd.servo.clock import grid_instant
+from hapticd.servo.layout import PARAMS, SERVO
 from hapticd.servo.loop import run
-from hapticd.servo.timing import BUCKETS, quantiles_us
+from hapticd.servo.timing import quantiles_us
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,31 +34,30 @@ if TYPE_CHECKING:
 PORTION_ROWS = 1024
 
 
-@njit("void(float64[:,::1], int64[::1], float64[::1])", counted=False)
-def _publish(mailbox: NDArray[Any], control: NDArray[Any], params: NDArray[Any]) -> None:
-    sequence = control[w.C_SEQUENCE] + 1
-    fence_release()  # the number of the set before must be out before its slot is written again
-    for word in range(w.PARAMETERS):
-        mailbox[sequence & 1, word] = params[word]
-    fence_release()
-    atomic_store(control, w.C_SEQUENCE, sequence)
+@njit("void(int64[::1], int64, int64)", counted=False)
+def _store(shared: NDArray[Any], word: int, value: int) -> None:
+    atomic_store(shared, word, value)
 
 
 @njit("int64(int64[::1], int64)", counted=False)
-def _load(control: NDArray[Any], word: int) -> int:
-    return atomic_load(control, word)
+def _load(shared: NDArray[Any], word: int) -> int:
+    return atomic_load(shared, word)
 
 
-@njit("void(int64[::1], int64, int64)", counted=False)
-def _store(control: NDArray[Any], word: int, value: int) -> None:
-    atomic_store(control, word, value)
+@njit(numba.void(numba.from_dtype(SERVO), numba.int64[::1], numba.from_dtype(PARAMS)), counted=False)
+def _publish(servo: Any, shared: NDArray[Any], params: Any) -> None:
+    sequence = shared[words.SEQUENCE] + 1
+    fence_release()  # the number of the set before must be out before its slot is written again
+    servo.mailbox[sequence & 1] = params
+    fence_release()
+    atomic_store(shared, words.SEQUENCE, sequence)
 
 
 @dataclass(frozen=True)
 class Request:
     """What the supervisor wants besides the config: state, fault clearing, a moved origin, an excitation."""
 
-    state: int = w.OFF
+    state: int = layout.OFF
     clear: int = 0
     origin_counts: int | None = None
     """Raw count of the spring's origin; None: the config's."""
@@ -80,51 +81,52 @@ def i2t_limit(config: Config) -> float:
     return float((peak**2 - amplifier.continuous_current**2) * (amplifier.peak_time_s or 0.0))
 
 
-def parameters(config: Config, request: Request, *, safety: bool = True) -> NDArray[np.float64]:
-    """One whole parameter set for the mailbox, shape (PARAMETERS,); units as the P_* comments say."""
-    p = np.zeros(w.PARAMETERS)
+def parameters(config: Config, request: Request, *, safety: bool = True) -> np.void:
+    """One whole parameter set for the mailbox: a new `PARAMS` record, units as its comments say."""
+    p: np.void = np.zeros(1, PARAMS)[0]
     raw = config.raw_resolution
-    amplifier, limits, spring = config.amplifier, config.safety, config.spring
-    p[w.P_PERIOD_NS] = 1e9 / config.servo.rate_hz
-    p[w.P_REQUEST] = request.state
-    p[w.P_CLEAR] = request.clear
-    p[w.P_FORCE_PER_TICK] = spring.stiffness * config.resolution
-    p[w.P_BIAS] = 0.5 if spring.half_tick_bias else 0.0
-    p[w.P_SIDE] = {"both": 0.0, "positive": 1.0, "negative": -1.0}[spring.side]
-    p[w.P_ORIGIN] = config.origin_counts if request.origin_counts is None else request.origin_counts
-    p[w.P_DECIMATION] = config.encoder.decimation
-    p[w.P_INVERT] = float(config.encoder.invert)
-    p[w.P_TORQUE_CONSTANT] = amplifier.torque_constant
-    p[w.P_DITHER_TARGET] = w.DITHER_TARGETS[config.dither.target]
-    p[w.P_DITHER_WAVEFORM] = w.DITHER_WAVEFORMS[config.dither.waveform]
-    p[w.P_DITHER_AMPLITUDE] = config.dither.amplitude
-    p[w.P_DITHER_FREQUENCY] = config.dither.frequency_hz
-    p[w.P_DITHER_SEED] = config.dither.seed
-    p[w.P_DELAY_NS] = config.delay.computation_s * 1e9
-    p[w.P_CONTINUOUS_CURRENT] = _limit(amplifier.continuous_current)
-    p[w.P_I2T_LIMIT] = i2t_limit(config)
-    bits = amplifier.dac_bits or 0
-    full_scale = amplifier.dac_full_scale or 0.0
-    p[w.P_DAC_BITS] = bits if full_scale else 0
-    p[w.P_DAC_FULL_SCALE] = full_scale if bits else 0.0
-    step = 2.0 * full_scale / 2**bits if bits and full_scale else 0.0
-    p[w.P_DAC_STEP] = step
+    amplifier, dither, limits, spring = config.amplifier, config.dither, config.safety, config.spring
+    p["period_ns"] = 1e9 / config.servo.rate_hz
+    p["request"] = request.state
+    p["clear"] = request.clear
+    p["force_per_tick"] = spring.stiffness * config.resolution
+    p["bias"] = 0.5 if spring.half_tick_bias else 0.0
+    p["side"] = layout.SIDES[spring.side]
+    p["origin"] = config.origin_counts if request.origin_counts is None else request.origin_counts
+    p["decimation"] = config.encoder.decimation
+    p["invert"] = config.encoder.invert
+    p["torque_constant"] = amplifier.torque_constant
+    p["raw_resolution"] = raw
+    p["dither_target"] = layout.DITHER_TARGETS[dither.target]
+    p["dither_waveform"] = layout.DITHER_WAVEFORMS[dither.waveform]
+    p["dither_amplitude"] = dither.amplitude
+    p["dither_frequency"] = dither.frequency_hz
+    p["dither_seed"] = dither.seed
+    p["delay_ns"] = config.delay.computation_s * 1e9
+    step, p["dac_max_code"] = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
+    p["dac_step"] = step
     peak = _limit(amplifier.peak_current)
     # The DAC rounds; a clamp that is not on its grid could be rounded up, beyond the peak.
-    p[w.P_PEAK_CURRENT] = math.floor(peak / step) * step if step and math.isfinite(peak) else peak
-    p[w.P_SAFETY] = float(safety)
-    p[w.P_MAX_SPEED] = _limit(limits.max_velocity) / raw
-    p[w.P_MAX_EXCURSION] = _limit(limits.max_excursion) / raw
-    p[w.P_ENCODER_JUMP] = _limit(limits.encoder_jump)
-    p[w.P_MISSED_EXCHANGES] = _limit(limits.missed_exchanges)
-    p[w.P_OVERRUN_POLICY] = w.OVERRUN_POLICIES[config.servo.overrun.policy]
-    p[w.P_OVERRUN_FAULT_AFTER] = _limit(config.servo.overrun.fault_after)
-    p[w.P_HEARTBEAT_NS] = (limits.heartbeat_timeout_s or 0.0) * 1e9
-    p[w.P_ENABLE_TIMEOUT_NS] = _limit(limits.enable_timeout_s) * 1e9
-    p[w.P_EXCITATION_ID] = request.excitation_id
-    p[w.P_EXCITATION_LENGTH] = request.excitation_length
-    p[w.P_RAW_RESOLUTION] = raw
+    p["peak_current"] = math.floor(peak / step) * step if step and math.isfinite(peak) else peak
+    p["continuous_current"] = _limit(amplifier.continuous_current)
+    p["i2t_limit"] = i2t_limit(config)
+    p["safety"] = safety
+    p["max_speed"] = _limit(limits.max_velocity) / raw
+    p["max_excursion"] = _limit(limits.max_excursion) / raw
+    p["encoder_jump"] = _limit(limits.encoder_jump)
+    p["missed_exchanges"] = _limit(limits.missed_exchanges)
+    p["overrun_policy"] = layout.OVERRUN_POLICIES[config.servo.overrun.policy]
+    p["overrun_fault_after"] = _limit(config.servo.overrun.fault_after)
+    p["heartbeat_ns"] = (limits.heartbeat_timeout_s or 0.0) * 1e9
+    p["enable_timeout_ns"] = _limit(limits.enable_timeout_s) * 1e9
+    p["excitation_id"] = request.excitation_id
+    p["excitation_length"] = request.excitation_length
     return p
+
+
+def _copied(*parts: NDArray[Any]) -> NDArray[Any]:
+    """Rows one after the other, in memory of their own: as words, which is several times as fast as field by field."""
+    return np.concatenate([part.view(np.int64) for part in parts]).view(ROW)
 
 
 class ServoCore:
@@ -141,73 +143,53 @@ class ServoCore:
         self, driver: Driver, *, ring_rows: int = 131072, keep_truth: bool = False, excitation_rows: int = 1 << 20
     ) -> None:
         self.driver = driver
-        self.mailbox = np.zeros((3, w.PARAMETERS))
-        self.control = np.zeros(w.CONTROL_WORDS, np.int64)
-        self.params = np.zeros(w.PARAMETERS)
-        self.snapshot = np.zeros(w.SNAPSHOT_WORDS)
-        self.ints = np.zeros(w.WORK_INTS, np.int64)
-        self.floats = np.zeros(w.WORK_FLOATS)
-        self.late_histogram = np.zeros(BUCKETS, np.int64)
-        self.exec_histogram = np.zeros(BUCKETS, np.int64)
-        self._fifo_ns = np.zeros(w.FIFO_LENGTH, np.int64)
-        self._fifo = np.zeros((2, w.FIFO_LENGTH))
+        self.memory = np.zeros(1, SERVO)
+        self.shared = np.zeros(words.SIZE, np.int64)
         self.ring = np.zeros(ring_rows, ROW)
         self.truth = np.zeros((ring_rows if keep_truth else 0, 2))
         self.excitation = np.zeros((2, excitation_rows))
-        for block in (self._fifo_ns, self._fifo, self.ring, self.truth, self.excitation):
-            block.fill(0)  # zeroed memory is not there until it is touched, and the loop must not be the one to do it
-        self.exchange = new_exchange()
-        self._timespec = np.zeros(2, np.int64)
+        for block in (self.memory, self.ring, self.truth, self.excitation):
+            # Zeroed memory is not there until it is touched, and the loop must not be the one to do it.
+            block.view(np.uint8).fill(0)
+        self.params: np.void = self.memory[0]["params"]
+        """The parameter set in force."""
+        self.snapshot: np.void = self.memory[0]["snapshot"]
+        self.exchange: NDArray[np.int64] = self.memory["exchange"].view(np.int64)
+        """The block that the driver gets; ``exchange.view(float64)`` is its floating-point side."""
+        self.late_histogram: NDArray[np.int64] = self.memory["late_histogram"][0]
+        self.exec_histogram: NDArray[np.int64] = self.memory["exec_histogram"][0]
+        self._state: np.void = self.memory[0]["state"]
         addresses = (driver.read_address, driver.write_address, driver.state_address, self.exchange.ctypes.data)
-        self._pointers = np.array(addresses, np.int64)
+        self.memory["driver"] = addresses
 
-    def publish(self, params: NDArray[np.float64]) -> int:
+    def publish(self, params: np.void) -> int:
         """Hand a whole parameter set to the loop; returns its sequence number (one publisher at a time)."""
-        _publish(self.mailbox, self.control, params)
-        return int(self.control[w.C_SEQUENCE])
+        _publish(self.memory[0], self.shared, params)
+        return int(self.shared[words.SEQUENCE])
 
     def load(self, word: int) -> int:
-        """A control word, with acquire ordering."""
-        return int(_load(self.control, word))
+        """A shared word, with acquire ordering."""
+        return int(_load(self.shared, word))
 
     def store(self, word: int, value: int) -> None:
-        """A control word of the supervisor's, with release ordering."""
-        _store(self.control, word, value)
+        """A shared word of the supervisor's, with release ordering."""
+        _store(self.shared, word, value)
 
-    def begin(self, start_ns: int, state: int = w.OFF) -> None:
-        """Set the time grid's origin and the first state, with the first published parameter set in force."""
-        self.params[:] = self.mailbox[self.control[w.C_SEQUENCE] & 1]
-        self.ints[w.W_APPLIED] = self.control[w.C_SEQUENCE]
-        self.ints[w.W_GRID_NS] = start_ns
-        self.ints[w.W_START_NS] = start_ns
-        self.ints[w.W_STATE] = state
-        self.ints[w.W_CLEAR] = int(self.params[w.P_CLEAR])
-        self.ints[w.W_SEED] = self.ints[w.W_RANDOM] = int(self.params[w.P_DITHER_SEED])
-        self.control[w.C_STATE] = state
+    def begin(self, start_ns: int, mode: int = layout.OFF) -> None:
+        """Set the time grid's origin and the first mode, with the first published parameter set in force."""
+        sequence = self.shared[words.SEQUENCE]
+        self.memory["params"] = self.memory["mailbox"][0, sequence & 1]
+        self._state["applied"] = sequence
+        self._state["grid_ns"] = self._state["start_ns"] = start_ns
+        self._state["mode"] = mode
+        self._state["cleared"] = self.params["clear"]
+        self._state["seed"] = self._state["random"] = self.params["dither_seed"]
+        self.shared[words.MODE] = mode
 
     def run(self, *, real_time: bool, ticks: int = 0) -> int:
         """Run the compiled loop in the calling thread, without the GIL; returns a RETURN_* reason."""
-        reason: int = run(
-            self.mailbox,
-            self.control,
-            self.params,
-            self.snapshot,
-            self.ints,
-            self.floats,
-            self.late_histogram,
-            self.exec_histogram,
-            self._fifo_ns,
-            self._fifo,
-            self.ring,
-            self.truth,
-            self.excitation,
-            self.exchange,
-            self.exchange.view(np.float64),
-            self._timespec,
-            self._pointers,
-            real_time,
-            ticks,
-        )
+        self.memory["real_time"] = real_time
+        reason: int = run(self.memory[0], self.shared, self.ring, self.truth, self.excitation, ticks)
         return reason
 
     def drain(self) -> NDArray[Any]:
@@ -220,45 +202,52 @@ class ServoCore:
 
         However long nobody has drained, what is then worked on fits into a few hundred kilobytes.
         """
-        head = self.load(w.C_RING_HEAD)
+        head = self.load(words.RING_HEAD)
         while True:
-            tail = int(self.control[w.C_RING_TAIL])
+            tail = int(self.shared[words.RING_TAIL])
             begin = tail & (len(self.ring) - 1)
-            taken = self.ring[begin : begin + min(head - tail, rows)].copy()
-            self.store(w.C_RING_TAIL, tail + len(taken))
+            taken = _copied(self.ring[begin : begin + min(head - tail, rows)])
+            self.store(words.RING_TAIL, tail + len(taken))
             yield taken
             if tail + len(taken) == head:
                 return
 
-    def drain_with_truth(self) -> tuple[NDArray[Any], NDArray[np.float64]]:
-        """Rows that are waiting and the simulated device's true (position, velocity) beside them."""
-        tail = int(self.control[w.C_RING_TAIL])
-        head = self.load(w.C_RING_HEAD)
+    def drain_with_truth(self, *, copy: bool = True) -> tuple[NDArray[Any], NDArray[np.float64]]:
+        """Rows that are waiting and the simulated device's true (position, velocity) beside them.
+
+        Args:
+            copy: False for the memory of the ring itself, which is theirs until the loop runs again.
+        """
+        tail = int(self.shared[words.RING_TAIL])
+        head = self.load(words.RING_HEAD)
         begin, end = tail & (len(self.ring) - 1), head & (len(self.ring) - 1)
-        if head > tail and end <= begin:
-            rows = np.concatenate([self.ring[begin:], self.ring[:end]])
+        if head - tail > len(self.ring) - begin:
+            rows = _copied(self.ring[begin:], self.ring[:end])
             truth = np.concatenate([self.truth[begin:], self.truth[:end]])
         else:
-            rows, truth = self.ring[begin:end].copy(), self.truth[begin:end].copy()
-        self.store(w.C_RING_TAIL, head)
+            rows, truth = self.ring[begin : begin + head - tail], self.truth[begin : begin + head - tail]
+            if copy:
+                rows, truth = _copied(rows), truth.copy()
+        self.store(words.RING_TAIL, head)
         return rows, truth
 
     def next_instant(self) -> tuple[int, float]:
         """Instant (ns, fraction) at which the next tick is due; in virtual time, the end of what was simulated."""
-        steps = int(self.ints[w.W_TICK] - self.ints[w.W_GRID_TICK])
-        base, frac = int(self.ints[w.W_GRID_NS]), float(self.floats[w.V_GRID_FRAC])
-        ns, rest = grid_instant(base, frac, steps, float(self.params[w.P_PERIOD_NS]))
+        state = self._state
+        steps = int(state["next_tick"] - state["grid_tick"])
+        period_ns = float(self.params["period_ns"])
+        ns, rest = grid_instant(int(state["grid_ns"]), float(state["grid_frac"]), steps, period_ns)
         return int(ns), float(rest)
 
     def dropped(self) -> int:
         """Rows lost because nobody drained the ring."""
-        return int(self.control[w.C_DROPPED])
+        return int(self.shared[words.DROPPED])
 
     def timing(self) -> dict[str, Any]:
         """``ticks``, ``missed`` and the quantiles ``wake_us`` and ``exec_us`` since the start."""
         return {
-            "ticks": self.load(w.C_TICKS),
-            "missed": self.load(w.C_MISSED),
-            "wake_us": quantiles_us(self.late_histogram.copy(), self.load(w.C_LATE_MAX_NS)),
-            "exec_us": quantiles_us(self.exec_histogram.copy(), self.load(w.C_EXEC_MAX_NS)),
+            "ticks": self.load(words.TICKS),
+            "missed": self.load(words.MISSED_PERIODS),
+            "wake_us": quantiles_us(self.late_histogram.copy(), self.load(words.LATE_MAX_NS)),
+            "exec_us": quantiles_us(self.exec_histogram.copy(), self.load(words.EXEC_MAX_NS)),
         }

@@ -1,4 +1,4 @@
-"""The safety gate: what may end a tick in a fault, and the states off → ready → running → (fault, latched).
+"""The safety gate: what may end a tick in a fault, and the modes off → ready → running → (fault, latched).
 
 Nothing here recovers by itself. A fault keeps its number, the value that tripped it and the limit until a ``clear`` comes
 with a later parameter set; leaving ``running`` by any way means zero current in the same tick, amplifier off in the next.
@@ -9,254 +9,137 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from drivers.interface import STATUS_ENABLED
 from hapticd.jit import atomic_load, atomic_store, njit
-from hapticd.servo import faults
-from hapticd.servo.layout import (
-    C_ESTOP,
-    C_FAULT_CODE,
-    C_FAULT_TICK,
-    C_HEARTBEAT_NS,
-    C_STATE,
-    FAULT,
-    FAULT_ON_OVERRUN,
-    OFF,
-    P_CLEAR,
-    P_CONTINUOUS_CURRENT,
-    P_ENABLE_TIMEOUT_NS,
-    P_ENCODER_JUMP,
-    P_HEARTBEAT_NS,
-    P_I2T_LIMIT,
-    P_MAX_EXCURSION,
-    P_MAX_SPEED,
-    P_MISSED_EXCHANGES,
-    P_ORIGIN,
-    P_OVERRUN_FAULT_AFTER,
-    P_OVERRUN_POLICY,
-    P_PERIOD_NS,
-    P_RAW_RESOLUTION,
-    P_REQUEST,
-    P_SAFETY,
-    READY,
-    RUNNING,
-    S_FAULT_LIMIT,
-    S_FAULT_VALUE,
-    S_I2T,
-    V_CURRENT,
-    V_I2T,
-    V_SPEED,
-    W_CLEAR,
-    W_COUNTS,
-    W_COUNTS_NS,
-    W_ESTOP,
-    W_FIFO_HEAD,
-    W_FIFO_TAIL,
-    W_HAVE_COUNTS,
-    W_MISSED_IN_A_ROW,
-    W_OVERRUNS_IN_A_ROW,
-    W_REQUEST_NS,
-    W_STATE,
-)
-
-_OVER_CURRENT = faults.OVER_CURRENT
-_OVER_SPEED = faults.OVER_SPEED
-_EXCURSION = faults.EXCURSION
-_ENCODER_JUMP = faults.ENCODER_JUMP
-_MISSED_EXCHANGES = faults.MISSED_EXCHANGES
-_OVERRUN = faults.OVERRUN
-_DRIVER_LOST = faults.DRIVER_LOST
-_DRIVER_ERROR = faults.DRIVER_ERROR
-_DEVICE_FAULT = faults.DEVICE_FAULT
-_HEARTBEAT_LOST = faults.HEARTBEAT_LOST
-_ESTOP = faults.ESTOP
-_ENABLE_TIMEOUT = faults.ENABLE_TIMEOUT
-_AMPLIFIER_DROPPED = faults.AMPLIFIER_DROPPED
+from hapticd.servo import faults, words
+from hapticd.servo.layout import FAULT, FAULT_ON_OVERRUN, OFF, READY, RUNNING
 
 
-@njit("void(int64[::1], float64[::1], int64[::1], int64, int64, float64, float64)", inline=True, counted=False)
-def raise_fault(
-    control: NDArray[Any],
-    snapshot: NDArray[Any],
-    ints: NDArray[Any],
-    tick: int,
-    number: int,
-    value: float,
-    limit: float,
-) -> None:
+@njit(inline=True, counted=False)
+def raise_fault(servo: Any, shared: Any, code: int, value: float, limit: float) -> None:
     """Latch a fault; the first one is kept, later ones are its consequences."""
-    if ints[W_STATE] == FAULT:
+    if servo.state.mode == FAULT:
         return
-    ints[W_STATE] = FAULT
-    snapshot[S_FAULT_VALUE] = value
-    snapshot[S_FAULT_LIMIT] = limit
-    control[C_FAULT_TICK] = tick
-    atomic_store(control, C_FAULT_CODE, number)
-    atomic_store(control, C_STATE, FAULT)
+    servo.state.mode = FAULT
+    servo.snapshot.fault_value = value
+    servo.snapshot.fault_limit = limit
+    shared[words.FAULT_TICK] = servo.tick.number
+    atomic_store(shared, words.FAULT_CODE, code)
+    atomic_store(shared, words.MODE, FAULT)
 
 
-@njit("void(int64[::1], float64[::1], int64[::1], int64, int64, int64)", inline=True, counted=False)
-def check_exchange(
-    control: NDArray[Any], snapshot: NDArray[Any], ints: NDArray[Any], tick: int, result: int, device_code: int
-) -> None:
+@njit(inline=True, counted=False)
+def check_exchange(servo: Any, shared: Any, result: int) -> None:
     """Fault on a driver's return value other than OK (0) and MISSED (1)."""
     if result == 2:
-        raise_fault(control, snapshot, ints, tick, _DEVICE_FAULT, device_code, 0.0)
+        raise_fault(servo, shared, faults.DEVICE_FAULT, servo.exchange.device_code, 0.0)
     elif result == -1:
-        raise_fault(control, snapshot, ints, tick, _DRIVER_ERROR, result, 0.0)
+        raise_fault(servo, shared, faults.DRIVER_ERROR, result, 0.0)
     elif result < -1 or result > 2:
-        raise_fault(control, snapshot, ints, tick, _DRIVER_LOST, result, 0.0)
+        raise_fault(servo, shared, faults.DRIVER_LOST, result, 0.0)
 
 
-@njit(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64, int64, int64, int64)",
-    inline=True,
-    counted=False,
-)
-def take_counts(
-    params: NDArray[Any],
-    control: NDArray[Any],
-    snapshot: NDArray[Any],
-    ints: NDArray[Any],
-    floats: NDArray[Any],
-    tick: int,
-    now_ns: int,
-    counts: int,
-    missed: int,
-) -> None:
+@njit(inline=True, counted=False)
+def take_counts(servo: Any, shared: Any) -> None:
     """Accept a fresh sample: speed from the time that really passed, then jump, over-speed and excursion."""
-    watching = params[P_SAFETY] > 0.0 and ints[W_STATE] == RUNNING
-    if ints[W_HAVE_COUNTS] == 1:
-        moved = counts - ints[W_COUNTS]
-        elapsed = max(now_ns - ints[W_COUNTS_NS], int(0.5 * params[P_PERIOD_NS]))
-        floats[V_SPEED] = moved * 1e9 / elapsed
+    params, state, tick = servo.params, servo.state, servo.tick
+    counts = -servo.exchange.counts if params.invert else servo.exchange.counts
+    watching = params.safety and state.mode == RUNNING
+    if state.have_counts:
+        moved = counts - state.counts
+        elapsed = max(tick.woke_ns - state.counts_ns, int(0.5 * params.period_ns))
+        state.speed = moved * 1e9 / elapsed
         if watching:
             # A later sample may have moved further: the limit is per period that passed.
-            periods = 1 + missed + ints[W_MISSED_IN_A_ROW]
-            if abs(moved) > params[P_ENCODER_JUMP] * periods:
-                raise_fault(control, snapshot, ints, tick, _ENCODER_JUMP, moved, params[P_ENCODER_JUMP])
-            elif abs(floats[V_SPEED]) > params[P_MAX_SPEED]:
-                scale = params[P_RAW_RESOLUTION]
-                raise_fault(
-                    control, snapshot, ints, tick, _OVER_SPEED, floats[V_SPEED] * scale, params[P_MAX_SPEED] * scale
-                )
+            periods = 1 + tick.missed + state.missed_in_a_row
+            scale = params.raw_resolution
+            if abs(moved) > params.encoder_jump * periods:
+                raise_fault(servo, shared, faults.ENCODER_JUMP, moved, params.encoder_jump)
+            elif abs(state.speed) > params.max_speed:
+                raise_fault(servo, shared, faults.OVER_SPEED, state.speed * scale, params.max_speed * scale)
     if watching:
-        excursion = counts - params[P_ORIGIN]
-        if abs(excursion) > params[P_MAX_EXCURSION]:
-            scale = params[P_RAW_RESOLUTION]
-            raise_fault(control, snapshot, ints, tick, _EXCURSION, excursion * scale, params[P_MAX_EXCURSION] * scale)
-    ints[W_COUNTS] = counts
-    ints[W_COUNTS_NS] = now_ns
-    ints[W_HAVE_COUNTS] = 1
+        excursion = float(counts) - float(params.origin)
+        if abs(excursion) > params.max_excursion:
+            scale = params.raw_resolution
+            raise_fault(servo, shared, faults.EXCURSION, excursion * scale, params.max_excursion * scale)
+    state.counts = counts
+    state.counts_ns = tick.woke_ns
+    state.have_counts = True
 
 
-@njit(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64, int64)", inline=True, counted=False
-)
-def check_load(
-    params: NDArray[Any],
-    control: NDArray[Any],
-    snapshot: NDArray[Any],
-    ints: NDArray[Any],
-    floats: NDArray[Any],
-    tick: int,
-    missed: int,
-) -> None:
+@njit(inline=True, counted=False)
+def check_load(servo: Any, shared: Any) -> None:
     """Late ticks, missed exchanges, and the I²t of the current that flowed since the last tick."""
-    ints[W_OVERRUNS_IN_A_ROW] = ints[W_OVERRUNS_IN_A_ROW] + 1 if missed > 0 else 0
-    if params[P_SAFETY] == 0.0:
+    params, state, missed = servo.params, servo.state, servo.tick.missed
+    state.overruns_in_a_row = state.overruns_in_a_row + 1 if missed > 0 else 0
+    if not params.safety:
         return
-    if ints[W_STATE] == RUNNING:
-        overruns = ints[W_OVERRUNS_IN_A_ROW]
-        allowed = 1.0 if params[P_OVERRUN_POLICY] == FAULT_ON_OVERRUN else params[P_OVERRUN_FAULT_AFTER]
-        if overruns >= allowed:
-            raise_fault(control, snapshot, ints, tick, _OVERRUN, overruns, allowed)
-    if ints[W_MISSED_IN_A_ROW] > params[P_MISSED_EXCHANGES]:
-        raise_fault(
-            control, snapshot, ints, tick, _MISSED_EXCHANGES, ints[W_MISSED_IN_A_ROW], params[P_MISSED_EXCHANGES]
-        )
-    continuous = params[P_CONTINUOUS_CURRENT]
-    if np.isfinite(continuous):
-        seconds = params[P_PERIOD_NS] * 1e-9 * (1 + missed)
-        floats[V_I2T] = max(0.0, floats[V_I2T] + (floats[V_CURRENT] ** 2 - continuous**2) * seconds)
-        snapshot[S_I2T] = floats[V_I2T]
-        limit = params[P_I2T_LIMIT]
-        if floats[V_I2T] > limit:
-            raise_fault(control, snapshot, ints, tick, _OVER_CURRENT, floats[V_I2T], limit)
+    if state.mode == RUNNING:
+        allowed = 1.0 if params.overrun_policy == FAULT_ON_OVERRUN else params.overrun_fault_after
+        if state.overruns_in_a_row >= allowed:
+            raise_fault(servo, shared, faults.OVERRUN, state.overruns_in_a_row, allowed)
+    if state.missed_in_a_row > params.missed_exchanges:
+        raise_fault(servo, shared, faults.MISSED_EXCHANGES, state.missed_in_a_row, params.missed_exchanges)
+    if np.isfinite(params.continuous_current):
+        seconds = params.period_ns * 1e-9 * (1 + missed)
+        state.i2t = max(0.0, state.i2t + (state.current**2 - params.continuous_current**2) * seconds)
+        servo.snapshot.i2t = state.i2t
+        if state.i2t > params.i2t_limit:
+            raise_fault(servo, shared, faults.OVER_CURRENT, state.i2t, params.i2t_limit)
 
 
-@njit("void(int64[::1], float64[::1])", inline=True, counted=False)
-def forget_motion(ints: NDArray[Any], floats: NDArray[Any]) -> None:
+@njit(inline=True, counted=False)
+def forget_motion(servo: Any) -> None:
     """Start counting afresh: nothing that happened before a (re)start may trip a limit or be commanded."""
-    ints[W_HAVE_COUNTS] = 0
-    ints[W_MISSED_IN_A_ROW] = 0
-    ints[W_OVERRUNS_IN_A_ROW] = 0
-    ints[W_FIFO_HEAD] = 0
-    ints[W_FIFO_TAIL] = 0
-    floats[V_SPEED] = 0.0
+    state = servo.state
+    state.have_counts = False
+    state.missed_in_a_row = 0
+    state.overruns_in_a_row = 0
+    state.delayed_head = 0
+    state.delayed_tail = 0
+    state.speed = 0.0
 
 
-@njit(
-    "void(float64[::1], int64[::1], float64[::1], int64[::1], float64[::1], int64, int64, boolean, boolean, boolean)",
-    inline=True,
-    counted=False,
-)
-def step_state(
-    params: NDArray[Any],
-    control: NDArray[Any],
-    snapshot: NDArray[Any],
-    ints: NDArray[Any],
-    floats: NDArray[Any],
-    tick: int,
-    now_ns: int,
-    enabled: bool,
-    fresh: bool,
-    real_time: bool,
-) -> None:
-    """One step of the state machine: clear, estop, heartbeat, then what the supervisor requests.
-
-    Args:
-        params, control, snapshot, ints, floats: the loop's shared words (see :mod:`hapticd.servo.layout`).
-        tick: present tick. now_ns: present time in ns.
-        enabled: the amplifier's own word, from the last good exchange. fresh: whether that is this tick's.
-        real_time: False in virtual time, where no supervisor is alive.
-    """
-    clear = int(params[P_CLEAR])
-    if clear != ints[W_CLEAR]:
-        ints[W_CLEAR] = clear
-        if ints[W_STATE] == FAULT:
-            ints[W_STATE] = OFF
-            forget_motion(ints, floats)
-            atomic_store(control, C_FAULT_CODE, 0)
-    stops = atomic_load(control, C_ESTOP)
-    if stops != ints[W_ESTOP]:
-        ints[W_ESTOP] = stops
-        raise_fault(control, snapshot, ints, tick, _ESTOP, 0.0, 0.0)
-    if real_time and params[P_HEARTBEAT_NS] > 0.0:
-        silence = now_ns - atomic_load(control, C_HEARTBEAT_NS)
-        if silence > params[P_HEARTBEAT_NS]:
-            raise_fault(control, snapshot, ints, tick, _HEARTBEAT_LOST, silence * 1e-6, params[P_HEARTBEAT_NS] * 1e-6)
-    state = ints[W_STATE]
-    if state == FAULT:
+@njit(inline=True, counted=False)
+def step_mode(servo: Any, shared: Any) -> None:
+    """One step of the state machine: clear, estop, heartbeat, then what the supervisor requests."""
+    params, state, now_ns = servo.params, servo.state, servo.tick.woke_ns
+    if params.clear != state.cleared:
+        state.cleared = params.clear
+        if state.mode == FAULT:
+            state.mode = OFF
+            forget_motion(servo)
+            atomic_store(shared, words.FAULT_CODE, 0)
+    estops = atomic_load(shared, words.ESTOP)
+    if estops != state.estops:
+        state.estops = estops
+        raise_fault(servo, shared, faults.ESTOP, 0.0, 0.0)
+    if servo.real_time and params.heartbeat_ns > 0.0:  # no supervisor is alive in virtual time
+        silence = now_ns - atomic_load(shared, words.HEARTBEAT_NS)
+        if silence > params.heartbeat_ns:
+            raise_fault(servo, shared, faults.HEARTBEAT_LOST, silence * 1e-6, params.heartbeat_ns * 1e-6)
+    if state.mode == FAULT:
         return
-    request = int(params[P_REQUEST])
-    if request == OFF:
-        state = OFF
-    elif state == OFF:
-        state = READY
-        ints[W_REQUEST_NS] = now_ns
-    elif state == READY:
-        if enabled and fresh and request == RUNNING:
-            state = RUNNING
-            forget_motion(ints, floats)
-        elif not enabled and now_ns - ints[W_REQUEST_NS] > params[P_ENABLE_TIMEOUT_NS]:
-            limit = params[P_ENABLE_TIMEOUT_NS] * 1e-9
-            raise_fault(control, snapshot, ints, tick, _ENABLE_TIMEOUT, limit, limit)
+    enabled = (servo.exchange.status & STATUS_ENABLED) != 0  # the amplifier's own word, from the last good exchange
+    mode = state.mode
+    if params.request == OFF:
+        mode = OFF
+    elif mode == OFF:
+        mode = READY
+        state.enable_ns = now_ns
+    elif mode == READY:
+        if enabled and servo.tick.fresh and params.request == RUNNING:
+            mode = RUNNING
+            forget_motion(servo)
+        elif not enabled and now_ns - state.enable_ns > params.enable_timeout_ns:
+            limit = params.enable_timeout_ns * 1e-9
+            raise_fault(servo, shared, faults.ENABLE_TIMEOUT, limit, limit)
             return
     elif not enabled:
-        raise_fault(control, snapshot, ints, tick, _AMPLIFIER_DROPPED, 0.0, 0.0)
+        raise_fault(servo, shared, faults.AMPLIFIER_DROPPED, 0.0, 0.0)
         return
-    elif request == READY:
-        state = READY
-    ints[W_STATE] = state
-    atomic_store(control, C_STATE, state)
+    elif params.request == READY:
+        mode = READY
+    state.mode = mode
+    atomic_store(shared, words.MODE, mode)

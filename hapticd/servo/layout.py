@@ -1,134 +1,186 @@
-"""Word numbers of everything the servo loop shares: parameters, control words, snapshot and private work area.
+"""The servo loop's memory as records: one `SERVO`, passed by reference through everything that a tick calls.
 
-The loop is compiled, so it shares plain arrays with Python instead of objects. ``P_`` words travel through the mailbox
-(float64); ``C_`` words are atomic int64 control words, each written by one side only (named in its comment); ``S_`` words
-are the snapshot for people; ``W_``/``V_`` words are the loop's own memory (int64 / float64).
+A field's comment gives its unit and what it means. `PARAMS` come through the mailbox, `STATE` is the loop's own, `TICK` is
+what it knows of the tick at hand, `SNAPSHOT` is for people. What two threads watch is in `hapticd.servo.words`.
 """
 
 from __future__ import annotations
 
-# States (also the values of P_REQUEST, fault excepted).
+import numpy as np
+
+from drivers.interface import EXCHANGE
+from hapticd.servo.timing import BUCKETS
+
+# Modes of the loop: what users know as its state.
 OFF = 0
 READY = 1
 RUNNING = 2
 FAULT = 3
 STATE_NAMES = ("off", "ready", "running", "fault")
 
-# Parameters, applied whole between two ticks.
-P_PERIOD_NS = 0
-P_REQUEST = 1
-P_CLEAR = 2  # a fault is cleared when this number changes
-P_FORCE_PER_TICK = 3  # K Δ
-P_BIAS = 4  # 0.5 or 0
-P_SIDE = 5  # 0 both, 1 positive, -1 negative
-P_ORIGIN = 6  # raw counts
-P_DECIMATION = 7
-P_INVERT = 8
-P_TORQUE_CONSTANT = 9
-P_DITHER_TARGET = 10
-P_DITHER_WAVEFORM = 11
-P_DITHER_AMPLITUDE = 12
-P_DITHER_FREQUENCY = 13
-P_DITHER_SEED = 14
-P_DELAY_NS = 15
-P_PEAK_CURRENT = 16  # A, on the DAC's grid
-P_CONTINUOUS_CURRENT = 17
-P_I2T_LIMIT = 18  # A² s above the continuous current
-P_DAC_BITS = 19
-P_DAC_FULL_SCALE = 20
-P_SAFETY = 21  # 0: no trips (simulate)
-P_MAX_SPEED = 22  # counts/s
-P_MAX_EXCURSION = 23  # counts from the origin
-P_ENCODER_JUMP = 24  # counts per period
-P_MISSED_EXCHANGES = 25
-P_OVERRUN_POLICY = 26
-P_OVERRUN_FAULT_AFTER = 27
-P_HEARTBEAT_NS = 28
-P_ENABLE_TIMEOUT_NS = 29
-P_EXCITATION_ID = 30  # a new non-zero number starts the table in the excitation buffer
-P_EXCITATION_LENGTH = 31
-P_RAW_RESOLUTION = 32
-P_DAC_STEP = 33  # A; a command further than this from what was asked is saturated
-PARAMETERS = 40
-
 DITHER_NONE, DITHER_POSITION, DITHER_CURRENT = 0, 1, 2
 DITHER_TARGETS = {"none": DITHER_NONE, "position": DITHER_POSITION, "current": DITHER_CURRENT}
 SINE, TRIANGLE, SQUARE, UNIFORM = 0, 1, 2, 3
 DITHER_WAVEFORMS = {"sine": SINE, "triangle": TRIANGLE, "square": SQUARE, "uniform": UNIFORM}
+BOTH_SIDES, POSITIVE_SIDE, NEGATIVE_SIDE = 0, 1, -1
+SIDES = {"both": BOTH_SIDES, "positive": POSITIVE_SIDE, "negative": NEGATIVE_SIDE}
 SKIP, HOLD, FAULT_ON_OVERRUN = 0, 1, 2
 OVERRUN_POLICIES = {"skip": SKIP, "hold": HOLD, "fault": FAULT_ON_OVERRUN}
 
-# Control words. Eight words (one cache line) between words of different writers.
-C_SEQUENCE = 0  # supervisor: number of the newest parameter set
-C_HEARTBEAT_NS = 8  # supervisor: CLOCK_MONOTONIC, ns
-C_STOP = 9  # supervisor: leave the loop, by way of zero current
-C_ESTOP = 10  # supervisor: number of software stops asked for
-C_RING_TAIL = 16  # recorder: rows taken
-C_RING_HEAD = 24  # loop from here on: rows written
-C_DROPPED = 25
-C_STATE = 26
-C_APPLIED = 27  # sequence number of the parameter set in force
-C_FAULT_CODE = 28
-C_FAULT_TICK = 29
-C_TICKS = 30
-C_MISSED = 31  # missed periods
-C_EXCHANGES_MISSED = 32
-C_CLAMPED = 33
-C_EXCITATION_DONE = 34  # id of the last excitation that ran to its end
-C_LATE_MAX_NS = 36
-C_EXEC_MAX_NS = 37
-C_COUNTS = 39
-CONTROL_WORDS = 48
-
-# Snapshot for status, display only.
-S_POSITION = 0  # coarse ticks from the origin, with fraction
-S_VELOCITY = 1  # rad/s or m/s
-S_CURRENT = 2  # A, commanded
-S_CURRENT_MEASURED = 3
-S_FORCE = 4  # N m or N
-S_FAULT_VALUE = 5
-S_FAULT_LIMIT = 6
-S_I2T = 7  # A² s in excess of the continuous current
-SNAPSHOT_WORDS = 16
-
-# The loop's own memory, int64 …
-W_TICK = 1
-W_GRID_TICK = 2  # tick at which the present time grid starts
-W_GRID_NS = 3
-W_COUNTS = 4
-W_HAVE_COUNTS = 5
-W_COUNTS_NS = 6
-W_MISSED_IN_A_ROW = 7
-W_OVERRUNS_IN_A_ROW = 8
-W_RANDOM = 9
-W_SEED = 10
-W_FIFO_HEAD = 11
-W_FIFO_TAIL = 12
-W_ENABLED = 13  # one of the three words below
-W_STATE = 14
-W_CLEAR = 15
-W_ESTOP = 16
-W_EXCITATION_ID = 17
-W_EXCITATION_START = 18
-W_REQUEST_NS = 19  # when the enable request began
-W_START_NS = 20  # origin of time_s
-W_APPLIED = 21
-WORK_INTS = 32
+PARAMS = np.dtype(
+    [
+        ("period_ns", "f8"),  # ns
+        ("request", "i8"),  # mode that the supervisor wants: OFF, READY or RUNNING
+        ("clear", "i8"),  # a fault is cleared when this number changes
+        ("force_per_tick", "f8"),  # K Δ, N m or N
+        ("bias", "f8"),  # ½ or 0, ticks
+        ("side", "i8"),  # on which the spring acts: BOTH_SIDES, POSITIVE_SIDE, NEGATIVE_SIDE
+        ("origin", "i8"),  # of the spring, counts
+        ("decimation", "i8"),  # counts in a coarse tick
+        ("invert", "?"),  # the encoder counts backwards
+        ("torque_constant", "f8"),  # N m/A or N/A
+        ("raw_resolution", "f8"),  # rad or m a count
+        ("dither_target", "i8"),  # DITHER_NONE, DITHER_POSITION, DITHER_CURRENT
+        ("dither_waveform", "i8"),  # SINE, TRIANGLE, SQUARE, UNIFORM
+        ("dither_amplitude", "f8"),  # peak; ticks or A
+        ("dither_frequency", "f8"),  # Hz
+        ("dither_seed", "i8"),
+        ("delay_ns", "f8"),  # T_V, ns
+        ("dac_step", "f8"),  # A; 0 for an ideal converter
+        ("dac_max_code", "i8"),  # largest positive code
+        ("peak_current", "f8"),  # A, on the converter's grid; infinite for none
+        ("continuous_current", "f8"),  # A; infinite for none
+        ("i2t_limit", "f8"),  # A² s above the continuous current
+        ("safety", "?"),  # False: no trips (simulate)
+        ("max_speed", "f8"),  # counts/s; infinite for none, as all limits
+        ("max_excursion", "f8"),  # counts from the origin
+        ("encoder_jump", "f8"),  # counts a period
+        ("missed_exchanges", "f8"),  # in a row
+        ("overrun_policy", "i8"),  # SKIP, HOLD, FAULT_ON_OVERRUN
+        ("overrun_fault_after", "f8"),  # late ticks in a row
+        ("heartbeat_ns", "f8"),  # longest silence of the supervisor, ns; 0 for any
+        ("enable_timeout_ns", "f8"),  # ns
+        ("excitation_id", "i8"),  # a new one, not 0, starts the table in the excitation buffer
+        ("excitation_length", "i8"),  # ticks
+    ],
+    align=True,
+)
+"""Parameters, applied whole between two ticks."""
 
 DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT = 0, 1, 2
 
-# … and float64.
-V_GRID_FRAC = 0
-V_DITHER_PHASE = 1  # turns
-V_I2T = 2
-V_CURRENT = 3  # last current written, A
-V_REQUESTED = 4  # current of the last rendered tick, before T_V and the DAC, A
-V_FORCE = 5  # force of the last rendered tick
-V_SPEED = 6  # counts/s
-WORK_FLOATS = 16
+STATE = np.dtype(
+    [
+        ("mode", "i8"),  # OFF, READY, RUNNING, FAULT
+        ("amplifier", "i8"),  # as last told: DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT
+        ("next_tick", "i8"),
+        ("grid_tick", "i8"),  # tick at which the present time grid starts
+        ("grid_ns", "i8"),  # and its instant, ns
+        ("grid_frac", "f8"),  # and the fraction of a ns
+        ("start_ns", "i8"),  # origin of time_s, ns
+        ("applied", "i8"),  # number of the parameter set in force
+        ("cleared", "i8"),  # last PARAMS.clear that was obeyed
+        ("estops", "i8"),  # software stops that were obeyed
+        ("enable_ns", "i8"),  # when the amplifier was asked to switch on, ns
+        ("have_counts", "?"),  # whether there is a sample since running began
+        ("counts", "i8"),  # of the last good sample
+        ("counts_ns", "i8"),  # and when it came, ns
+        ("speed", "f8"),  # counts/s
+        ("missed_in_a_row", "i8"),  # exchanges
+        ("overruns_in_a_row", "i8"),  # late ticks
+        ("i2t", "f8"),  # A² s above the continuous current
+        ("force", "f8"),  # of the last rendered tick, N m or N
+        ("requested", "f8"),  # current of the last rendered tick, before T_V and the converter, A
+        ("current", "f8"),  # last one written, A
+        ("seed", "i8"),  # that the random numbers began with
+        ("random", "i8"),  # their state
+        ("dither_phase", "f8"),  # turns
+        ("excitation_id", "i8"),  # of the table that is played
+        ("excitation_start", "i8"),  # tick
+        ("delayed_head", "i8"),  # commands put into T_V
+        ("delayed_tail", "i8"),  # commands taken out
+    ],
+    align=True,
+)
+"""What the loop keeps from tick to tick."""
 
-FIFO_LENGTH = 32768
+TICK = np.dtype(
+    [
+        ("number", "i8"),
+        ("ns", "i8"),  # grid instant, ns
+        ("frac", "f8"),  # and the fraction of a ns
+        ("woke_ns", "i8"),  # when it began; in virtual time the grid instant
+        ("late_ns", "i8"),  # after the grid instant
+        ("missed", "i8"),  # periods that were skipped before it
+        ("fresh", "?"),  # whether the device gave a sample
+        ("relative", "i8"),  # counts from the origin
+        ("position", "i8"),  # coarse ticks from the origin
+        ("force", "f8"),  # rendered, N m or N
+        ("written", "i8"),  # the driver's word for the last write
+        ("waited_ns", "i8"),  # slept for commands inside T_V
+        ("flags", "i8"),  # FLAG_* bits of its row
+    ],
+    align=True,
+)
+"""What is known of the tick at hand."""
+
+SNAPSHOT = np.dtype(
+    [
+        ("position", "f8"),  # coarse ticks from the origin, with fraction
+        ("velocity", "f8"),  # rad/s or m/s
+        ("current", "f8"),  # commanded, A
+        ("current_measured", "f8"),  # A; not a number where the device has none
+        ("force", "f8"),  # N m or N
+        ("i2t", "f8"),  # A² s above the continuous current
+        ("fault_value", "f8"),  # what tripped the fault
+        ("fault_limit", "f8"),  # and the limit that it crossed
+    ],
+    align=True,
+)
+"""For status, display only."""
+
+DRIVER = np.dtype(
+    [
+        ("read", "i8"),  # address of the function
+        ("write", "i8"),  # address of the function
+        ("state", "i8"),  # address that both get
+        ("exchange", "i8"),  # address of SERVO.exchange
+    ],
+    align=True,
+)
+"""The device behind two C functions."""
+
+COMMAND = np.dtype(
+    [
+        ("due_ns", "i8"),  # ns
+        ("due_frac", "f8"),  # and the fraction of a ns
+        ("current", "f8"),  # A
+    ],
+    align=True,
+)
+"""A command that waits inside T_V."""
+
+MOST_DELAYED = 32768
 """Commands that can wait inside T_V; a power of two. One second at 20 kHz fits."""
+
+SERVO = np.dtype(
+    [
+        ("real_time", "?"),  # the monotonic clock, or virtual time
+        ("params", PARAMS),  # in force
+        ("state", STATE),
+        ("tick", TICK),
+        ("snapshot", SNAPSHOT),
+        ("exchange", EXCHANGE),
+        ("driver", DRIVER),
+        ("timespec", ("i8", 2)),  # scratch of the clock
+        ("mailbox", (PARAMS, 3)),  # two sets, written by turns, and what the loop has copied of one of them
+        ("late_histogram", ("i8", BUCKETS)),  # ns, see `hapticd.servo.timing`
+        ("exec_histogram", ("i8", BUCKETS)),  # ns
+        ("delayed", (COMMAND, MOST_DELAYED)),
+    ],
+    align=True,
+)
+"""One servo loop."""
 
 # Reasons to return.
 RETURN_STOPPED = 0

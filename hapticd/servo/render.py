@@ -1,4 +1,4 @@
-"""What one tick computes: decimated position, dither, the quantised bidirectional spring (eq. 2), excitation, DAC grid.
+"""What one tick computes: decimated position, dither, the quantised bidirectional spring (eq. 2), excitation.
 
     F_V = −K Δ (⌊x/Δ⌋ + ½),   ⌊x/Δ⌋ = ⌊(raw − origin) / N⌋
 
@@ -10,71 +10,98 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hapticd.jit import njit
+from hapticd.jit import atomic_store, njit
 from hapticd.plant.noise import next_uniform
+from hapticd.record.schema import FLAG_CLAMPED, FLAG_EXCITATION, FLAG_HELD
+from hapticd.servo import faults, words
 from hapticd.servo.dither import periodic
+from hapticd.servo.gate import raise_fault
 from hapticd.servo.layout import (
     DITHER_CURRENT,
     DITHER_NONE,
     DITHER_POSITION,
-    P_BIAS,
-    P_DECIMATION,
-    P_DITHER_AMPLITUDE,
-    P_DITHER_FREQUENCY,
-    P_DITHER_SEED,
-    P_DITHER_TARGET,
-    P_DITHER_WAVEFORM,
-    P_FORCE_PER_TICK,
-    P_PERIOD_NS,
-    P_SIDE,
-    P_TORQUE_CONSTANT,
+    HOLD,
+    NEGATIVE_SIDE,
+    POSITIVE_SIDE,
     UNIFORM,
-    V_DITHER_PHASE,
-    W_RANDOM,
-    W_SEED,
 )
 
 
-@njit("int64(int64, int64)", inline=True, counted=False)
+@njit(inline=True, counted=False)
 def coarse_ticks(relative: int, decimation: int) -> int:
     """⌊relative / N⌋, towards minus infinity for negative counts too."""
     return relative // decimation
 
 
-@njit("float64(float64[::1], int64[::1], float64[::1], int64)", inline=True, counted=False)
-def dither(params: NDArray[Any], ints: NDArray[Any], floats: NDArray[Any], periods: int) -> float:
+@njit(inline=True, counted=False)
+def dither(servo: Any, periods: int) -> float:
     """The dither of this tick, in the unit of its target; the phase moves on by ``periods`` servo periods."""
-    if params[P_DITHER_TARGET] == DITHER_NONE:
+    params, state = servo.params, servo.state
+    if params.dither_target == DITHER_NONE:
         return 0.0
-    seed = int(params[P_DITHER_SEED])
-    if ints[W_SEED] != seed:
-        ints[W_SEED] = seed
-        ints[W_RANDOM] = seed
-        floats[V_DITHER_PHASE] = 0.0
-    waveform = int(params[P_DITHER_WAVEFORM])
-    if waveform == UNIFORM:
-        ints[W_RANDOM], value = next_uniform(ints[W_RANDOM])
+    if state.seed != params.dither_seed:
+        state.seed = params.dither_seed
+        state.random = params.dither_seed
+        state.dither_phase = 0.0
+    if params.dither_waveform == UNIFORM:
+        state.random, value = next_uniform(state.random)
     else:
-        value = periodic(waveform, floats[V_DITHER_PHASE])
-        phase = floats[V_DITHER_PHASE] + params[P_DITHER_FREQUENCY] * params[P_PERIOD_NS] * 1e-9 * periods
-        floats[V_DITHER_PHASE] = phase - np.floor(phase)
-    return params[P_DITHER_AMPLITUDE] * value
+        value = periodic(params.dither_waveform, state.dither_phase)
+        phase = state.dither_phase + params.dither_frequency * params.period_ns * 1e-9 * periods
+        state.dither_phase = phase - np.floor(phase)
+    return params.dither_amplitude * value
 
 
-@njit("Tuple((float64, float64))(float64[::1], int64, float64, float64)", inline=True, counted=False)
-def spring(params: NDArray[Any], relative: int, dither_value: float, excitation_current: float) -> tuple[float, float]:
+@njit(inline=True, counted=False)
+def spring(params: Any, relative: int, dither_value: float, excitation_current: float) -> tuple[float, float]:
     """Force of the virtual spring (N m or N) and the current that is asked for (A)."""
-    decimation = int(params[P_DECIMATION])
-    if params[P_DITHER_TARGET] == DITHER_POSITION:
-        quantised = np.floor(relative / decimation + dither_value)
+    if params.dither_target == DITHER_POSITION:
+        quantised = np.floor(relative / params.decimation + dither_value)
     else:
-        quantised = float(coarse_ticks(relative, decimation))
-    force = -params[P_FORCE_PER_TICK] * (quantised + params[P_BIAS])
-    if (params[P_SIDE] > 0.0 and quantised < 0.0) or (params[P_SIDE] < 0.0 and quantised >= 0.0):
+        quantised = float(coarse_ticks(relative, params.decimation))
+    force = -params.force_per_tick * (quantised + params.bias)
+    if (params.side == POSITIVE_SIDE and quantised < 0.0) or (params.side == NEGATIVE_SIDE and quantised >= 0.0):
         force = 0.0
-    current = force / params[P_TORQUE_CONSTANT] + excitation_current
-    if params[P_DITHER_TARGET] == DITHER_CURRENT:
+    current = force / params.torque_constant + excitation_current
+    if params.dither_target == DITHER_CURRENT:
         current += dither_value
     return force, current
+
+
+@njit(inline=True, counted=False)
+def excite(servo: Any, shared: Any, excitation: Any) -> tuple[float, int]:
+    """What the excitation adds in this tick: current (A) and displacement of the spring's origin (counts)."""
+    params, state, tick = servo.params, servo.state, servo.tick
+    if state.excitation_id != params.excitation_id:
+        state.excitation_id = params.excitation_id
+        state.excitation_start = tick.number
+    if state.excitation_id == 0:
+        return 0.0, 0
+    step = tick.number - state.excitation_start
+    if step >= params.excitation_length:
+        atomic_store(shared, words.EXCITATION_DONE, state.excitation_id)
+        return 0.0, 0
+    tick.flags |= FLAG_EXCITATION
+    return excitation[0, step], int(excitation[1, step])
+
+
+@njit(inline=True, counted=False)
+def render(servo: Any, shared: Any, excitation: Any) -> None:
+    """Force and clamped current of this tick; a current that is not finite is a fault."""
+    params, state, tick = servo.params, servo.state, servo.tick
+    if tick.missed > 0 and params.overrun_policy == HOLD:
+        tick.flags |= FLAG_HELD
+        return
+    extra_current, shift = excite(servo, shared, excitation)
+    dither_value = dither(servo, 1 + tick.missed)
+    force, current = spring(params, tick.relative - shift, dither_value, extra_current)
+    if not np.isfinite(current):
+        raise_fault(servo, shared, faults.NON_FINITE, current, 0.0)
+        return
+    if params.safety and abs(current) > params.peak_current:
+        current = np.copysign(params.peak_current, current)
+        shared[words.CLAMPED] += 1
+        tick.flags |= FLAG_CLAMPED
+    state.force = force
+    state.requested = current

@@ -7,23 +7,48 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numba
 import numpy as np
 
 from drivers import declared_latency
 from drivers.loopback import LoopbackDriver
 from hapticd.config import Driver
-from hapticd.servo import faults
-from hapticd.servo import layout as w
+from hapticd.jit import njit
+from hapticd.record.schema import ROW
+from hapticd.servo import faults, layout, words
 from hapticd.servo.core import Request, ServoCore, parameters
+from hapticd.stability.map_kernel import energy
 from hapticd.stability.outcome import OutcomeTracker
-from hapticd.stability.storage import storage
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.config import Config
 
-_CHUNK = 1 << 15
+_CHUNK = 1 << 14
+
+_ROWS = numba.types.Array(numba.from_dtype(ROW), 1, "C")
+_STATES = numba.types.Array(numba.float64, 2, "C")
+_f8 = numba.float64
+
+
+@njit(_f8(_ROWS), counted=False)
+def _largest_current(rows: NDArray[Any]) -> float:
+    """Largest command of either sign, A."""
+    largest = 0.0
+    for k in range(len(rows)):
+        largest = max(largest, abs(rows[k].current_command_A))
+    return largest
+
+
+@njit(numba.void(_STATES, _f8, _f8, _f8, _f8, _f8, numba.float64[::1]), counted=False)
+def _energies(
+    truth: NDArray[Any], origin: float, resolution: float, period: float, mu: float, kappa: float, out: NDArray[Any]
+) -> None:
+    """H_T (35) of true states (n, 2), as `hapticd.stability.storage.storage` has it, into ``out`` (n,)."""
+    for k in range(len(truth)):
+        xi, xi_dot = (truth[k, 0] - origin) / resolution, truth[k, 1] * (period / resolution)
+        out[k] = energy(xi, xi_dot, mu) + 0.5 * kappa * xi * xi
 
 
 @dataclass(frozen=True)
@@ -45,6 +70,7 @@ def simulate(
     velocity: float | None = None,
     safety: bool = False,
     seed: int | None = None,
+    energies: bool = True,
     excitation: NDArray[np.float64] | None = None,
     on_rows: Callable[[NDArray[Any]], None] | None = None,
     progress: Callable[[float], None] | None = None,
@@ -58,6 +84,7 @@ def simulate(
         velocity: true initial velocity in coarse ticks per period (default 0).
         safety: keep the trips and the clamp at the peak current; otherwise the amplifier has no limit but its DAC.
         seed: seed of the dither, instead of the config's.
+        energies: follow the energy, which the outcome is judged by; without, the outcome is None.
         excitation: table of an identification experiment (:func:`hapticd.servo.excitation.build`), played from the start;
             shape (2, ticks of the table).
         on_rows: called with every block of rows, in order.
@@ -86,26 +113,27 @@ def simulate(
     table = np.zeros((2, 1)) if excitation is None else excitation
     core = ServoCore(driver, ring_rows=_CHUNK, keep_truth=True, excitation_rows=table.shape[1])
     core.excitation[:] = table
-    played = Request(state=w.RUNNING, excitation_id=1, excitation_length=table.shape[1])
-    request = Request(state=w.RUNNING) if excitation is None else played
+    played = Request(state=layout.RUNNING, excitation_id=1, excitation_length=table.shape[1])
+    request = Request(state=layout.RUNNING) if excitation is None else played
     core.publish(parameters(config, request, safety=safety))
-    core.begin(0, w.RUNNING)
+    core.begin(0, layout.RUNNING)
 
     inertia = config.plant.inertia + config.hand.inertia
     mu = inertia / (config.spring.stiffness * period**2) if config.spring.stiffness else 0.0
     kappa = config.hand.stiffness / config.spring.stiffness if config.spring.stiffness else 0.0
-    tracker = OutcomeTracker()
-    done, reason, spent, peak = 0, w.RETURN_TICKS, 0.0, 0.0
+    tracker = OutcomeTracker() if mu and energies else None
+    stored = np.zeros(_CHUNK)
+    done, reason, spent, peak = 0, layout.RETURN_TICKS, 0.0, 0.0
     wall = time.perf_counter()
-    while done < ticks and reason == w.RETURN_TICKS:
+    while done < ticks and reason == layout.RETURN_TICKS:
         count = min(_CHUNK, ticks - done)
         begin = time.perf_counter()
         reason = core.run(real_time=False, ticks=count)
-        rows, truth = core.drain_with_truth()
-        if mu:
-            xi, xi_dot = (truth[:, 0] - origin) / resolution, truth[:, 1] * (period / resolution)
-            tracker.update(storage(xi, xi_dot, mu, kappa))
-        peak = max(peak, float(np.abs(rows["current_command_A"]).max(initial=0.0)))
+        rows, truth = core.drain_with_truth(copy=on_rows is not None)
+        if tracker is not None:
+            _energies(truth, origin, resolution, period, mu, kappa, stored)
+            tracker.update(stored[: len(truth)])
+        peak = max(peak, _largest_current(rows))
         spent += time.perf_counter() - begin
         done += len(rows)
         if on_rows is not None:
@@ -115,7 +143,7 @@ def simulate(
     final_ns, final_frac = core.next_instant()
     position, speed = driver.true_state(final_ns, final_frac)
     at_rest = driver.stays_at_rest()
-    number = core.load(w.C_FAULT_CODE)
+    number = core.load(words.FAULT_CODE)
     warnings = [doubt] if doubt else []
     limit = config.amplifier.peak_current
     if limit and peak > limit:
@@ -127,7 +155,7 @@ def simulate(
         "ticks": done,
         "wall_s": time.perf_counter() - wall,
         "ticks_per_s": done / spent if spent > 0 else None,
-        "outcome": tracker.outcome(at_rest, reason == w.RETURN_RUNAWAY) if mu else None,
+        "outcome": tracker.outcome(at_rest, reason == layout.RETURN_RUNAWAY) if tracker is not None else None,
         "final": {
             "position_ticks": (position - origin) / resolution,
             "velocity_ticks_per_period": speed * period / resolution,
@@ -141,6 +169,6 @@ def simulate(
 
 
 def _fault(core: ServoCore, config: Config, number: int) -> dict[str, Any]:
-    value, limit = float(core.snapshot[w.S_FAULT_VALUE]), float(core.snapshot[w.S_FAULT_LIMIT])
+    value, limit = float(core.snapshot["fault_value"]), float(core.snapshot["fault_limit"])
     described = faults.describe(number, value, limit, is_linear=config.is_linear)
-    return {**described, "tick": core.load(w.C_FAULT_TICK)}
+    return {**described, "tick": core.load(words.FAULT_TICK)}

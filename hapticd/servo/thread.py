@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from drivers.null import NullDriver
-from hapticd.servo import layout as w
+from hapticd.servo import layout, words
 from hapticd.servo.core import ServoCore
 from hapticd.servo.realtime import (
     CpuLatencyRequest,
@@ -23,7 +23,6 @@ from hapticd.servo.realtime import (
 
 if TYPE_CHECKING:
     import numpy as np
-    from numpy.typing import NDArray
 
     from drivers.interface import Driver
     from hapticd.config import Config
@@ -42,7 +41,7 @@ class ServoThread:
         latched_fault: fault number from before a restart, or 0.
     """
 
-    def __init__(self, config: Config, driver: Driver, params: NDArray[np.float64], latched_fault: int = 0) -> None:
+    def __init__(self, config: Config, driver: Driver, params: np.void, latched_fault: int = 0) -> None:
         self.core = ServoCore(driver)
         self.grants: list[Grant] = []
         self._config = config
@@ -62,9 +61,9 @@ class ServoThread:
         self.core.publish(self._params)
         self.grants = [lock_memory(), self._cpu_latency.acquire()]
         self.beat()
-        self.core.begin(time.monotonic_ns() + _FIRST_TICK_AFTER_NS, w.FAULT if self._latched_fault else w.OFF)
+        self.core.begin(time.monotonic_ns() + _FIRST_TICK_AFTER_NS, layout.FAULT if self._latched_fault else layout.OFF)
         if self._latched_fault:
-            self.core.store(w.C_FAULT_CODE, self._latched_fault)
+            self.core.store(words.FAULT_CODE, self._latched_fault)
         self._thread.start()
         self._granted.wait()
         refused = [grant for grant in self.grants if not grant.granted]
@@ -75,7 +74,7 @@ class ServoThread:
 
     def beat(self) -> None:
         """The supervisor's heartbeat; without it the loop faults after ``safety.heartbeat_timeout_s``."""
-        self.core.store(w.C_HEARTBEAT_NS, time.monotonic_ns())
+        self.core.store(words.HEARTBEAT_NS, time.monotonic_ns())
 
     def alive(self) -> bool:
         """Whether the thread still runs."""
@@ -83,7 +82,7 @@ class ServoThread:
 
     def stop(self, timeout_s: float = 5.0) -> bool:
         """Leave the loop by way of zero current and wait for it; False when it did not end in time."""
-        self.core.store(w.C_STOP, 1)
+        self.core.store(words.STOP, 1)
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
         self._cpu_latency.release()
@@ -102,13 +101,13 @@ class ServoThread:
         self.core.run(real_time=True)
 
 
-def _warm_up(config: Config, params: NDArray[np.float64]) -> None:
+def _warm_up(config: Config, params: np.void) -> None:
     """A dry run on a driver that does nothing: every page of the loop's code is touched before a deadline counts."""
     driver = NullDriver(config)
     driver.open()
     core = ServoCore(driver, ring_rows=_WARM_UP_TICKS, excitation_rows=1)
     warm = params.copy()
-    warm[w.P_REQUEST] = w.RUNNING
+    warm["request"] = layout.RUNNING
     core.publish(warm)
     core.begin(0)
     core.run(real_time=False, ticks=_WARM_UP_TICKS)

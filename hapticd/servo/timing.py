@@ -19,7 +19,7 @@ _SUB = 1 << SUB_BITS
 BUCKETS = _SUB * 40
 
 
-@njit("void(int64[::1], int64)", counted=False)
+@njit(counted=False)
 def count(histogram: NDArray[Any], value_ns: int) -> None:
     """Add one value in ns (negative counts as 0, beyond 2⁴³ ns as the last bucket)."""
     value = max(value_ns, 0)

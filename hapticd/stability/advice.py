@@ -16,6 +16,7 @@ from typing import Any, Final
 from hapticd.config import ConfigError, apply_settings
 from hapticd.config.sections import Servo
 from hapticd.stability.assessment import VERDICTS, Assessment, assess
+from hapticd.stability.boundary import boundary
 from hapticd.stability.cautions import rate_limit
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.devices import HUMAN_OPERATOR
@@ -86,9 +87,9 @@ def _solve(safe: Callable[[float], bool], bad: float, good: float) -> float | No
     """The value nearest to `bad` that is safe, between it and the farthest that is allowed; None if that is not safe."""
     if not safe(good):
         return None
-    while (middle := 0.5 * (bad + good)) not in (bad, good):
-        bad, good = (bad, middle) if safe(middle) else (middle, good)
-    return good
+    if safe(bad):
+        return bad
+    return boundary(lambda value: 1.0 if safe(value) else -1.0, good, bad)
 
 
 def _rounded(safe: Callable[[float], bool], value: float, towards: float) -> float:

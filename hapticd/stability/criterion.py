@@ -23,6 +23,7 @@ from typing import Final, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from hapticd.stability.boundary import boundary
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.sharp import sharp_requirement
 
@@ -161,7 +162,7 @@ def velocity_limit(numbers: Dimensionless, law: Law = "paper") -> float:
 
 
 def _largest(margin: Callable[[float], float], start: float) -> float:
-    """Largest v ≥ 0 with margin(v) ≥ 0, for a margin that falls with v, by doubling and bisection to the last bit."""
+    """Largest v ≥ 0 with margin(v) ≥ 0, for a margin that falls with v, to the last bit."""
     if margin(0.0) < 0.0:
         return 0.0
     low, high = 0.0, start
@@ -169,9 +170,7 @@ def _largest(margin: Callable[[float], float], start: float) -> float:
         low, high = high, 2.0 * high
         if math.isinf(high):
             return math.inf
-    while low < (middle := 0.5 * (low + high)) < high:
-        low, high = (middle, high) if margin(middle) >= 0.0 else (low, middle)
-    return low
+    return boundary(margin, low, high)
 
 
 def mahvash_hayward_margin(numbers: Dimensionless) -> float:

@@ -68,31 +68,6 @@ class Row:
     why: str
 
 
-@dataclass(frozen=True)
-class Summary:
-    """How a region fares.
-
-    Attributes:
-        points: rows of the region.
-        oscillating: rows where both prediction and simulation oscillate.
-        amplitude_within: share of these with an amplitude error within 15 %.
-        frequency_within: share of these with a frequency error within 10 %.
-        agree: rows that agree.
-        locked: oscillating rows that are on an exact cycle.
-        median_amplitude_error: median of the absolute amplitude error.
-        median_frequency_error: median of the absolute frequency error.
-    """
-
-    points: int
-    oscillating: int
-    amplitude_within: float
-    frequency_within: float
-    agree: int
-    locked: int
-    median_amplitude_error: float
-    median_frequency_error: float
-
-
 def cycle_table(
     mu: float = 100.0,
     delays: Sequence[float] = (0.0, 0.25, 1.25),
@@ -125,26 +100,6 @@ def cycle_table(
             numbers = Dimensionless(mu, beta, sigma, tau_d)
             rows.append(_row(numbers, outcome, float(point["amplitude"]), float(point["omega"])))
     return rows
-
-
-def summarise(rows: Sequence[Row], name: str) -> Summary:
-    """Count the rows of one region."""
-    inside = [row for row in rows if row.region == name]
-    errors = np.array([(r.amplitude_error, r.frequency_error) for r in inside if math.isfinite(r.amplitude_error)])
-    errors = np.abs(errors.reshape(-1, 2))
-    share = errors <= (AMPLITUDE_TOLERANCE, FREQUENCY_TOLERANCE)
-    median = np.median(errors, axis=0) if len(errors) else (math.nan, math.nan)
-    within = share.mean(axis=0) if len(errors) else (math.nan, math.nan)
-    return Summary(
-        points=len(inside),
-        oscillating=len(errors),
-        amplitude_within=float(within[0]),
-        frequency_within=float(within[1]),
-        agree=sum(row.agrees for row in inside),
-        locked=sum(row.locked is not None for row in inside),
-        median_amplitude_error=float(median[0]),
-        median_frequency_error=float(median[1]),
-    )
 
 
 def _row(numbers: Dimensionless, outcome: str, amplitude: float, omega: float) -> Row:

@@ -1,7 +1,7 @@
 """One point of a region map, compiled: the loop of eq. 7–9 from sample to sample, exactly, until its fate is certain.
 
-The step is that of `hapticd.plant.exact.propagate`, bit for bit; as period and friction do not change during a run, its
-exponentials are computed once a run. A run ends before its horizon only for a reason that settles its outcome for ever:
+The step is that of `hapticd.plant.exact`; as period and friction do not change during a run, its exponentials are
+computed once a run. A run ends before its horizon only for a reason that settles its outcome for ever:
 
 * rest: the mass stands and the forces to come, delayed ones included, are all held by stiction; or it slides to its rest
   within the present tick, under a force that stiction holds and that can therefore not change any more (at σ = ½ the
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.jit import njit
-from hapticd.plant.exact import phi_functions, propagate, time_and_way_to_rest
+from hapticd.plant.exact import phi_functions, propagate, step, time_and_way_to_rest
 
 FloatArray = NDArray[np.float64]
 
@@ -42,29 +42,6 @@ STRETCHES: Final = 6
 
 # Escape and limit are looked at once in so many periods; a power of two.
 _LOOK = 64
-
-
-@njit(inline=True)
-def advance(
-    x: float,
-    v: float,
-    dt: float,
-    force: float,
-    mu: float,
-    beta: float,
-    sigma: float,
-    e: float,
-    phi1: float,
-    phi2: float,
-) -> tuple[float, float]:
-    """`propagate` with the exponentials of dt at hand; whatever stops or starts within dt goes the long way."""
-    sign = math.copysign(1.0, v)
-    speed = abs(v)
-    g = (sign * force - sigma) / mu
-    end = speed * e + g * dt * phi1
-    if speed > 0.0 and end > 0.0:
-        return x + sign * dt * (speed * phi1 + g * dt * phi2), sign * end
-    return propagate(x, v, dt, force, mu, beta, sigma)
 
 
 @njit(inline=True)
@@ -198,13 +175,13 @@ def run_point(
         if slot == pending:
             slot = 0
         if fraction > 0.0:
-            x, v = advance(x, v, fraction, oldest, mu, beta, sigma, e0, a0, b0)
+            x, v = step(x, v, fraction, oldest, mu, beta, sigma, e0, a0, b0)
         if h >= whole:
             now = energy(x, v, mu)
             rose = rose or now > last * (1.0 + RISE_TOLERANCE)
             last = now
             peak = max(peak, now)
-        x, v = advance(x, v, rest, ring[slot], mu, beta, sigma, e1, a1, b1)
+        x, v = step(x, v, rest, ring[slot], mu, beta, sigma, e1, a1, b1)
         h += 1
     peaks[STRETCHES - 1] = peak
     if v == 0.0 and _held(ring, x, sigma):

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.stability.effects import with_effects
+from hapticd.effects.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -224,8 +224,16 @@ def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
         period=config.period,
         delay=config.amplifier.delay + config.delay.computation_s + latency_s,
     )
-    device = with_effects(device, config)
-    return device.with_hand(config.hand.inertia, config.hand.damping, config.hand.stiffness)
+    return _with_effects(device, config).with_hand(config.hand.inertia, config.hand.damping, config.hand.stiffness)
+
+
+def _with_effects(loop: Loop, config: Config) -> Loop:
+    """The loop with what the theory can take of ``plant.effects``: base parameters, delays, the weaker friction."""
+    for listed in config.plant.effects:
+        effect = CATALOGUE[listed.name]
+        if effect.in_loop is not None:
+            loop = replace(loop, **effect.in_loop(loop, effect.complete(listed.model_extra or {})))
+    return loop
 
 
 def from_config(config: Config, latency_s: float = 0.0) -> Dimensionless:

@@ -5,8 +5,8 @@ only. On each, with v′ = g − rv, r = b/m, z = −rt,
 
     ∫v² dt = t(v²φ₁(2z) + gt(vφ₁(z)² + gtψ(z))),      ψ(z) = ∫₀¹ u²φ₁(zu)² du = (½φ₁(z)² − φ₂(z))/z,
 
-∫|v| dt is the way, and the time at which an encoder tick is crossed is the one root of a monotone function. So the
-energies of viscous friction (b∫v²) and Coulomb friction (c∫|v|), eq. 28 and 36, carry no integration error.
+and ∫|v| dt is the way. So the energies of viscous friction (b∫v²) and Coulomb friction (c∫|v|), eq. 28 and 36, carry no
+integration error.
 
 A hand's stiffness makes the pieces pieces of a damped oscillation; b∫v² then follows from the work done on each piece.
 All functions work in any consistent units: SI, or ticks and periods with (m, b, c) = (μ, β, σ).
@@ -19,7 +19,7 @@ import math
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.exact import phi_functions, time_and_way_to_rest
+from hapticd.plant.exact import glide, phi_functions
 from hapticd.plant.spring import spring_functions, time_to_rest
 
 _f8 = types.float64
@@ -28,7 +28,6 @@ _f8 = types.float64
 _SERIES_ABOVE = -0.125
 # (2ᵏ⁺² − 2)/((k + 2)!(k + 3)): ψ(z) = Σ of these times zᵏ
 _PSI = tuple((2.0 ** (k + 2) - 2.0) / (math.factorial(k + 2) * (k + 3)) for k in range(12))
-_MAX_STEPS = 200
 
 
 @njit(_f8(_f8, _f8, _f8))
@@ -41,17 +40,19 @@ def _psi(z: float, phi1: float, phi2: float) -> float:
     return total
 
 
-@njit(types.UniTuple(_f8, 3)(_f8, _f8, _f8, _f8))
-def way_speed_square(v: float, dt: float, g: float, rate: float) -> tuple[float, float, float]:
-    """Way, end velocity and ∫v² dt of v′ = g − rate·v over `dt`, friction not switched on the way."""
-    z = -rate * dt
-    exponential, phi1, phi2 = phi_functions(z)
-    gained = g * dt
-    way = dt * (v * phi1 + gained * phi2)
-    square = dt * (
-        v * v * (0.5 * phi1 * (1.0 + exponential)) + gained * (v * phi1 * phi1 + gained * _psi(z, phi1, phi2))
+@njit(types.UniTuple(_f8, 4)(_f8, _f8, _f8, _f8))
+def glide_with_square(speed: float, dt: float, g: float, rate: float) -> tuple[float, float, float, float]:
+    """Way, final speed, ∫v² dt and time taken of v′ = g − rate·v, one way, to the first stop or to the end of `dt`."""
+    exponential, phi1, phi2 = phi_functions(-rate * dt)
+    way, end, time = glide(speed, g, rate, dt, exponential, phi1, phi2)
+    if time < dt:
+        exponential, phi1, phi2 = phi_functions(-rate * time)
+    gained = g * time
+    square = time * (
+        speed * speed * (0.5 * phi1 * (1.0 + exponential))
+        + gained * (speed * phi1 * phi1 + gained * _psi(-rate * time, phi1, phi2))
     )
-    return way, v * exponential + gained * phi1, square
+    return way, end, square, time
 
 
 @njit(types.UniTuple(_f8, 6)(_f8, _f8, _f8, _f8, _f8, _f8, _f8))
@@ -68,30 +69,22 @@ def move(
         Position and velocity after `dt`; b∫v² dt (eq. 36); the way ∫|v| dt, of which Coulomb friction takes c times
         the length; the lowest and the highest position on the way.
     """
-    rate = viscous / inertia
-    path, square = 0.0, 0.0
+    square, path = 0.0, 0.0
     low, high = x, x
-    if v != 0.0:
-        sign = math.copysign(1.0, v)
-        speed = abs(v)
-        net = sign * force - coulomb
-        way, end, square = way_speed_square(speed, dt, net / inertia, rate)
-        if net >= 0.0 or not end <= 0.0:
-            x += sign * way
-            return x, sign * end, viscous * square, way, min(low, x), max(high, x)
-        time, way = time_and_way_to_rest(speed, -net / inertia, rate)
-        time = min(time, dt)
-        _, _, square = way_speed_square(speed, time, net / inertia, rate)
+    for _ in range(2):  # to the first stop, and on from there
+        if v == 0.0 and abs(force) <= coulomb:
+            break
+        sign = math.copysign(1.0, v if v != 0.0 else force)
+        way, end, more, time = glide_with_square(abs(v), dt, (sign * force - coulomb) / inertia, viscous / inertia)
         x += sign * way
-        path = way
+        v = sign * end
+        square += more
+        path += way
         low, high = min(low, x), max(high, x)
+        if end != 0.0:
+            break
         dt -= time
-    if abs(force) <= coulomb:
-        return x, 0.0, viscous * square, path, low, high
-    sign = math.copysign(1.0, force)
-    way, end, more = way_speed_square(0.0, dt, (abs(force) - coulomb) / inertia, rate)
-    x += sign * way
-    return x, sign * end, viscous * (square + more), path + way, min(low, x), max(high, x)
+    return x, v, viscous * square, path, low, high
 
 
 @njit(types.UniTuple(_f8, 6)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8))
@@ -132,72 +125,3 @@ def move_with_stiffness(
         if last or (dt - rest == dt and speed == 0.0):
             return x, v, drag, path, low, high
         dt -= rest
-
-
-@njit(_f8(_f8, _f8, _f8, _f8, _f8))
-def crossing_time(distance: float, speed: float, g: float, rate: float, dt: float) -> float:
-    """When a way is covered by v′ = g − rate·v, from `speed` ≥ 0, moving forwards all through `dt`.
-
-    Args:
-        distance: the way, ≥ 0. speed: at the start. g: net acceleration. rate: b/m. dt: longest time.
-
-    Returns:
-        The time, to the last bits; `dt` if the way is not covered by then.
-    """
-    low, high = 0.0, dt
-    if distance <= 0.0:
-        return 0.0
-    covered, v, _ = way_speed_square(speed, dt, g, rate)
-    if covered <= distance:
-        return dt
-    time = dt * distance / covered
-    for _ in range(_MAX_STEPS):
-        covered, v, _ = way_speed_square(speed, time, g, rate)
-        error = covered - distance
-        if error < 0.0:
-            low = time
-        else:
-            high = time
-        following = time - error / v if v > 0.0 else low
-        if not low < following < high:
-            following = 0.5 * (low + high)
-        if following == time or not low < following < high:
-            break
-        time = following
-    return time
-
-
-def tick_crossings(
-    xi: float, xi_dot: float, dt: float, force: float, mu: float, beta: float, sigma: float
-) -> list[tuple[float, int]]:
-    """When an encoder edge is crossed while the force is constant.
-
-    Args:
-        xi: position in ticks. xi_dot: velocity in ticks per period. dt: duration in periods. force: in ticks' force.
-        mu: inertia. beta: viscous friction. sigma: Coulomb friction.
-
-    Returns:
-        (time, new reading ⌊ξ⌋) in time order.
-    """
-    crossings: list[tuple[float, int]] = []
-    start, position, velocity, left = 0.0, xi, xi_dot, dt
-    while left > 0.0 and (velocity != 0.0 or abs(force) > sigma):
-        sign = math.copysign(1.0, velocity if velocity != 0.0 else force)
-        speed, net, rate = abs(velocity), (sign * force - sigma) / mu, beta / mu
-        way, end, _ = way_speed_square(speed, left, net, rate)
-        length = left
-        if net < 0.0 and end <= 0.0:
-            length, way = time_and_way_to_rest(speed, -net, rate)
-            length, end = min(length, left), 0.0
-        for edge, reading in _edges(position, position + sign * way):
-            crossings.append((start + crossing_time(abs(edge - position), speed, net, rate, length), reading))
-        position, velocity = position + sign * way, sign * end
-        start, left = start + length, left - length
-    return crossings
-
-
-def _edges(start: float, end: float) -> list[tuple[int, int]]:
-    """Encoder edges between two positions in the order of the motion, each with the reading beyond it."""
-    if end >= start:
-        return [(n, n) for n in range(math.floor(start) + 1, math.floor(end) + 1)]
-    return [(n, n - 1) for n in range(math.floor(start), math.floor(end), -1)]

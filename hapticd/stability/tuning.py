@@ -12,13 +12,13 @@ so decimations are searched one by one.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
+from hapticd.stability.boundary import boundary
 from hapticd.stability.criterion import QUANTUM, Law, criterion_margin, viscous_margin
 from hapticd.stability.numbers import Loop
 from hapticd.stability.storage import FloatArray, velocity_bound
@@ -101,54 +101,6 @@ def stiffness_max_dissipating(loop: Loop, start: Start, law: Law = "paper") -> f
     return _largest(lambda K: margin(replace(loop, stiffness=K), start, law), highest)
 
 
-def delay_max(loop: Loop, start: Start, law: Law = "paper") -> float | None:
-    """Largest T_D in s for which the criterion holds for this motion; None when it fails even without delay."""
-
-    def delayed(T_D: float) -> float:
-        return margin(replace(loop, delay=T_D), start, law)
-
-    if delayed(0.0) < 0.0:
-        return None
-    longest = loop.period
-    while delayed(longest) >= 0.0:
-        longest *= 2.0
-        if longest > 1e9 * loop.period:
-            return math.inf
-    return _largest(delayed, longest)
-
-
-def period_max(loop: Loop, start: Start, law: Law = "paper", shortest: float = 1e-6) -> float | None:
-    """Longest T in s, at most the present one, for which the criterion holds; None when `shortest` is too long still.
-
-    The delay T_D stays as it is.
-    """
-
-    def sampled(T: float) -> float:
-        return margin(replace(loop, period=T), start, law)
-
-    if sampled(loop.period) >= 0.0:
-        return loop.period
-    if sampled(shortest) < 0.0:
-        return None
-    return _largest(sampled, loop.period, shortest)
-
-
-def decimation_max(loop: Loop, decimation: int, start: Start, law: Law = "paper") -> int | None:
-    """Largest decimation, at most the present one, for which the criterion holds; None when none does.
-
-    Args:
-        loop: the loop at the present decimation.
-        decimation: raw counts per coarse tick, N ≥ 1; Δ is proportional to it.
-        start: the motion, fixed in SI units.
-        law: which criterion.
-    """
-    raw = loop.resolution / decimation
-    for n in range(decimation, 0, -1):
-        if margin(replace(loop, resolution=n * raw), start, law) >= 0.0:
-            return n
-    return None
-
-
 def grip_damping(loop: Loop) -> float:
     """Least damping a hand must add to bring β to ½ + τ_D: out of E into A (Sec. III-B), or out of D/E with delay.
 
@@ -173,9 +125,5 @@ def path(loop: Loop, parameter: Parameter, factors: FloatArray) -> tuple[FloatAr
 
 
 def _largest(holds: Callable[[float], float], high: float, low: float = 0.0) -> float:
-    """Largest value in (low, high] with a margin ≥ 0, for a margin with one change of sign, from + to −."""
-    if holds(high) >= 0.0:
-        return high
-    while low < (middle := 0.5 * (low + high)) < high:
-        low, high = (middle, high) if holds(middle) >= 0.0 else (low, middle)
-    return low
+    """Largest value in [low, high] with a margin ≥ 0, for a margin with one change of sign, from + to −."""
+    return high if holds(high) >= 0.0 else boundary(holds, low, high)

@@ -78,8 +78,14 @@ def test_simulate_passes_its_options_on(hapticd: Run, simulator: Simulator) -> N
         "velocity": None,
         "safety": True,
         "seed": 7,
+        "energies": True,
     }
     assert outcome.out.splitlines()[:2] == ["outcome   decaying", "final     -0.7251 ticks, - ticks/period"]
+
+
+def test_simulate_without_energies(hapticd: Run, simulator: Simulator) -> None:
+    assert hapticd("simulate", "--duration", "2", "--no-energies").code == 0
+    assert simulator.asked["energies"] is False
 
 
 def test_simulate_needs_a_whole_period(hapticd: Run, simulator: Simulator) -> None:

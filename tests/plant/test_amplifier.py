@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hapticd.plant.amplifier import dac_quantise, quantise_current
+from hapticd.plant.amplifier import converter_grid, quantise_current
 
 Q14 = 12.0 / 2**14
 
@@ -35,7 +35,7 @@ Q14 = 12.0 / 2**14
     ],
 )
 def test_fourteen_bits_over_six_amperes(current: float, code: int) -> None:
-    assert dac_quantise(current, 14, 6.0) == (code * Q14, code)
+    assert converter_grid(14, 6.0) == (Q14, 8191)
     assert quantise_current(current, Q14, 8191) == (code * Q14, code)
 
 
@@ -43,20 +43,19 @@ def test_fourteen_bits_over_six_amperes(current: float, code: int) -> None:
     st.floats(allow_nan=False, allow_infinity=False), st.integers(1, 24), st.sampled_from([6.0, 1.0, 0.3, 10.0, 7.77])
 )
 def test_quantising_twice_changes_nothing(current: float, bits: int, full_scale: float) -> None:
-    once = dac_quantise(current, bits, full_scale)
-    assert dac_quantise(once[0], bits, full_scale) == once
+    grid = converter_grid(bits, full_scale)
+    once = quantise_current(current, *grid)
+    assert quantise_current(once[0], *grid) == once
 
 
 @given(st.floats(-6.0, 5.999), st.integers(2, 24))
 def test_inside_the_scale_the_error_is_at_most_half_a_step(current: float, bits: int) -> None:
     step = 12.0 / 2**bits
-    quantised, code = dac_quantise(current, bits, 6.0)
+    quantised, code = quantise_current(current, *converter_grid(bits, 6.0))
     assert abs(quantised - current) <= (0.5 * step if code < 2 ** (bits - 1) - 1 else step) * (1 + 1e-12)
 
 
-@pytest.mark.parametrize(
-    ("current", "full_scale", "expected"),
-    [(1.234567, 6.0, 1.234567), (7.0, 6.0, 6.0), (-7.0, 6.0, -6.0), (7.0, 0.0, 7.0), (-1e9, 0.0, -1e9)],
-)
-def test_no_bits_is_an_ideal_converter_that_only_clips(current: float, full_scale: float, expected: float) -> None:
-    assert dac_quantise(current, 0, full_scale) == (expected, 0)
+@pytest.mark.parametrize(("bits", "full_scale"), [(0, 6.0), (14, 0.0), (None, 6.0), (14, None)])
+def test_an_ideal_converter_has_no_grid_and_no_end(bits: int | None, full_scale: float | None) -> None:
+    assert converter_grid(bits, full_scale) == (0.0, 0)
+    assert quantise_current(1.234567, *converter_grid(bits, full_scale)) == (1.234567, 0)

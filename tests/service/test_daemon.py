@@ -19,7 +19,6 @@ from hapticd.record.schema import FLAG_HELD
 from hapticd.service.control import DriverFailure, Refused
 from hapticd.service.daemon import Daemon
 from hapticd.service.latch import FaultLatch
-from hapticd.servo import layout as w
 from hapticd.servo import thread as servo_thread
 from hapticd.servo.excitation import ExcitationError
 from tests.polling import wait_until
@@ -341,7 +340,7 @@ def test_stop_aborts_an_experiment(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         daemon.stop()
         assert daemon.experiment()["state"] == "aborted"
         assert daemon.status()["state"] == "off"
-        assert daemon.rig.core.snapshot[w.S_CURRENT] == 0.0
+        assert daemon.rig.core.snapshot["current"] == 0.0
 
 
 def test_release_beyond_the_excursion_is_refused_before_anything_moves(

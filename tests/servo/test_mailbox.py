@@ -7,6 +7,7 @@ import threading
 import numpy as np
 
 from hapticd.servo import layout as w
+from hapticd.servo import words
 from hapticd.servo.core import Request, ServoCore, parameters
 from hapticd.servo.loop import take_parameters
 from tests.servo.scripted import config
@@ -25,8 +26,8 @@ def test_parameter_sets_arrive_whole_under_fire() -> None:
     core = bare_core()
     first = parameters(config(), Request(state=w.RUNNING), safety=False)
     second = first.copy()
-    first[w.P_FORCE_PER_TICK], first[w.P_BIAS] = 1.0, 3.0
-    second[w.P_FORCE_PER_TICK], second[w.P_BIAS] = 10.0, 5.0
+    first["force_per_tick"], first["bias"] = 1.0, 3.0
+    second["force_per_tick"], second["bias"] = 10.0, 5.0
     core.publish(first)
     core.begin(0, w.RUNNING)
     runner = threading.Thread(target=lambda: core.run(real_time=False, ticks=400_000))
@@ -39,7 +40,7 @@ def test_parameter_sets_arrive_whole_under_fire() -> None:
     forces = set(core.drain()["force_command"])
     assert forces <= {-3.0, -50.0}
     assert published > 100
-    assert core.load(w.C_TICKS) == 400_000
+    assert core.load(words.TICKS) == 400_000
 
 
 def test_torn_read_keeps_the_old_set_and_tries_again() -> None:
@@ -50,14 +51,14 @@ def test_torn_read_keeps_the_old_set_and_tries_again() -> None:
     before = core.params.copy()
     # A writer that has already begun the set after next: the copy cannot be trusted.
     changed = params.copy()
-    changed[w.P_FORCE_PER_TICK] = 99.0
+    changed["force_per_tick"] = 99.0
     core.publish(changed)
     core.publish(params)
     core.publish(changed)
-    assert take_parameters(core.mailbox, core.control, core.params, core.ints)
-    assert core.params[w.P_FORCE_PER_TICK] == 99.0
-    assert not take_parameters(core.mailbox, core.control, core.params, core.ints)
-    assert before[w.P_FORCE_PER_TICK] != 99.0
+    assert take_parameters(core.memory[0], core.shared)
+    assert core.params["force_per_tick"] == 99.0
+    assert not take_parameters(core.memory[0], core.shared)
+    assert before["force_per_tick"] != 99.0
 
 
 def test_full_ring_drops_and_counts_but_does_not_stop() -> None:

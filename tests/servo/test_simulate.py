@@ -36,6 +36,21 @@ def test_fig_8(case: str) -> None:
         assert report["ticks"] < 6000
 
 
+def test_without_energies_all_but_the_outcome_is_the_same() -> None:
+    sections, deflection, duration_s, _ = CASES["b"]
+    reports, rows = [], []
+    for energies in (True, False):
+        blocks: list[Any] = []
+        found = simulate(
+            config(**sections), duration_s, deflection=deflection, energies=energies, on_rows=blocks.append
+        )
+        reports.append({key: value for key, value in found.report.items() if key not in ("wall_s", "ticks_per_s")})
+        rows.append(np.concatenate(blocks))
+    assert [report.pop("outcome") for report in reports] == ["persistent", None]
+    assert reports[0] == reports[1]
+    assert (rows[0] == rows[1]).all()
+
+
 def test_case_d_with_safety_ends_in_a_latched_fault() -> None:
     sections, deflection, duration_s, _ = CASES["d"]
     report = simulate(config(**sections), duration_s, deflection=deflection, safety=True).report

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from hapticd.stability.devices import TABLE_II
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.regions import MEANING, region
 from hapticd.stability.report import HEADLINES, WHY, number, report
-from hapticd.stability.tuning import Start, decimation_max, margin, period_max, stiffness_max_dissipating
+from hapticd.stability.tuning import Start, margin, stiffness_max_dissipating
 
 IDEAL = {"amplifier.bandwidth_hz": 0, "amplifier.dac_bits": 0}
 FIG8: dict[str, tuple[dict[str, Any], float, str]] = {
@@ -75,9 +76,9 @@ def test_advice_for_case_d_is_what_the_criterion_solved_for_gives() -> None:
     assert set(by_key) == {"spring.stiffness", "servo.rate_hz", "deflection", "hand.damping"}
     K = stiffness_max_dissipating(found.loop, found.start)
     assert 0.97 * K <= by_key["spring.stiffness"].after <= K
-    T = period_max(found.loop, found.start)
-    assert T is not None
-    assert 1.0 / T <= by_key["servo.rate_hz"].after <= 1.03 / T
+    rate = by_key["servo.rate_hz"].after
+    assert margin(replace(found.loop, period=1.0 / rate), found.start) >= 0.0
+    assert margin(replace(found.loop, period=1.03 / rate), found.start) < 0.0
     deepest = Start.in_ticks(found.loop, deflection=by_key["deflection"].after)
     assert margin(found.loop, deepest) >= 0.0
     assert margin(found.loop, Start.in_ticks(found.loop, deflection=1.05 * by_key["deflection"].after)) < 0.0
@@ -88,7 +89,10 @@ def test_advice_for_case_b_is_the_finest_decimation_that_is_enough() -> None:
     assert found.start is not None
     by_key = {change.key: change for change in advise(found)}
     assert set(by_key) == {"spring.stiffness", "encoder.decimation"}
-    assert by_key["encoder.decimation"].after == decimation_max(found.loop, 2172, found.start) == 434
+    raw = found.loop.resolution / 2172
+    margins = [margin(replace(found.loop, resolution=n * raw), found.start) for n in range(434, 2172)]
+    assert by_key["encoder.decimation"].after == 434
+    assert margins[0] >= 0.0 > max(margins[1:])
     assert found.config.plant.coulomb / (434 * found.loop.resolution / 2172 * 0.012) >= 0.5
 
 

@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from hapticd.stability.cycle_table import Row, cycle_table, summarise
+from benchmarks.cycles import summarise
+from hapticd.stability.cycle_table import Row, cycle_table
 from hapticd.stability.limit_cycle import predicted_cycle
 from hapticd.stability.locked_cycle import locked_cycles
 from hapticd.stability.numbers import Dimensionless

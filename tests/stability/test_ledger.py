@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import integrate
+from scipy import integrate, optimize
 
 from hapticd.plant.exact import propagate
 from hapticd.stability.ledger import LIMIT, Ledger, ledger
 from hapticd.stability.numbers import Dimensionless
-from hapticd.stability.segments import tick_crossings
 from hapticd.stability.spring_diagrams import SPRINGS, press_and_release, spring_diagrams
 from hapticd.stability.storage import FloatArray, potential, rho
 
@@ -63,12 +62,28 @@ def test_generated_energy_is_force_less_that_of_the_quantised_spring_times_way()
     assert account.generated == pytest.approx(direct, rel=1e-12, abs=1e-12)
 
 
+def _crossings(n: Dimensionless, xi: float, xi_dot: float, force: float) -> list[float]:
+    """When the encoder's reading changes within a period of constant force and less than 2000 ticks."""
+
+    def place(t: float) -> float:
+        return propagate(xi, xi_dot, t, force, n.mu, n.beta, n.sigma)[0]
+
+    times = np.linspace(0.0, 1.0, 2001)
+    readings = np.floor([place(t) for t in times])
+    changes = np.flatnonzero(np.diff(readings))
+    edges = np.maximum(readings[changes], readings[changes + 1])
+    return [
+        float(optimize.brentq(lambda t, edge=edge: place(t) - edge, times[k], times[k + 1], xtol=1e-15))
+        for k, edge in zip(changes, edges, strict=True)
+    ]
+
+
 def test_generated_and_dissipated_energy_against_quadrature() -> None:
     n = PAPERS_POINT
     account = ledger(n, 0.35, 2.5, 12)
     for k in (1, 4, 9):
         start, v, force = account.xi[k], account.xi_dot[k], account.force[k]
-        crossings = [time for time, _ in tick_crossings(start, v, 1.0, force, n.mu, n.beta, n.sigma)]
+        crossings = _crossings(n, start, v, force)
 
         def state(t: float, start: float = start, v: float = v, force: float = force) -> tuple[float, float]:
             return propagate(start, v, t, force, n.mu, n.beta, n.sigma)
@@ -77,6 +92,7 @@ def test_generated_and_dissipated_energy_against_quadrature() -> None:
             x, speed = state(t)
             return float((force + np.floor(x) + 0.5) * speed)
 
+        assert len(crossings) == abs(np.floor(account.xi[k + 1]) - np.floor(start))  # no turn within these periods
         edges = [0.0, *crossings, 1.0]
         inside = [(a + 1e-13, b - 1e-13) for a, b in itertools.pairwise(edges)]
         generated = sum(integrate.quad(power, a, b)[0] for a, b in inside)

@@ -10,8 +10,8 @@ from hapticd.stability.criterion import Law, criterion_margin, dissipation_margi
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import region
 from hapticd.stability.storage import velocity_bound
-from hapticd.stability.theorem import check, draw, least_sigma
-from hapticd.stability.theorem_kernel import (
+from tests.stability.theorem import check, draw, least_sigma
+from tests.stability.theorem_kernel import (
     FIRST_RISE,
     LARGEST_RISE,
     PERIODS,

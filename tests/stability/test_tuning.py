@@ -13,12 +13,9 @@ from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 from hapticd.stability.tuning import (
     Start,
-    decimation_max,
-    delay_max,
     grip_damping,
     margin,
     path,
-    period_max,
     stiffness_max_dissipating,
     stiffness_max_passive,
     stiffness_max_stable,
@@ -86,39 +83,6 @@ def test_without_coulomb_friction_no_stiffness_dissipates() -> None:
 
 def test_at_rest_at_the_origin_only_the_tick_counts() -> None:
     assert stiffness_max_dissipating(RE35, Start()) == pytest.approx(2 * 2e-3 / RE35.resolution)
-
-
-@pytest.mark.parametrize("law", LAWS)
-def test_delay_and_period_are_found_on_the_boundary(law: Law) -> None:
-    fast = replace(RE35, resolution=20 * RAW)
-    start = Start(velocity=3.0)
-    longest = delay_max(fast, start, law)
-    assert longest is not None
-    assert margin(replace(fast, delay=longest), start, law) >= 0.0
-    assert margin(replace(fast, delay=longest * (1 + 1e-9)), start, law) < 0.0
-    assert delay_max(replace(fast, coulomb=0.0), start, law) is None
-
-
-def test_case_d_needs_a_faster_rate() -> None:
-    # Fig. 8 d: 100 Hz, released at 10.3 ticks; a higher rate takes it across the critical line
-    slow = replace(RE35, period=1e-2)
-    start = Start.in_ticks(slow, deflection=10.3)
-    assert region(slow.numbers, start.xi_dot_max(slow)) == "D"
-    T = period_max(slow, start)
-    assert T is not None
-    assert margin(replace(slow, period=T), start) == pytest.approx(0.0, abs=1e-9)
-    assert region(replace(slow, period=T).numbers, start.xi_dot_max(replace(slow, period=T))) == "E"
-    assert period_max(RE35, start) == RE35.period
-    assert period_max(replace(slow, coulomb=0.0), start) is None
-
-
-def test_case_b_needs_a_finer_tick() -> None:
-    # Fig. 8 b: σ = 0.1 at N = 2172; σ = ½ at N = c/(½K·raw) = 434.6
-    coarse = replace(RE35, resolution=2172 * RAW)
-    start = Start.in_ticks(coarse, deflection=3.3)
-    assert decimation_max(coarse, 2172, start) == 434
-    assert decimation_max(coarse, 2172, start, "corrected") == 217
-    assert decimation_max(replace(coarse, coulomb=0.0), 2172, start) is None
 
 
 def test_grip_takes_a_device_from_e_to_a() -> None:

@@ -8,11 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drivers.canopen import fuzz
 from drivers.canopen import layout as w
 from drivers.canopen.profile import FOLDER
 from drivers.canopen.supervision import command, take_frame, verdict
 from drivers.interface import X_COUNTS, X_CURRENT, X_CURRENT_MEASURED, X_ENABLE, new_exchange
+from tests.drivers.fuzz import canopen as fuzz
 
 NODE = 1
 

@@ -5,9 +5,9 @@ import sys
 
 import pytest
 
-from drivers.fuzz import FuzzReport
-from drivers.serial_dac import fuzz as attack
 from drivers.serial_dac.framing import Decoder
+from tests.drivers.fuzz import FuzzReport
+from tests.drivers.fuzz import serial as attack
 from tests.drivers.serial import reference
 
 COUNT = 20_000
@@ -54,7 +54,7 @@ def test_the_limit_is_the_odds() -> None:
 
 
 def test_the_command() -> None:
-    command = [sys.executable, "-m", "drivers.fuzz", "serial", "--count", "600", "--seed", "7"]
+    command = [sys.executable, "-m", "tests.drivers.fuzz", "serial", "--count", "600", "--seed", "7"]
     outcome = subprocess.run(command, capture_output=True, text=True, check=False)
     assert outcome.returncode == 0, outcome.stderr
     assert outcome.stdout.startswith("serial, seed 7, ")

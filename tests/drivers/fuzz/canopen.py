@@ -1,7 +1,7 @@
 """Random and mutated CAN frames into the drive's frame decoder, judged by an oracle that shares no code with it.
 
-``python -m drivers.fuzz canopen``. CAN carries its own CRC in the controller, so what reaches the decoder is taken at its
-word: a frame must change exactly what CiA 301 says it changes, and every other one nothing.
+``python -m tests.drivers.fuzz canopen``. CAN carries its own CRC in the controller, so what reaches the decoder is taken at
+its word: a frame must change exactly what CiA 301 says it changes, and every other one nothing.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
 from drivers.canopen.supervision import take_frame
-from drivers.fuzz import Advance, FuzzReport
 from hapticd.jit import njit
+from tests.drivers.fuzz import Advance, FuzzReport
 
 _BLOCK = 20_000
 _NODE = 5

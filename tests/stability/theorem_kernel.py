@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.jit import njit
-from hapticd.plant.exact import phi_functions
-from hapticd.stability.map_kernel import RISE_TOLERANCE, STRETCHES, advance, energy, run_point
+from hapticd.plant.exact import phi_functions, step
+from hapticd.stability.map_kernel import RISE_TOLERANCE, STRETCHES, energy, run_point
 
 FloatArray = NDArray[np.float64]
 
@@ -76,7 +76,7 @@ def check_one(
         if fraction > 0.0:
             top = energy(x, v, mu)
             acceleration = max(acceleration, (abs(oldest - beta * v) + sigma) / mu)
-            x, v = advance(x, v, fraction, oldest, mu, beta, sigma, e0, a0, b0)
+            x, v = step(x, v, fraction, oldest, mu, beta, sigma, e0, a0, b0)
             speed = max(speed, abs(v))
         now = energy(x, v, mu)
         if h > whole:
@@ -89,7 +89,7 @@ def check_one(
                     first = h
         arrived = now
         acceleration = max(acceleration, (abs(ring[slot] - beta * v) + sigma) / mu)
-        x, v = advance(x, v, rest, ring[slot], mu, beta, sigma, e1, a1, b1)
+        x, v = step(x, v, rest, ring[slot], mu, beta, sigma, e1, a1, b1)
         speed = max(speed, abs(v))
         h += 1
     counts[RISES], counts[FIRST_RISE], counts[PERIODS] = rises, first, h

@@ -17,11 +17,11 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.stability import theorem_kernel as kernel
 from hapticd.stability.criterion import Law, dissipation_margin, xi_ddot_bound
 from hapticd.stability.map_kernel import HORIZON, RECURRED, REST
 from hapticd.stability.outcome import decide
 from hapticd.stability.storage import FloatArray, storage, velocity_bound
+from tests.stability import theorem_kernel as kernel
 
 #: A bound counts as kept up to the rounding of the simulation.
 _ROUNDING: Final = 1e-9

@@ -1,4 +1,4 @@
-"""Fuzzing of protocol decoders: ``python -m drivers.fuzz NAME [--count N] [--seed S]``.
+"""Fuzzing of protocol decoders: ``python -m tests.drivers.fuzz NAME [--count N] [--seed S]``.
 
 A decoder's own folder knows how to attack it; here is what every attack reports and how it is judged.
 """

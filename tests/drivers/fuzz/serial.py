@@ -5,9 +5,9 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 
-from drivers.fuzz import Advance, FuzzReport
 from drivers.serial_dac import messages
 from drivers.serial_dac.framing import MAX_PAYLOAD, Decoder, frame
+from tests.drivers.fuzz import Advance, FuzzReport
 
 _ADVANCE_EVERY = 4096
 _LONGEST_NOISE = 96

@@ -1,4 +1,4 @@
-"""``python -m drivers.fuzz NAME [--count N] [--seed S]``: exit 0 when the decoder held, 1 when it did not."""
+"""``python -m tests.drivers.fuzz NAME [--count N] [--seed S]``: exit 0 when the decoder held, 1 when it did not."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import cast
 from rich.console import Console
 from rich.progress import Progress
 
-from drivers.fuzz import FuzzReport
+from tests.drivers.fuzz import FuzzReport
 
-TARGETS = {"canopen": "drivers.canopen.fuzz", "serial": "drivers.serial_dac.fuzz"}
+TARGETS = {"canopen": "tests.drivers.fuzz.canopen", "serial": "tests.drivers.fuzz.serial"}
 """Name of a decoder to the module whose ``fuzz(count, seed, advance)`` attacks it."""
 _HANG_S = 60.0
 
@@ -22,7 +22,7 @@ _HANG_S = 60.0
 def main() -> int:
     """Attack one decoder and print what came of it."""
     parser = argparse.ArgumentParser(
-        prog="python -m drivers.fuzz", description="Random and mutated bytes into a decoder."
+        prog="python -m tests.drivers.fuzz", description="Random and mutated bytes into a decoder."
     )
     parser.add_argument("decoder", choices=sorted(TARGETS))
     parser.add_argument("--count", type=int, default=1_000_000, help="byte strings (default %(default)s)")

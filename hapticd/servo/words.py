@@ -1,0 +1,56 @@
+"""The words that two threads share, by number: an int64 array that the loop and Python both read and write atomically.
+
+Each word is written by one side only. Eight words, one cache line, lie between words of different writers. Everything else
+that the loop knows is in its records (`hapticd.servo.layout`).
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+# Written by the supervisor.
+SEQUENCE: Final = 0
+"""Number of the newest parameter set."""
+HEARTBEAT_NS: Final = 8
+"""CLOCK_MONOTONIC of the supervisor's last sign of life, ns."""
+STOP: Final = 9
+"""Not 0: leave the loop, by way of zero current."""
+ESTOP: Final = 10
+"""How many software stops were asked for."""
+
+# Written by the recorder.
+RING_TAIL: Final = 16
+"""Rows taken."""
+
+# Written by the loop.
+RING_HEAD: Final = 24
+"""Rows recorded."""
+DROPPED: Final = 25
+"""Rows that found no room."""
+MODE: Final = 26
+"""OFF, READY, RUNNING or FAULT."""
+APPLIED: Final = 27
+"""Number of the parameter set in force."""
+FAULT_CODE: Final = 28
+"""Of `hapticd.servo.faults`; 0 for none. Its value and limit are in the snapshot before it is here."""
+FAULT_TICK: Final = 29
+"""Tick in which it was raised."""
+TICKS: Final = 30
+"""Ticks done."""
+MISSED_PERIODS: Final = 31
+"""Periods that were skipped."""
+MISSED_EXCHANGES: Final = 32
+"""Ticks whose exchange with the device failed."""
+CLAMPED: Final = 33
+"""Commands beyond the peak current."""
+EXCITATION_DONE: Final = 34
+"""Number of the last excitation that ran to its end."""
+LATE_MAX_NS: Final = 36
+"""Largest lateness, ns."""
+EXEC_MAX_NS: Final = 37
+"""Longest tick, ns."""
+COUNTS: Final = 39
+"""Encoder counts of the last good sample."""
+
+SIZE: Final = 48
+"""Words in all."""
