@@ -33,6 +33,7 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "position_ticks": float(snapshot[w.S_POSITION]),
         "encoder_counts": rig.counts,
         "origin_counts": rig.origin_counts,
+        "settings_epoch": rig.settings_epoch,
         "units": _units(config),
         "energy": rig.energy.status(),
         "exchanges_missed": rig.core.load(w.C_EXCHANGES_MISSED),
