@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from hapticd.config import Config, config_digest
@@ -38,6 +39,7 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "energy": rig.energy.status(),
         "exchanges_missed": rig.core.load(w.C_EXCHANGES_MISSED),
         "commands_clamped": rig.core.load(w.C_CLAMPED),
+        "realtime": [asdict(grant) for grant in rig.servo.grants],
         "recorder": recorder,
         "experiment": experiment,
     }

@@ -63,6 +63,9 @@ class FakeControl:
             "current": 0.5,
             "current_measured": None,
             "force": 0.01,
+            "encoder_counts": 12,
+            "origin_counts": 0,
+            "settings_epoch": 0,
             "units": {"position": "rad", "velocity": "rad/s", "current": "A", "force": "N m"},
             "energy": {
                 "estimate": "through the model",
