@@ -27,6 +27,8 @@ WALL_CLOCK = (
     "record/test_crash.py",
     "record/test_history.py",
     "record/test_recorder.py",
+    "scope/test_attacks.py",
+    "scope/test_page.py",
     "service",
     "servo/test_mailbox.py",
     "sim_hw",
