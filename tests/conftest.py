@@ -29,6 +29,8 @@ WALL_CLOCK = (
     "record/test_recorder.py",
     "scope/test_attacks.py",
     "scope/test_page.py",
+    "scope/test_scripts.py",
+    "scope/test_tutorial.py",
     "service",
     "servo/test_mailbox.py",
     "sim_hw",

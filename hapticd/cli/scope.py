@@ -24,6 +24,15 @@ HostOption = Annotated[
 ]
 ViewOnlyOption = Annotated[bool, typer.Option("--view-only", help="Nobody can command from this page, only look.")]
 OpenOption = Annotated[bool, typer.Option("--open", help="Open the page in the browser of this desktop.")]
+UrlFileOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--url-file",
+        metavar="PATH",
+        show_default=False,
+        help="Write the URLs as JSON to this file, for its owner and group only, instead of printing them.",
+    ),
+]
 OriginOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -41,6 +50,7 @@ def scope(
     view_only: ViewOnlyOption = False,
     open_page: OpenOption = False,
     origin: OriginOption = None,
+    url_file: UrlFileOption = None,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -50,7 +60,7 @@ def scope(
     until this command ends. The page is served on this machine only; for another one use an SSH tunnel. The daemon may
     come later, and be restarted.
     """
-    from hapticd.scope.serve import ScopeError, is_loopback, open_in_browser, serve
+    from hapticd.scope.serve import ScopeError, is_loopback, open_in_browser, serve, write_for_group
 
     client = connect(socket)
     opened: list[Path] = []
@@ -65,8 +75,12 @@ def scope(
         lines = [f"look only  {addresses.view_url}"]
         if addresses.url is not None:
             lines.insert(0, f"control    {addresses.url}")
-        output.emit(document, as_json, "\n".join([*lines, "Ctrl-C ends"]))
-        sys.stdout.flush()
+        if url_file is not None:
+            write_for_group(url_file, output.to_json(document))
+            opened.append(url_file)
+        else:
+            output.emit(document, as_json, "\n".join([*lines, "Ctrl-C ends"]))
+            sys.stdout.flush()
         if open_page:
             opened.append(open_in_browser(addresses.url or addresses.view_url))
 

@@ -123,6 +123,18 @@ def _bind(host: str, port: int) -> socket.socket:
     return found
 
 
+def write_for_group(path: Path, text: str) -> None:
+    """A file with secrets in it, in place of one that is there: its owner and group may read it, nobody else ever could.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    path.unlink(missing_ok=True)
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o640)
+    with os.fdopen(descriptor, "w", encoding="utf-8") as file:
+        file.write(f"{text}\n")
+
+
 def open_in_browser(url: str) -> Path:
     """Open the page in the user's browser, without its token in any program's command line, which everybody could read.
 

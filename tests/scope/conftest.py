@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import subprocess
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -17,7 +20,6 @@ SETTINGS = {
     "delay.computation_s": 0,
     "dither.target": "none",
     "spring.side": "both",
-    "spring.origin": 0,
     "safety.max_velocity": 400,
 }
 WIDTH, HEIGHT = 1280, 720
@@ -52,7 +54,9 @@ def testbed(shared: Testbed) -> Testbed:
     if client.status()["state"] == "fault":
         client.clear()
     client.stop()
-    client.set(SETTINGS)
+    # A fault leaves the shaft where it coasted to; the spring begins there.
+    here = client.status()["encoder_counts"] * 2 * math.pi / client.config()["encoder"]["counts_per_rev"]
+    client.set({**SETTINGS, "spring.origin": here})
     return shared
 
 
@@ -98,9 +102,6 @@ def page(open_page: Open) -> Page:
 @pytest.fixture
 def run_file(tmp_path: Path, shared: Testbed) -> Path:
     """A run of 0.5 s at 2 kHz, simulated."""
-    import subprocess
-    import sys
-
     path = tmp_path / "sim.arrow"
     words = [sys.executable, "-m", "hapticd.cli", "simulate", "--duration", "0.5", "--deflection", "12"]
     settings = ["--set", "servo.rate_hz=2000", "--set", "encoder.decimation=217"]

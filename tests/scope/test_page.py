@@ -318,7 +318,7 @@ def test_a_single_shot_is_taken_and_held(page: Page, testbed: Testbed, what: str
     page.select_option("#trigger-mode", "single")
     if what == "rising":
         page.select_option("#trigger-channel", "late")
-        page.fill("#trigger-level", "5")
+        page.fill("#trigger-level", str(testbed.client.status()["timing"]["wake_us"]["p50"]))
         page.fill("#trigger-hysteresis", "0")
         page.keyboard.press("Enter")
     elif what == "settings":

@@ -197,12 +197,19 @@ function takeConfig(message) {
   live.decimation = scales.decimation;
   live.rawResolution = scales.raw_resolution;
   if (decimation !== scales.decimation) for (const each of trace.lanes) each.name();
-  plane.show(message.plane, units);
+  const entry = byId("release-deflection", HTMLInputElement);
+  if (!entry.value) entry.value = String(message.plane.point.deflection);
+  if (deflection() === message.plane.point.deflection) plane.show(message.plane, units);
+  else showPlane();
   controls.confirm(message.config, units.position === "m");
   const names = byId("excite-name");
   if (!names.children.length) names.append(...message.excitations.map((/** @type {string} */ name) => make("option", {}, name)));
-  const entry = byId("release-deflection", HTMLInputElement);
-  if (!entry.value) entry.value = String(message.plane.point.deflection);
+}
+
+/** The plane for the release that this page has in mind; the server's own is for another deflection. */
+async function showPlane() {
+  const found = await command("preview", { settings: {}, deflection: deflection() }, "release-answer");
+  if (found) plane.show(found, units);
 }
 
 /** @param {string | null} why */
@@ -300,10 +307,11 @@ async function command(name, body, place) {
   }
 }
 
-// What moves the motor lets the focus go: the next press on the space bar holds the trace, and moves nothing.
-for (const button of document.querySelectorAll("fieldset.commands button")) {
-  button.addEventListener("click", () => /** @type {HTMLElement} */ (button).blur());
-}
+// A pressed button lets the focus go: the next press on the space bar holds the trace, and moves nothing.
+document.addEventListener("click", (event) => {
+  const button = /** @type {HTMLElement} */ (event.target).closest("button:not([role=tab])");
+  if (button && (event.detail > 0 || button.closest(".commands"))) /** @type {HTMLElement} */ (button).blur();
+});
 byId("start").addEventListener("click", async () => {
   look(live);
   hold(false);
@@ -319,10 +327,7 @@ byId("release-form").addEventListener("submit", (event) => {
   event.preventDefault();
   release.begin(deflection(), Number(byId("release-duration", HTMLInputElement).value) || 2);
 });
-byId("release-deflection").addEventListener("change", async () => {
-  const found = await command("preview", { settings: {}, deflection: deflection() }, "release-answer");
-  if (found) plane.show(found, units);
-});
+byId("release-deflection").addEventListener("change", showPlane);
 byId("excite-form").addEventListener("submit", async (event) => {
   event.preventDefault();
   look(live);
