@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from hapticd.config import parse_config
+from hapticd.config import ConfigError, parse_config
 from hapticd.record import Run, RunWriter, read_run, run_metadata
 from hapticd.record.frames import PREFIX, Context, decode, encode
 from hapticd.record.schema import ROW, Rows, empty_rows
@@ -127,9 +127,20 @@ def _encoded(run: Run) -> Iterator[bytes]:
     rows = _rows(run)
     time_s = rows["time_s"]
     period = float(np.median(np.diff(time_s))) if len(rows) > 1 else 0.0
-    origin = int(run.metadata.get("origin_counts") or 0)
+    origin = _origin(run)
     for start in range(0, len(rows), FRAME_ROWS):
         yield encode(rows[start : start + FRAME_ROWS], Context(start, 0, period, origin, 0.0))
+
+
+def _origin(run: Run) -> int:
+    """Raw count of the spring's origin: what the recorder noted, else the config's, else 0."""
+    noted = run.metadata.get("origin_counts")
+    if isinstance(noted, int):
+        return noted
+    try:
+        return parse_config(run.metadata.get("config", {}), run.path.name).origin_counts
+    except ConfigError:
+        return 0
 
 
 def _rows(run: Run) -> Rows:

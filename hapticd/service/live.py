@@ -13,16 +13,22 @@ import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator
+from dataclasses import replace
+
+import numpy as np
 
 from hapticd.record.frames import PREFIX, Context, encode
 from hapticd.record.schema import Rows, empty_rows
 from hapticd.service.control import Refused
 
 INBOX_PORTIONS = 256
+GATHER_ROWS = 4096
 WAITING_FRAMES = 64
-"""At 50 frames a second, what a reader may fall behind before it loses its oldest frame: 1.3 s."""
+"""At 25 frames a second, what a reader may fall behind before it loses its oldest frame: 2.5 s."""
 MAX_READERS = 16
 SIGN_OF_LIFE_S = 0.5
+GATHER_S = 0.03
+"""What comes within it travels in one frame: a frame costs every hop the same, however long it is."""
 
 
 class LiveStream:
@@ -98,14 +104,28 @@ class LiveStream:
         me = threading.current_thread()
         while self._thread is me:
             self._wake.wait()
+            time.sleep(GATHER_S)
             self._wake.clear()
             while self._inbox and self._thread is me:
-                rows, context = self._inbox.popleft()
-                frame = encode(rows, context)
+                frame = encode(*self._gather())
                 with self._lock:
                     readers = list(self._readers)
                 for reader in readers:
                     reader.offer(frame)
+
+    def _gather(self) -> tuple[Rows, Context]:
+        """The oldest portion that waits, and those behind it that go on where it ends, under the same settings."""
+        rows, context = self._inbox.popleft()
+        parts, count = [rows], len(rows)
+        while self._inbox and count < GATHER_ROWS:
+            rows, following = self._inbox[0]
+            if following != replace(context, first_row=context.first_row + count, unix_s=following.unix_s):
+                break
+            self._inbox.popleft()
+            parts.append(rows)
+            count += len(rows)
+            context = replace(context, unix_s=following.unix_s)
+        return (np.concatenate(parts) if len(parts) > 1 else parts[0]), context
 
 
 class Reader:

@@ -66,7 +66,11 @@ def open_page(browser: Browser, testbed: Testbed) -> Iterator[Open]:
     contexts, wrong = [], []
 
     def hear(message: ConsoleMessage) -> None:
-        if message.type == "error" and "Failed to load resource" not in message.text and "WebSocket" not in message.text:
+        if (
+            message.type == "error"
+            and "Failed to load resource" not in message.text
+            and "WebSocket" not in message.text
+        ):
             wrong.append(message.text)
 
     def open_one(url: str | None = None, *, ready: bool = True, before: Callable[[Page], None] | None = None) -> Page:

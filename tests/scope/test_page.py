@@ -63,7 +63,7 @@ def test_stiffness_dragged_over_a_boundary(page: Page, testbed: Testbed) -> None
     page.mouse.move(box["x"] + box["width"] * 0.41, middle)
     page.mouse.down()
     page.mouse.move(box["x"] + box["width"] * 0.75, middle, steps=10)
-    expect(page.locator("#ghost-words")).to_contain_text("would land in D|E: depends on the speed")
+    expect(page.locator("#ghost-words")).to_contain_text("would land in D|E, that is ")
     expect(page.locator("#ghost")).to_be_attached()
     assert testbed.client.config()["spring"]["stiffness"] == 0.012  # nothing is sent while it is held
     assert slider.bounding_box() == box  # and it stays under the hand
@@ -217,7 +217,7 @@ def test_a_wrong_token_is_told(open_page: Open, testbed: Testbed) -> None:
 
 
 def test_a_server_that_stands_still_ages_the_trace(page: Page, testbed: Testbed) -> None:
-    """What a suspended laptop or a stalled network looks like: the age is told by the wall clock, and afterwards is right."""
+    """As a suspended laptop or a stalled network looks: the age goes on by the wall clock, and afterwards is right."""
     wait_until(lambda: seen_rows(page) > 500, "rows")
     assert testbed.scope is not None
     testbed.scope.send_signal(signal.SIGSTOP)

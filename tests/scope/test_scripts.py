@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 from typing import Any
 
@@ -61,9 +62,8 @@ def test_extents_are_those_of_all_rows(blank: Page) -> None:
     made["force_command"] = rng.normal(size=6000).astype(np.float32)
     ranges = [sorted(map(int, rng.integers(0, 6000, 2))) for _ in range(200)]
     parts = [frame(made[start : start + 333], start) for start in range(0, 6000, 333)]
-    found = store(
-        blank, parts, "(store, ranges) => ranges.map(([a, b]) => { const o = []; store.extent('force', a, b, o); return o; })", ranges
-    )
+    extents = "(store, all) => all.map(([a, b]) => { const o = []; store.extent('force', a, b, o); return o; })"
+    found = store(blank, parts, extents, ranges)
     force = made["force_command"]
     for (begin, end), (low, high) in zip(ranges, found, strict=True):
         if end > begin:
@@ -83,7 +83,8 @@ def test_the_ring_forgets_the_oldest_and_its_extents_stay_right(blank: Page) -> 
                     originCounts: 0, tickOffset: Int32Array.from({ length: rows }, (_, i) => i),
                     timeOffset: Float32Array.from({ length: rows }, (_, i) => i / 1000), counts: new Int32Array(rows),
                     ticks: new Int32Array(rows), current: zeros(), measured: zeros(),
-                    force: Float32Array.from({ length: rows }, (_, i) => from + i), late: zeros(), flags: new Int32Array(rows) });
+                    force: Float32Array.from({ length: rows }, (_, i) => from + i), late: zeros(),
+                    flags: new Int32Array(rows) });
             }
             const out = [];
             store.extent("force", store.first, store.head, out);
@@ -106,15 +107,15 @@ def test_gaps_are_told_apart_and_counted(blank: Page) -> None:
     assert gaps[1:] == [7, 50]
 
 
-def test_buckets_cover_all_rows_once_and_never_reach_across_a_gap(blank: Page) -> None:
-    parts = [frame(rows(1000), 0), frame(rows(2000, 1500), 1500)]
-    found = store(blank, parts, "(store) => store.buckets(0, store.head, 100)")
+def test_buckets_cover_all_rows_once_and_never_reach_across_a_wide_gap(blank: Page) -> None:
+    parts = [frame(rows(1000), 0), frame(rows(1000, 1500), 1500), frame(rows(1000, 2600), 2600)]
+    found = store(blank, parts, "(store) => store.buckets(0, store.head, 100, 0.4)")
     pieces = list(zip(found["starts"], found["ends"], strict=True))
     assert pieces.count((-1, -1)) == 1
     real = [piece for piece in pieces if piece != (-1, -1)]
     assert real[0][0] == 0
     assert real[-1][1] == 3000
-    assert all(before[1] == after[0] for before, after in zip(real, real[1:], strict=False))
+    assert all(before[1] == after[0] for before, after in itertools.pairwise(real))
     assert any(end == 1000 for _, end in real)
     assert len(real) < 220
 

@@ -56,7 +56,8 @@ def test_the_tutorial(page: Page, testbed: Testbed) -> None:
     page.mouse.move(box["x"] + box["width"] * 0.38, y)
     page.mouse.down()
     page.mouse.move(box["x"] + box["width"] * 0.13, y, steps=8)
-    expect(page.locator("#ghost-words")).to_contain_text("would land in D|E")
+    words = "would land in D|E, that is D for a release from 20.3 ticks: locally unstable"
+    expect(page.locator("#ghost-words")).to_contain_text(words)
     page.wait_for_timeout(400)
     found = page.screenshot()
     if folder := os.environ.get("HAPTICD_PICTURES"):

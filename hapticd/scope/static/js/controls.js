@@ -40,7 +40,7 @@ const lookUp = (config, key) => key.split(".").reduce((found, part) => found?.[p
 
 export class Controls {
   /**
-   * @param {(point: any) => void} dream shows a setting not yet sent; null: none
+   * @param {(plane: any) => void} dream shows a setting not yet sent; null: none
    * @param {() => number} deflection the motion that the plane is drawn for
    */
   constructor(dream, deflection) {
@@ -77,7 +77,7 @@ export class Controls {
     this.timer = setTimeout(async () => {
       try {
         const plane = await ask("preview", { settings: { [key]: value }, deflection: this.deflection() });
-        if (number === this.asked) this.dream(plane.point);
+        if (number === this.asked) this.dream(plane);
       } catch {
         if (number === this.asked) this.dream(null);
       }

@@ -208,7 +208,7 @@ function takeConfig(message) {
 
 /** The plane for the release that this page has in mind; the server's own is for another deflection. */
 async function showPlane() {
-  const found = await command("preview", { settings: {}, deflection: deflection() }, "release-answer");
+  const found = await ask("preview", { settings: {}, deflection: deflection() }).catch(() => null);
   if (found) plane.show(found, units);
 }
 
@@ -270,7 +270,7 @@ function showLease(lease) {
 
 const plane = new Plane();
 const deflection = () => Number(byId("release-deflection", HTMLInputElement).value) || 10.3;
-const controls = new Controls((point) => plane.dream(point), deflection);
+const controls = new Controls((found) => plane.dream(found), deflection);
 const release = new Release(
   () => live,
   () => {
@@ -286,10 +286,11 @@ const release = new Release(
       trace.rebuild();
       showLanes();
     }
-    windowS = running.durationS * 1.1;
+    const lasted = Math.max(0.05, Math.min(running.durationS, newest() - start));
+    windowS = lasted * 1.1;
     trace.triggerTime = start;
     trace.zero = start;
-    trace.view = [-0.05 * running.durationS, 1.05 * running.durationS];
+    trace.view = [-0.05 * lasted, 1.05 * lasted];
     hold(true, "the release, taken as a single shot; Run looks at the present again");
     tellWindow();
   },

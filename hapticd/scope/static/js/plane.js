@@ -23,7 +23,7 @@ export class Plane {
     this.place = byId("plane");
     /** @type {PlaneData | null} */ this.data = null;
     /** @type {{beta: number, sigma: number}[]} */ this.trail = [];
-    /** @type {Point | null} */ this.ghost = null;
+    /** @type {PlaneData | null} */ this.ghost = null;
     this.units = { position: "rad", velocity: "rad/s" };
   }
 
@@ -39,11 +39,16 @@ export class Plane {
     this.tell();
   }
 
-  /** A setting not yet sent; null: none. @param {Point | null} point */
-  dream(point) {
-    this.ghost = point;
-    say("ghost-words", point ? `would land in ${point.region}: ${point.words}` : "");
-    byId("ghost-words").dataset.region = point ? point.region : "";
+  /** A setting not yet sent, and the boundaries that would hold there; null: none. @param {PlaneData | null} data */
+  dream(data) {
+    this.ghost = data;
+    if (!data) {
+      say("ghost-words", "");
+    } else {
+      const { region, region_here: here, words_here: words, deflection } = data.point;
+      const place = region === here ? here : `${region}, that is ${here} for a release from ${number(deflection)} ticks`;
+      say("ghost-words", `would land in ${place}: ${words}`);
+    }
     this.draw();
   }
 
@@ -123,6 +128,7 @@ export class Plane {
       }
       if (path.length) root.append(svg("path", { class: `boundary ${kind}`, d: path.join("") }));
     };
+    if (this.ghost) curve("unsent", this.ghost.paper);
     curve("paper", data.paper);
     curve("sharp", data.sharp);
     root.append(svg("path", { class: "boundary fixed", d: `M${line},${y0}V${y1}M${x0},${floor}H${x1}` }));
@@ -158,8 +164,9 @@ export class Plane {
     const trail = this.trail.map((point) => `${this.x(point.beta).toFixed(1)},${this.y(point.sigma).toFixed(1)}`);
     root.append(svg("polyline", { class: "trail", points: trail.join(" ") }));
     for (const point of this.trail.slice(0, -1)) root.append(svg("circle", { class: "trail-dot", cx: this.x(point.beta), cy: this.y(point.sigma), r: 2 }));
-    if (this.ghost && this.ghost.beta !== null && this.ghost.sigma !== null) {
-      const [x, y] = [this.x(this.ghost.beta), this.y(this.ghost.sigma)];
+    const ghost = this.ghost?.point;
+    if (ghost && ghost.beta !== null && ghost.sigma !== null) {
+      const [x, y] = [this.x(ghost.beta), this.y(ghost.sigma)];
       root.append(svg("path", { class: "trail ghost-way", d: `M${this.x(beta)},${this.y(sigma)}L${x},${y}` }));
       root.append(svg("circle", { class: "ghost", id: "ghost", cx: x, cy: y, r: 6 }));
     }

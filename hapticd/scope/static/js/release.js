@@ -10,12 +10,12 @@ import { ask, request } from "./link.js";
 export class Release {
   /**
    * @param {() => import("./store.js").Store} store
-   * @param {(running: Running) => void} began
+   * @param {() => void} prepare called before anything moves: from here on every row is needed
    * @param {(running: Running) => void} ended with the rows' place known and the simulation, if it could be had, laid over
    */
-  constructor(store, began, ended) {
+  constructor(store, prepare, ended) {
     this.store = store;
-    this.began = began;
+    this.prepare = prepare;
     this.ended = ended;
     /** @type {Running | null} */ this.running = null;
   }
@@ -24,12 +24,12 @@ export class Release {
   async begin(deflection, durationS) {
     say("release-answer", "waiting for the shaft to rest …");
     say("release-outcome", "");
+    this.prepare();
     const from = this.store().head;
     try {
       const reply = await ask("release", { deflection, duration_s: durationS });
       say("release-answer", `released from ${number(reply.achieved_deflection)} ticks, exact to one raw count`);
       this.running = { deflection: reply.achieved_deflection, durationS, experiment: reply.experiment, from, start: -1, model: null, over: false };
-      this.began(this.running);
       this.simulate(this.running);
     } catch (error) {
       say("release-answer", error instanceof Error ? error.message : String(error));
@@ -61,7 +61,10 @@ export class Release {
       const { flags, mask } = store;
       for (let row = Math.max(running.from, store.first); row < store.head; row++) {
         if (flags[row & mask] & FLAG.running) {
-          running.start = row;
+          // Its first tick is the one after a row at rest; if that row did not come, nobody knows which tick this is.
+          const whole = row > store.first && store.tick[row & mask] === store.tick[(row - 1) & mask] + 1;
+          if (whole) running.start = row;
+          else say("release-answer", "the first ticks of the release did not come here: there is no simulation to compare");
           break;
         }
       }

@@ -233,11 +233,12 @@ export class Store {
   }
 
   /**
-   * The rows from `begin` to `end` in at most about `buckets` buckets that never reach across a gap.
-   * @param {number} begin @param {number} end @param {number} buckets
+   * The rows from `begin` to `end` in about `buckets` buckets that never reach across a gap of `wideS` or more. A narrower
+   * one is less than a pixel: it is marked above the curve, and cutting the curve there would be seen by nobody.
+   * @param {number} begin @param {number} end @param {number} buckets @param {number} wideS
    * @returns {{starts: number[], ends: number[]}} −1 stands for a gap
    */
-  buckets(begin, end, buckets) {
+  buckets(begin, end, buckets, wideS) {
     const starts = [];
     const ends = [];
     let size = Math.max(1, Math.ceil((end - begin) / buckets));
@@ -246,7 +247,8 @@ export class Store {
       const block = 16 ** Math.floor(Math.log2(size) / FACTOR_BITS);
       size = Math.ceil(size / block) * block;
     }
-    const stops = this.gapsWithin(begin, end).map((gap) => gap.row);
+    const wide = (/** @type {Gap} */ { row }) => this.timeAt(row) - this.timeAt(row - 1) >= wideS;
+    const stops = this.gapsWithin(begin, end).filter(wide).map((gap) => gap.row);
     stops.push(end);
     let row = begin;
     for (const stop of stops) {

@@ -201,7 +201,7 @@ export class Trace {
     const end = Math.min(store.head, store.rowAt(to) + 1);
     const pixels = Math.max(200, this.place.clientWidth - AXIS_PX);
     const raw = end - begin <= 2 * pixels;
-    const buckets = store.buckets(begin, end, raw ? Infinity : pixels);
+    const buckets = store.buckets(begin, end, raw ? Infinity : pixels, (to - from) / pixels);
     const count = buckets.starts.length;
     const x = new Float64Array(raw ? count : 2 * count);
     let last = from - zero;
@@ -257,11 +257,13 @@ export class Trace {
       // wide gaps are hatched by a tinted band, all are a mark at the top
       const bad = colour("--gap");
       ctx.fillStyle = bad;
+      let marked = -Infinity;
       for (const gap of this.gaps) {
         const left = plot.valToPos(store.timeAt(gap.row - 1) - this.zero, "x", true);
         const right = plot.valToPos(store.timeAt(gap.row) - this.zero, "x", true);
         const [from, to] = [Math.max(left, bbox.left), Math.min(right, bbox.left + bbox.width)];
-        if (to < from) continue;
+        if (to < from || to < marked + 1) continue; // the pixel has its mark
+        marked = to;
         ctx.globalAlpha = 0.18;
         ctx.fillRect(from, bbox.top, Math.max(to - from, 1), bbox.height);
         ctx.globalAlpha = 1;
