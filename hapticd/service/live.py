@@ -27,7 +27,7 @@ WAITING_FRAMES = 64
 """At 25 frames a second, what a reader may fall behind before it loses its oldest frame: 2.5 s."""
 MAX_READERS = 16
 SIGN_OF_LIFE_S = 0.5
-GATHER_S = 0.03
+GATHER_S = 0.04
 """What comes within it travels in one frame: a frame costs every hop the same, however long it is."""
 
 
@@ -40,7 +40,6 @@ class LiveStream:
         self._readers: set[Reader] = set()
         self._lock = threading.Lock()
         self._inbox: deque[tuple[Rows, Context]] = deque(maxlen=INBOX_PORTIONS)
-        self._wake = threading.Event()
         self._thread: threading.Thread | None = None
         self._closed = False
 
@@ -48,7 +47,6 @@ class LiveStream:
         """Take rows, which nobody may change afterwards; called by the recorder's thread, and never waits."""
         if len(rows):
             self._inbox.append((rows, context))
-            self._wake.set()
 
     def refuse_more(self) -> None:
         """Refuse another reader where there are enough.
@@ -89,8 +87,7 @@ class LiveStream:
             if self._readers:
                 return
             self.watched = False
-            self._thread = None
-            self._wake.set()
+            self._thread = None  # it sees that by itself, 40 ms later
 
     def close(self) -> None:
         """End every reader's stream, and take no more."""
@@ -101,17 +98,22 @@ class LiveStream:
             reader.end()
 
     def _encode(self) -> None:
-        me = threading.current_thread()
+        me, silent_s = threading.current_thread(), 0.0
         while self._thread is me:
-            self._wake.wait()
             time.sleep(GATHER_S)
-            self._wake.clear()
+            silent_s += GATHER_S
             while self._inbox and self._thread is me:
-                frame = encode(*self._gather())
-                with self._lock:
-                    readers = list(self._readers)
-                for reader in readers:
-                    reader.offer(frame)
+                self._offer(encode(*self._gather()))
+                silent_s = 0.0
+            if silent_s > SIGN_OF_LIFE_S:
+                self._offer(encode(empty_rows(), Context(0, 0, 0.0, 0, time.time())))
+                silent_s = 0.0
+
+    def _offer(self, frame: bytes) -> None:
+        with self._lock:
+            readers = list(self._readers)
+        for reader in readers:
+            reader.offer(frame)
 
     def _gather(self) -> tuple[Rows, Context]:
         """The oldest portion that waits, and those behind it that go on where it ends, under the same settings."""
@@ -154,11 +156,8 @@ class Reader:
             self.ended = True
 
     async def take(self) -> bytes:
-        """All that waits, as soon as anything does; a sign of life when nothing comes."""
-        try:
-            await asyncio.wait_for(self._ready.wait(), SIGN_OF_LIFE_S)
-        except TimeoutError:
-            self._frames.append(encode(empty_rows(), Context(0, 0, 0.0, 0, time.time())))
+        """All that waits, as soon as anything does."""
+        await self._ready.wait()
         self._ready.clear()
         chunk = []
         while self._frames:

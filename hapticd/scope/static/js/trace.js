@@ -25,8 +25,19 @@ const MIN_SPAN = { position: 2, residual: 2, velocity: 0.1, current: 0.02, force
 const SHRINK = 0.98;
 const AXIS_PX = 62;
 
-/** @param {string} name */
-export const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+/** @type {Map<string, string>} */
+const colours = new Map();
+
+/** A colour of the theme; asking the style sheet takes long, so it is asked once. @param {string} name */
+export function colour(name) {
+  let found = colours.get(name);
+  if (found === undefined) {
+    found = getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+    colours.set(name, found);
+  }
+  return found;
+}
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => colours.clear());
 
 class Lane {
   /** @param {HTMLElement} place @param {LaneSpec} spec @param {Trace} trace */
@@ -76,7 +87,7 @@ class Lane {
         ...this.spec.channels.map((channel) => ({
           label: LOOK[channel].label,
           stroke: () => colour(LOOK[channel].colour),
-          width: 1.5,
+          width: 1.25,
           dash: LOOK[channel].dash,
           points: { show: false },
           spanGaps: false,
@@ -186,6 +197,7 @@ export class Trace {
 
   /** Take the theme's colours. */
   redraw() {
+    colours.clear();
     for (const lane of this.lanes) lane.plot.redraw(false, true);
   }
 
@@ -254,7 +266,7 @@ export class Trace {
     ctx.textAlign = "left";
     const store = this.store;
     if (store) {
-      // wide gaps are hatched by a tinted band, all are a mark at the top
+      // a gap wider than a pixel is a tinted band; every one is a mark at the top
       const bad = colour("--gap");
       ctx.fillStyle = bad;
       let marked = -Infinity;
@@ -264,9 +276,11 @@ export class Trace {
         const [from, to] = [Math.max(left, bbox.left), Math.min(right, bbox.left + bbox.width)];
         if (to < from || to < marked + 1) continue; // the pixel has its mark
         marked = to;
-        ctx.globalAlpha = 0.18;
-        ctx.fillRect(from, bbox.top, Math.max(to - from, 1), bbox.height);
-        ctx.globalAlpha = 1;
+        if (to - from > 1) {
+          ctx.globalAlpha = 0.18;
+          ctx.fillRect(from, bbox.top, to - from, bbox.height);
+          ctx.globalAlpha = 1;
+        }
         ctx.fillRect(from, bbox.top, Math.max(to - from, 2 * devicePixelRatio), 3 * devicePixelRatio);
       }
     }
