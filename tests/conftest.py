@@ -28,6 +28,7 @@ WALL_CLOCK = (
     "record/test_history.py",
     "record/test_recorder.py",
     "scope/test_attacks.py",
+    "scope/test_command.py",
     "scope/test_page.py",
     "scope/test_scripts.py",
     "scope/test_tutorial.py",

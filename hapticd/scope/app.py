@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import re
+import sys
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -35,7 +36,8 @@ from hapticd.scope.runs import RunError
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
-FAULT_PAGES = FOLDER / "faults"
+FAULT_PAGES = (FOLDER.parents[1] / "docs" / "faults", Path(sys.prefix) / "share" / "doc" / "hapticd" / "faults")
+"""Of the source tree, else of the installation."""
 
 HELLO_TIMEOUT_S = 5.0
 MAX_BODY_BYTES = 64 * 1024
@@ -269,10 +271,11 @@ async def _page(request: Request) -> Response:
 
 async def _fault_page(request: Request) -> Response:
     code = request.path_params["code"]
-    path = FAULT_PAGES / f"{code}.md"
-    if not re.fullmatch(r"[a-z_]{1,40}", code) or not path.is_file():
-        return error_answer(404, "not_found", "no such fault")
-    return PlainTextResponse(path.read_text(encoding="utf-8"))
+    if re.fullmatch(r"[a-z_]{1,40}", code):
+        for folder in FAULT_PAGES:
+            if (path := folder / f"{code}.md").is_file():
+                return PlainTextResponse(path.read_text(encoding="utf-8"))
+    return error_answer(404, "not_found", "no page about such a fault")
 
 
 def _endpoint(server: ScopeServer, handler: Callable[[Request], Any], role: Role, lease: bool) -> Any:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import html
 import ipaddress
 import os
@@ -71,20 +72,19 @@ def serve(
         ScopeError: the address cannot be had.
         ValueError: an origin is none.
     """
-    listening = _bind(host, port)
-    port = listening.getsockname()[1]
-    access = Access(control_token=None) if view_only else Access()
-    names = Names.of(host, port, origins)
-    server = ScopeServer(socket_path, access)
-    shown = f"[{host}]" if ":" in host else "127.0.0.1" if host == "0.0.0.0" else host
-    base = f"http://{shown}:{port}/#"
-    control = None if access.control_token is None else f"{base}{access.control_token}"
-    announce(Addresses(control, f"{base}{access.view_token}"))
-    try:
-        asyncio.run(uvicorn.Server(web_settings(create_app(server, names))).serve(sockets=[listening]))
-    finally:
-        server.close()
-        listening.close()
+    with contextlib.closing(_bind(host, port)) as listening:
+        port = listening.getsockname()[1]
+        names = Names.of(host, port, origins)
+        access = Access(control_token=None) if view_only else Access()
+        shown = f"[{host}]" if ":" in host else "127.0.0.1" if host == "0.0.0.0" else host
+        base = f"http://{shown}:{port}/#"
+        control = None if access.control_token is None else f"{base}{access.control_token}"
+        announce(Addresses(control, f"{base}{access.view_token}"))
+        server = ScopeServer(socket_path, access)
+        try:
+            asyncio.run(uvicorn.Server(web_settings(create_app(server, names))).serve(sockets=[listening]))
+        finally:
+            server.close()
 
 
 def web_settings(app: ASGIApp) -> uvicorn.Config:

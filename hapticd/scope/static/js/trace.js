@@ -9,13 +9,13 @@ import { byId, make, number } from "./dom.js";
 /** @type {Record<Channel, {label: string, colour: string, dash?: number[]}>} */
 export const LOOK = {
   position: { label: "position", colour: "--c1" },
-  coarse: { label: "as the spring sees it", colour: "--c2" },
+  coarse: { label: "as the spring sees", colour: "--c2" },
   velocity: { label: "velocity", colour: "--c3" },
   current: { label: "commanded", colour: "--c1" },
   measured: { label: "measured", colour: "--c2" },
   force: { label: "force", colour: "--c4" },
   late: { label: "lateness", colour: "--c5" },
-  model: { label: "exact simulation", colour: "--c6", dash: [6, 4] },
+  model: { label: "simulated", colour: "--c6", dash: [6, 4] },
   residual: { label: "measured − simulated", colour: "--c4" },
 };
 
@@ -40,8 +40,8 @@ export function colour(name) {
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => colours.clear());
 
 class Lane {
-  /** @param {HTMLElement} place @param {LaneSpec} spec @param {Trace} trace */
-  constructor(place, spec, trace) {
+  /** @param {HTMLElement} place @param {LaneSpec} spec @param {Trace} trace @param {boolean} last whether it carries the times of all */
+  constructor(place, spec, trace, last) {
     this.spec = spec;
     this.trace = trace;
     this.low = NaN;
@@ -53,7 +53,7 @@ class Lane {
     this.box.append(this.head);
     place.append(this.box);
     this.name();
-    this.plot = this.build();
+    this.plot = this.build(last);
   }
 
   name() {
@@ -67,7 +67,8 @@ class Lane {
     }
   }
 
-  build() {
+  /** @param {boolean} last */
+  build(last) {
     const axis = { stroke: () => colour("--ink-2"), grid: { stroke: () => colour("--grid"), width: 1 }, ticks: { show: false } };
     /** @type {uPlot.Options} */
     const options = {
@@ -79,8 +80,8 @@ class Lane {
       cursor: { sync: { key: "time" }, drag: { x: false, y: false, setScale: false }, points: { show: false }, y: false },
       scales: { x: { time: false, auto: false, range: () => this.trace.view }, y: { range: () => this.range } },
       axes: [
-        { ...axis, size: 22, gap: 2, font: "11px system-ui", space: 70, values: (_, ticks) => ticks.map((tick) => number(tick, 6)) },
-        { ...axis, size: AXIS_PX, gap: 4, font: "11px system-ui", space: 26, values: (_, ticks) => ticks.map((tick) => number(tick, 4)) },
+        { ...axis, size: last ? 22 : 6, gap: 2, font: "11px system-ui", space: 70, values: (_, ticks) => (last ? ticks.map((tick) => number(tick, 6)) : ticks.map(() => "")) },
+        { ...axis, size: AXIS_PX, gap: 4, font: "11px system-ui", space: 20, values: (_, ticks) => ticks.map((tick) => number(tick, 4)) },
       ],
       series: [
         {},
@@ -182,17 +183,20 @@ export class Trace {
   rebuild() {
     for (const lane of this.lanes) lane.plot.destroy();
     this.place.replaceChildren();
-    this.lanes = this.specs.filter((spec) => spec.shown).map((spec) => new Lane(this.place, spec, this));
+    const shown = this.specs.filter((spec) => spec.shown);
+    this.lanes = shown.map((spec, i) => new Lane(this.place, spec, this, i === shown.length - 1));
     this.layout();
   }
 
   layout() {
     const width = this.place.clientWidth;
-    const each = this.place.clientHeight / Math.max(1, this.lanes.length);
-    for (const lane of this.lanes) {
-      const height = Math.max(60, Math.floor(each - lane.head.offsetHeight - 6));
+    const axes = 16;
+    const each = (this.place.clientHeight - axes) / Math.max(1, this.lanes.length);
+    this.lanes.forEach((lane, i) => {
+      const more = i === this.lanes.length - 1 ? axes : 0;
+      const height = Math.max(48, Math.floor(each - lane.head.offsetHeight - 2) + more);
       if (width > 0) lane.plot.setSize({ width, height });
-    }
+    });
   }
 
   /** Take the theme's colours. */
