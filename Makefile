@@ -7,8 +7,12 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
+<<<<<<< ours
 .PHONY: run test compiled lint types layers bench soak dist docs site firmware firmware-test install uninstall system-test clean \
   help
+=======
+.PHONY: run test compiled lint types jstypes layers bench soak dist docs site install uninstall system-test clean help
+>>>>>>> theirs
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -16,8 +20,13 @@ help:            ## this list
 run: $(STAMP)    ## the daemon on the simulated RE35/Copley testbed, in real time
 	$(BIN)/hapticd run
 
+<<<<<<< ours
 test: $(STAMP) lint types layers compiled   ## every check and test that needs no special machine
 	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 2 --dist worksteal
+=======
+test: $(STAMP) lint types jstypes layers compiled   ## every check and test that needs no special machine
+	$(BIN)/python -m pytest -m 'not realtime' -n 2 --dist worksteal
+>>>>>>> theirs
 	$(BIN)/python -m pytest -m realtime
 
 compiled: $(STAMP)   ## fill the compile caches of daemon and simulated hardware, side by side
@@ -30,6 +39,15 @@ lint: $(STAMP)   ## ruff
 
 types: $(STAMP)  ## mypy, strict
 	$(BIN)/mypy
+
+TYPESCRIPT := 5.9.3
+TSC := $(VENV)/node/node_modules/typescript/bin/tsc
+jstypes: $(STAMP) $(TSC)  ## tsc over the scope's page, strict
+	$(BIN)/node $(TSC) -p hapticd/scope/static/jsconfig.json
+
+$(TSC): $(STAMP)
+	PATH="$(abspath $(BIN)):$$PATH" $(BIN)/npm install --silent --no-audit --no-fund --prefix $(VENV)/node typescript@$(TYPESCRIPT)
+	touch $@
 
 layers: $(STAMP) ## import-linter: the rooms, and which way imports go
 	$(BIN)/lint-imports
@@ -46,6 +64,7 @@ docs: $(STAMP)   ## reference pages and figures that are made from the code
 	$(BIN)/python -m hapticd.cli.reference docs/reference
 	$(BIN)/python -m hapticd.effects.pages docs/effects
 	$(BIN)/python docs/make_figures.py
+	HAPTICD_PICTURES=docs/images $(BIN)/python -m pytest -q tests/scope/test_tutorial.py
 
 site: $(STAMP)   ## the documentation as a web site in site/; a broken link or anchor is an error
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict

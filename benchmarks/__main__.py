@@ -25,6 +25,7 @@ NAMES = (
     "cycles",
     "recorder",
     "service",
+    "scope",
     "serial_roundtrip",
     "hold",
     "gap_speed",

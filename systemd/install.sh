@@ -12,7 +12,7 @@ cd "$(dirname "$0")/.."
 prefix=/opt/hapticd
 local=/usr/local
 cache=/var/cache/hapticd
-units=(hapticd.service hapticd@.service hapticd-can0.service hapticd-metrics@.service hapticd-metrics@.timer)
+units=(hapticd.service hapticd@.service hapticd-can0.service hapticd-metrics@.service hapticd-metrics@.timer hapticd-scope.service)
 
 fail() { echo "install: $*" >&2; exit 1; }
 say() { echo "install: $*"; }

@@ -30,6 +30,7 @@ from hapticd.cli import (
     record,
     reproduce,
     run,
+    scope,
     settings,
     simulate,
     state,
@@ -55,6 +56,7 @@ EPILOG = epilog(
 
 GROUPS = (
     run,
+    scope,
     status,
     state,
     settings,

@@ -16,7 +16,7 @@ from typing import Any, cast
 
 import uvicorn
 from fastapi import FastAPI
-from starlette.responses import PlainTextResponse, Response
+from starlette.responses import PlainTextResponse, Response, StreamingResponse
 
 from hapticd.service import replies, schemas, socket
 from hapticd.service.control import Control, JsonDict
@@ -37,6 +37,8 @@ ERRORS: dict[int | str, dict[str, Any]] = {
     422: {"model": schemas.ErrorReply, "description": "The request or a setting in it is wrong."},
     502: {"model": schemas.ErrorReply, "description": "The device or its driver failed."},
 }
+
+STREAM_TYPE = "application/vnd.hapticd.frames"
 
 BODIES: dict[str, type[schemas.Request]] = {
     "/start": schemas.EmptyBody,
@@ -137,6 +139,12 @@ def _add_queries(app: FastAPI, control: Control, desks: Desks) -> None:
         """Ticks, misses, lateness, state, faults, recorder and energies, in Prometheus' text format."""
         return await desks.queries.ask(control.metrics)
 
+    @app.get("/stream", response_class=StreamingResponse, responses={409: ERRORS[409]})
+    async def stream() -> Response:
+        """Every tick as it comes: binary frames, each with its length in four bytes before it, until the reader leaves."""
+        control.live.refuse_more()
+        return StreamingResponse(control.live.chunks(), media_type=STREAM_TYPE)
+
     @app.get("/experiment", **_documented(schemas.Experiment))
     async def experiment() -> Response:
         """The newest experiment and how far it is."""
@@ -213,6 +221,7 @@ class ApiServer:
 
     def __init__(self, control: Control, bound: socket.BoundSocket) -> None:
         self._bound = bound
+        self._control = control
         self._desks = Desks()
         settings = uvicorn.Config(
             create_app(control, self._desks),
@@ -249,6 +258,7 @@ class ApiServer:
 
     def stop(self) -> None:
         """Stop answering and remove the socket. Safe to call twice and without a start."""
+        self._control.live.close()
         self._server.should_exit = True
         if self._thread is not None:
             self._thread.join(self.STOP_TIMEOUT_S)

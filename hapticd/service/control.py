@@ -7,13 +7,19 @@ threads at once, :meth:`Control.estop` above all, which must therefore never wai
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
+
+if TYPE_CHECKING:
+    from hapticd.service.live import LiveStream
 
 JsonDict = dict[str, Any]
 
 
 class Control(Protocol):
     """The daemon as the API sees it. Every method may be called from any thread and returns JSON-ready values."""
+
+    live: LiveStream
+    """The rows as they come, for whoever looks."""
 
     def status(self) -> JsonDict:
         """State, fault, timing, operating point, position, recorder and experiment (``hapticd status --json``)."""

@@ -21,6 +21,7 @@ from hapticd.service.control import DriverFailure, JsonDict, Refused
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_keeper import FaultKeeper
 from hapticd.service.latch import FaultLatch
+from hapticd.service.live import LiveStream
 from hapticd.service.notify import Notifier, TickWatchdog
 from hapticd.service.rig import Rig
 from hapticd.service.settings import changed_keys, is_live
@@ -56,8 +57,9 @@ class Daemon:
         self._ending = threading.Event()
         self._auto_recording = False
         self._faults = FaultKeeper(latch, lambda: self._rig, self._end_recording)
+        self.live = LiveStream()
         self._experiments = Experiments(lambda: self._rig, self._prepare_experiment, self._run_loop)
-        self._rig = Rig(config, self._faults.number)
+        self._rig = Rig(config, self._faults.number, self.live)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self._rig.core.load(words.TICKS))
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self._supervisor.start()
@@ -290,13 +292,13 @@ class Daemon:
         old, estops = self._rig, self._estops
         old.close()
         try:
-            self._rig = Rig(config, old.fault_number)
+            self._rig = Rig(config, old.fault_number, self.live)
         except Exception as error:
             log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
             with self._faults.lock:
                 self._faults.keep(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
                 try:
-                    self._rig = Rig(old.config, faults.RELOAD_FAILED)
+                    self._rig = Rig(old.config, faults.RELOAD_FAILED, self.live)
                 except Exception:
                     log.critical("the old configuration failed too; the daemon ends", exc_info=True)
                     self.dead = True

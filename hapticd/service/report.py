@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from hapticd.config import Config, config_digest
@@ -34,10 +35,12 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "position_ticks": float(snapshot["position"]),
         "encoder_counts": rig.counts,
         "origin_counts": rig.origin_counts,
+        "settings_epoch": rig.settings_epoch,
         "units": _units(config),
         "energy": rig.energy.status(),
         "exchanges_missed": rig.core.load(words.MISSED_EXCHANGES),
         "commands_clamped": rig.core.load(words.CLAMPED),
+        "realtime": [asdict(grant) for grant in rig.servo.grants],
         "recorder": recorder,
         "experiment": experiment,
     }

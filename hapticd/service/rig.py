@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import drivers
 from hapticd.config import config_digest
 from hapticd.record import Recorder, run_metadata
+from hapticd.record.frames import Context
 from hapticd.record.schema import Rows
 from hapticd.servo import layout as w
 from hapticd.servo import words
@@ -26,6 +27,7 @@ from hapticd.stability.energy_estimate import EnergyEstimate
 if TYPE_CHECKING:
     from drivers.interface import Driver
     from hapticd.config import Config
+    from hapticd.service.live import LiveStream
 
 log = logging.getLogger(__name__)
 
@@ -38,13 +40,14 @@ class Rig:
     Args:
         config: the configuration in force.
         latched_fault: fault number from before a restart, or 0.
+        live: who looks at the rows while they come; None: nobody can.
 
     Raises:
         DriverError: the device cannot be opened.
         RealtimeError: real time is required and refused.
     """
 
-    def __init__(self, config: Config, latched_fault: int = 0) -> None:
+    def __init__(self, config: Config, latched_fault: int = 0, live: LiveStream | None = None) -> None:
         self.config = config
         self.request = Request()
         self.driver: Driver = drivers.create(config)
@@ -58,6 +61,10 @@ class Rig:
         self._asking = threading.Lock()
         self._halts = 0
         self._ended = False
+        self._live = live
+        self._rows_taken = 0
+        self.settings_epoch = 0
+        """Counts the changes of config and origin, from the start of this rig."""
         # Before the servo: once that runs, nothing slow may stand between it and the supervisor's heartbeat.
         self.energy = EnergyEstimate(config, self.driver.latency_s, self.origin_counts)
         self._energy_settings = (config, self.origin_counts)
@@ -83,7 +90,16 @@ class Rig:
                 self._energy_settings = settings
                 self.energy.configure(self.config, self.driver.latency_s, self.origin_counts)
             self.energy.update(rows)
+            self._show(rows)
             yield rows
+
+    def _show(self, rows: Rows) -> None:
+        """Hand the rows to those who look, if any does; rows that the ring dropped keep their place in the numbering."""
+        self._rows_taken += len(rows)
+        if self._live is not None and self._live.watched:
+            first = self._rows_taken + self.core.dropped() - len(rows)
+            context = Context(first, self.settings_epoch, self.config.period, self.origin_counts, time.time())
+            self._live.put(rows, context)
 
     def _metadata(self) -> dict[str, Any]:
         return run_metadata(
@@ -153,6 +169,8 @@ class Rig:
             return True
 
     def _publish(self, config: Config | None, changes: dict[str, Any]) -> None:
+        if config is not None or "origin_counts" in changes:
+            self.settings_epoch += 1
         if config is not None:
             self.config = config
         self.request = replace(self.request, **changes)

@@ -12,6 +12,7 @@ from hapticd.client import Client
 from hapticd.config import LIVE_KEYS, apply_settings, config_digest, load_config
 from hapticd.service.api import ApiServer
 from hapticd.service.control import DriverFailure, JsonDict, Refused
+from hapticd.service.live import LiveStream
 from hapticd.service.socket import bind
 from hapticd.servo import excitation
 from tests.polling import PATIENCE_S
@@ -25,6 +26,7 @@ class FakeControl:
 
     def __init__(self) -> None:
         self.resolved = load_config(None)
+        self.live = LiveStream()
         self.state = "off"
         self.fault: JsonDict | None = None
         self.calls: list[tuple[Any, ...]] = []
@@ -61,6 +63,9 @@ class FakeControl:
             "current": 0.5,
             "current_measured": None,
             "force": 0.01,
+            "encoder_counts": 12,
+            "origin_counts": 0,
+            "settings_epoch": 0,
             "units": {"position": "rad", "velocity": "rad/s", "current": "A", "force": "N m"},
             "energy": {
                 "estimate": "through the model",

@@ -38,6 +38,7 @@ def test_every_endpoint_is_there(document: dict[str, Any]) -> None:
         "GET /config",
         "GET /metrics",
         "GET /experiment",
+        "GET /stream",
         "POST /start",
         "POST /stop",
         "POST /estop",

@@ -22,6 +22,7 @@ INSTANCES = (
     "hapticd-can0.service",
     "hapticd-metrics@hapticd.service",
     "hapticd-metrics@hapticd.timer",
+    "hapticd-scope.service",
 )
 
 

@@ -1,0 +1,112 @@
+"""``hapticd scope``: the live view in the browser."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import JsonOption, SocketOption, connect, register
+
+if TYPE_CHECKING:
+    from hapticd.scope.serve import Addresses
+
+PortOption = Annotated[int, typer.Option("--port", min=0, max=65535, help="TCP port of the page; 0 takes a free one.")]
+HostOption = Annotated[
+    str,
+    typer.Option("--host", metavar="ADDRESS", help="Address to listen on. Beyond loopback nothing is encrypted."),
+]
+ViewOnlyOption = Annotated[bool, typer.Option("--view-only", help="Nobody can command from this page, only look.")]
+OpenOption = Annotated[bool, typer.Option("--open", help="Open the page in the browser of this desktop.")]
+UrlFileOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--url-file",
+        metavar="PATH",
+        show_default=False,
+        help="Write the URLs as JSON to this file, for its owner and group only, instead of printing them.",
+    ),
+]
+OriginOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--origin",
+        metavar="URL",
+        show_default=False,
+        help="Further origin under which the page is reached, e.g. http://localhost:9000 for a tunnel. Repeatable.",
+    ),
+]
+
+
+def scope(
+    port: PortOption = 8765,
+    host: HostOption = "127.0.0.1",
+    view_only: ViewOnlyOption = False,
+    open_page: OpenOption = False,
+    origin: OriginOption = None,
+    url_file: UrlFileOption = None,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Serve a live view of the daemon in the browser, until Ctrl-C: the trace beside the stability plane.
+
+    Prints two URLs, one with the controls and one that can only look; each carries a random token after the '#', valid
+    until this command ends. The page is served on this machine only; for another one use an SSH tunnel. The daemon may
+    come later, and be restarted.
+    """
+    from hapticd.scope.serve import ScopeError, is_loopback, open_in_browser, serve, write_for_group
+
+    client = connect(socket)
+    opened: list[Path] = []
+
+    def announce(addresses: Addresses) -> None:
+        if not is_loopback(host):
+            output.note(
+                f"warning: whoever reaches {host} and has the URL can {'look' if view_only else 'command the motor'}, and "
+                "nothing is encrypted; an SSH tunnel is safer"
+            )
+        document = {"url": addresses.url, "view_url": addresses.view_url, "pid": os.getpid()}
+        lines = [f"look only  {addresses.view_url}"]
+        if addresses.url is not None:
+            lines.insert(0, f"control    {addresses.url}")
+        if url_file is not None:
+            write_for_group(url_file, output.to_json(document))
+            opened.append(url_file)
+        else:
+            output.emit(document, as_json, "\n".join([*lines, "Ctrl-C ends"]))
+            sys.stdout.flush()
+        if open_page:
+            opened.append(open_in_browser(addresses.url or addresses.view_url))
+
+    try:
+        serve(
+            client.socket_path,
+            host=host,
+            port=port,
+            view_only=view_only,
+            origins=tuple(origin or ()),
+            announce=announce,
+        )
+    except (ScopeError, ValueError) as error:
+        raise UsageError(str(error)) from error
+    finally:
+        for path in opened:
+            with contextlib.suppress(OSError):
+                path.unlink()
+    return exits.DONE
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd scope --open",
+        "hapticd scope --view-only --port 8766",
+        "ssh -L 8765:127.0.0.1:8765 lab-pc hapticd scope",
+    )
+    register(app, scope, *examples, codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED))

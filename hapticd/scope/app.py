@@ -1,0 +1,379 @@
+"""The scope's server: the page, its two WebSockets, and what it may ask of the daemon.
+
+A request is answered on small pools of threads of its own kind, as in the daemon, so that nothing slow is ever in front
+of a stop.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import re
+import sys
+from collections.abc import Awaitable, Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from starlette.applications import Starlette
+from starlette.requests import ClientDisconnect, Request
+from starlette.responses import FileResponse, PlainTextResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from hapticd.client import Client, DaemonUnreachable, RequestRefused
+from hapticd.config import ConfigError
+from hapticd.record import RunFileError
+from hapticd.scope import runs, theory
+from hapticd.scope.access import Access, Guard, Names, Role
+from hapticd.scope.answers import answer, error_answer, to_json
+from hapticd.scope.hub import Hub
+from hapticd.scope.lease import Lease
+from hapticd.scope.runs import RunError
+
+FOLDER = Path(__file__).parent
+STATIC = FOLDER / "static"
+FAULT_PAGES = (FOLDER.parents[1] / "docs" / "faults", Path(sys.prefix) / "share" / "doc" / "hapticd" / "faults")
+"""Of the source tree, else of the installation."""
+
+HELLO_TIMEOUT_S = 5.0
+MAX_BODY_BYTES = 64 * 1024
+MAX_FILE_BYTES = 256 * 1024 * 1024
+MAX_CONNECTIONS = 64
+JSON_TYPE = "application/json"
+FRAMES_TYPE = "application/vnd.hapticd.frames"
+RUN_TYPE = "application/vnd.apache.arrow.stream"
+"""No form and no page of another origin can send one of these without asking the server first (CORS), which says no."""
+
+_CLIENT = re.compile(r"[A-Za-z0-9_-]{8,64}")
+CLOSE_TOKEN = 4401
+CLOSE_FULL = 4429
+
+
+class BadRequest(Exception):  # noqa: N818 - becomes an answer
+    """The request is refused for its form."""
+
+    def __init__(self, status: int, code: str, message: str) -> None:
+        super().__init__(message)
+        self.status, self.code, self.message = status, code, message
+
+
+class ScopeServer:
+    """What the routes share.
+
+    Args:
+        socket_path: the daemon's socket.
+        access: tokens.
+    """
+
+    def __init__(self, socket_path: Path, access: Access) -> None:
+        self.access = access
+        self.hub = Hub(socket_path)
+        self.lease = Lease()
+        self.client = Client(socket_path)
+        self.connections = 0
+        self._pools = {
+            name: ThreadPoolExecutor(workers, thread_name_prefix=f"scope-{name}")
+            for name, workers in (("stop", 2), ("command", 1), ("theory", 1), ("file", 1))
+        }
+
+    def close(self) -> None:
+        """Let the threads go."""
+        self.hub.close()
+        for pool in self._pools.values():
+            pool.shutdown(wait=False, cancel_futures=True)
+
+    async def on(self, pool: str, method: Callable[..., Any], *arguments: Any) -> Any:
+        """Call ``method`` on one of the pools."""
+        return await asyncio.get_running_loop().run_in_executor(self._pools[pool], method, *arguments)
+
+    # what the page may ask; each takes the request's JSON body
+
+    async def stop(self, request: Request) -> Any:
+        """Zero current, then amplifier off. Needs no lease, and its body is not read."""
+        return await self.on("stop", self.client.stop)
+
+    async def estop(self, request: Request) -> Any:
+        """The same at once, and a latched fault. Needs no lease, and its body is not read."""
+        return await self.on("stop", self.client.estop)
+
+    async def start(self, request: Request) -> Any:
+        """Render the spring."""
+        await _fields(request)
+        return await self.on("command", self.client.start)
+
+    async def clear(self, request: Request) -> Any:
+        """Clear a latched fault."""
+        await _fields(request)
+        return await self.on("command", self.client.clear)
+
+    async def set(self, request: Request) -> Any:
+        """Live settings."""
+        body = await _fields(request, settings=dict)
+        return await self.on("command", self.client.set, body["settings"])
+
+    async def release(self, request: Request) -> Any:
+        """The Fig. 8 experiment."""
+        body = await _fields(request, deflection=float, duration_s=float)
+        return await self.on("command", self.client.release, body["deflection"], body["duration_s"])
+
+    async def excite(self, request: Request) -> Any:
+        """An identification experiment."""
+        body = await _fields(request, name=str)
+        return await self.on("command", self.client.excite, body["name"])
+
+    async def record(self, request: Request) -> Any:
+        """Start or stop recording."""
+        body = await _fields(request, on=bool)
+        return await self.on("command", self.client.record_start if body["on"] else self.client.record_stop)
+
+    async def take(self, request: Request) -> Any:
+        """The controls: take them over, or give them back."""
+        body = await _fields(request, take=bool)
+        client = _client(request)
+        if body["take"]:
+            self.lease.claim(client, take_over=True)
+        else:
+            self.lease.release(client)
+        return self.lease.report(client)
+
+    async def preview(self, request: Request) -> Any:
+        """Where settings not yet sent would put the operating point."""
+        body = await _fields(request, settings=dict, deflection=float)
+        return await self.on("theory", theory.preview, self._config(), body["settings"], body["deflection"])
+
+    async def simulate(self, request: Request) -> Response:
+        """The exact simulation of a release."""
+        body = await _fields(request, deflection=float, duration_s=float)
+        stream = await self.on("file", runs.simulate_release, self._config(), body["deflection"], body["duration_s"])
+        return Response(stream, media_type=FRAMES_TYPE)
+
+    async def open(self, request: Request) -> Response:
+        """A run file dropped onto the page, as frames."""
+        content = await _body(request, RUN_TYPE, MAX_FILE_BYTES)
+        name = request.headers.get("x-file-name", "run.arrow")
+        return Response(await self.on("file", runs.open_run, content, name), media_type=FRAMES_TYPE)
+
+    async def save(self, request: Request) -> Response:
+        """Frames that the page holds, as a run file."""
+        content = await _body(request, FRAMES_TYPE, MAX_FILE_BYTES)
+        saved = await self.on("file", runs.save_run, content, self._config(), "scope")
+        return Response(saved, media_type=RUN_TYPE)
+
+    def _config(self) -> dict[str, Any]:
+        if self.hub.config is None:
+            raise BadRequest(409, "unreachable", "the daemon's configuration is not known: no daemon has answered yet")
+        document: dict[str, Any] = self.hub.config["config"]
+        return document
+
+    # the two WebSockets
+
+    async def rows(self, socket: WebSocket) -> None:
+        """Frames, as the daemon sends them."""
+        await self._serve(socket, self._send_rows)
+
+    async def state(self, socket: WebSocket) -> None:
+        """State, config, and who holds the controls."""
+        await self._serve(socket, self._send_state)
+
+    async def _serve(self, socket: WebSocket, serve: Callable[[WebSocket, Role, str], Awaitable[None]]) -> None:
+        if self.connections >= MAX_CONNECTIONS:
+            await socket.close(CLOSE_FULL)
+            return
+        self.connections += 1
+        try:
+            hello = await self._greet(socket)
+            if hello is not None:
+                await serve(socket, *hello)
+        except WebSocketDisconnect:
+            pass
+        finally:
+            self.connections -= 1
+
+    async def _greet(self, socket: WebSocket) -> tuple[Role, str] | None:
+        """Role and client of a WebSocket whose first message carries a token; any other is closed."""
+        await socket.accept()
+        hello = await _hello(socket)
+        role, client = self.access.role(hello.get("token")), hello.get("client")
+        if role is None or not isinstance(client, str) or not _CLIENT.fullmatch(client):
+            await socket.close(CLOSE_TOKEN, "this token is not one of this start's; use the URL just printed")
+            return None
+        return role, client
+
+    async def _send_rows(self, socket: WebSocket, role: Role, client: str) -> None:
+        queue = self.hub.watch_rows()
+
+        async def send() -> None:
+            while True:
+                await socket.send_bytes(await queue.get())
+
+        try:
+            await _until_gone(socket, send)
+        finally:
+            self.hub.leave_rows(queue)
+
+    async def _send_state(self, socket: WebSocket, role: Role, client: str) -> None:
+        queue = self.hub.watch_state()
+        if role is Role.COMMAND:
+            self.lease.claim(client)
+
+        async def send() -> None:
+            while True:
+                message = await queue.get()
+                lease = {**self.lease.report(client), "may": role is Role.COMMAND}
+                await socket.send_text(to_json({**message, "lease": lease}).decode())
+
+        try:
+            await _until_gone(socket, send)
+        finally:
+            self.hub.leave_state(queue)
+            self.lease.gone(client)
+
+
+def create_app(server: ScopeServer, names: Names) -> ASGIApp:
+    """The whole application, guarded."""
+
+    def command(handler: Callable[[Request], Any], role: Role = Role.COMMAND, *, lease: bool = True) -> Any:
+        return _endpoint(server, handler, role, lease)
+
+    posts = {
+        "stop": command(server.stop, lease=False),
+        "estop": command(server.estop, lease=False),
+        "start": command(server.start),
+        "clear": command(server.clear),
+        "set": command(server.set),
+        "release": command(server.release),
+        "excite": command(server.excite),
+        "record": command(server.record),
+        "lease": command(server.take, lease=False),
+        "preview": command(server.preview, Role.LOOK, lease=False),
+        "simulate": command(server.simulate, Role.LOOK, lease=False),
+        "open": command(server.open, Role.LOOK, lease=False),
+        "save": command(server.save, Role.LOOK, lease=False),
+    }
+    routes = [
+        Route("/", _page),
+        *(Route(f"/api/{name}", endpoint, methods=["POST"]) for name, endpoint in posts.items()),
+        Route("/faults/{code}", _fault_page),
+        WebSocketRoute("/ws/rows", server.rows),
+        WebSocketRoute("/ws/state", server.state),
+        Mount("/static", StaticFiles(directory=STATIC)),
+    ]
+    return Guard(Starlette(routes=routes), names)
+
+
+async def _page(request: Request) -> Response:
+    return FileResponse(STATIC / "index.html")
+
+
+async def _fault_page(request: Request) -> Response:
+    code = request.path_params["code"]
+    if re.fullmatch(r"[a-z_]{1,40}", code):
+        for folder in FAULT_PAGES:
+            if (path := folder / f"{code}.md").is_file():
+                return PlainTextResponse(path.read_text(encoding="utf-8"))
+    return error_answer(404, "not_found", "no page about such a fault")
+
+
+def _endpoint(server: ScopeServer, handler: Callable[[Request], Any], role: Role, lease: bool) -> Any:
+    """A route's endpoint: token first, then the lease, then the form; and every refusal as JSON."""
+
+    async def endpoint(request: Request) -> Response:
+        found = server.access.bearer(request.headers)
+        if found is None:
+            return error_answer(401, "token", "an Authorization header with a token of this start is needed")
+        if role is Role.COMMAND and found is not Role.COMMAND:
+            return error_answer(403, "view_only", "this token may only look")
+        if lease and not server.lease.held_by(request.headers.get("x-client")):
+            return error_answer(409, "lease", "another page holds the controls; take them over first")
+        try:
+            result = await handler(request)
+        except BadRequest as error:
+            return error_answer(error.status, error.code, error.message)
+        except RequestRefused as error:
+            return error_answer(error.status, error.code, error.message, problems=error.problems)
+        except DaemonUnreachable as error:
+            return error_answer(502, "unreachable", str(error))
+        except ConfigError as error:
+            problems = [asdict(problem) for problem in error.problems]
+            return error_answer(422, "config", str(error), problems=problems)
+        except (RunFileError, RunError) as error:
+            return error_answer(422, "run", str(error))
+        except ClientDisconnect:
+            return error_answer(400, "gone", "the page went away")
+        return result if isinstance(result, Response) else answer(result)
+
+    return endpoint
+
+
+async def _body(request: Request, media_type: str, limit: int) -> bytes:
+    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
+    if kind != media_type:
+        raise BadRequest(415, "media_type", f"a body of type {media_type} is needed, not {kind or 'none'}")
+    body = bytearray()
+    async for part in request.stream():
+        body += part
+        if len(body) > limit:
+            raise BadRequest(413, "too_large", f"the body is longer than {limit} bytes")
+    return bytes(body)
+
+
+async def _fields(request: Request, **kinds: type) -> dict[str, Any]:
+    """The request's JSON object, with exactly these fields."""
+    try:
+        found = json.loads(await _body(request, JSON_TYPE, MAX_BODY_BYTES), parse_constant=_no_constant)
+    except ValueError as error:
+        raise BadRequest(400, "json", f"the body is not valid JSON: {error}") from error
+    if not isinstance(found, dict) or found.keys() != kinds.keys():
+        raise BadRequest(
+            422, "request", f"a JSON object with exactly the fields {', '.join(kinds) or '(none)'} is needed"
+        )
+    for name, kind in kinds.items():
+        value = found[name]
+        numeric = kind is float and isinstance(value, int | float) and not isinstance(value, bool)
+        if not (numeric or isinstance(value, kind)):
+            raise BadRequest(422, "request", f"{name}: {value!r:.60} is not of the right type ({kind.__name__})")
+    return found
+
+
+def _no_constant(name: str) -> float:
+    raise ValueError(f"{name} is not a number of JSON")
+
+
+def _client(request: Request) -> str:
+    client = request.headers.get("x-client", "")
+    if not _CLIENT.fullmatch(client):
+        raise BadRequest(422, "request", "an X-Client header is needed")
+    return client
+
+
+async def _hello(socket: WebSocket) -> dict[str, Any]:
+    """The first message; an empty one when it does not come in time or is no JSON object."""
+    try:
+        async with asyncio.timeout(HELLO_TIMEOUT_S):
+            found = json.loads(await socket.receive_text())
+    except (TimeoutError, ValueError, KeyError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
+async def _until_gone(socket: WebSocket, send: Callable[[], Any]) -> None:
+    """Send until the page goes; what it says meanwhile is read and ignored."""
+    sending = asyncio.ensure_future(send())
+    receiving = asyncio.ensure_future(_listen(socket))
+    try:
+        await asyncio.wait({sending, receiving}, return_when=asyncio.FIRST_COMPLETED)
+    finally:
+        for task in (sending, receiving):
+            task.cancel()
+        for outcome in await asyncio.gather(sending, receiving, return_exceptions=True):
+            if isinstance(outcome, Exception) and not isinstance(outcome, WebSocketDisconnect | RuntimeError):
+                raise outcome
+
+
+async def _listen(socket: WebSocket) -> None:
+    while (await socket.receive())["type"] != "websocket.disconnect":
+        pass

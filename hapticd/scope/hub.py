@@ -1,0 +1,166 @@
+"""From one daemon to all pages: frames relayed as they are, and the state when it is asked for.
+
+With no page open, nothing runs here and nothing is asked of the daemon. Every page has bounded queues of its own that
+drop their oldest entry; rows and state go over two connections, so that bulk data in a slow network's buffers never
+stands in front of the state.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import logging
+import time
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any, Generic, TypeVar
+
+from prometheus_client.parser import text_string_to_metric_families
+
+from hapticd.client import Client, DaemonUnreachable, RequestRefused
+from hapticd.scope import theory
+from hapticd.scope.upstream import StreamLost, frames
+
+log = logging.getLogger(__name__)
+
+STATE_S = 0.2
+HISTOGRAMS_EVERY = 10
+"""One look at the histograms for so many at the state."""
+RETRY_S = 0.5
+WAITING_FRAMES = 64
+WAITING_MESSAGES = 16
+ASK_TIMEOUT_S = 5.0
+Item = TypeVar("Item")
+
+
+class Queue(Generic[Item]):
+    """A bounded queue to one page, which drops its oldest entry."""
+
+    def __init__(self, length: int) -> None:
+        self._items: deque[Item] = deque(maxlen=length)
+        self._ready = asyncio.Event()
+
+    def put(self, item: Item) -> None:
+        """Never waits."""
+        self._items.append(item)
+        self._ready.set()
+
+    async def get(self) -> Item:
+        """The oldest entry, as soon as there is one."""
+        while not self._items:
+            self._ready.clear()
+            await self._ready.wait()
+        return self._items.popleft()
+
+
+class Hub:
+    """What all pages share.
+
+    Args:
+        socket_path: the daemon's.
+    """
+
+    def __init__(self, socket_path: Path) -> None:
+        self.socket_path = socket_path
+        self.client = Client(socket_path, ASK_TIMEOUT_S)
+        self.rows: set[Queue[bytes]] = set()
+        self.states: set[Queue[dict[str, Any]]] = set()
+        self.config: dict[str, Any] | None = None
+        """The newest ``config`` message; None while no daemon has answered."""
+        self._pool = ThreadPoolExecutor(1, thread_name_prefix="scope-state")
+        self._relay: asyncio.Task[None] | None = None
+        self._poll: asyncio.Task[None] | None = None
+        self._version: tuple[Any, ...] | None = None
+
+    def watch_rows(self) -> Queue[bytes]:
+        """A new page's queue of frames."""
+        queue: Queue[bytes] = Queue(WAITING_FRAMES)
+        self.rows.add(queue)
+        if self._relay is None:
+            self._relay = asyncio.create_task(self._run_relay())
+        return queue
+
+    def watch_state(self) -> Queue[dict[str, Any]]:
+        """A new page's queue of messages."""
+        queue: Queue[dict[str, Any]] = Queue(WAITING_MESSAGES)
+        self.states.add(queue)
+        if self._poll is None:
+            self._poll = asyncio.create_task(self._run_poll())
+        if self.config is not None:
+            queue.put(self.config)
+        return queue
+
+    def leave_rows(self, queue: Queue[bytes]) -> None:
+        """A page has gone; the daemon's stream is let go with the last one."""
+        self.rows.discard(queue)
+        if not self.rows and self._relay is not None:
+            self._relay.cancel()
+            self._relay = None
+
+    def leave_state(self, queue: Queue[dict[str, Any]]) -> None:
+        """A page has gone; nothing is asked any more after the last one."""
+        self.states.discard(queue)
+        if not self.states and self._poll is not None:
+            self._poll.cancel()
+            self._poll = None
+            self.config, self._version = None, None
+
+    def close(self) -> None:
+        """Let the threads go."""
+        self._pool.shutdown(wait=False, cancel_futures=True)
+
+    async def ask(self, method: Callable[..., Any], *arguments: Any) -> Any:
+        """Call something that waits, on the hub's own thread."""
+        return await asyncio.get_running_loop().run_in_executor(self._pool, method, *arguments)
+
+    async def _run_relay(self) -> None:
+        while True:
+            try:
+                async for frame in frames(self.socket_path):
+                    for queue in self.rows:
+                        queue.put(frame)
+            except StreamLost as lost:
+                log.debug("%s", lost)
+            await asyncio.sleep(RETRY_S)
+
+    async def _run_poll(self) -> None:
+        due, looks = time.monotonic(), 0
+        while True:
+            message: dict[str, Any] = {"type": "state", "status": None, "why": None}
+            try:
+                message["status"] = status = await self.ask(self.client.status)
+                version = (status["config_digest"], status["origin_counts"])
+                if version != self._version:
+                    self.config = await self.ask(self._describe)
+                    self._version = version
+                    self._send(self.config)
+                if looks % HISTOGRAMS_EVERY == 0:
+                    self._send({"type": "histograms", **await self.ask(self._histograms)})
+                looks += 1
+            except (DaemonUnreachable, RequestRefused) as error:
+                message["why"] = str(error)
+            except Exception:
+                log.exception("the state could not be worked out")
+                message["why"] = "the scope failed inside itself; its log has the details"
+            self._send({**message, "unix_s": time.time()})
+            due = max(due + STATE_S, time.monotonic())
+            await asyncio.sleep(due - time.monotonic())
+
+    def _describe(self) -> dict[str, Any]:
+        return {"type": "config", **theory.describe(self.client.config())}
+
+    def _histograms(self) -> dict[str, Any]:
+        """Lateness and execution time since the loop began: upper bounds in s and how many ticks lie below each."""
+        found: dict[str, Any] = {}
+        for family in text_string_to_metric_families(self.client.metrics()):
+            if family.type == "histogram":
+                buckets = [sample for sample in family.samples if sample.name.endswith("_bucket")]
+                below = [(float(sample.labels["le"]), sample.value) for sample in buckets]
+                name = family.name.removeprefix("hapticd_").removesuffix("_seconds")
+                found[name] = {"bounds_s": [bound for bound, _ in below], "below": [count for _, count in below]}
+        return found
+
+    def _send(self, message: dict[str, Any]) -> None:
+        for queue in self.states:
+            queue.put(message)

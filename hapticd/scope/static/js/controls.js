@@ -1,0 +1,179 @@
+// Live settings: sent when a slider is let go, shown as the daemon confirmed them, refused in its own words beside the
+// control they belong to. While one is dragged, the plane shows where it would land.
+// @ts-check
+
+import { byId, make, number } from "./dom.js";
+import { ask } from "./link.js";
+
+const PREVIEW_MS = 60;
+const STEPS = 1000;
+
+/**
+ * @typedef {object} Setting
+ * @property {string} key
+ * @property {string} label
+ * @property {string} [unit]
+ * @property {string} [linearUnit]
+ * @property {[number, number]} [range]
+ * @property {[number, number]} [linearRange]
+ * @property {boolean} [log]
+ * @property {boolean} [whole]
+ * @property {number} [factor] shown = value · factor
+ * @property {string[]} [choices]
+ */
+
+/** @type {Setting[]} */
+const SETTINGS = [
+  { key: "spring.stiffness", label: "Stiffness K", unit: "N m/rad", linearUnit: "N/m", range: [1e-4, 10], linearRange: [1, 1e5], log: true },
+  { key: "encoder.decimation", label: "Decimation N", unit: "counts/tick", range: [1, 1024], log: true, whole: true },
+  { key: "servo.rate_hz", label: "Servo rate 1/T", unit: "Hz", range: [50, 20000], log: true, whole: true },
+  { key: "delay.computation_s", label: "Delay T_V", unit: "ms", range: [0, 10], factor: 1e3 },
+  { key: "dither.target", label: "Dither", choices: ["none", "position", "current"] },
+  { key: "dither.waveform", label: "Dither form", choices: ["sine", "triangle", "square", "uniform"] },
+  { key: "dither.amplitude", label: "Dither amplitude", unit: "ticks or A", range: [0, 2] },
+  { key: "dither.frequency_hz", label: "Dither frequency", unit: "Hz", range: [0, 500] },
+  { key: "spring.side", label: "Wall", choices: ["both", "positive", "negative"] },
+];
+
+/** @param {any} config @param {string} key */
+const lookUp = (config, key) => key.split(".").reduce((found, part) => found?.[part], config);
+
+export class Controls {
+  /**
+   * @param {(plane: any) => void} dream shows a setting not yet sent; null: none
+   * @param {() => number} deflection the motion that the plane is drawn for
+   */
+  constructor(dream, deflection) {
+    this.dream = dream;
+    this.deflection = deflection;
+    this.linear = false;
+    /** @type {any} */ this.config = null;
+    /** @type {Map<string, Control>} */ this.controls = new Map();
+    this.asked = 0;
+    /** @type {any} */ this.timer = undefined;
+    this.built = "";
+  }
+
+  /** @param {any} config @param {boolean} linear */
+  confirm(config, linear) {
+    this.config = config;
+    if (this.built !== String(linear)) {
+      this.built = String(linear);
+      this.linear = linear;
+      byId("settings").replaceChildren();
+      for (const setting of SETTINGS) {
+        const control = new Control(setting, this);
+        this.controls.set(setting.key, control);
+        byId("settings").append(control.box);
+      }
+    }
+    for (const [key, control] of this.controls) control.confirmed(lookUp(config, key));
+  }
+
+  /** Ask where a value would land, not more often than every 60 ms. @param {string} key @param {any} value */
+  preview(key, value) {
+    clearTimeout(this.timer);
+    const number = ++this.asked;
+    this.timer = setTimeout(async () => {
+      try {
+        const plane = await ask("preview", { settings: { [key]: value }, deflection: this.deflection() });
+        if (number === this.asked) this.dream(plane);
+      } catch {
+        if (number === this.asked) this.dream(null);
+      }
+    }, PREVIEW_MS);
+  }
+
+  /** Send a value. @param {Control} control @param {any} value */
+  async send(control, value) {
+    clearTimeout(this.timer);
+    this.asked++;
+    control.waiting();
+    try {
+      await ask("set", { settings: { [control.setting.key]: value } });
+      control.refused("");
+    } catch (error) {
+      control.refused(error instanceof Error ? error.message : String(error));
+      control.confirmed(lookUp(this.config, control.setting.key));
+    }
+    this.dream(null);
+  }
+}
+
+class Control {
+  /** @param {Setting} setting @param {Controls} owner */
+  constructor(setting, owner) {
+    this.setting = setting;
+    this.owner = owner;
+    const id = `set-${setting.key.replace(".", "-")}`;
+    this.range = (owner.linear && setting.linearRange) || setting.range || [0, 1];
+    const unit = (owner.linear && setting.linearUnit) || setting.unit || "";
+    this.dragging = false;
+    this.confirmedText = make("output", { class: "confirmed", id: `${id}-confirmed`, title: "as the daemon confirmed it" }, "–");
+    this.error = make("div", { class: "refusal", id: `${id}-refusal`, role: "alert" });
+    this.box = make("div", { class: "setting" }, make("label", { for: id }, setting.label), make("span", { class: "unit" }, unit), this.confirmedText);
+    if (setting.choices) {
+      this.select = /** @type {HTMLSelectElement} */ (make("select", { id }, ...setting.choices.map((choice) => make("option", { value: choice }, choice))));
+      this.select.addEventListener("change", () => owner.send(this, this.select?.value));
+      this.box.append(this.select);
+    } else {
+      const slider = /** @type {HTMLInputElement} */ (make("input", { id, type: "range", min: "0", max: String(STEPS), step: "1", "aria-describedby": `${id}-confirmed` }));
+      const entry = /** @type {HTMLInputElement} */ (make("input", { id: `${id}-entry`, type: "text", inputmode: "decimal", "aria-label": `${setting.label} as a number` }));
+      this.slider = slider;
+      this.entry = entry;
+      slider.addEventListener("input", () => {
+        this.dragging = true;
+        entry.value = number(this.shown(this.value()));
+        owner.preview(setting.key, this.value());
+      });
+      slider.addEventListener("change", () => {
+        this.dragging = false;
+        owner.send(this, this.value());
+      });
+      entry.addEventListener("change", () => {
+        const given = Number(entry.value.replace(",", "."));
+        if (!entry.value.trim() || !Number.isFinite(given)) this.refused(`${entry.value} is not a number`);
+        else owner.send(this, setting.whole ? Math.round(given) : given / (setting.factor ?? 1));
+      });
+      this.box.append(slider, entry);
+    }
+    this.box.append(this.error);
+  }
+
+  /** @param {number} value */
+  shown(value) {
+    return value * (this.setting.factor ?? 1);
+  }
+
+  /** What the slider stands at. */
+  value() {
+    const part = Number(this.slider?.value) / STEPS;
+    const [low, high] = this.range;
+    const shown = this.setting.log ? low * (high / low) ** part : low + (high - low) * part;
+    if (this.setting.whole) return Math.round(shown);
+    return Number((shown / (this.setting.factor ?? 1)).toPrecision(3));
+  }
+
+  waiting() {
+    this.box.classList.add("waiting");
+  }
+
+  /** @param {any} value */
+  confirmed(value) {
+    this.box.classList.remove("waiting");
+    this.confirmedText.textContent = typeof value === "number" ? number(this.shown(value)) : String(value);
+    if (this.select) this.select.value = String(value);
+    if (!this.slider || !this.entry || this.dragging) return;
+    const [low, high] = this.range;
+    const shown = this.shown(Number(value));
+    const part = this.setting.log ? Math.log(Math.max(shown, 1e-30) / low) / Math.log(high / low) : (shown - low) / (high - low);
+    this.slider.value = String(Math.round(STEPS * Math.min(1, Math.max(0, part))));
+    if (document.activeElement !== this.entry) this.entry.value = number(shown);
+  }
+
+  /** @param {string} why */
+  refused(why) {
+    this.box.classList.remove("waiting");
+    this.error.textContent = why;
+  }
+}

@@ -1,0 +1,105 @@
+// The release experiment: asked for, waited for, and laid over the exact simulation of the deflection that was achieved.
+// @ts-check
+
+import { byId, number, say } from "./dom.js";
+import { FLAG, decodeStream } from "./frames.js";
+import { ask, request } from "./link.js";
+
+/** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean}} Running */
+
+export class Release {
+  /**
+   * @param {() => import("./store.js").Store} store
+   * @param {() => void} prepare called before anything moves: from here on every row is needed
+   * @param {(running: Running) => void} ended with the rows' place known and the simulation, if it could be had, laid over
+   */
+  constructor(store, prepare, ended) {
+    this.store = store;
+    this.prepare = prepare;
+    this.ended = ended;
+    /** @type {Running | null} */ this.running = null;
+  }
+
+  /** @param {number} deflection @param {number} durationS */
+  async begin(deflection, durationS) {
+    say("release-answer", "waiting for the shaft to rest …");
+    say("release-outcome", "");
+    this.prepare();
+    const from = this.store().head;
+    try {
+      const reply = await ask("release", { deflection, duration_s: durationS });
+      say("release-answer", `released from ${number(reply.achieved_deflection)} ticks, exact to one raw count`);
+      this.running = { deflection: reply.achieved_deflection, durationS, experiment: reply.experiment, from, start: -1, model: null, over: false };
+      this.simulate(this.running);
+    } catch (error) {
+      say("release-answer", error instanceof Error ? error.message : String(error));
+    }
+  }
+
+  /** @param {Running} running */
+  async simulate(running) {
+    try {
+      const reply = await request("simulate", { deflection: running.deflection, duration_s: running.durationS });
+      const { description, frames } = decodeStream(await reply.arrayBuffer());
+      const model = new Float32Array(frames.reduce((sum, frame) => sum + frame.rows, 0));
+      let at = 0;
+      for (const frame of frames) for (let i = 0; i < frame.rows; i++) model[at++] = frame.counts[i] / description.decimation;
+      running.model = model;
+      byId("release-outcome").dataset.simulated = String(description.report.outcome);
+      this.lay(running);
+    } catch (error) {
+      say("release-answer", `no simulation: ${error instanceof Error ? error.message : String(error)}`);
+    }
+  }
+
+  /** Look for the first rendered row, and for the end. @param {any} status */
+  look(status) {
+    const { running } = this;
+    if (!running) return;
+    const store = this.store();
+    if (running.start < 0) {
+      const { flags, mask } = store;
+      for (let row = Math.max(running.from, store.first); row < store.head; row++) {
+        if (flags[row & mask] & FLAG.running) {
+          // Its first tick is the one after a row at rest; if that row did not come, nobody knows which tick this is.
+          const whole = row > store.first && store.tick[row & mask] === store.tick[(row - 1) & mask] + 1;
+          if (whole) running.start = row;
+          else say("release-answer", "the first ticks of the release did not come here: there is no simulation to compare");
+          break;
+        }
+      }
+    }
+    const { experiment } = status;
+    if (running.over || !experiment || experiment.id !== running.experiment || experiment.state === "running") return;
+    running.over = true;
+    const result = experiment.result ?? {};
+    const words = /** @type {Record<string, string>} */ ({
+      decaying: "decaying: it came or comes to rest",
+      persistent: "persistent: it goes on oscillating",
+      growing: "growing: it ran away",
+      monotone: "monotone: its energy never rose",
+    });
+    const fault = result.fault ? `, ended by the fault ${result.fault}` : "";
+    say("release-outcome", result.outcome ? `${words[result.outcome] ?? result.outcome}${fault}` : `${experiment.state}${fault}`);
+    byId("release-outcome").dataset.outcome = String(result.outcome);
+    this.lay(running);
+    this.ended(running);
+  }
+
+  /** @param {Running} running */
+  lay(running) {
+    const store = this.store();
+    if (running.start < store.first || !running.model) return;
+    const end = store.overlay(running.start, running.model);
+    let squares = 0;
+    let count = 0;
+    for (let row = running.start; row < end; row++) {
+      const value = store.value("residual", row);
+      squares += value * value;
+      count++;
+    }
+    if (!running.over || !count) return;
+    const simulated = byId("release-outcome").dataset.simulated;
+    say("release-residual", `residual ${number(Math.sqrt(squares / count), 3)} ticks RMS over ${count} ticks; the simulation is ${simulated}`);
+  }
+}

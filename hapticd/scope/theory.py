@@ -1,0 +1,128 @@
+"""What the page says of theory: the (β, σ) plane of the present μ and τ_D, its boundaries, and a setting not yet sent.
+
+All numbers come from `hapticd.stability`; the page only draws them.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from drivers import declared_latency
+from hapticd.config import Config, apply_settings, config_digest, parse_config
+from hapticd.servo.excitation import SHAPES
+from hapticd.stability.criterion import velocity_limit, xi_ddot_bound
+from hapticd.stability.limit_cycle import predicted_cycle
+from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
+from hapticd.stability.regions import MEANING, critical_sigma, region
+from hapticd.stability.sharp import sharp_requirement
+from hapticd.stability.storage import equivalent_deflection, velocity_bound
+
+DEFLECTION: Final = 10.3
+"""Motion for which the speed-dependent boundaries are drawn until the page asks for another, coarse ticks."""
+BETA: Final = np.geomspace(1e-3, 1e2, 201)
+_ROUNDS, _CLOSE, _NEVER = 100, 1e-4, 1e6
+
+
+def describe(document: dict[str, Any], deflection: float = DEFLECTION) -> dict[str, Any]:
+    """All that the page needs of a config: itself, scales and units, the plane and the operating point.
+
+    Args:
+        document: the daemon's ``/config``.
+        deflection: release for which boundaries and region are worked out, coarse ticks.
+    """
+    config = parse_config(document, "the daemon's config")
+    linear = config.is_linear
+    length, force = ("m", "N") if linear else ("rad", "N m")
+    return {
+        "config": document,
+        "digest": config_digest(config),
+        "scales": {
+            "resolution": config.resolution,
+            "raw_resolution": config.raw_resolution,
+            "decimation": config.encoder.decimation,
+            "period_s": config.period,
+        },
+        "units": {"position": length, "velocity": f"{length}/s", "current": "A", "force": force},
+        "plane": plane(config, deflection),
+        "excitations": ["all", *SHAPES],
+    }
+
+
+def plane(config: Config, deflection: float = DEFLECTION) -> dict[str, Any]:
+    """Operating point, regions and boundaries.
+
+    Returns:
+        ``point`` (see `_point`), ``beta_line`` (½ + τ_D), ``sigma_line`` (½), ``beta`` (201 values) and on it ``paper`` and
+        ``sharp``, the σ that each criterion asks for in a release from ``deflection``; infinite where no σ is enough.
+    """
+    loop = _loop(config)
+    n = loop.numbers
+    point = _point(loop, deflection)
+    if math.isinf(n.mu):
+        return {"point": point, "beta_line": 0.5 + n.tau_d, "sigma_line": 0.5, "beta": [], "paper": [], "sharp": []}
+    top = float(velocity_bound(deflection, 0.0, n.mu, n.tau_d, n.kappa))
+    paper = np.array([critical_sigma(n, top, beta) for beta in BETA])
+    return {
+        "point": point,
+        "beta_line": 0.5 + n.tau_d,
+        "sigma_line": 0.5,
+        "beta": BETA,
+        "paper": paper,
+        "sharp": _sharp_sigma(n, top),
+    }
+
+
+def preview(document: dict[str, Any], settings: dict[str, Any], deflection: float = DEFLECTION) -> dict[str, Any]:
+    """Where settings that are not sent yet would put the operating point, the boundaries that would hold there included.
+
+    Raises:
+        ConfigError: a setting is wrong.
+    """
+    config = parse_config(document, "the daemon's config")
+    return plane(apply_settings(config, settings, source="settings"), deflection)
+
+
+def _loop(config: Config) -> Loop:
+    latency_s, _ = declared_latency(config)
+    return loop_from_config(config, latency_s)
+
+
+def _point(loop: Loop, deflection: float) -> dict[str, Any]:
+    """The numbers of Table I, the region of every motion and of this release, in words, and the limits of speed."""
+    n = loop.numbers
+    top = None if math.isinf(n.mu) else float(velocity_bound(deflection, 0.0, n.mu, n.tau_d, n.kappa))
+    anywhere, here = region(n), region(n, top)
+    limit = velocity_limit(n)
+    far = math.inf if math.isinf(limit) or math.isinf(n.mu) else float(equivalent_deflection(limit, n.mu))
+    cycle = predicted_cycle(n)
+    return {
+        "mu": n.mu,
+        "beta": n.beta,
+        "sigma": n.sigma,
+        "tau_d": n.tau_d,
+        "region": anywhere,
+        "words": MEANING[anywhere],
+        "deflection": deflection,
+        "region_here": here,
+        "words_here": MEANING[here],
+        "velocity_limit": {"ticks_per_period": limit, "si": limit * loop.resolution / loop.period},
+        "deflection_limit": {"ticks": far, "si": far * loop.resolution},
+        "cycle": cycle and {"ticks": cycle.amplitude, "hz": loop.scales.omega_to_hz(cycle.omega)},
+    }
+
+
+def _sharp_sigma(n: Dimensionless, top: float) -> NDArray[np.float64]:
+    """σ on the sharp boundary at every β; with delay ξ̈_max contains σ itself, so it is iterated up to the fixed point."""
+    sigma = sharp_requirement(BETA, top)
+    if not n.tau_d:
+        return sigma
+    for _ in range(_ROUNDS):
+        before = sigma
+        sigma = sharp_requirement(BETA, top, n.tau_d, xi_ddot_bound(n.mu, BETA, before, top, n.kappa))
+        if np.all((sigma - before <= _CLOSE * sigma) | (sigma > _NEVER)):
+            break
+    return np.where(sigma > _NEVER, math.inf, sigma)

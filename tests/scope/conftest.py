@@ -1,0 +1,113 @@
+"""One browser and one testbed for all tests of the page; every test gets it off, without a fault, at its first settings."""
+
+from __future__ import annotations
+
+import math
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, ConsoleMessage, Page, expect
+
+from .browser import Testbed, launched
+
+SETTINGS = {
+    "spring.stiffness": 0.012,
+    "encoder.decimation": 1,
+    "servo.rate_hz": 1000,
+    "delay.computation_s": 0,
+    "dither.target": "none",
+    "spring.side": "both",
+    "safety.max_velocity": 400,
+}
+WIDTH, HEIGHT = 1280, 720
+PATIENCE_MS = 30_000
+Open = Callable[..., Page]
+
+
+@pytest.fixture(scope="session")
+def browser() -> Iterator[Browser]:
+    """Chromium."""
+    expect.set_options(timeout=PATIENCE_MS)
+    with launched() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="session")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Testbed]:
+    """A daemon and a scope."""
+    testbed = Testbed(tmp_path_factory.mktemp("scope"))
+    try:
+        testbed.start_daemon()
+        testbed.start_scope()
+        yield testbed
+    finally:
+        testbed.close()
+
+
+@pytest.fixture
+def testbed(shared: Testbed) -> Testbed:
+    """The same, as at its start."""
+    client = shared.client
+    if client.status()["state"] == "fault":
+        client.clear()
+    client.stop()
+    # A fault leaves the shaft where it coasted to; the spring begins there.
+    here = client.status()["encoder_counts"] * 2 * math.pi / client.config()["encoder"]["counts_per_rev"]
+    client.set({**SETTINGS, "spring.origin": here})
+    return shared
+
+
+@pytest.fixture
+def open_page(browser: Browser, testbed: Testbed) -> Iterator[Open]:
+    """Open the page in a context of its own; an error or a breach of the content policy in it fails the test."""
+    contexts, wrong = [], []
+
+    def hear(message: ConsoleMessage) -> None:
+        if (
+            message.type == "error"
+            and "Failed to load resource" not in message.text
+            and "WebSocket" not in message.text
+        ):
+            wrong.append(message.text)
+
+    def open_one(url: str | None = None, *, ready: bool = True, before: Callable[[Page], None] | None = None) -> Page:
+        context = browser.new_context(viewport={"width": WIDTH, "height": HEIGHT}, accept_downloads=True)
+        contexts.append(context)
+        page = context.new_page()
+        page.set_default_timeout(PATIENCE_MS)
+        page.on("console", hear)
+        page.on("pageerror", lambda error: wrong.append(str(error)))
+        if before is not None:
+            before(page)
+        page.goto(url or testbed.url)
+        if ready:
+            expect(page.locator("#region")).not_to_have_text("–")
+        return page
+
+    yield open_one
+    for context in contexts:
+        context.close()
+    assert wrong == []
+
+
+@pytest.fixture
+def page(open_page: Open) -> Page:
+    """The page with the controls."""
+    page = open_page()
+    if page.locator("body").get_attribute("data-control") != "mine":
+        page.click("#take")
+    expect(page.locator("#lease")).to_have_text("this page has the controls")
+    return page
+
+
+@pytest.fixture
+def run_file(tmp_path: Path, shared: Testbed) -> Path:
+    """A run of 0.5 s at 2 kHz, simulated."""
+    path = tmp_path / "sim.arrow"
+    words = [sys.executable, "-m", "hapticd.cli", "simulate", "--duration", "0.5", "--deflection", "12"]
+    settings = ["--set", "servo.rate_hz=2000", "--set", "encoder.decimation=217"]
+    subprocess.run([*words, *settings, "-o", str(path)], check=True, capture_output=True, env=shared.environment)
+    return path

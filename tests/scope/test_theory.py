@@ -1,0 +1,67 @@
+"""What the page is told of theory is what `hapticd.stability` says."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from hapticd.config import ConfigError, apply_settings, load_config
+from hapticd.scope import theory
+from hapticd.stability.assessment import assess
+from hapticd.stability.criterion import criterion_margin
+from hapticd.stability.numbers import Dimensionless, from_config
+from hapticd.stability.storage import velocity_bound
+
+CASES = [
+    {},
+    {"encoder.decimation": 217, "servo.rate_hz": 500},
+    {"encoder.decimation": 217, "servo.rate_hz": 100},
+    {"encoder.decimation": 217, "delay.computation_s": 0.002},
+    {"encoder.decimation": 1000},
+]
+
+
+@pytest.mark.parametrize("settings", CASES)
+@pytest.mark.parametrize("deflection", [2.3, 20.3])
+def test_the_point_is_checks(settings: dict[str, float], deflection: float) -> None:
+    config = apply_settings(load_config(None), settings)
+    point = theory.plane(config, deflection)["point"]
+    expected = assess(config, deflection=deflection)
+    assert point["region_here"] == expected.region
+    assert point["region"] == assess(config).region
+    assert (point["beta"], point["sigma"]) == (expected.numbers.beta, expected.numbers.sigma)
+    assert point["velocity_limit"]["ticks_per_period"] == expected.velocity_limit
+
+
+@pytest.mark.parametrize("settings", CASES)
+@pytest.mark.parametrize("law", ["paper", "sharp"])
+def test_on_a_boundary_the_margin_is_zero(settings: dict[str, float], law: str) -> None:
+    config = apply_settings(load_config(None), settings)
+    found = theory.plane(config, 5.3)
+    n = from_config(config)
+    top = float(velocity_bound(5.3, 0.0, n.mu, n.tau_d, n.kappa))
+    checked = 0
+    for beta, sigma in zip(found["beta"], found[law], strict=True):
+        if math.isfinite(sigma):
+            margin = criterion_margin(Dimensionless(n.mu, beta, sigma, n.tau_d, n.kappa), top, law)  # type: ignore[arg-type]
+            assert margin == pytest.approx(0, abs=1e-3 * max(1.0, sigma))
+            checked += 1
+    assert checked > 50
+
+
+def test_a_preview_changes_nothing_and_refuses_what_the_daemon_would() -> None:
+    document = load_config(None).model_dump(mode="json")
+    before = str(document)
+    found = theory.preview(document, {"encoder.decimation": 217}, 10.3)
+    assert found["point"]["sigma"] == pytest.approx(theory.plane(load_config(None))["point"]["sigma"] / 217)
+    assert str(document) == before
+    with pytest.raises(ConfigError, match=r"spring\.stiffness"):
+        theory.preview(document, {"spring.stiffness": -1}, 10.3)
+
+
+def test_without_a_spring_there_is_no_boundary() -> None:
+    found = theory.plane(apply_settings(load_config(None), {"spring.stiffness": 0}))
+    assert np.isinf(found["point"]["sigma"])
+    assert found["paper"] == []
