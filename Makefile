@@ -7,12 +7,8 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-<<<<<<< ours
-.PHONY: run test compiled lint types layers bench soak dist docs site firmware firmware-test install uninstall system-test clean \
-  help
-=======
-.PHONY: run test compiled lint types jstypes layers bench soak dist docs site install uninstall system-test clean help
->>>>>>> theirs
+.PHONY: run test compiled lint types jstypes layers bench soak dist docs site firmware firmware-test install uninstall \
+  system-test clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -20,13 +16,8 @@ help:            ## this list
 run: $(STAMP)    ## the daemon on the simulated RE35/Copley testbed, in real time
 	$(BIN)/hapticd run
 
-<<<<<<< ours
-test: $(STAMP) lint types layers compiled   ## every check and test that needs no special machine
-	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 2 --dist worksteal
-=======
 test: $(STAMP) lint types jstypes layers compiled   ## every check and test that needs no special machine
-	$(BIN)/python -m pytest -m 'not realtime' -n 2 --dist worksteal
->>>>>>> theirs
+	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 2 --dist worksteal
 	$(BIN)/python -m pytest -m realtime
 
 compiled: $(STAMP)   ## fill the compile caches of daemon and simulated hardware, side by side

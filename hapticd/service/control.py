@@ -123,16 +123,3 @@ class Control(Protocol):
             ConfigError: the config is wrong; the one in force stays.
             Refused: keys that need a restart have changed.
         """
-
-
-class Refused(Exception):  # noqa: N818 - an answer, not an error of the program
-    """The daemon understood and says no, in its present state (HTTP 409)."""
-
-    def __init__(self, code: str, message: str) -> None:
-        super().__init__(message)
-        self.code = code
-        self.message = message
-
-
-class DriverFailure(Exception):  # noqa: N818 - named as the public exit code is: "device or driver failure"
-    """The device or its driver failed while a request was carried out (HTTP 502)."""

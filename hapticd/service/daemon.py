@@ -17,12 +17,13 @@ from drivers import DriverError
 from hapticd.config import Config, apply_settings, config_digest, load_config
 from hapticd.record import RecordingError
 from hapticd.service import metrics, report
-from hapticd.service.control import DriverFailure, JsonDict, Refused
+from hapticd.service.control import JsonDict
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_keeper import FaultKeeper
 from hapticd.service.latch import FaultLatch
 from hapticd.service.live import LiveStream
 from hapticd.service.notify import Notifier, TickWatchdog
+from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.rig import Rig
 from hapticd.service.settings import changed_keys, is_live
 from hapticd.servo import faults, words

@@ -17,7 +17,7 @@ import numpy as np
 
 from hapticd.record import RecordingError, read_run
 from hapticd.record.schema import FLAG_RUNNING
-from hapticd.service.control import Refused
+from hapticd.service.refusals import Refused
 from hapticd.servo import excitation, faults, words
 from hapticd.servo import layout as w
 from hapticd.stability.outcome import STRETCHES, decide

@@ -13,7 +13,8 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from hapticd.record import RecordingError
-from hapticd.service.control import JsonDict, Refused
+from hapticd.service.control import JsonDict
+from hapticd.service.refusals import Refused
 from hapticd.servo import faults, words
 from hapticd.servo import layout as w
 

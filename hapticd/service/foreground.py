@@ -21,11 +21,11 @@ from rich.text import Text
 from drivers import DriverConfigError
 from hapticd.config import ConfigError
 from hapticd.service.api import ApiServer
-from hapticd.service.control import DriverFailure, Refused
 from hapticd.service.daemon import Daemon
 from hapticd.service.journal import JournalHandler, stderr_is_journal
 from hapticd.service.latch import FaultLatch
 from hapticd.service.notify import Notifier
+from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.socket import bind
 from hapticd.stability import regions
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from hapticd.record.frames import PREFIX, Context, encode
 from hapticd.record.schema import Rows, empty_rows
-from hapticd.service.control import Refused
+from hapticd.service.refusals import Refused
 
 INBOX_PORTIONS = 256
 GATHER_ROWS = 4096

@@ -20,7 +20,7 @@ from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from hapticd.config import ConfigError
-from hapticd.service.control import DriverFailure, Refused
+from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.servo.excitation import ExcitationError
 
 MAX_BODY_BYTES = 64 * 1024

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.client import Client
-from hapticd.service.control import DriverFailure
+from hapticd.service.refusals import DriverFailure
 
 from ..service.fake_control import FAULT, FakeControl
 from .conftest import Run

@@ -11,8 +11,9 @@ from typing import Any
 from hapticd.client import Client
 from hapticd.config import LIVE_KEYS, apply_settings, config_digest, load_config
 from hapticd.service.api import ApiServer
-from hapticd.service.control import DriverFailure, JsonDict, Refused
+from hapticd.service.control import JsonDict
 from hapticd.service.live import LiveStream
+from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.socket import bind
 from hapticd.servo import excitation
 from tests.polling import PATIENCE_S

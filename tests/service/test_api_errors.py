@@ -12,7 +12,7 @@ import httpx
 import pytest
 
 from hapticd.client import Client, DaemonUnreachable
-from hapticd.service.control import DriverFailure, Refused
+from hapticd.service.refusals import DriverFailure, Refused
 
 from .fake_control import FAULT, FakeControl, serve
 

@@ -16,9 +16,9 @@ from drivers import DriverError
 from hapticd.config import ConfigError, config_to_yaml
 from hapticd.record import read_run
 from hapticd.record.schema import FLAG_HELD
-from hapticd.service.control import DriverFailure, Refused
 from hapticd.service.daemon import Daemon
 from hapticd.service.latch import FaultLatch
+from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.servo import thread as servo_thread
 from hapticd.servo.excitation import ExcitationError
 from tests.polling import wait_until

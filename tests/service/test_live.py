@@ -15,9 +15,9 @@ import pytest
 from hapticd.record.frames import PREFIX, Context, decode, encode
 from hapticd.record.schema import Rows, empty_rows
 from hapticd.service.api import ApiServer
-from hapticd.service.control import Refused
 from hapticd.service.daemon import Daemon
 from hapticd.service.live import MAX_READERS, WAITING_FRAMES, LiveStream, Reader
+from hapticd.service.refusals import Refused
 from hapticd.service.socket import bind
 from tests.polling import wait_until
 
