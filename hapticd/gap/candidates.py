@@ -53,13 +53,13 @@ class Candidate:
 
     Attributes:
         slug: the effect. term: with its start.
-        promise: log-likelihood that it promises, nats. price: logarithm of the number of discrete choices made for it.
+        promise: log-likelihood that it promises, nats. penalty: logarithm of the number of discrete choices made for it.
     """
 
     slug: str
     term: Term
     promise: float
-    price: float = 0.0
+    penalty: float = 0.0
 
 
 def scale_of(fit: Fit) -> Scale:

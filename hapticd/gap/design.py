@@ -43,14 +43,14 @@ class Scored:
 
 
 def next_experiment(
-    model: Config, rounds: Sequence[Round], told: Callable[[float, str], None], base: int = 0
+    model: Config, rounds: Sequence[Round], progress: Callable[[float, str], None], base: int = 0
 ) -> dict[str, Any] | None:
     """Design the experiment that separates best what the rounds of a search left tied.
 
     Args:
         model: loop, limits and nominal device.
         rounds: of the search.
-        told: told(share done, what is being done).
+        progress: told the share done and what is being done.
         base: number of terms of every hypothesis, the first ones, that are base parameters.
 
     Returns:
@@ -65,7 +65,7 @@ def next_experiment(
     separates = list(dict.fromkeys(name for group in names for name in group))
     now = min(_now(stage) for stage in tied)
     nothing = {"separates": separates, "now": now, "experiment": None, "file": None}
-    found = design(model, [pair for group in groups for pair in pairs(group)], told)
+    found = design(model, [pair for group in groups for pair in pairs(group)], progress)
     simpler = f"prefer the simpler law, {' and '.join(_simplest(stage) for stage in tied)}."
     if found is None:
         words = f"No experiment that the limits admit tells {listed} apart on this device; {simpler}"
@@ -112,11 +112,13 @@ def pairs(rivals: Sequence[Rival]) -> list[tuple[Rival, Rival]]:
     return [pair for other in rivals[1:] for pair in ((rivals[0], other), (other, rivals[0]))]
 
 
-def design(model: Config, tests: Sequence[tuple[Rival, Rival]], told: Callable[[float, str], None]) -> Scored | None:
+def design(
+    model: Config, tests: Sequence[tuple[Rival, Rival]], progress: Callable[[float, str], None]
+) -> Scored | None:
     """The experiment that separates all pairs best in the worst case; None where none may be run at all.
 
     Args:
-        model: loop and limits. tests: (what is true, what is claimed). told: as in `next_experiment`.
+        model: loop and limits. tests: (what is true, what is claimed). progress: as in `next_experiment`.
     """
     if not tests:
         return None
@@ -129,7 +131,7 @@ def design(model: Config, tests: Sequence[tuple[Rival, Rival]], told: Callable[[
         nonlocal done
         results: list[Scored] = []
         for experiment in experiments:
-            told(done / most, f"trying {experiment.excitation}")
+            progress(done / most, f"trying {experiment.excitation}")
             done += 1
             least = results[enough - 1].expected if len(results) >= enough else 0.0
             expected = separation(experiment, tests, least)

@@ -38,7 +38,7 @@ _ROUGH = 0.5
 
 
 @dataclass(frozen=True)
-class Judged:
+class CrossValidated:
     """A fit with its held-out score."""
 
     fit: Fit
@@ -56,12 +56,12 @@ class Contender:
     """An effect that competed in a round."""
 
     slug: str
-    judged: Judged
+    judged: CrossValidated
     gain: float
     """Held-out gain over the model before the round, nats."""
     evidence: float
     """The same in standard errors."""
-    price: float = 0.0
+    penalty: float = 0.0
     """Logarithm of the number of discrete choices made for it."""
 
     @property
@@ -76,7 +76,7 @@ class Contender:
 class Round:
     """One step of the selection."""
 
-    before: Judged
+    before: CrossValidated
     contenders: tuple[Contender, ...]
     """Best first; the first was taken."""
     tied: tuple[str, ...]
@@ -88,13 +88,13 @@ class Round:
         return self.contenders[0]
 
 
-def judge(fit: Fit, price: float = 0.0) -> Judged:
-    """Score a fit; `price` is the logarithm of the number of discrete choices that were made for it."""
+def cross_validate(fit: Fit, penalty: float = 0.0) -> CrossValidated:
+    """Score a fit; `penalty` is the logarithm of the number of discrete choices that were made for it."""
     scores = fit.held_out()
-    return Judged(fit, scores - price / scores.size)
+    return CrossValidated(fit, scores - penalty / scores.size)
 
 
-def evidence(better: Judged, other: Judged) -> tuple[float, float]:
+def evidence(better: CrossValidated, other: CrossValidated) -> tuple[float, float]:
     """Held-out gain of one hypothesis over another, nats, and the same in standard errors.
 
     If the better one is true, the gain varies by the sum of its own scores times the difference of the two predictions; sums
@@ -121,12 +121,14 @@ def slack(fit: Fit) -> float:
     return float(np.mean((fit.out["variance"] + fit.problem.series.resolution**2 / 12.0) / sensor - 1.0))
 
 
-def search(first: Judged, slugs: Sequence[str], told: Callable[[float, str], None], rounds: list[Round]) -> Judged:
+def search(
+    first: CrossValidated, slugs: Sequence[str], progress: Callable[[float, str], None], rounds: list[Round]
+) -> CrossValidated:
     """Add effects as long as held-out samples ask for one.
 
     Args:
         first: the nominal model. slugs: effects that may be named.
-        told: told the share done and what is being done.
+        progress: told the share done and what is being done.
         rounds: out: what happened in each round; an interruption leaves those that were finished.
 
     Returns:
@@ -134,7 +136,7 @@ def search(first: Judged, slugs: Sequence[str], told: Callable[[float, str], Non
     """
     present, whole = first, missing_power(first.fit)
     for number in range(constants.MOST_EFFECTS):
-        told(number / (constants.MOST_EFFECTS + 1), "trying effects")
+        progress(number / (constants.MOST_EFFECTS + 1), "trying effects")
         needed = max(
             constants.MATERIAL * first.fit.out.size, constants.SHARE * (rounds[0].taken.gain if rounds else 0.0)
         )
@@ -160,7 +162,7 @@ def search(first: Judged, slugs: Sequence[str], told: Callable[[float, str], Non
             and other.evidence > constants.TIE
             and evidence(best.judged, other.judged)[1] < constants.TIE
         )
-        best = replace(best, judged=judge(best.judged.fit.maximise(), best.price))
+        best = replace(best, judged=cross_validate(best.judged.fit.maximise(), best.penalty))
         rounds.append(Round(present, (best, *contenders[1:]), tied))
         _look_back(rounds, len(first.fit.terms), needed_errors, needed)
         present = rounds[-1].taken.judged
@@ -172,7 +174,7 @@ def _look_back(rounds: list[Round], base: int, needed_errors: float, needed: flo
     for number in reversed(range(len(rounds) - 1)):
         last = rounds[-1].taken
         poorer = last.judged.fit.without(base + number).with_noise(rounds[number].before.fit.noise)
-        without = judge(poorer.maximise(tolerance=_ROUGH), last.price)
+        without = cross_validate(poorer.maximise(tolerance=_ROUGH), last.penalty)
         gain, errors = evidence(last.judged, without)
         if errors < needed_errors or gain < needed:
             del rounds[number]
@@ -185,7 +187,9 @@ def _settled(rounds: Sequence[Round]) -> set[str]:
     return names | {other for name in names for other in (*CATALOGUE[name].equivalent_to, *CATALOGUE[name].excludes)}
 
 
-def _closing(contenders: list[Contender], present: Judged, least: float, needed_errors: float) -> list[Contender]:
+def _closing(
+    contenders: list[Contender], present: CrossValidated, least: float, needed_errors: float
+) -> list[Contender]:
     """Those that make the missing force smaller; and of those with evidence only such as do it about as well as the best.
 
     The likelihood of the next count lives at high frequencies, where a recorded current may be late or filtered; the missing
@@ -229,7 +233,7 @@ def _simplest_first(contenders: list[Contender]) -> list[Contender]:
     return contenders
 
 
-def compete(present: Judged, slugs: Sequence[str], needed: float) -> list[Contender]:
+def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> list[Contender]:
     """Fit what promises most on top of the present model, where an effect must gain `needed` nats; best first."""
     found = sorted(candidates(present.fit, slugs, needed), key=lambda candidate: -candidate.promise)
     if not found:
@@ -259,7 +263,7 @@ def compete(present: Judged, slugs: Sequence[str], needed: float) -> list[Conten
             continue
         if len(contenders) == _MOST_FITTED:
             break
-        judged = judge(fit.maximise(tolerance=_ROUGH), candidate.price)
+        judged = cross_validate(fit.maximise(tolerance=_ROUGH), candidate.penalty)
         gain, errors = evidence(judged, present)
-        contenders.append(Contender(candidate.slug, judged, gain, errors, candidate.price))
+        contenders.append(Contender(candidate.slug, judged, gain, errors, candidate.penalty))
     return sorted(contenders, key=lambda contender: -contender.gain)

@@ -18,7 +18,7 @@ from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.search import Judged, Round, critical, evidence, judge, search
+from hapticd.gap.search import CrossValidated, Round, critical, cross_validate, evidence, search
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
@@ -62,30 +62,30 @@ def find_gap(
         KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
     """
     slugs = _considered(model, candidates, refit_base)
-    told = progress or (lambda share, text: None)
-    told(0.0, "fitting the model as given")
+    progress = progress or (lambda share, text: None)
+    progress(0.0, "fitting the model as given")
     problem = problem_of(recordings, model)
     base = base_terms(problem) if refit_base else ()
-    first = judge(nominal_fit(problem, base))
+    first = cross_validate(nominal_fit(problem, base))
     rounds: list[Round] = []
     interrupted = False
     try:
-        last = search(first, slugs, told, rounds)
+        last = search(first, slugs, progress, rounds)
     except KeyboardInterrupt:
         if not rounds:
             raise
         last, interrupted = rounds[-1].taken.judged, True
-    told(0.9, "what is left")
+    progress(0.9, "what is left")
     result = _result(recordings, model, first, last, rounds, slugs, len(base))
     if design and result.verdict == "ambiguous" and not interrupted:
         from hapticd.gap.design import next_experiment
 
         try:
-            planned = next_experiment(model, rounds, lambda share, text: told(0.92 + 0.08 * share, text), len(base))
+            planned = next_experiment(model, rounds, lambda share, text: progress(0.92 + 0.08 * share, text), len(base))
             result = replace(result, next_experiment=planned)
         except KeyboardInterrupt:
             interrupted = True
-    told(1.0, "done")
+    progress(1.0, "done")
     if interrupted:
         result = replace(result, interrupted=True, statement=f"Interrupted: {result.statement}")
     return result
@@ -94,7 +94,7 @@ def find_gap(
 def identify(recordings: Sequence[Recording], model: Config) -> dict[str, Estimate]:
     """Inertia and friction that fit recordings best, with 95 % intervals; nothing else is looked for."""
     problem = problem_of(recordings, model)
-    fitted = judge(nominal_fit(problem, base_terms(problem)))
+    fitted = cross_validate(nominal_fit(problem, base_terms(problem)))
     return _base_estimates(fitted.fit, model.is_linear)
 
 
@@ -139,8 +139,8 @@ def _considered(model: Config, candidates: Sequence[str] | None, refit_base: boo
 def _result(
     recordings: Sequence[Recording],
     model: Config,
-    first: Judged,
-    last: Judged,
+    first: CrossValidated,
+    last: CrossValidated,
     rounds: Sequence[Round],
     slugs: Sequence[str],
     fixed: int,

@@ -17,7 +17,7 @@ from hapticd.gap.data import Recording
 from hapticd.gap.design import next_experiment, pairs
 from hapticd.gap.fit import Fit
 from hapticd.gap.model_file import with_effects
-from hapticd.gap.search import Contender, Judged, Round
+from hapticd.gap.search import Contender, CrossValidated, Round
 from hapticd.gap.terms import term
 from hapticd.gap.trial import Rival, play, rival_of, separation
 from hapticd.gap.workflow import problem_of
@@ -49,7 +49,7 @@ def still() -> Recording:
 
 def contender(recording: Recording, slug: str, *, base: Any = ()) -> Contender:
     fit = Fit.started(problem_of([recording], MODEL), (*base, term(slug, LAWS[slug], (), 0.1)), NOISE)
-    return Contender(slug, Judged(fit, np.zeros(fit.problem.series.blocks)), 40.0, 8.0)
+    return Contender(slug, CrossValidated(fit, np.zeros(fit.problem.series.blocks)), 40.0, 8.0)
 
 
 def tied(recording: Recording, *slugs: str) -> Round:

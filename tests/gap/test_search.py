@@ -14,7 +14,7 @@ from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, find_gap
 from hapticd.gap.fit import nominal_fit
-from hapticd.gap.search import Judged, Round, compete, critical, evidence, judge, search, slack
+from hapticd.gap.search import CrossValidated, Round, compete, critical, cross_validate, evidence, search, slack
 from hapticd.gap.terms import term
 from hapticd.gap.workflow import problem_of
 
@@ -23,23 +23,25 @@ Hidden = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")
-def biased(hidden: Hidden) -> Judged:
+def biased(hidden: Hidden) -> CrossValidated:
     """The nominal model on a device with a bias."""
     recording, model = hidden([{"name": "constant_bias", "tau_0": 4e-4}], 11, SECONDS, Coloured(0.05, 0.05))
-    return judge(nominal_fit(problem_of([recording], model)))
+    return cross_validate(nominal_fit(problem_of([recording], model)))
 
 
 @pytest.fixture(scope="module")
-def corrected(biased: Judged) -> Judged:
+def corrected(biased: CrossValidated) -> CrossValidated:
     """With the bias."""
-    return judge(biased.fit.extended(term("constant_bias", {"tau_0": 3e-4}, (), 0.1)).approach(5, 4).maximise())
+    return cross_validate(
+        biased.fit.extended(term("constant_bias", {"tau_0": 3e-4}, (), 0.1)).approach(5, 4).maximise()
+    )
 
 
-def test_a_hypothesis_has_no_evidence_against_itself(biased: Judged) -> None:
+def test_a_hypothesis_has_no_evidence_against_itself(biased: CrossValidated) -> None:
     assert evidence(biased, biased) == (0.0, 0.0)
 
 
-def test_evidence_is_gain_in_standard_errors(biased: Judged, corrected: Judged) -> None:
+def test_evidence_is_gain_in_standard_errors(biased: CrossValidated, corrected: CrossValidated) -> None:
     gain, errors = evidence(corrected, biased)
     assert gain == pytest.approx(corrected.total - biased.total)
     assert gain > 50.0
@@ -49,8 +51,8 @@ def test_evidence_is_gain_in_standard_errors(biased: Judged, corrected: Judged) 
     assert negative < 0.0
 
 
-def test_discrete_choices_have_a_price(biased: Judged, corrected: Judged) -> None:
-    dear = judge(corrected.fit, 7.0)
+def test_discrete_choices_have_a_price(biased: CrossValidated, corrected: CrossValidated) -> None:
+    dear = cross_validate(corrected.fit, 7.0)
     assert dear.total == pytest.approx(corrected.total - 7.0, abs=1e-6)
     assert evidence(dear, biased)[0] == pytest.approx(evidence(corrected, biased)[0] - 7.0, abs=1e-6)
 
@@ -65,11 +67,11 @@ def test_more_competitors_need_more_evidence(blocks: int) -> None:
     assert critical(20, 24) > critical(60, 24) > 3.5
 
 
-def test_slack_falls_with_what_is_explained(biased: Judged, corrected: Judged) -> None:
+def test_slack_falls_with_what_is_explained(biased: CrossValidated, corrected: CrossValidated) -> None:
     assert slack(biased.fit) > slack(corrected.fit) > 0.0
 
 
-def test_contenders_are_ranked_by_their_gain(biased: Judged) -> None:
+def test_contenders_are_ranked_by_their_gain(biased: CrossValidated) -> None:
     contenders = compete(biased, ["constant_bias", "coulomb_friction", "asymmetric_viscous", "gravity"], 10.0)
     assert contenders
     gains = [contender.gain for contender in contenders]
@@ -77,7 +79,7 @@ def test_contenders_are_ranked_by_their_gain(biased: Judged) -> None:
     assert "constant_bias" in {contender.slug for contender in contenders}
 
 
-def test_rounds_end_when_nothing_is_left(biased: Judged) -> None:
+def test_rounds_end_when_nothing_is_left(biased: CrossValidated) -> None:
     rounds: list[Round] = []
     told: list[float] = []
     last = search(biased, ["constant_bias", "viscous_friction"], lambda share, text: told.append(share), rounds)
@@ -88,7 +90,7 @@ def test_rounds_end_when_nothing_is_left(biased: Judged) -> None:
     assert 0.0 <= told[0] <= told[-1] < 1.0
 
 
-def test_nothing_to_consider_is_no_round(biased: Judged) -> None:
+def test_nothing_to_consider_is_no_round(biased: CrossValidated) -> None:
     rounds: list[Round] = []
     assert search(biased, [], lambda share, text: None, rounds) is biased
     assert rounds == []
@@ -124,12 +126,14 @@ def test_an_interruption_keeps_what_was_found(hidden: Hidden) -> None:
     recording, model = hidden(effects, 15, SECONDS)
     calls = []
 
-    def told(share: float, text: str) -> None:
+    def progress(share: float, text: str) -> None:
         calls.append(text)
         if text == "trying effects" and calls.count(text) == 2:
             raise KeyboardInterrupt
 
-    result = find_gap([recording], model, candidates=["constant_bias", "viscous_friction"], progress=told, design=False)
+    result = find_gap(
+        [recording], model, candidates=["constant_bias", "viscous_friction"], progress=progress, design=False
+    )
     assert result.interrupted
     assert len(result.effects) == 1
     assert result.statement.startswith("Interrupted: ")
