@@ -80,7 +80,7 @@ class Lane {
       cursor: { sync: { key: "time" }, drag: { x: false, y: false, setScale: false }, points: { show: false }, y: false },
       scales: { x: { time: false, auto: false, range: () => this.trace.view }, y: { range: () => this.range } },
       axes: [
-        { ...axis, size: last ? 22 : 6, gap: 2, font: "11px system-ui", space: 70, values: (_, ticks) => (last ? ticks.map((tick) => number(tick, 6)) : ticks.map(() => "")) },
+        { ...axis, size: last ? 22 : 6, gap: 2, font: "11px system-ui", space: 70, values: (_, ticks) => (last ? ticks.map((tick, i) => (i < ticks.length - 1 ? number(tick, 6) : `${number(tick, 6)} s`)) : ticks.map(() => "")) },
         { ...axis, size: AXIS_PX, gap: 4, font: "11px system-ui", space: 20, values: (_, ticks) => ticks.map((tick) => number(tick, 4)) },
       ],
       series: [
