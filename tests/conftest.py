@@ -30,6 +30,7 @@ WALL_CLOCK = (
     "scope/test_attacks.py",
     "scope/test_command.py",
     "scope/test_page.py",
+    "scope/test_relay.py",
     "scope/test_scripts.py",
     "scope/test_tutorial.py",
     "service",

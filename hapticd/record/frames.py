@@ -19,7 +19,7 @@ MAGIC = 0x31465348
 """``HSF1``."""
 
 HEADER = struct.Struct("<IIqqIIdddq")
-"""magic, rows, first_row, first tick, settings epoch, a reserved zero, first time_s, period in s, Unix time, origin."""
+"""magic, rows, first_row, first tick, settings epoch, decimation, first time_s, period in s, Unix time, origin."""
 
 PREFIX = struct.Struct("<I")
 """Bytes of the frame that follows, before each frame of a stream."""
@@ -50,6 +50,7 @@ class Context:
     Attributes:
         first_row: number of the first row among all rows since the servo loop began.
         epoch: number of the settings in force.
+        decimation: raw counts in a coarse tick.
         period_s: servo period, s.
         origin_counts: raw count of the spring's origin.
         unix_s: Unix time at which the newest row was taken from the ring.
@@ -57,6 +58,7 @@ class Context:
 
     first_row: int
     epoch: int
+    decimation: int
     period_s: float
     origin_counts: int
     unix_s: float
@@ -78,7 +80,7 @@ def encode(rows: Rows, context: Context) -> bytes:
         context.first_row,
         tick,
         context.epoch,
-        0,
+        context.decimation,
         time_s,
         context.period_s,
         context.unix_s,
@@ -118,7 +120,7 @@ def decode(frame: bytes) -> tuple[Rows, Context]:
     """
     if len(frame) < HEADER.size:
         raise ValueError(f"a frame has at least {HEADER.size} bytes, this has {len(frame)}")
-    magic, count, first_row, tick, epoch, _, time_s, period_s, unix_s, origin = HEADER.unpack_from(frame)
+    magic, count, first_row, tick, epoch, decimation, time_s, period_s, unix_s, origin = HEADER.unpack_from(frame)
     if magic != MAGIC or len(frame) != HEADER.size + count * ROW_BYTES:
         raise ValueError(f"not a frame: magic {magic:#x}, {count} rows in {len(frame)} bytes")
     parts = {}
@@ -134,4 +136,4 @@ def decode(frame: bytes) -> tuple[Rows, Context]:
     rows["force_command"] = parts["force"]
     rows["wake_late_ns"] = np.round(parts["late_us"].astype(np.float64) * 1e3)
     rows["flags"] = parts["flags"]
-    return rows, Context(first_row, epoch, period_s, origin, unix_s)
+    return rows, Context(first_row, epoch, decimation, period_s, origin, unix_s)

@@ -143,7 +143,8 @@ class ScopeServer:
     async def preview(self, request: Request) -> Any:
         """Where settings not yet sent would put the operating point."""
         body = await _fields(request, settings=dict, deflection=float)
-        return await self.on("theory", theory.preview, self._config(), body["settings"], body["deflection"])
+        latency_s = self._known()["latency_s"]
+        return await self.on("theory", theory.preview, self._config(), body["settings"], body["deflection"], latency_s)
 
     async def simulate(self, request: Request) -> Response:
         """The exact simulation of a release."""
@@ -163,10 +164,13 @@ class ScopeServer:
         saved = await self.on("file", runs.save_run, content, self._config(), "scope")
         return Response(saved, media_type=RUN_TYPE)
 
-    def _config(self) -> dict[str, Any]:
+    def _known(self) -> dict[str, Any]:
         if self.hub.config is None:
             raise BadRequest(409, "unreachable", "the daemon's configuration is not known: no daemon has answered yet")
-        document: dict[str, Any] = self.hub.config["config"]
+        return self.hub.config
+
+    def _config(self) -> dict[str, Any]:
+        document: dict[str, Any] = self._known()["config"]
         return document
 
     # the two WebSockets

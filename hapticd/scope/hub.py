@@ -132,7 +132,7 @@ class Hub:
                 message["status"] = status = await self.ask(self.client.status)
                 version = (status["config_digest"], status["origin_counts"])
                 if version != self._version:
-                    self.config = await self.ask(self._describe)
+                    self.config = await self.ask(self._describe, status["latency_s"])
                     self._version = version
                     self._send(self.config)
                 if looks % HISTOGRAMS_EVERY == 0:
@@ -147,8 +147,8 @@ class Hub:
             due = max(due + STATE_S, time.monotonic())
             await asyncio.sleep(due - time.monotonic())
 
-    def _describe(self) -> dict[str, Any]:
-        return {"type": "config", **theory.describe(self.client.config())}
+    def _describe(self, latency_s: float) -> dict[str, Any]:
+        return {"type": "config", **theory.describe(self.client.config(), latency_s)}
 
     def _histograms(self) -> dict[str, Any]:
         """Lateness and execution time since the loop began: upper bounds in s and how many ticks lie below each."""

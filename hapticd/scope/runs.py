@@ -108,12 +108,10 @@ def simulate_release(document: dict[str, Any], deflection: float, duration_s: fl
 
 
 def _stream(run: Run, **more: Any) -> bytes:
-    encoder = run.metadata.get("config", {}).get("encoder", {}) if isinstance(run.metadata.get("config"), dict) else {}
     description = {
         "rows": run.rows,
         "units": run.units,
         "config": run.metadata.get("config"),
-        "decimation": encoder.get("decimation", 1),
         "truncated": run.truncated,
         "warnings": list(run.warnings),
         "events": run.events,
@@ -127,9 +125,11 @@ def _encoded(run: Run) -> Iterator[bytes]:
     rows = _rows(run)
     time_s = rows["time_s"]
     period = float(np.median(np.diff(time_s))) if len(rows) > 1 else 0.0
-    origin = _origin(run)
+    config = run.metadata.get("config")
+    encoder = config.get("encoder", {}) if isinstance(config, dict) else {}
+    decimation, origin = int(encoder.get("decimation") or 1), _origin(run)
     for start in range(0, len(rows), FRAME_ROWS):
-        yield encode(rows[start : start + FRAME_ROWS], Context(start, 0, period, origin, 0.0))
+        yield encode(rows[start : start + FRAME_ROWS], Context(start, 0, decimation, period, origin, 0.0))
 
 
 def _origin(run: Run) -> int:

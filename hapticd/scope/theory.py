@@ -11,7 +11,6 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from drivers import declared_latency
 from hapticd.config import Config, apply_settings, config_digest, parse_config
 from hapticd.servo.excitation import SHAPES
 from hapticd.stability.criterion import velocity_limit, xi_ddot_bound
@@ -27,12 +26,12 @@ BETA: Final = np.geomspace(1e-3, 1e2, 201)
 _ROUNDS, _CLOSE, _NEVER = 100, 1e-4, 1e6
 
 
-def describe(document: dict[str, Any], deflection: float = DEFLECTION) -> dict[str, Any]:
+def describe(document: dict[str, Any], latency_s: float = 0.0) -> dict[str, Any]:
     """All that the page needs of a config: itself, scales and units, the plane and the operating point.
 
     Args:
         document: the daemon's ``/config``.
-        deflection: release for which boundaries and region are worked out, coarse ticks.
+        latency_s: sample-to-current latency of the daemon's driver, s.
     """
     config = parse_config(document, "the daemon's config")
     linear = config.is_linear
@@ -40,6 +39,7 @@ def describe(document: dict[str, Any], deflection: float = DEFLECTION) -> dict[s
     return {
         "config": document,
         "digest": config_digest(config),
+        "latency_s": latency_s,
         "scales": {
             "resolution": config.resolution,
             "raw_resolution": config.raw_resolution,
@@ -47,19 +47,19 @@ def describe(document: dict[str, Any], deflection: float = DEFLECTION) -> dict[s
             "period_s": config.period,
         },
         "units": {"position": length, "velocity": f"{length}/s", "current": "A", "force": force},
-        "plane": plane(config, deflection),
+        "plane": plane(config, DEFLECTION, latency_s),
         "excitations": ["all", *SHAPES],
     }
 
 
-def plane(config: Config, deflection: float = DEFLECTION) -> dict[str, Any]:
+def plane(config: Config, deflection: float = DEFLECTION, latency_s: float = 0.0) -> dict[str, Any]:
     """Operating point, regions and boundaries.
 
     Returns:
         ``point`` (see `_point`), ``beta_line`` (½ + τ_D), ``sigma_line`` (½), ``beta`` (201 values) and on it ``paper`` and
         ``sharp``, the σ that each criterion asks for in a release from ``deflection``; infinite where no σ is enough.
     """
-    loop = _loop(config)
+    loop = loop_from_config(config, latency_s)
     n = loop.numbers
     point = _point(loop, deflection)
     if math.isinf(n.mu):
@@ -76,19 +76,14 @@ def plane(config: Config, deflection: float = DEFLECTION) -> dict[str, Any]:
     }
 
 
-def preview(document: dict[str, Any], settings: dict[str, Any], deflection: float = DEFLECTION) -> dict[str, Any]:
+def preview(document: dict[str, Any], settings: dict[str, Any], deflection: float, latency_s: float) -> dict[str, Any]:
     """Where settings that are not sent yet would put the operating point, the boundaries that would hold there included.
 
     Raises:
         ConfigError: a setting is wrong.
     """
     config = parse_config(document, "the daemon's config")
-    return plane(apply_settings(config, settings, source="settings"), deflection)
-
-
-def _loop(config: Config) -> Loop:
-    latency_s, _ = declared_latency(config)
-    return loop_from_config(config, latency_s)
+    return plane(apply_settings(config, settings, source="settings"), deflection, latency_s)
 
 
 def _point(loop: Loop, deflection: float) -> dict[str, Any]:

@@ -106,7 +106,7 @@ class LiveStream:
                 self._offer(encode(*self._gather()))
                 silent_s = 0.0
             if silent_s > SIGN_OF_LIFE_S:
-                self._offer(encode(empty_rows(), Context(0, 0, 0.0, 0, time.time())))
+                self._offer(encode(empty_rows(), Context(0, 0, 1, 0.0, 0, time.time())))
                 silent_s = 0.0
 
     def _offer(self, frame: bytes) -> None:

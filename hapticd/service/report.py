@@ -36,6 +36,7 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "encoder_counts": rig.counts,
         "origin_counts": rig.origin_counts,
         "settings_epoch": rig.settings_epoch,
+        "latency_s": rig.driver.latency_s,
         "units": _units(config),
         "energy": rig.energy.status(),
         "exchanges_missed": rig.core.load(words.MISSED_EXCHANGES),

@@ -98,7 +98,8 @@ class Rig:
         self._rows_taken += len(rows)
         if self._live is not None and self._live.watched:
             first = self._rows_taken + self.core.dropped() - len(rows)
-            context = Context(first, self.settings_epoch, self.config.period, self.origin_counts, time.time())
+            decimation, period = self.config.encoder.decimation, self.config.period
+            context = Context(first, self.settings_epoch, decimation, period, self.origin_counts, time.time())
             self._live.put(rows, context)
 
     def _metadata(self) -> dict[str, Any]:

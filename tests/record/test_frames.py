@@ -6,7 +6,7 @@ import pytest
 from hapticd.record.frames import HEADER, ROW_BYTES, Context, decode, encode
 from hapticd.record.schema import FLAG_RUNNING, empty_rows
 
-CONTEXT = Context(first_row=2**40, epoch=7, period_s=5e-5, origin_counts=-(2**35), unix_s=1.7e9)
+CONTEXT = Context(first_row=2**40, epoch=7, decimation=217, period_s=5e-5, origin_counts=-(2**35), unix_s=1.7e9)
 
 
 def some_rows(count: int = 400) -> np.ndarray:

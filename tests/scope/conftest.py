@@ -27,15 +27,15 @@ PATIENCE_MS = 30_000
 Open = Callable[..., Page]
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
-    """Chromium."""
+    """Chromium; while it is there, so is Playwright's event loop, in which other packages' tests could not run their own."""
     expect.set_options(timeout=PATIENCE_MS)
     with launched() as browser:
         yield browser
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Testbed]:
     """A daemon and a scope."""
     testbed = Testbed(tmp_path_factory.mktemp("scope"))

@@ -37,7 +37,7 @@ def rows(count: int, first_tick: int = 0, period_s: float = 1e-3) -> Rows:
 
 
 def frame(made: Rows, first_row: int, epoch: int = 0) -> list[int]:
-    return list(encode(made, Context(first_row, epoch, 1e-3, 0, 0.0)))
+    return list(encode(made, Context(first_row, epoch, 1, 1e-3, 0, 0.0)))
 
 
 def store(page: Page, frames: list[list[int]], then: str, argument: Any = None) -> Any:
@@ -79,7 +79,8 @@ def test_the_ring_forgets_the_oldest_and_its_extents_stay_right(blank: Page) -> 
             const rows = 1000;
             for (let from = 0; from < count; from += rows) {
                 const zeros = () => new Float32Array(rows);
-                store.append({ rows, firstRow: from, firstTick: from, epoch: 0, timeS: from / 1000, periodS: 1e-3, unixS: 0,
+                store.append({ rows, firstRow: from, firstTick: from, epoch: 0, decimation: 1,
+                    timeS: from / 1000, periodS: 1e-3, unixS: 0,
                     originCounts: 0, tickOffset: Int32Array.from({ length: rows }, (_, i) => i),
                     timeOffset: Float32Array.from({ length: rows }, (_, i) => i / 1000), counts: new Int32Array(rows),
                     ticks: new Int32Array(rows), current: zeros(), measured: zeros(),

@@ -51,14 +51,21 @@ def test_on_a_boundary_the_margin_is_zero(settings: dict[str, float], law: str) 
     assert checked > 50
 
 
+def test_the_drivers_latency_is_part_of_the_delay() -> None:
+    document = load_config(None).model_dump(mode="json")
+    found = theory.describe(document, 0.002)["plane"]["point"]["tau_d"]
+    assert found == pytest.approx(from_config(load_config(None), 0.002).tau_d)
+    assert found == pytest.approx(theory.describe(document)["plane"]["point"]["tau_d"] + 2)
+
+
 def test_a_preview_changes_nothing_and_refuses_what_the_daemon_would() -> None:
     document = load_config(None).model_dump(mode="json")
     before = str(document)
-    found = theory.preview(document, {"encoder.decimation": 217}, 10.3)
+    found = theory.preview(document, {"encoder.decimation": 217}, 10.3, 0.0)
     assert found["point"]["sigma"] == pytest.approx(theory.plane(load_config(None))["point"]["sigma"] / 217)
     assert str(document) == before
     with pytest.raises(ConfigError, match=r"spring\.stiffness"):
-        theory.preview(document, {"spring.stiffness": -1}, 10.3)
+        theory.preview(document, {"spring.stiffness": -1}, 10.3, 0.0)
 
 
 def test_without_a_spring_there_is_no_boundary() -> None:

@@ -67,6 +67,7 @@ class FakeControl:
             "encoder_counts": 12,
             "origin_counts": 0,
             "settings_epoch": 0,
+            "latency_s": 0.0,
             "units": {"position": "rad", "velocity": "rad/s", "current": "A", "force": "N m"},
             "energy": {
                 "estimate": "through the model",

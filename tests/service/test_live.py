@@ -151,7 +151,7 @@ def test_a_full_queue_drops_its_oldest_frame_and_the_numbers_say_so() -> None:
     async def read() -> list[int]:
         reader = Reader(asyncio.get_running_loop())
         for number in range(WAITING_FRAMES + 10):
-            reader.offer(encode(empty_rows(1), Context(number, 0, 1e-3, 0, 0.0)))
+            reader.offer(encode(empty_rows(1), Context(number, 0, 1, 1e-3, 0, 0.0)))
         chunk, found = await reader.take(), []
         while chunk:
             size = PREFIX.unpack_from(chunk)[0]

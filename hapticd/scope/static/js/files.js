@@ -53,7 +53,6 @@ export async function openRun(file) {
   const rows = frames.reduce((sum, frame) => sum + frame.rows, 0);
   const store = new Store(Math.max(1 << 16, 2 ** Math.ceil(Math.log2(Math.max(rows, 1)))));
   const encoder = description.config?.encoder;
-  store.decimation = description.decimation || 1;
   if (encoder) store.rawResolution = encoder.counts_per_metre ? 1 / encoder.counts_per_metre : (2 * Math.PI) / encoder.counts_per_rev;
   for (const frame of frames) store.append(frame);
   return { store, description };

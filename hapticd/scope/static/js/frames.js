@@ -11,6 +11,7 @@ export const FLAG = { running: 1, missedPeriod: 4, missedExchange: 8, excitation
  * @property {number} firstRow number of the first row among all rows since the servo loop began
  * @property {number} firstTick
  * @property {number} epoch number of the settings in force
+ * @property {number} decimation raw counts in a coarse tick
  * @property {number} timeS of the first row, from the start of the servo loop
  * @property {number} periodS
  * @property {number} unixS when the newest row was taken from the ring
@@ -44,6 +45,7 @@ export function decode(buffer, at = 0) {
     firstRow: Number(head.getBigInt64(8, true)),
     firstTick: Number(head.getBigInt64(16, true)),
     epoch: head.getUint32(24, true),
+    decimation: head.getUint32(28, true),
     timeS: head.getFloat64(32, true),
     periodS: head.getFloat64(40, true),
     unixS: head.getFloat64(48, true),

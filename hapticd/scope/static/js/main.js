@@ -194,7 +194,6 @@ function takeConfig(message) {
   told = message;
   Object.assign(units, message.units);
   Object.assign(scales, message.scales);
-  live.decimation = scales.decimation;
   live.rawResolution = scales.raw_resolution;
   if (decimation !== scales.decimation) for (const each of trace.lanes) each.name();
   const entry = byId("release-deflection", HTMLInputElement);
@@ -235,7 +234,7 @@ async function banner(fault, why) {
   const place = byId("banner");
   place.hidden = !fault && !why;
   place.className = fault ? "fault" : "lost";
-  say("banner-title", fault ? `Fault: ${fault.code}` : why ? "No daemon" : "");
+  say("banner-title", fault ? `Fault: ${fault.code}` : why ? (status ? "Not all is shown" : "No daemon") : "");
   say("banner-cause", fault ? fault.cause : (why ?? ""));
   byId("clear").hidden = !fault;
   byId("fault-page").hidden = !fault;
@@ -448,7 +447,7 @@ function tell() {
     for (const channel of each.spec.channels) {
       const value = row >= 0 ? store.value(channel, row) : NaN;
       let text = number(value);
-      if (channel === "position" && Number.isFinite(value)) text = `${number(value)} = ${number(value * scales.resolution)} ${units.position}`;
+      if (channel === "position" && Number.isFinite(value)) text = `${number(value)} = ${number(store.counts[row & store.mask] * store.rawResolution)} ${units.position}`;
       say(`value-${channel}`, text);
     }
   }

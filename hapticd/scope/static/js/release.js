@@ -43,7 +43,7 @@ export class Release {
       const { description, frames } = decodeStream(await reply.arrayBuffer());
       const model = new Float32Array(frames.reduce((sum, frame) => sum + frame.rows, 0));
       let at = 0;
-      for (const frame of frames) for (let i = 0; i < frame.rows; i++) model[at++] = frame.counts[i] / description.decimation;
+      for (const frame of frames) for (let i = 0; i < frame.rows; i++) model[at++] = frame.counts[i] / frame.decimation;
       running.model = model;
       byId("release-outcome").dataset.simulated = String(description.report.outcome);
       this.lay(running);

@@ -47,6 +47,7 @@ export class Store {
     /** @type {Record<Channel, Pyramid>} */
     this.channels = /** @type {any} */ ({});
     for (const name of CHANNELS) this.channels[name] = new Pyramid(capacity);
+    /** Raw counts in a coarse tick, of the newest rows. */
     this.decimation = 1;
     this.rawResolution = 1;
     /** Rows ever taken: the number of the next one. @type {number} */
@@ -122,7 +123,8 @@ export class Store {
     this.originCounts = frame.originCounts;
     const { position, coarse, velocity, current, measured, force, late, model, residual } = this.channels;
     const back = Math.max(1, Math.round(VELOCITY_WINDOW_S / frame.periodS));
-    const scale = 1 / this.decimation;
+    this.decimation = frame.decimation;
+    const scale = 1 / frame.decimation;
     for (let i = 0; i < rows; i++) {
       const row = before + i;
       const at = row & mask;
@@ -300,6 +302,7 @@ export class Store {
       view.setUint32(8, rows, true);
       view.setBigInt64(12, BigInt(from), true);
       view.setBigInt64(20, BigInt(this.tick[from & mask]), true);
+      view.setUint32(32, this.decimation, true);
       view.setFloat64(36, this.time[from & mask], true);
       view.setFloat64(44, this.periodS, true);
       view.setBigInt64(60, BigInt(this.originCounts), true);

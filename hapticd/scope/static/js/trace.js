@@ -6,14 +6,14 @@ import { byId, make, number } from "./dom.js";
 /** @typedef {import("./store.js").Channel} Channel */
 /** @typedef {import("./store.js").Store} Store */
 
-/** @type {Record<Channel, {label: string, colour: string, dash?: number[]}>} */
+/** @type {Record<Channel, {label: string, colour: string, dash?: number[], held?: boolean}>} held: constant from tick to tick */
 export const LOOK = {
   position: { label: "position", colour: "--c1" },
-  coarse: { label: "as the spring sees", colour: "--c2" },
+  coarse: { label: "as the spring sees", colour: "--c2", held: true },
   velocity: { label: "velocity", colour: "--c3" },
-  current: { label: "commanded", colour: "--c1" },
+  current: { label: "commanded", colour: "--c1", held: true },
   measured: { label: "measured", colour: "--c2" },
-  force: { label: "force", colour: "--c4" },
+  force: { label: "force", colour: "--c4", held: true },
   late: { label: "lateness", colour: "--c5" },
   model: { label: "simulated", colour: "--c6", dash: [6, 4] },
   residual: { label: "measured − simulated", colour: "--c4" },
@@ -39,11 +39,15 @@ export function colour(name) {
 }
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => colours.clear());
 
+const steps = uPlot.paths.stepped?.({ align: 1 });
+const lines = uPlot.paths.linear?.();
+
 class Lane {
   /** @param {HTMLElement} place @param {LaneSpec} spec @param {Trace} trace @param {boolean} last whether it carries the times of all */
   constructor(place, spec, trace, last) {
     this.spec = spec;
     this.trace = trace;
+    this.raw = false;
     this.low = NaN;
     this.high = NaN;
     /** @type {[number, number]} */
@@ -80,7 +84,7 @@ class Lane {
       cursor: { sync: { key: "time" }, drag: { x: false, y: false, setScale: false }, points: { show: false }, y: false },
       scales: { x: { time: false, auto: false, range: () => this.trace.view }, y: { range: () => this.range } },
       axes: [
-        { ...axis, size: last ? 22 : 6, gap: 2, font: "11px system-ui", space: 70, values: (_, ticks) => (last ? ticks.map((tick) => number(tick, 6)) : ticks.map(() => "")) },
+        { ...axis, size: last ? 22 : 6, gap: 2, font: "11px system-ui", space: 70, values: (_, ticks) => (last ? ticks.map((tick, i) => (i < ticks.length - 1 ? number(tick, 6) : `${number(tick, 6)} s`)) : ticks.map(() => "")) },
         { ...axis, size: AXIS_PX, gap: 4, font: "11px system-ui", space: 20, values: (_, ticks) => ticks.map((tick) => number(tick, 4)) },
       ],
       series: [
@@ -91,6 +95,9 @@ class Lane {
           width: 1.25,
           dash: LOOK[channel].dash,
           points: { show: false },
+          // a held value is drawn as the steps it is, as soon as single ticks are drawn at all
+          paths: (/** @type {uPlot} */ plot, /** @type {number} */ index, /** @type {number} */ from, /** @type {number} */ to) =>
+            (this.raw && LOOK[channel].held ? steps : lines)?.(plot, index, from, to) ?? null,
           spanGaps: false,
         })),
       ],
@@ -108,6 +115,7 @@ class Lane {
   draw(store, buckets, x, raw) {
     /** @type {[number, number]} */
     const out = [0, 0];
+    this.raw = raw;
     let low = Infinity;
     let high = -Infinity;
     const count = buckets.starts.length;
