@@ -24,7 +24,7 @@ def test_every_module_that_compiles_is_imported() -> None:
     done = subprocess.run([sys.executable, "-c", script], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True)
     *progress, modules = done.stdout.splitlines()
     expected = compiling_modules()
-    assert len(expected) > 40
+    assert len(expected) > 30
     assert expected <= set(modules.split())
     assert [line.split(":")[0] for line in progress] == [f"compiling {number}/5" for number in range(1, 6)]
 
