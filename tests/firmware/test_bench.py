@@ -74,6 +74,29 @@ def test_a_board_that_ends_is_an_error(tmp_path: Path) -> None:
         assert "the board's process has ended by itself" in running.process.stderr.read()
 
 
+@pytest.mark.parametrize("board", ["host", "mps2-an385", pytest.param("avr-uno", marks=pytest.mark.avr)])
+def test_every_edge_is_counted(board: str, tmp_path: Path) -> None:
+    """The shaft is pushed there and back; when it rests, the board shows what the plant's encoder shows."""
+    require(board)
+    script = "{hand: [{at_s: 0.1, force: 0.0022}, {at_s: 0.5, force: -0.0024}, {at_s: 0.8, force: 0.0}]}"
+    with Device(board).host(tmp_path, script) as (running, host):
+        hello = host.hello()
+        running.wait_for_event("HAND", 3)
+        counts = [host.sample().count, -1]
+
+        def rests() -> bool:
+            time.sleep(0.1)
+            counts[:] = [host.sample().count, counts[0]]
+            return counts[0] == counts[1]
+
+        wait_until(rests, "the shaft to rest, and its edges to be through")
+        assert host.sample().status & 4 == 0
+        log = running.stop()
+    shown = (counts[0] + (1 << 31)) % (1 << hello.counter_bits) - (1 << 31)
+    assert shown == log["counts"][-1]
+    assert abs(log["counts"]).max() > 50
+
+
 def test_the_first_output_is_off_and_at_mid_scale(tmp_path: Path) -> None:
     require("host")
     with Device("host").running(tmp_path) as running:
