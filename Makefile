@@ -7,8 +7,8 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test compiled lint types jstypes layers bench soak dist docs site firmware firmware-test install uninstall \
-  system-test clean help
+.PHONY: run test compiled lint types jstypes layers bench soak dist docs site firmware firmware-test firmware-fuzz install \
+  uninstall system-test clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -54,6 +54,7 @@ docs: $(STAMP)   ## reference pages and figures that are made from the code
 	$(BIN)/python -m hapticd.config.reference > docs/reference/config.md
 	$(BIN)/python -m hapticd.cli.reference docs/reference
 	$(BIN)/python -m hapticd.effects.pages docs/effects
+	$(BIN)/python docs/figure_wiring.py
 	$(BIN)/python docs/make_figures.py
 	HAPTICD_PICTURES=docs/images $(BIN)/python -m pytest -q tests/scope/test_tutorial.py
 
@@ -70,6 +71,11 @@ firmware:        ## the serial DAC board's firmware for every board, with sizes 
 
 firmware-test: $(STAMP)   ## the firmware as binaries in emulation, all boards: some ten minutes
 	$(BIN)/python -m pytest tests/firmware
+
+SECONDS ?= 600
+firmware-fuzz:   ## coverage-guided fuzzing of the firmware's core, ten minutes, or SECONDS=60; installs clang
+	firmware/install.sh fuzz
+	$(MAKE) --no-print-directory -C firmware/serial_dac fuzz SECONDS=$(SECONDS)
 
 install:         ## for the whole machine, as root: service, user, completions, manual pages
 	systemd/install.sh install

@@ -32,6 +32,7 @@ class Board:
         program: what must be installed to run it.
         package: the Debian package that has it.
         dac_bits: of its converter. full_scale_A: of its output stage.
+        sleeps: it needs the processor only when something happens, and may have it before others.
     """
 
     image: str
@@ -40,6 +41,7 @@ class Board:
     package: str | None = None
     dac_bits: int = 14
     full_scale_A: float = 6.0
+    sleeps: bool = True
 
 
 def _host(image: Path, line: Path, memory: Path) -> Sequence[str]:
@@ -61,7 +63,7 @@ def _simavr(image: Path, line: Path, memory: Path) -> Sequence[str]:
 BOARDS: Final = {
     "host": Board("host/board", _host),
     "mps2-an385": Board("mps2-an385/board.elf", _qemu, "qemu-system-arm", "qemu-system-arm"),
-    "avr-uno": Board("avr-uno/board.elf", _simavr, dac_bits=12),
+    "avr-uno": Board("avr-uno/board.elf", _simavr, dac_bits=12, sleeps=False),
 }
 
 
@@ -93,7 +95,7 @@ class Emulator:
         self._server.bind(str(line))
         self._server.listen(1)
         self._server.settimeout(_BOOT_S)
-        self._command = [*_tied(), *board.command(found, line, memory)]
+        self._command = [*_tied(board.sleeps), *board.command(found, line, memory)]
         self._process: subprocess.Popen[bytes] | None = None
         self._line: socket.socket | None = None
 
@@ -138,9 +140,9 @@ class Emulator:
         self._server.close()
 
 
-def _tied() -> list[str]:
-    """What makes the board end with this process, however that ends; at its priority where that is allowed."""
+def _tied(first: bool) -> list[str]:
+    """What makes the board end with this process, however that ends; ``first``: under SCHED_FIFO where that is allowed."""
     command = ["setpriv", "--pdeathsig", "KILL"] if shutil.which("setpriv") else []
-    if os.geteuid() == 0 and shutil.which("chrt"):
+    if first and os.geteuid() == 0 and shutil.which("chrt"):
         command += ["chrt", "--fifo", "60"]
     return command

@@ -1,5 +1,6 @@
 """The core itself: a million frames under sanitizers, mutants that they find, coverage, size and stack."""
 
+import importlib.util
 import json
 import shutil
 import subprocess
@@ -88,6 +89,19 @@ def test_coverage(frames: Path) -> None:
     assert done.returncode == 0, done.stdout + done.stderr
     assert "core/core.c" in done.stdout
     assert "core/framing.c" in done.stdout
+
+
+def test_recursion_has_no_stack_depth() -> None:
+    spec = importlib.util.spec_from_file_location("report", SOURCE / "report.py")
+    assert spec is not None
+    assert spec.loader is not None
+    report = importlib.util.module_from_spec(spec)
+    sys.modules["report"] = report
+    spec.loader.exec_module(report)
+    graph = {"main": {"a", "b"}, "a": {"b"}, "b": set()}
+    assert report.deepest("main", {"main": 8, "a": 16, "b": 4}, graph, 0, ()) == 28
+    with pytest.raises(SystemExit, match="recursion: main → a → main"):
+        report.deepest("main", {}, {"main": {"a"}, "a": {"main"}}, 0, ())
 
 
 def test_size_and_stack() -> None:

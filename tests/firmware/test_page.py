@@ -12,6 +12,7 @@ ROOT = Path(__file__).resolve().parents[2]
 ELSEWHERE = {
     "What a board with an encoder counter": "the page's subject",
     "Host: drivers/serial_dac/": "a place",
+    "Reference firmware: firmware/serial_dac/": "a place",
     "The words must, should and may": "a definition",
     "The host repeats HELLO with new nonces": "tests/drivers/serial/test_session.py",
     "Replies are awaited for 250 ms": "tests/drivers/serial/test_session.py",
