@@ -47,7 +47,7 @@ FIRMWARE_RATE_HZ: Final = 200.0
 """An emulated processor is no faster: what it shows is right, and not how soon."""
 FIRMWARE_CONFIG: Final[dict[str, Any]] = {
     "servo": {"rate_hz": 1000.0},
-    "driver": {"name": "serial_dac", "port": "the firmware's", "latency_s": 0.00125},
+    "driver": {"name": "serial_dac", "port": "the firmware's", "latency_s": 0.0013},
 }
 """The built-in testbed on the firmware in emulation. The delay is what emulation takes (`hapticd hil --device firmware`)."""
 

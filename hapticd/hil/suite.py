@@ -206,6 +206,8 @@ def _release(daemon: DaemonProcess, case: Case) -> CaseResult:
         found["simulated_rest_range_ticks"] = [low, high]
         if not low - REST_TOLERANCE_TICKS <= found["final_ticks"] <= high + REST_TOLERANCE_TICKS:
             problems.append(f"came to rest at {found['final_ticks']:.3g}, simulated {low:.3g} to {high:.3g} ticks")
+    if problems and tries["disturbances"]:
+        problems.append(f"this machine missed periods or exchanges in each of {tries['attempts']} tries")
     return CaseResult(case.name, f"release at {case.deflection:g} ticks", comparison, found, tuple(problems))
 
 
