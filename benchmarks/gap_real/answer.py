@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from benchmarks.report import Figure, progress
 from hapticd.config import Config
 from hapticd.gap import GapResult, find_gap
-from hapticd.gap.data import Recording
+from hapticd.gap.recording import Recording
 
 _FIRST_S = 4.0
 

@@ -8,7 +8,8 @@ from typing import Any
 
 from benchmarks.report import BenchmarkError
 from hapticd.config import Config
-from hapticd.gap.data import Recording, load_recording
+from hapticd.gap.data import load_recording
+from hapticd.gap.recording import Recording
 from hapticd.record import import_run, parse_map
 
 EMPS = "emps/DATA_EMPS.mat"

@@ -15,8 +15,8 @@ from benchmarks.gap_real.datasets import EMPS, imported
 from benchmarks.gap_real.recipe import Balance
 from benchmarks.report import Figure
 from hapticd.config import Config, parse_config
-from hapticd.gap.data import Recording
 from hapticd.gap.model_file import improved_model
+from hapticd.gap.recording import Recording
 
 FORCE_PER_VOLT = 35.15065188
 OFFSET_N = 3.1648

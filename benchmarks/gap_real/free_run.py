@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config import Config
-from hapticd.gap.data import Recording
+from hapticd.gap.recording import Recording
 from hapticd.plant import Plant
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, decimate, sosfiltfilt
 
-from hapticd.gap.data import Recording
+from hapticd.gap.recording import Recording
 
 Floats = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from hapticd.cli.options import (
 
 if TYPE_CHECKING:
     from hapticd.config import Config
-    from hapticd.gap.data import Recording
+    from hapticd.gap.recording import Recording
     from hapticd.gap.result import GapResult
 
     Analyse = Callable[[Config, Sequence[Recording]], GapResult]

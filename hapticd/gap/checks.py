@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.config import Config
-    from hapticd.gap.data import Recording
+    from hapticd.gap.recording import Recording
 
     FloatArray = NDArray[np.float64]
 

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapticd.client import settings_for_a_while, stop_on_interrupt
-from hapticd.gap.data import Recording, load_recording
+from hapticd.gap.data import load_recording
+from hapticd.gap.recording import Recording
 from hapticd.servo.experiment import Experiment, experiment_of
 
 if TYPE_CHECKING:

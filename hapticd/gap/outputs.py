@@ -21,7 +21,7 @@ from hapticd.gap.report import page
 
 if TYPE_CHECKING:
     from hapticd.config import Config
-    from hapticd.gap.data import Recording
+    from hapticd.gap.recording import Recording
     from hapticd.gap.result import GapResult
 
 JSON: Final = "gap.json"

@@ -21,7 +21,7 @@ from hapticd.reproduce.style import style
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from hapticd.gap.data import Recording
+    from hapticd.gap.recording import Recording
     from hapticd.gap.result import GapResult
 
 HEADLINES: Final = {

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from hapticd.gap.data import Recording
+    from hapticd.gap.recording import Recording
 
     Floats = NDArray[np.float64]
 

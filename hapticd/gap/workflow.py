@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hapticd.config import Config
-    from hapticd.gap.data import Recording
+    from hapticd.gap.recording import Recording
 
 _BASE = {"inertia": ("kg m²", "kg"), "viscous": ("N m s/rad", "N s/m"), "coulomb": ("N m", "N")}
 _CORRECTIONS = ("inertia_error", "viscous_friction", "coulomb_friction", "torque_constant_error")

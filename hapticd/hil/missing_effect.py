@@ -26,7 +26,7 @@ from hapticd.stability.assessment import assess
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from hapticd.gap.data import Recording
+    from hapticd.gap.recording import Recording
     from hapticd.servo.experiment import Experiment
 
 

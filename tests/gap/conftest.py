@@ -12,7 +12,7 @@ import pytest
 from benchmarks.gap import devices
 from benchmarks.gap.generate import generate
 from hapticd.config import Config, parse_config
-from hapticd.gap.data import Recording
+from hapticd.gap.recording import Recording
 
 from .synthetic import run
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config import Config, parse_config
-from hapticd.gap.data import Recording
+from hapticd.gap.recording import Recording
 
 INERTIA, VISCOUS, COULOMB, TORQUE_CONSTANT = 2.0e-5, 4.0e-5, 1.5e-3, 0.03
 COUNTS = 8192

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from hapticd.gap.checks import check_recording, check_samples
-from hapticd.gap.data import Recording, RecordingError
+from hapticd.gap.errors import RecordingError
+from hapticd.gap.recording import Recording
 
 from .synthetic import model
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from hapticd.config import load_config
-from hapticd.gap.data import Recording, RecordingError, load_recording, step_of
+from hapticd.gap.data import load_recording, step_of
+from hapticd.gap.errors import RecordingError
+from hapticd.gap.recording import Recording
 from hapticd.record import RunFileError, RunWriter, run_metadata
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, Rows, empty_rows
 

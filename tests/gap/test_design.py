@@ -13,10 +13,10 @@ import yaml
 from hapticd.config import Config, load_config, parse_config
 from hapticd.gap import constants, find_gap
 from hapticd.gap import options as experiments
-from hapticd.gap.data import Recording
 from hapticd.gap.design import next_experiment, pairs
 from hapticd.gap.fit import Fit
 from hapticd.gap.model_file import with_effects
+from hapticd.gap.recording import Recording
 from hapticd.gap.search import Contender, CrossValidated, Round
 from hapticd.gap.terms import term
 from hapticd.gap.trial import Rival, play, rival_of, separation

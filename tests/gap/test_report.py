@@ -12,9 +12,9 @@ import pytest
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import words
 from hapticd.gap.consequences import consequences
-from hapticd.gap.data import Recording
 from hapticd.gap.figures import all_figures
 from hapticd.gap.profile import Profile
+from hapticd.gap.recording import Recording
 from hapticd.gap.report import page
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Remainder, Step
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from hapticd.gap import constants
-from hapticd.gap.data import Recording
+from hapticd.gap.recording import Recording
 from hapticd.gap.series import series_of
 from hapticd.plant.layout import device_vector, word
 

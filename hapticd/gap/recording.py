@@ -1,0 +1,57 @@
+"""One recorded run as the gap workflow takes it: arrays in SI units, whatever file it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.config import Config
+
+    FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One run, n samples, rotary in rad and N m, linear in m and N.
+
+    Attributes:
+        name: file it came from.
+        time_s: (n,) instants of the samples, strictly rising from 0.
+        position: (n,) centre of the quantisation cell, with the sign that the loop sees.
+        resolution: width of a quantisation cell, rad or m; 0 where the file does not show one.
+        current: (n,) commanded current in A. Row k is in force from ``time_s[k]`` + input delay of the model until
+            the same instant of row k + 1 (zero-order hold).
+        current_measured: (n,) current reported by the amplifier in A, where every sample has one.
+        period_s: median time between samples.
+        lateness_s: (n,) how much later than due each sample was taken, where the file says so.
+        is_linear: metres and newtons.
+        config: config of a native run.
+        warnings: what limits the conclusions, in words.
+    """
+
+    name: str
+    time_s: FloatArray
+    position: FloatArray
+    resolution: float
+    current: FloatArray
+    current_measured: FloatArray | None
+    period_s: float
+    lateness_s: FloatArray | None
+    is_linear: bool
+    config: Config | None
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def rows(self) -> int:
+        """Number of samples."""
+        return int(self.time_s.size)
+
+    @property
+    def duration_s(self) -> float:
+        """Time from the first sample to the last."""
+        return float(self.time_s[-1] - self.time_s[0])
