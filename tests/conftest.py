@@ -7,9 +7,14 @@ then repeated, at most twice, and the summary names it (docs/decisions/0014-two-
 
 from __future__ import annotations
 
+import signal
 from pathlib import Path
 
 import pytest
+
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    # A shell's job in the background, as a CI may be, begins with SIGINT ignored, and so would every process of the tests.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 TESTS = Path(__file__).parent
 WALL_CLOCK = (
