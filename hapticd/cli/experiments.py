@@ -11,7 +11,7 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SocketOption, connect, finite, positive, register
+from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, finite, positive, register
 
 if TYPE_CHECKING:
     from hapticd.client import Client
@@ -51,6 +51,7 @@ def release(
     deflection: DeflectionOption,
     duration: DurationOption = None,
     no_wait: NoWaitOption = False,
+    force: ForceOption = False,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -58,9 +59,11 @@ def release(
 
     The spring's origin is moved so that the shaft, where it stands, is at that deflection; the result reports the
     deflection really achieved, exact to one raw encoder count. Ctrl-C stops the daemon's rendering.
+
+    Refused where theory says that this motion would not die out (safety.guard): case d of Fig. 8 takes --force.
     """
     client = connect(socket)
-    return _follow(client, "release", lambda: client.release(deflection, duration), no_wait, as_json)
+    return _follow(client, "release", lambda: client.release(deflection, duration, force), no_wait, as_json)
 
 
 def excite(
@@ -69,6 +72,7 @@ def excite(
     duration: DurationOption = None,
     show_list: ListOption = False,
     no_wait: NoWaitOption = False,
+    force: ForceOption = False,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -88,8 +92,8 @@ def excite(
     if no_wait and experiment.settings:
         raise UsageError(f"{name}: --no-wait cannot be kept, its settings must be taken back at the end")
     client = connect(socket)
-    with settings_for_a_while(client, experiment.settings):
-        begin = partial(client.excite, experiment.excitation, **experiment.plan())
+    with settings_for_a_while(client, experiment.settings, force):
+        begin = partial(client.excite, experiment.excitation, force=force, **experiment.plan())
         return _follow(client, experiment.excitation, begin, no_wait, as_json)
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,6 +30,11 @@ SocketOption = Annotated[
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print exactly one JSON document on stdout; everything else goes to stderr.")
+]
+
+ForceOption = Annotated[
+    bool,
+    typer.Option("--force", help="Go on although theory says that the motion does not die out; noted in log and run."),
 ]
 
 SettingsOption = Annotated[
@@ -153,6 +158,12 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
 
     config = load_config(source)
     return apply_settings(config, settings, source="command line") if settings else config
+
+
+def guarded(text: str, answer: Mapping[str, Any]) -> str:
+    """The text of an answer, and under it the guard's sentence where it has one."""
+    guard = answer.get("guard")
+    return f"{text}\n{guard['verdict']}: {guard['reason']}" if guard else text
 
 
 def connect(socket: Path | None) -> Client:

@@ -159,6 +159,7 @@ def run_foreground(
     source: str | None = None,
     socket: Path | None = None,
     autostart: bool = False,
+    force: bool = False,
     console: Console | None = None,
 ) -> int:
     """Run the daemon until SIGINT or SIGTERM; the motor ends at zero current, switched off.
@@ -195,7 +196,7 @@ def run_foreground(
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         if autostart:
             try:
-                daemon.start()
+                daemon.start(force)
             except (Refused, DriverFailure) as error:
                 log.error("cannot start: %s", error)
         notifier.ready()

@@ -36,6 +36,9 @@ VERDICTS: Final[dict[str, Verdict]] = {
     "D": "unstable",
 }
 
+#: Regions of the paper in which motions die out.
+STABLE: Final = frozenset(name for name, verdict in VERDICTS.items() if verdict == "stable")
+
 #: Inertia up to which the locked cycles are looked for: there are about √μ of them.
 _LOCKED_UP_TO: Final = 1e6
 #: Top speed in ticks per period up to which energies are finite with room to spare.

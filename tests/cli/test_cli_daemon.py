@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from hapticd.client import Client
-from hapticd.service.refusals import DriverFailure
+from hapticd.service.refusals import DriverFailure, Refused
 
-from ..service.fake_control import FAULT, FakeControl
+from ..service.fake_control import ADMITTED, FAULT, FakeControl
 from .conftest import Run
 
 JSON_COMMANDS = [
@@ -111,6 +111,7 @@ def test_release_takes_a_negative_deflection_and_reports_the_result(daemon: Run,
         "run": "/r/release.arrow",
         "state": "done",
         "result": {"outcome": "decaying"},
+        "guard": ADMITTED,
     }
 
 
@@ -147,7 +148,7 @@ def test_ctrl_c_during_an_experiment_stops_the_motor(
 def test_ctrl_c_while_an_experiment_begins_stops_the_motor_too(
     daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(*_: object) -> None:
+    def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Client, "excite", interrupt)
@@ -223,7 +224,7 @@ def test_refusals_keep_their_words_and_have_their_exit_code(
 
 
 def test_start_that_ends_in_a_fault_exits_5(daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(control, "start", control.estop)
+    monkeypatch.setattr(control, "start", lambda force: control.estop())
     outcome = daemon("start")
     assert (outcome.code, outcome.out) == (5, "fault: software stop\nsee docs/faults/estop.md\n")
 
@@ -278,3 +279,34 @@ def test_daemon_that_hangs_exits_3(
     outcome = daemon("start")
     message = f"hapticd: the daemon on {path} accepts requests and does not answer; look at its log\n"
     assert (outcome.code, outcome.err) == (3, message)
+
+
+REASON = "region C: unstable; nothing is started or changed\n  spring.stiffness  0.5 → 0.0156 N m/rad"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("start",),
+        ("set", "encoder.decimation=217", "spring.stiffness=0.5"),
+        ("release", "--deflection", "3"),
+        ("excite", "chirp"),
+        ("reload",),
+    ],
+)
+def test_what_the_guard_refuses_exits_1_in_its_words_and_force_is_sent(
+    daemon: Run, control: FakeControl, words: tuple[str, ...]
+) -> None:
+    control.fails_with = Refused("unstable", REASON)
+    outcome = daemon(*words)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert REASON in outcome.err
+    assert daemon(*words, "--json").document["error"] == {"code": "unstable", "message": REASON}
+    assert "force" not in control.calls[-1]
+    control.fails_with = None
+    assert daemon(*words, "--force").code == 0
+    assert control.calls[-1][-1] == "force"
+
+
+def test_the_guards_sentence_is_under_the_answer(daemon: Run) -> None:
+    assert daemon("start").out == "running\nadmitted: region A: globally stable\n"
