@@ -286,7 +286,8 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     """What a release did, from its recording.
 
     Returns:
-        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``), ``final`` position in coarse ticks
+        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``), ``held_by_friction`` (it never
+        moved by a raw count), ``final`` position in coarse ticks
         (true to one raw count), ``rest`` (after how many periods and s, None while moving) and ``oscillation`` of the last
         quarter (peak to peak in ticks and raw counts, frequency in Hz).
     """
@@ -296,7 +297,7 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     tick = run.columns["tick"][running]
     time_s = run.columns["time_s"][running]
     if len(counts) < 4:
-        return {"outcome": None, "final": None, "rest": None, "oscillation": None}
+        return {"outcome": None, "held_by_friction": None, "final": None, "rest": None, "oscillation": None}
     xi = (counts - origin_counts + 0.5) / decimation
     moving = np.flatnonzero(np.diff(counts) != 0)
     last_move = int(moving[-1]) + 1 if len(moving) else 0
@@ -314,6 +315,7 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
         rest = {"after_periods": int(tick[last_move] - tick[0]), "after_s": float(time_s[last_move] - time_s[0])}
     return {
         "outcome": outcome,
+        "held_by_friction": len(moving) == 0,
         "final": {"position_ticks": float(xi[-1])},
         "rest": rest,
         "oscillation": None if at_rest else _oscillation(tail, time_s[-len(tail) :], _swing(tail), decimation),

@@ -92,13 +92,41 @@ def test_set_sends_text_and_reports_what_was_applied(daemon: Run, control: FakeC
 
 
 def test_release_prints_what_it_found(daemon: Run, control: FakeControl) -> None:
-    control.job_result = {"outcome": "decaying", "final": {"position_ticks": -0.725}, "oscillation": None}
-    lines = [" ".join(line.split()) for line in daemon("release", "--deflection", "1").out.splitlines()]
-    assert "achieved_deflection 1.0" in lines
-    assert "outcome decaying" in lines
-    assert "run /r/release.arrow" in lines
-    assert "final.position_ticks -0.725" in lines
-    assert not any(line.startswith("oscillation") for line in lines)
+    control.job_result = {
+        "outcome": "decaying",
+        "held_by_friction": False,
+        "final": {"position_ticks": -0.7250123456789012},
+        "rest": {"after_periods": 417, "after_s": 0.41700000000000004},
+        "oscillation": None,
+    }
+    assert daemon("release", "--deflection", "20.300000000000001").out.splitlines() == [
+        "deflection   20.3 ticks",
+        "outcome      decaying, at rest after 0.417 s (417 periods)",
+        "final        -0.725012 ticks",
+        "recorded     3 s in /r/release.arrow",
+        "admitted: region A: globally stable",
+    ]
+
+
+def test_a_release_that_keeps_moving_says_how(daemon: Run, control: FakeControl) -> None:
+    swing = {"peak_to_peak_ticks": 0.009208103130755064, "peak_to_peak_counts": 20.0, "frequency_hz": 62.50111}
+    control.job_result = {"outcome": "persistent", "final": {"position_ticks": 0.0}, "rest": None, "oscillation": swing}
+    assert (
+        "oscillation  0.009208 ticks (20 counts) peak to peak at 62.5 Hz" in daemon("release", "--deflection", "3").out
+    )
+
+
+def test_a_release_that_friction_holds_does_not_pretend_to_have_moved(daemon: Run, control: FakeControl) -> None:
+    rest = {"after_periods": 0, "after_s": 0.0}
+    control.job_result = {
+        "outcome": "decaying",
+        "held_by_friction": True,
+        "final": {"position_ticks": 5.0},
+        "rest": rest,
+    }
+    out = daemon("release", "--deflection", "5").out
+    assert "outcome      held by friction: the shaft did not move" in out
+    assert "at rest after" not in out
 
 
 def test_release_takes_a_negative_deflection_and_reports_the_result(daemon: Run, control: FakeControl) -> None:
