@@ -111,7 +111,11 @@ def finite(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a number") from None
+        from hapticd.config.text import decimal_comma
+
+        with_point = decimal_comma(text)
+        hint = f"; the decimal sign is a point: {with_point}" if with_point else ""
+        raise typer.BadParameter(f"{text!r} is not a number{hint}") from None
     if not math.isfinite(value):
         raise typer.BadParameter(f"{text!r} is not a finite number")
     return value
