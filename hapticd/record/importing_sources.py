@@ -17,6 +17,16 @@ from hapticd.record.reader import delimiter_hint
 _MATLAB_PRIVATE = ("__header__", "__version__", "__globals__")
 
 
+_NAMES_SHOWN = 12
+
+
+def _some(names: Mapping[str, Any]) -> str:
+    """The first names, and how many more there are."""
+    shown = list(names)[:_NAMES_SHOWN]
+    more = len(names) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")
+
+
 class Source:
     """The columns of a foreign file.
 
@@ -49,7 +59,7 @@ class Source:
             values = self.named[reference]
         else:
             close = nearest_name(reference, self.named)
-            has = ", ".join(self.named) or "no named columns; use numbers from 0"
+            has = _some(self.named) or "no named columns; use numbers from 0"
             hint = f"did you mean {close}? (it has: {has})" if close else f"the file has: {has}"
             hint = delimiter_hint(self.named) or hint
             raise RunFileError(f"{self.path}: {key} = {reference}: no such column; {hint}")
@@ -187,7 +197,7 @@ def _mat(path: Path, mapping: ImportMap) -> Source:
         }
         if not inside and wanted not in named:
             close = nearest_name(wanted, {*named, *(name.rpartition(".")[0] for name in named)} - {""})
-            hint = f"did you mean {close}?" if close else "it has: " + ", ".join(named)
+            hint = f"did you mean {close}?" if close else f"it has: {_some(named)}"
             raise RunFileError(f"{path}: variable = {wanted}: no such variable; {hint}")
         if not inside:
             return Source(path, {}, _channels(path, np.asarray(named[wanted]), mapping))

@@ -185,6 +185,14 @@ def test_a_clock_that_runs_backwards_is_said(tmp_path: Path) -> None:
     assert done.warnings == ("time_s does not rise at 1 place(s), first at row 50",)
 
 
+def test_a_missing_column_does_not_list_a_hundred_names(tmp_path: Path) -> None:
+    savemat(tmp_path / "data.mat", {f"channel_{n:03}": TIME for n in range(100)})
+    with pytest.raises(RunFileError, match=r"no such column; .* and 88 more") as refusal:
+        bring(tmp_path / "data.mat", ROTARY)
+    assert "channel_011" in str(refusal.value)
+    assert "channel_012" not in str(refusal.value)
+
+
 WRONG_FILES: dict[str, tuple[dict[str, Any], dict[str, NDArray[Any]], str]] = {
     "name": (changed(current={"column": "I_m"}), {"i_m": CURRENT}, "current.column = I_m: no such column; did you mean i_m"),
     "number": (changed(current={"column": 7}), {}, "current.column = 7: no such column; the file has columns 0 to 2"),
