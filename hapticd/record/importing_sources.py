@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config.nearest import nearest_name
+from hapticd.config.text import decimal_comma
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
 from hapticd.record.reader import delimiter_hint
@@ -82,7 +83,8 @@ def _other(values: NDArray[Any]) -> str:
         try:
             float(value)
         except (TypeError, ValueError):
-            return f"text ({str(value)[:20]!r} in row {row})"
+            comma = "; csv.decimal: ',' in the map takes a comma as the decimal sign" if decimal_comma(value) else ""
+            return f"text ({str(value)[:20]!r} in row {row}{comma})"
     return "text"
 
 
