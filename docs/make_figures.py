@@ -40,7 +40,7 @@ def release(config: Config, deflection: float, duration_s: float) -> tuple[Any, 
     """One release by a daemon of its own; returns the run, the result and the missed periods."""
     daemon = Daemon(config, None, FaultLatch(Path("figures.sock")))
     try:
-        daemon.release(deflection, duration_s)
+        daemon.release(deflection, duration_s, force=True)
         while daemon.experiment()["state"] == "running":
             time.sleep(0.05)
         result = daemon.experiment()["result"]

@@ -33,6 +33,8 @@ def build_parser() -> argparse.ArgumentParser:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run a device; the exit code."""
     options = build_parser().parse_args(arguments)
+    if sys.stderr.isatty():
+        print(f"{options.device}: starting (the first start compiles the device, some ten seconds) …", file=sys.stderr)
     try:
         options.run(options)
     except ConfigError as error:

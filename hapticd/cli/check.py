@@ -55,6 +55,8 @@ FigureOption = Annotated[
     ),
 ]
 
+_ANSWERS = {"refused": "refuses to render this without --force", "warned": "renders this with a warning"}
+
 
 def check(
     source: SourceArgument = None,
@@ -80,6 +82,7 @@ def check(
     from drivers import declared_latency
     from hapticd.stability.advice import advise
     from hapticd.stability.assessment import assess
+    from hapticd.stability.guard import judge
     from hapticd.stability.report import report
 
     latency, doubt = declared_latency(config)
@@ -92,6 +95,8 @@ def check(
     document = found.document
     document["warnings"] += doubts
     document["changes"] = [change.document for change in changes]
+    judgement = judge(config, latency, deflection=deflection, velocity=velocity, release=True)
+    document["guard"] = judgement.document
     if device is not None:
         document["table_ii"] = _table_ii(device)
     title = device.name if device is not None else (source or "re35")
@@ -104,6 +109,8 @@ def check(
         document["figure"] = out
     # a device's own text is about the row as printed; with settings changed it would be about something else
     text = report(found, changes, title, None if assignments else device)
+    if judgement.verdict in ("refused", "warned"):
+        text += f"\n\nsafety.guard: the daemon {_ANSWERS[judgement.verdict]}"
     text += "".join(f"\n\nwarning: {doubt}" for doubt in doubts) + (f"\n\nfigure: {out}" if out else "")
     output.emit(document, as_json, text)
     return exits.NO if found.verdict in ("buzzes", "unstable") else exits.DONE

@@ -11,7 +11,8 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SocketOption, connect, finite, positive, register
+from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, finite, guarded, positive, register
+from hapticd.cli.output import number
 
 if TYPE_CHECKING:
     from hapticd.client import Client
@@ -51,6 +52,7 @@ def release(
     deflection: DeflectionOption,
     duration: DurationOption = None,
     no_wait: NoWaitOption = False,
+    force: ForceOption = False,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -58,9 +60,13 @@ def release(
 
     The spring's origin is moved so that the shaft, where it stands, is at that deflection; the result reports the
     deflection really achieved, exact to one raw encoder count. Ctrl-C stops the daemon's rendering.
+
+    Refused where theory says that this motion would not die out (safety.guard): case d of Fig. 8 takes --force.
     """
     client = connect(socket)
-    return _follow(client, "release", lambda: client.release(deflection, duration), no_wait, as_json)
+    return _follow(
+        client, "release", lambda: client.release(deflection, duration, force), no_wait, as_json, describe_release
+    )
 
 
 def excite(
@@ -69,6 +75,7 @@ def excite(
     duration: DurationOption = None,
     show_list: ListOption = False,
     no_wait: NoWaitOption = False,
+    force: ForceOption = False,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -88,9 +95,9 @@ def excite(
     if no_wait and experiment.settings:
         raise UsageError(f"{name}: --no-wait cannot be kept, its settings must be taken back at the end")
     client = connect(socket)
-    with settings_for_a_while(client, experiment.settings):
-        begin = partial(client.excite, experiment.excitation, **experiment.plan())
-        return _follow(client, experiment.excitation, begin, no_wait, as_json)
+    with settings_for_a_while(client, experiment.settings, force):
+        begin = partial(client.excite, experiment.excitation, force=force, **experiment.plan())
+        return _follow(client, experiment.excitation, begin, no_wait, as_json, _text)
 
 
 def experiment_named(name: str, amplitude: float | None = None, duration_s: float | None = None) -> Experiment:
@@ -128,28 +135,58 @@ def _list(as_json: bool) -> None:
     output.emit({"experiments": shapes, "default": ALL}, as_json, "\n".join(lines))
 
 
-def _follow(client: Client, name: str, begin: Callable[[], dict[str, Any]], no_wait: bool, as_json: bool) -> int:
+def _follow(
+    client: Client,
+    name: str,
+    begin: Callable[[], dict[str, Any]],
+    no_wait: bool,
+    as_json: bool,
+    text: Callable[[dict[str, Any]], str],
+) -> int:
     """Begin a job, wait for its end, and report it."""
     from hapticd.client import stop_on_interrupt
 
     with stop_on_interrupt(client, output.note):
         job = begin()
         if no_wait:
-            output.emit(job, as_json, _text(job))
+            output.emit(job, as_json, text(job))
             return exits.DONE
         with output.progress_bar(name) as progress:
             report = client.wait(job["experiment"], progress)
     answer = {**job, "state": report["state"], "result": report["result"]}
-    output.emit(answer, as_json, _text(answer))
+    output.emit(answer, as_json, text(answer))
     if (report["result"] or {}).get("fault"):
         return exits.FAULT
     return exits.DONE if report["state"] == "done" else exits.NO
 
 
+def describe_release(answer: dict[str, Any]) -> str:
+    """A release in a few lines: what became of it, where it ended, where the recording is."""
+    found = answer.get("result") or {}
+    lines = [f"deflection   {number(answer['achieved_deflection'], 6)} ticks"]
+    if found.get("held_by_friction"):
+        lines.append("outcome      held by friction: the shaft did not move")
+    elif found.get("outcome"):
+        rest = found.get("rest")
+        after = f", at rest after {number(rest['after_s'], 3)} s ({rest['after_periods']} periods)" if rest else ""
+        lines.append(f"outcome      {found['outcome']}{after}")
+    if final := found.get("final"):
+        lines.append(f"final        {number(final['position_ticks'], 6)} ticks")
+    if swing := found.get("oscillation"):
+        rate = f" at {number(swing['frequency_hz'], 4)} Hz" if swing["frequency_hz"] else ""
+        ticks, counts = number(swing["peak_to_peak_ticks"], 4), number(swing["peak_to_peak_counts"], 6)
+        lines.append(f"oscillation  {ticks} ticks ({counts} counts) peak to peak{rate}")
+    lines += [f"{key:<11}  {found[key]}" for key in ("fault", "error") if found.get(key)]
+    lines.append(f"recorded     {number(answer['duration_s'], 4)} s in {answer['run']}")
+    if answer.get("state", "done") != "done":
+        lines.append(f"experiment   {answer['experiment']} {answer['state']}")
+    return guarded("\n".join(lines), answer)
+
+
 def _text(answer: dict[str, Any]) -> str:
-    shown = _flat({**answer, **(answer.get("result") or {}), "result": None})
+    shown = _flat({**answer, **(answer.get("result") or {}), "result": None, "guard": None})
     width = max(len(key) for key in shown)
-    return "\n".join(f"{key:{width}}  {value}" for key, value in shown.items())
+    return guarded("\n".join(f"{key:{width}}  {value}" for key, value in shown.items()), answer)
 
 
 def _flat(answer: dict[str, Any], prefix: str = "") -> dict[str, Any]:

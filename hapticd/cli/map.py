@@ -62,7 +62,12 @@ SigmaMaxOption = Annotated[
 ]
 OutOption = Annotated[
     Path,
-    typer.Option("-o", "--output", metavar="FILE", help="The maps as .npz; continued if it holds unfinished ones."),
+    typer.Option(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="The maps as .npz (added where FILE has no suffix); continued if it holds unfinished ones.",
+    ),
 ]
 FigureOption = Annotated[
     Path | None,
@@ -117,6 +122,8 @@ def region_map(
         raise UsageError("--figure and --no-figure exclude each other")
     if jobs is not None and dask is not None:
         raise UsageError("--jobs is for this machine; how many workers a Dask cluster has is the cluster's affair")
+    if not out.suffix and not out.is_dir():
+        out = out.with_suffix(".npz")
     picture = None if no_figure else figure or out.with_suffix(".png")
     if picture is not None and picture.suffix.lstrip(".") not in _FIGURE_FORMATS:
         raise UsageError(f"{picture}: a figure is one of {', '.join(_FIGURE_FORMATS)}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -30,6 +30,11 @@ SocketOption = Annotated[
 
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print exactly one JSON document on stdout; everything else goes to stderr.")
+]
+
+ForceOption = Annotated[
+    bool,
+    typer.Option("--force", help="Go on although theory says that the motion does not die out; noted in log and run."),
 ]
 
 SettingsOption = Annotated[
@@ -106,7 +111,11 @@ def finite(text: str) -> float:
     try:
         value = float(text)
     except ValueError:
-        raise typer.BadParameter(f"{text!r} is not a number") from None
+        from hapticd.config.text import decimal_comma
+
+        with_point = decimal_comma(text)
+        hint = f"; the decimal sign is a point: {with_point}" if with_point else ""
+        raise typer.BadParameter(f"{text!r} is not a number{hint}") from None
     if not math.isfinite(value):
         raise typer.BadParameter(f"{text!r} is not a finite number")
     return value
@@ -153,6 +162,12 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
 
     config = load_config(source)
     return apply_settings(config, settings, source="command line") if settings else config
+
+
+def guarded(text: str, answer: Mapping[str, Any]) -> str:
+    """The text of an answer, and under it the guard's sentence where it has one."""
+    guard = answer.get("guard")
+    return f"{text}\n{guard['verdict']}: {guard['reason']}" if guard else text
 
 
 def connect(socket: Path | None) -> Client:

@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from hapticd.cli import exits
-from hapticd.cli.options import ConfigArgument, SettingsOption, SocketOption, register, resolve_config
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import ConfigArgument, ForceOption, SettingsOption, SocketOption, register, resolve_config
 
 StartOption = Annotated[
     bool, typer.Option("--start", help="Begin to render at once, without waiting for 'hapticd start'.")
@@ -19,6 +20,7 @@ def run(
     config: ConfigArgument = None,
     socket: SocketOption = None,
     start: StartOption = False,
+    force: ForceOption = False,
     assignments: SettingsOption = None,
 ) -> int:
     """Run the daemon in the foreground until Ctrl-C.
@@ -27,6 +29,8 @@ def run(
     the machine granted, and where its socket and recordings are. Ctrl-C and SIGTERM end with zero current, then disable
     the amplifier, then print a summary.
     """
+    if force and not start:
+        raise UsageError("--force is for --start: without it nothing is rendered")
     resolved = resolve_config(config, assignments)
     from rich.console import Console
 
@@ -34,7 +38,8 @@ def run(
 
     # A reload reads the same file wherever the daemon's working directory is by then; a preset has no path.
     source = str(Path(config).absolute()) if config is not None and Path(config).is_file() else config
-    return run_foreground(resolved, source=source, socket=socket, autostart=start, console=Console(stderr=True))
+    console = Console(stderr=True)
+    return run_foreground(resolved, source=source, socket=socket, autostart=start, force=force, console=console)
 
 
 def add_to(app: typer.Typer) -> None:

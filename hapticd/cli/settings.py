@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, SocketOption, connect, parse_settings, register
+from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, parse_settings, register
 
 AssignmentsArgument = Annotated[
     list[str],
@@ -15,17 +15,24 @@ AssignmentsArgument = Annotated[
 ]
 
 
-def change(assignments: AssignmentsArgument, socket: SocketOption = None, as_json: JsonOption = False) -> int:
+def change(
+    assignments: AssignmentsArgument,
+    force: ForceOption = False,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> int:
     """Change settings while the daemon runs: all of them together between two ticks, or none.
 
     Live are servo.rate_hz (Hz), servo.overrun.*, spring.* (stiffness in N m/rad or N/m, origin in rad or m),
     encoder.decimation, dither.* (amplitude in coarse ticks or A, frequency_hz), delay.* (s) and safety.*;
     every other key needs a restart. Changes are not written to the config file.
+
+    Settings with which theory sees no motion die out are refused, with what would help (safety.guard); nothing changes.
     """
     settings = parse_settings(assignments)
-    reply = connect(socket).set(settings)
+    reply = connect(socket).set(settings, force)
     lines = [f"{key} = {output.to_json(value)}" for key, value in reply["applied"].items()]
-    output.emit(reply, as_json, "\n".join([*lines, f"config {reply['config_digest']}"]))
+    output.emit(reply, as_json, guarded("\n".join([*lines, f"config {reply['config_digest']}"]), reply))
     return exits.DONE
 
 

@@ -21,6 +21,10 @@ if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.record.schema import Rows
 
+_LONGEST_S = 9.2e9  # nanoseconds in 64 bits, with a little room
+_MANY_TICKS = 3e9
+_EXPORTED = (".csv", ".parquet", ".mat")
+
 DurationOption = Annotated[
     float, typer.Option("--duration", parser=positive, metavar="S", show_default=False, help="Simulated time in s.")
 ]
@@ -101,6 +105,19 @@ def simulate(
     resolved = resolve_config(config, assignments)
     if round(duration * resolved.servo.rate_hz) < 1:
         raise UsageError(f"--duration {duration:g} s is shorter than one servo period ({resolved.period:g} s)")
+    if duration > _LONGEST_S:
+        raise UsageError(
+            f"--duration {duration:g} s is too long: the loop counts nanoseconds in 64 bits, at most {_LONGEST_S:.3g} s"
+        )
+    if (ticks := duration * resolved.servo.rate_hz) > _MANY_TICKS:
+        output.note(
+            f"{ticks:.3g} ticks: at some 10 million a second this takes {ticks / 3.6e10:.2g} hours; Ctrl-C ends it"
+        )
+    if out is not None and out.suffix.lower() in _EXPORTED:
+        raise UsageError(
+            f"{out}: a run file is an Arrow stream; write {out.with_suffix('.arrow')}, then "
+            f"'hapticd export {out.with_suffix('.arrow')} --to {out.suffix[1:].lower()}'"
+        )
     from hapticd.servo.simulate import simulate as run
 
     with _rows_to(out, resolved, seed) as on_rows, output.progress_bar("simulating") as progress:

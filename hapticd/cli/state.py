@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, SocketOption, connect, register
+from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, register
 
 ReloadArgument = Annotated[
     str | None,
@@ -20,12 +20,13 @@ ReloadArgument = Annotated[
 ]
 
 
-def start(socket: SocketOption = None, as_json: JsonOption = False) -> int:
+def start(force: ForceOption = False, socket: SocketOption = None, as_json: JsonOption = False) -> int:
     """Enable the amplifier and render the spring.
 
-    Refused while a fault is latched: look at 'hapticd status', repair the cause, then 'hapticd clear'.
+    Refused while a fault is latched: look at 'hapticd status', repair the cause, then 'hapticd clear'. Refused, too,
+    where theory says that the motion from where the shaft stands would not die out, with what would help (safety.guard).
     """
-    return _report(connect(socket).start(), as_json, in_fault=exits.FAULT)
+    return _report(connect(socket).start(force), as_json, in_fault=exits.FAULT)
 
 
 def stop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
@@ -52,19 +53,24 @@ def clear(socket: SocketOption = None, as_json: JsonOption = False) -> int:
     return _report(connect(socket).clear(), as_json, in_fault=exits.NO)
 
 
-def reload(config: ReloadArgument = None, socket: SocketOption = None, as_json: JsonOption = False) -> int:
+def reload(
+    config: ReloadArgument = None,
+    force: ForceOption = False,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> int:
     """Read the config anew and put it into force.
 
-    A wrong config is refused and the one in force stays.
+    A wrong config is refused and the one in force stays; so is one with which theory sees no motion die out.
     """
     source = str(Path(config).absolute()) if config is not None and Path(config).exists() else config
-    return _report(connect(socket).reload(source), as_json, in_fault=exits.FAULT)
+    return _report(connect(socket).reload(source, force), as_json, in_fault=exits.FAULT)
 
 
 def _report(status: dict[str, Any], as_json: bool, in_fault: int = exits.DONE) -> int:
     fault = status.get("fault")
     text = f"{status['state']}: {fault['cause']}\nsee {fault['help']}" if fault else str(status["state"])
-    output.emit(status, as_json, text)
+    output.emit(status, as_json, guarded(text, status))
     return in_fault if fault else exits.DONE
 
 

@@ -58,9 +58,9 @@ class Client:
         finally:
             connection.close()
 
-    def start(self) -> JsonDict:
-        """Enable the amplifier and render the spring."""
-        return self._request("POST", "/start")
+    def start(self, force: bool = False) -> JsonDict:
+        """Enable the amplifier and render the spring; `force`, here and below, overrides the stability guard."""
+        return self._request("POST", "/start", _given(force=force or None))
 
     def stop(self) -> JsonDict:
         """Zero current, then disable."""
@@ -74,16 +74,22 @@ class Client:
         """Clear a latched fault."""
         return self._request("POST", "/clear")
 
-    def set(self, settings: dict[str, Any]) -> JsonDict:
+    def set(self, settings: dict[str, Any], force: bool = False) -> JsonDict:
         """Change live settings: dotted key to value, a string being read as a YAML scalar."""
-        return self._request("POST", "/set", {"settings": settings})
+        return self._request("POST", "/set", _given(settings=settings, force=force or None))
 
-    def release(self, deflection: float, duration_s: float | None = None) -> JsonDict:
+    def release(self, deflection: float, duration_s: float | None = None, force: bool = False) -> JsonDict:
         """Start the Fig. 8 experiment at a deflection in coarse ticks; see :meth:`wait`."""
-        return self._request("POST", "/release", _given(deflection=deflection, duration_s=duration_s))
+        body = _given(deflection=deflection, duration_s=duration_s, force=force or None)
+        return self._request("POST", "/release", body)
 
     def excite(
-        self, name: str = "all", amplitude: float | None = None, duration_s: float | None = None, **plan: float | None
+        self,
+        name: str = "all",
+        amplitude: float | None = None,
+        duration_s: float | None = None,
+        force: bool = False,
+        **plan: float | None,
     ) -> JsonDict:
         """Start an identification experiment; see :meth:`wait`.
 
@@ -91,9 +97,11 @@ class Client:
             name: which; ``all`` of them by default.
             amplitude: peak in A, or rad or m for shapes that move the spring's origin.
             duration_s: duration in s.
+            force: as in :meth:`start`.
             plan: ``low_hz``, ``high_hz`` (of a chirp) and ``seed`` (of steps).
         """
-        return self._request("POST", "/excite", _given(name=name, amplitude=amplitude, duration_s=duration_s, **plan))
+        body = _given(name=name, amplitude=amplitude, duration_s=duration_s, force=force or None, **plan)
+        return self._request("POST", "/excite", body)
 
     def experiment(self) -> JsonDict:
         """The newest experiment and how far it is."""
@@ -107,9 +115,10 @@ class Client:
         """Stop recording and close the file."""
         return self._request("POST", "/record/stop")
 
-    def reload(self, path: str | Path | None = None) -> JsonDict:
+    def reload(self, path: str | Path | None = None, force: bool = False) -> JsonDict:
         """Read the config anew."""
-        return self._request("POST", "/reload", _given(path=None if path is None else os.fspath(path)))
+        body = _given(path=None if path is None else os.fspath(path), force=force or None)
+        return self._request("POST", "/reload", body)
 
     def wait(
         self, experiment: int, progress: Callable[[float], None] | None = None, interval_s: float = 0.1

@@ -10,12 +10,13 @@ from hapticd.client.client import Client
 
 
 @contextmanager
-def settings_for_a_while(client: Client, settings: Mapping[str, Any]) -> Iterator[None]:
+def settings_for_a_while(client: Client, settings: Mapping[str, Any], force: bool = False) -> Iterator[None]:
     """Apply live settings, and take them back at the end, however it comes.
 
     Args:
         client: the daemon.
         settings: dotted key to value; nothing is asked of the daemon where there is none.
+        force: override the stability guard. What was in force before comes back in any case.
 
     Raises:
         RequestRefused: the daemon does not take them; none is in force then.
@@ -25,11 +26,11 @@ def settings_for_a_while(client: Client, settings: Mapping[str, Any]) -> Iterato
         return
     config = client.config()
     before = {key: _value(config, key) for key in settings}
-    client.set(dict(settings))
+    client.set(dict(settings), force)
     try:
         yield
     finally:
-        client.set(before)
+        client.set(before, force=True)
 
 
 def _value(config: Mapping[str, Any], key: str) -> Any:

@@ -12,7 +12,7 @@ from pydantic_core import ErrorDetails
 from hapticd.config.keys import extra_text, leaf_fields, section_models, unit_of, valid_keys
 from hapticd.config.nearest import nearest_key, nearest_name
 from hapticd.config.problems import NO_VALUE, Finding, Limit, Problem
-from hapticd.config.text import bound_text, shown, yaml_value
+from hapticd.config.text import bound_text, decimal_comma, shown, yaml_value
 
 _BOUNDS = {
     "greater_than_equal": ("at least", "ge"),
@@ -116,6 +116,8 @@ def _number_message(kind: str, value: object, unit: str, zero: str) -> str:
     message = "must be a whole number" if kind == "not_whole" else "must be a number"
     if unit:
         message += f" {'of' if kind == 'not_whole' else 'in'} {unit}"
+    if with_point := decimal_comma(value):
+        return f"{message}; the decimal sign is a point: {with_point}"
     number = _number_in(value)
     return message if number is None else f"{message}; write {yaml_value(number)} without quotes"
 

@@ -208,3 +208,8 @@ class Safety(Section):
     heartbeat_timeout_s: Number = quantity(
         0.5, "Silence of the supervisor after which the loop faults", "s", ge=0.2, le=10
     )
+    guard: Literal["refuse", "warn", "off"] = quantity(
+        "refuse",
+        "What becomes of a spring whose motion, says the theory, does not die out: refuse: not rendered unless forced; "
+        "warn: rendered, and said; off: not looked at",
+    )

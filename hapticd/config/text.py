@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import yaml
 
+_DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 _PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_./-]*")
 _RESERVED = frozenset({"true", "false", "yes", "no", "on", "off", "y", "n", "null"})
 
@@ -17,6 +18,13 @@ _RESERVED = frozenset({"true", "false", "yes", "no", "on", "off", "y", "n", "nul
 def plain_number(value: float) -> int | float:
     """An integral float as an int, so that 1000.0 and 1000 are written, compared and digested alike."""
     return int(value) if value.is_integer() and abs(value) < 1e15 else value
+
+
+def decimal_comma(value: object) -> str | None:
+    """The number that was meant, where a text is one with a comma as its decimal sign; else None."""
+    if not isinstance(value, str) or not _DECIMAL_COMMA.fullmatch(value.strip()):
+        return None
+    return value.strip().replace(",", ".")
 
 
 def bound_text(bound: float) -> str:

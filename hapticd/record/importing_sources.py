@@ -10,11 +10,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config.nearest import nearest_name
+from hapticd.config.text import decimal_comma
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
 from hapticd.record.reader import delimiter_hint
 
 _MATLAB_PRIVATE = ("__header__", "__version__", "__globals__")
+
+
+_NAMES_SHOWN = 12
+
+
+def _some(names: Mapping[str, Any]) -> str:
+    """The first names, and how many more there are."""
+    shown = list(names)[:_NAMES_SHOWN]
+    more = len(names) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")
 
 
 class Source:
@@ -49,7 +60,7 @@ class Source:
             values = self.named[reference]
         else:
             close = nearest_name(reference, self.named)
-            has = ", ".join(self.named) or "no named columns; use numbers from 0"
+            has = _some(self.named) or "no named columns; use numbers from 0"
             hint = f"did you mean {close}? (it has: {has})" if close else f"the file has: {has}"
             hint = delimiter_hint(self.named) or hint
             raise RunFileError(f"{self.path}: {key} = {reference}: no such column; {hint}")
@@ -72,7 +83,8 @@ def _other(values: NDArray[Any]) -> str:
         try:
             float(value)
         except (TypeError, ValueError):
-            return f"text ({str(value)[:20]!r} in row {row})"
+            comma = "; csv.decimal: ',' in the map takes a comma as the decimal sign" if decimal_comma(value) else ""
+            return f"text ({str(value)[:20]!r} in row {row}{comma})"
     return "text"
 
 
@@ -187,7 +199,7 @@ def _mat(path: Path, mapping: ImportMap) -> Source:
         }
         if not inside and wanted not in named:
             close = nearest_name(wanted, {*named, *(name.rpartition(".")[0] for name in named)} - {""})
-            hint = f"did you mean {close}?" if close else "it has: " + ", ".join(named)
+            hint = f"did you mean {close}?" if close else f"it has: {_some(named)}"
             raise RunFileError(f"{path}: variable = {wanted}: no such variable; {hint}")
         if not inside:
             return Source(path, {}, _channels(path, np.asarray(named[wanted]), mapping))

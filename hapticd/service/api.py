@@ -41,7 +41,7 @@ ERRORS: dict[int | str, dict[str, Any]] = {
 STREAM_TYPE = "application/vnd.hapticd.frames"
 
 BODIES: dict[str, type[schemas.Request]] = {
-    "/start": schemas.EmptyBody,
+    "/start": schemas.StartBody,
     "/clear": schemas.EmptyBody,
     "/set": schemas.SetBody,
     "/release": schemas.ReleaseBody,
@@ -153,11 +153,12 @@ def _add_queries(app: FastAPI, control: Control, desks: Desks) -> None:
 
 def _add_commands(app: FastAPI, control: Control, desks: Desks) -> None:
     refusable = _documented(schemas.Status, 400, 409, 413, 422, 502)
+    judged = _documented(schemas.JudgedStatus, 400, 409, 413, 422, 502)
 
-    @app.post("/start", **refusable)
-    async def start(body: schemas.EmptyBody | None = None) -> Response:
-        """Enable the amplifier and render the spring."""
-        return await desks.commands.ask(control.start)
+    @app.post("/start", **judged)
+    async def start(body: schemas.StartBody | None = None) -> Response:
+        """Enable the amplifier and render the spring, unless theory says that its motion would not die out."""
+        return await desks.commands.ask(control.start, bool(body and body.force))
 
     @app.post("/stop", **_documented(schemas.Status, 502))
     async def stop() -> Response:
@@ -177,12 +178,12 @@ def _add_commands(app: FastAPI, control: Control, desks: Desks) -> None:
     @app.post("/set", **_documented(schemas.SetReply, 400, 409, 413, 422))
     async def change(body: schemas.SetBody) -> Response:
         """Change live settings, all or none, between two ticks."""
-        return await desks.commands.ask(control.set, dict(body.settings))
+        return await desks.commands.ask(control.set, dict(body.settings), body.force)
 
-    @app.post("/reload", **refusable)
+    @app.post("/reload", **judged)
     async def reload(body: schemas.ReloadBody | None = None) -> Response:
         """Read the config anew; a wrong one leaves the one in force untouched."""
-        return await desks.commands.ask(control.reload, body.path if body else None)
+        return await desks.commands.ask(control.reload, body.path if body else None, bool(body and body.force))
 
     @app.post("/record/start", **_documented(schemas.RecorderStatus, 400, 409, 413, 422))
     async def record_start(body: schemas.RecordBody | None = None) -> Response:
@@ -199,13 +200,13 @@ def _add_experiments(app: FastAPI, control: Control, desks: Desks) -> None:
     @app.post("/release", **_documented(schemas.ReleaseReply, 400, 409, 413, 422, 502))
     async def release(body: schemas.ReleaseBody) -> Response:
         """Start the Fig. 8 experiment; poll /experiment for its end."""
-        return await desks.commands.ask(control.release, float(body.deflection), body.duration_s)
+        return await desks.commands.ask(control.release, float(body.deflection), body.duration_s, body.force)
 
     @app.post("/excite", **_documented(schemas.JobReply, 400, 409, 413, 422, 502))
     async def excite(body: schemas.ExciteBody) -> Response:
         """Start an identification experiment; poll /experiment for its end."""
-        options = body.model_dump(exclude={"name"}, exclude_none=True)
-        return await desks.commands.ask(control.excite, body.name, options)
+        options = body.model_dump(exclude={"name", "force"}, exclude_none=True)
+        return await desks.commands.ask(control.excite, body.name, options, body.force)
 
 
 class ApiServer:

@@ -30,11 +30,14 @@ class Control(Protocol):
     def metrics(self) -> bytes:
         """The daemon's numbers in Prometheus' text format 0.0.4."""
 
-    def start(self) -> JsonDict:
-        """Enable the amplifier and render the spring. Returns the status.
+    def start(self, force: bool = False) -> JsonDict:
+        """Enable the amplifier and render the spring. Returns the status, and what the guard says as ``guard``.
+
+        Args:
+            force: render a spring that the guard refuses (``hapticd.stability.guard``).
 
         Raises:
-            Refused: a fault is latched, or an experiment is being torn down.
+            Refused: a fault is latched, an experiment is being torn down, or (``unstable``) the motion would not die out.
             DriverFailure: the device cannot be opened or enabled.
         """
 
@@ -54,40 +57,44 @@ class Control(Protocol):
             Refused: the cause of the fault is still there.
         """
 
-    def set(self, settings: dict[str, Any]) -> JsonDict:
-        """Change live settings, all or none. Returns ``{"applied": {key: value, …}, "config_digest": str}``.
+    def set(self, settings: dict[str, Any], force: bool = False) -> JsonDict:
+        """Change live settings, all or none. Returns ``{"applied": {key: value, …}, "config_digest": str, "guard": …}``.
 
         Args:
             settings: dotted key to value; a string is read as a YAML scalar, as on the command line.
+            force: as in :meth:`start`.
 
         Raises:
             ConfigError: unknown key or bad value.
-            Refused: code ``restart_needed``, a key that cannot change while the daemon runs.
+            Refused: code ``restart_needed``, a key that cannot change while the daemon runs; ``unstable``, as in
+                :meth:`start`. Nothing has changed then.
         """
 
-    def release(self, deflection: float, duration_s: float | None) -> JsonDict:
+    def release(self, deflection: float, duration_s: float | None, force: bool = False) -> JsonDict:
         """Start the Fig. 8 experiment and return at once.
 
         Args:
             deflection: coarse ticks from the spring's origin at which the shaft is to be at rest.
             duration_s: recorded time in s; None lets the daemon choose.
+            force: as in :meth:`start`.
 
         Returns:
-            ``{"experiment": id, "achieved_deflection": ticks, "duration_s": s, "run": path or None}``.
+            ``{"experiment": id, "achieved_deflection": ticks, "duration_s": s, "run": path or None, "guard": …}``.
 
         Raises:
             Refused: not in a state that allows it, or another experiment is running.
         """
 
-    def excite(self, name: str, options: dict[str, Any]) -> JsonDict:
+    def excite(self, name: str, options: dict[str, Any], force: bool = False) -> JsonDict:
         """Start an identification experiment and return at once.
 
         Args:
             name: a shape of ``hapticd.servo.excitation``, or ``all``.
             options: ``amplitude`` (A; rad or m for shapes that move the origin) and ``duration_s``, where given.
+            force: as in :meth:`start`.
 
         Returns:
-            ``{"experiment": id, "duration_s": s, "run": path or None}``.
+            ``{"experiment": id, "duration_s": s, "run": path or None, "guard": …}``.
 
         Raises:
             ExcitationError: unknown name, or beyond a limit of the config.
@@ -116,10 +123,12 @@ class Control(Protocol):
             Refused: nothing is being recorded.
         """
 
-    def reload(self, path: str | None) -> JsonDict:
-        """Read the config anew, from ``path`` (absolute path or preset name) or from where it came. Returns the status.
+    def reload(self, path: str | None, force: bool = False) -> JsonDict:
+        """Read the config anew, from ``path`` (absolute path or preset name) or from where it came.
+
+        Returns the status, and what the guard says as ``guard``; `force` as in :meth:`start`.
 
         Raises:
             ConfigError: the config is wrong; the one in force stays.
-            Refused: keys that need a restart have changed.
+            Refused: keys that need a restart have changed; ``unstable``, as in :meth:`start`.
         """

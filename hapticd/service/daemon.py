@@ -28,6 +28,8 @@ from hapticd.service.rig import Rig
 from hapticd.service.settings import changed_keys, is_live
 from hapticd.servo import faults, words
 from hapticd.servo import layout as w
+from hapticd.stability.guard import Judgement, judge
+from hapticd.stability.numbers import from_config
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +61,9 @@ class Daemon:
         self._auto_recording = False
         self._faults = FaultKeeper(latch, lambda: self._rig, self._end_recording)
         self.live = LiveStream()
-        self._experiments = Experiments(lambda: self._rig, self._prepare_experiment, self._run_loop)
+        self._experiments = Experiments(
+            lambda: self._rig, self._admit_experiment, self._prepare_experiment, self._run_loop
+        )
         self._rig = Rig(config, self._faults.number, self.live)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self._rig.core.load(words.TICKS))
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
@@ -82,21 +86,26 @@ class Daemon:
         """Numbers for Prometheus."""
         return metrics.exposition(self._rig, self.status(), dict(self._faults.counts))
 
-    def start(self) -> JsonDict:
-        """off → ready → running; refused while a fault is latched."""
+    def start(self, force: bool = False) -> JsonDict:
+        """off → ready → running; refused while a fault is latched, or by the guard."""
         with self._lock:
             permit = self._rig.permit()
             self._faults.refuse()
             self._experiments.refuse_running()
+            self._rig.wait_ticks(1)  # until then nobody knows where the shaft is
             self._refuse_far_start()
+            judgement = None
             if self._rig.state != w.RUNNING:
+                config = self._rig.config
+                judgement = self._admit(config, deflection_of(self._rig, config, self._rig.origin_counts), force=force)
+                self._rig.guard = judgement
                 self._begin_recording("run")
                 try:
                     self._run_loop(permit)
                 except BaseException:
                     self._end_recording()
                     raise
-        return self.status()
+        return {**self.status(), "guard": judgement}
 
     def stop(self) -> JsonDict:
         """Zero current, then amplifier off; ends a running experiment. The motor is off before anything is waited for."""
@@ -134,22 +143,22 @@ class Daemon:
             log.info("fault cleared")
         return self.status()
 
-    def set(self, settings: dict[str, Any]) -> JsonDict:
+    def set(self, settings: dict[str, Any], force: bool = False) -> JsonDict:
         """Change live settings, all together between two ticks."""
         with self._lock:
             config = apply_settings(self._rig.config, settings, source="settings")
-            applied = self._apply_live(config, moves_origin="spring.origin" in settings)
-            return {"applied": applied, "config_digest": config_digest(config)}
+            applied, judgement = self._apply_live(config, moves_origin="spring.origin" in settings, force=force)
+            return {"applied": applied, "config_digest": config_digest(config), "guard": judgement}
 
-    def release(self, deflection: float, duration_s: float | None) -> JsonDict:
+    def release(self, deflection: float, duration_s: float | None, force: bool = False) -> JsonDict:
         """The Fig. 8 experiment."""
         with self._lock:
-            return self._experiments.release(deflection, duration_s)
+            return self._experiments.release(deflection, duration_s, force)
 
-    def excite(self, name: str, options: dict[str, Any]) -> JsonDict:
+    def excite(self, name: str, options: dict[str, Any], force: bool = False) -> JsonDict:
         """Play an identification experiment."""
         with self._lock:
-            return self._experiments.excite(name, options)
+            return self._experiments.excite(name, options, force)
 
     def experiment(self) -> JsonDict:
         """The newest experiment."""
@@ -176,19 +185,19 @@ class Daemon:
                 raise Refused("recording", "nothing is being recorded")
             return {**self._rig.recorder.status(), "path": str(path)}
 
-    def reload(self, path: str | None) -> JsonDict:
+    def reload(self, path: str | None, force: bool = False) -> JsonDict:
         """Read the config anew. Live keys change at once; others replace the rig, which must be off."""
         source = path or self._source
         config = load_config(source)
         with self._lock:
             fixed = sorted(key for key in changed_keys(self._rig.config, config) if not is_live(key))
             if not fixed:
-                self._apply_live(config, moves_origin=False)
+                _, judgement = self._apply_live(config, moves_origin=False, force=force)
             else:
-                self._replace_rig(config, fixed)
+                judgement = self._replace_rig(config, fixed, force)
             self._source = source
         log.info("configuration %s reloaded", source or "re35 (built in)")
-        return self.status()
+        return {**self.status(), "guard": judgement}
 
     def quench(self) -> None:
         """Zero current and amplifier off at once, and nobody can start it again: the first step of every end."""
@@ -218,10 +227,36 @@ class Daemon:
             except Exception:
                 log.exception("the supervisor goes on after an error")
 
-    def _prepare_experiment(self) -> int:
-        """Off, at rest as far as the loop is concerned, no recording of its own; returns a permit to run."""
+    def _admit(
+        self, config: Config, deflection: float | None, *, release: bool = False, force: bool = False
+    ) -> JsonDict:
+        """Ask the guard about a config, and a motion from rest at a deflection in coarse ticks; its answer as data.
+
+        Raises:
+            Refused: the motion would not die out.
+        """
+        latency_s = self._rig.driver.latency_s
+        return self._told(judge(config, latency_s, deflection=deflection, release=release, force=force))
+
+    def _told(self, judgement: Judgement) -> JsonDict:
+        if judgement.verdict == "refused":
+            raise Refused(
+                "unstable",
+                f"{judgement.reason}; nothing is started or changed\n{judgement.help}\n"
+                "Render it all the same: --force (API: force)",
+            )
+        if judgement.verdict in ("forced", "warned"):
+            log.warning("%s by the stability guard: %s", judgement.verdict, judgement.reason)
+        return judgement.document
+
+    def _admit_experiment(self, deflection: float, *, release: bool, force: bool) -> None:
+        """Nothing in the way of an experiment that begins at rest at this deflection in coarse ticks."""
         self._faults.refuse()
         self._experiments.refuse_running()
+        self._rig.guard = self._admit(self._rig.config, deflection, release=release, force=force)
+
+    def _prepare_experiment(self) -> int:
+        """Off, at rest as far as the loop is concerned, no recording of its own; returns a permit to run."""
         rig = self._rig
         permit = rig.halt()
         rig.wait(lambda: rig.state == w.OFF, _ANSWER_S)
@@ -256,7 +291,8 @@ class Daemon:
                 f"bring it back, or move the origin to it: 'hapticd set spring.origin={here:.4g}'",
             )
 
-    def _apply_live(self, config: Config, *, moves_origin: bool) -> dict[str, Any]:
+    def _apply_live(self, config: Config, *, moves_origin: bool, force: bool) -> tuple[dict[str, Any], JsonDict | None]:
+        """Put live settings into force; the changed keys, and what the guard says if the theory sees a change."""
         changed = changed_keys(self._rig.config, config)
         fixed = sorted(key for key in changed if not is_live(key))
         if fixed:
@@ -268,16 +304,29 @@ class Daemon:
             self._experiments.refuse_running()
         if "servo.rate_hz" in changed and (reason := self._rig.driver.check_rate(config.servo.rate_hz)):
             raise Refused("driver", f"servo.rate_hz = {config.servo.rate_hz:g} Hz: {reason}; the rate in force stays")
-        self._rig.ask(config, **({"origin_counts": None} if moves_origin or "spring.origin" in changed else {}))
+        moves_origin = moves_origin or "spring.origin" in changed
+        judgement = self._admit_change(config, moves_origin, force)
+        self._rig.ask(config, **({"origin_counts": None} if moves_origin else {}))
         self._rig.wait(self._rig.applied, _ANSWER_S)
         if changed:
             with contextlib.suppress(RecordingError):
                 self._rig.recorder.annotate(
-                    {"event": "set", "tick": self._rig.core.load(words.TICKS), "changed": changed}
+                    {"event": "set", "tick": self._rig.core.load(words.TICKS), "changed": changed, "guard": judgement}
                 )
-        return changed
+        return changed, judgement
 
-    def _replace_rig(self, config: Config, fixed: list[str]) -> None:
+    def _admit_change(self, config: Config, moves_origin: bool, force: bool) -> JsonDict | None:
+        """Judge live settings: with the shaft where it is if the spring is rendered. None: the theory sees no change."""
+        rig = self._rig
+        latency_s, rendered = rig.driver.latency_s, rig.state in (w.READY, w.RUNNING)
+        same_point = from_config(rig.config, latency_s) == from_config(config, latency_s)
+        if same_point and not (rendered and moves_origin):
+            return None
+        origin = config.origin_counts if moves_origin else rig.origin_counts
+        rig.guard = self._admit(config, deflection_of(rig, config, origin) if rendered else None, force=force)
+        return rig.guard
+
+    def _replace_rig(self, config: Config, fixed: list[str], force: bool) -> JsonDict:
         if self._rig.state in (w.READY, w.RUNNING):
             raise Refused(
                 "restart_needed",
@@ -287,9 +336,10 @@ class Daemon:
         if any(key.startswith("api.") for key in fixed):
             raise Refused("restart_needed", f"{', '.join(fixed)}: cannot change without a restart of the daemon")
         try:
-            drivers.create(config)
+            latency_s = drivers.create(config).latency_s
         except DriverError as error:
             raise Refused("driver", f"{error}; the configuration in force stays") from error
+        judgement = self._told(judge(config, latency_s, force=force))
         old, estops = self._rig, self._estops
         old.close()
         try:
@@ -306,6 +356,7 @@ class Daemon:
             raise DriverFailure(f"reload failed: {error}") from error
         if self._estops != estops:
             self._rig.core.store(words.ESTOP, self._estops)
+        return judgement
 
     def _begin_recording(self, label: str) -> None:
         if not self._rig.config.record.enabled:
@@ -321,3 +372,8 @@ class Daemon:
             self._auto_recording = False
             with contextlib.suppress(RecordingError):
                 self._rig.recorder.stop()
+
+
+def deflection_of(rig: Rig, config: Config, origin_counts: int) -> float:
+    """How far the shaft is from an origin, in the coarse ticks of a config: the middle of its raw count."""
+    return (rig.counts - origin_counts + 0.5) / config.encoder.decimation

@@ -20,15 +20,25 @@ from hapticd.record.schema import FLAG_RUNNING
 from hapticd.service.refusals import Refused
 from hapticd.servo import excitation, faults, words
 from hapticd.servo import layout as w
+from hapticd.stability.numbers import from_config
 from hapticd.stability.outcome import STRETCHES, decide
+from hapticd.stability.storage import equivalent_deflection
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import Protocol
 
     from numpy.typing import NDArray
 
     from hapticd.config import Config
     from hapticd.service.rig import Rig
+
+    class Admit(Protocol):
+        """Refuses an experiment that begins at rest at a deflection in coarse ticks."""
+
+        def __call__(self, deflection: float, *, release: bool, force: bool) -> None:
+            """Ask the guard, and whether anything else is in the way."""
+
 
 log = logging.getLogger(__name__)
 
@@ -76,12 +86,15 @@ class Experiments:
 
     Args:
         rig: the rig in force.
-        prepare: switches off, ends what is being recorded and returns a permit to run; raises when nothing may begin.
+        admit: raises when nothing may begin, or not such a motion; what it says is then ``rig.guard``.
+        prepare: switches off, ends what is being recorded and returns a permit to run.
         run_loop: takes that permit and returns when the loop renders; raises when it does not.
     """
 
-    def __init__(self, rig: Callable[[], Rig], prepare: Callable[[], int], run_loop: Callable[[int], None]) -> None:
-        self._rig, self._prepare, self._run_loop = rig, prepare, run_loop
+    def __init__(
+        self, rig: Callable[[], Rig], admit: Admit, prepare: Callable[[], int], run_loop: Callable[[int], None]
+    ) -> None:
+        self._rig, self._admit, self._prepare, self._run_loop = rig, admit, prepare, run_loop
         self._newest: Experiment | None = None
 
     def report(self) -> dict[str, Any]:
@@ -105,11 +118,12 @@ class Experiments:
             newest.cancelled.set()
             newest.thread.join(5.0)
 
-    def release(self, deflection: float, duration_s: float | None) -> dict[str, Any]:
+    def release(self, deflection: float, duration_s: float | None, force: bool = False) -> dict[str, Any]:
         """The Fig. 8 experiment: the origin is moved, never the shaft; from rest, at zero current."""
         rig = self._rig()
         decimation = rig.config.encoder.decimation
         refuse_deflection(rig.config, round(deflection * decimation))
+        self._admit(round(deflection * decimation) / decimation, release=True, force=force)
         permit = self._prepare()
         counts = wait_for_rest(rig, permit)
         origin = counts - round(deflection * decimation)
@@ -128,9 +142,10 @@ class Experiments:
             "achieved_deflection": achieved,
             "duration_s": experiment.duration_s,
             "run": str(path),
+            "guard": rig.guard,
         }
 
-    def excite(self, name: str, options: dict[str, Any]) -> dict[str, Any]:
+    def excite(self, name: str, options: dict[str, Any], force: bool = False) -> dict[str, Any]:
         """Play an identification experiment about the shaft's present position."""
         rig = self._rig()
         table = excitation.build(rig.config, name, **options)
@@ -138,6 +153,7 @@ class Experiments:
         if ticks > rig.core.excitation.shape[1]:
             longest = rig.core.excitation.shape[1] / rig.config.servo.rate_hz
             raise excitation.ExcitationError(f"{name} would last too long at this rate: at most {longest:.0f} s")
+        self._admit(excited_deflection(rig.config, table), release=False, force=force)
         permit = self._prepare()
         counts = wait_for_rest(rig, permit)
         experiment = Experiment(f"excite {name}", ticks / rig.config.servo.rate_hz)
@@ -149,7 +165,7 @@ class Experiments:
             return rig.core.load(words.EXCITATION_DONE) == experiment.id
 
         self._launch(experiment, path, permit, finished, lambda: {"excitation": name, "ticks": ticks})
-        return {"experiment": experiment.id, "duration_s": experiment.duration_s, "run": str(path)}
+        return {"experiment": experiment.id, "duration_s": experiment.duration_s, "run": str(path), "guard": rig.guard}
 
     def _launch(
         self,
@@ -173,6 +189,25 @@ class Experiments:
             daemon=True,
         )
         experiment.thread.start()
+
+
+def excited_deflection(config: Config, table: NDArray[np.float64]) -> float:
+    """The release, in coarse ticks, that an excitation's motion amounts to: what the guard is asked about.
+
+    The place where the spring would hold the shaft moves with current and origin. A step of it is a release; a slow motion
+    of it takes the shaft along at its own speed, whatever the way.
+
+    Args:
+        config: the configuration in force.
+        table: shape (2, ticks): current in A, displacement of the origin in raw counts.
+    """
+    tick_force = config.spring.stiffness * config.resolution
+    if tick_force == 0.0:
+        return 0.0
+    place = table[1] / config.encoder.decimation + table[0] * config.amplifier.torque_constant / tick_force
+    fastest = float(np.max(np.abs(np.diff(place, prepend=0.0)), initial=0.0))
+    way = float(np.max(np.abs(place), initial=0.0))
+    return min(way, float(equivalent_deflection(fastest, from_config(config).mu)))
 
 
 def refuse_deflection(config: Config, counts: int) -> None:
@@ -251,7 +286,8 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     """What a release did, from its recording.
 
     Returns:
-        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``), ``final`` position in coarse ticks
+        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``), ``held_by_friction`` (it never
+        moved by a raw count), ``final`` position in coarse ticks
         (true to one raw count), ``rest`` (after how many periods and s, None while moving) and ``oscillation`` of the last
         quarter (peak to peak in ticks and raw counts, frequency in Hz).
     """
@@ -261,7 +297,7 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     tick = run.columns["tick"][running]
     time_s = run.columns["time_s"][running]
     if len(counts) < 4:
-        return {"outcome": None, "final": None, "rest": None, "oscillation": None}
+        return {"outcome": None, "held_by_friction": None, "final": None, "rest": None, "oscillation": None}
     xi = (counts - origin_counts + 0.5) / decimation
     moving = np.flatnonzero(np.diff(counts) != 0)
     last_move = int(moving[-1]) + 1 if len(moving) else 0
@@ -279,6 +315,7 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
         rest = {"after_periods": int(tick[last_move] - tick[0]), "after_s": float(time_s[last_move] - time_s[0])}
     return {
         "outcome": outcome,
+        "held_by_friction": len(moving) == 0,
         "final": {"position_ticks": float(xi[-1])},
         "rest": rest,
         "oscillation": None if at_rest else _oscillation(tail, time_s[-len(tail) :], _swing(tail), decimation),

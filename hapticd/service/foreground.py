@@ -38,8 +38,13 @@ EXIT_OK = 0
 EXIT_FAULT = 5
 
 
-def banner(daemon: Daemon, socket: Path, source: str) -> list[str]:
-    """What a person wants to know before touching the handle, one line each."""
+def banner(daemon: Daemon, socket: Path, source: str, *, starting: bool = False) -> list[str]:
+    """What a person wants to know before touching the handle, one line each.
+
+    Args:
+        daemon: the daemon. socket, source: where it listens, and what its config came from.
+        starting: whether the spring is about to be rendered.
+    """
     rig = daemon.rig
     config = rig.config
     unit = "m" if config.is_linear else "rad"
@@ -72,6 +77,8 @@ def banner(daemon: Daemon, socket: Path, source: str) -> list[str]:
         lines.append(
             f"FAULT       latched from before: {status['fault']['cause']}; 'hapticd clear' when the rig is safe"
         )
+    elif starting:
+        lines.append("motor       on in a moment, as --start asks: keep clear; 'hapticd stop' or Ctrl-C ends it")
     else:
         lines.append(
             "motor       off, zero current; 'hapticd start' renders the spring, 'hapticd release' runs Fig. 8; Ctrl-C ends"
@@ -96,7 +103,7 @@ def live_line(status: dict[str, Any]) -> str:
     if recorder["path"]:
         line += f"  rec {recorder['rows']} rows" + (f" ({recorder['dropped']} dropped)" if recorder["dropped"] else "")
     if recorder["error"]:
-        line += f"  RECORDING: {recorder['error']}"
+        line += f"  {recorder['error']}"
     if status["fault"]:
         line = f"FAULT {status['fault']['code']}: {status['fault']['cause']}  ('hapticd clear')"
     return line
@@ -159,6 +166,7 @@ def run_foreground(
     source: str | None = None,
     socket: Path | None = None,
     autostart: bool = False,
+    force: bool = False,
     console: Console | None = None,
 ) -> int:
     """Run the daemon until SIGINT or SIGTERM; the motor ends at zero current, switched off.
@@ -191,11 +199,11 @@ def run_foreground(
     server = ApiServer(daemon, bound)
     try:
         server.start()
-        for line in banner(daemon, path, source or "re35 (built in)"):
+        for line in banner(daemon, path, source or "re35 (built in)", starting=autostart):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         if autostart:
             try:
-                daemon.start()
+                daemon.start(force)
             except (Refused, DriverFailure) as error:
                 log.error("cannot start: %s", error)
         notifier.ready()
@@ -215,7 +223,7 @@ def _log_to(console: Console) -> None:
     handler: logging.Handler = logging.StreamHandler()
     text = "%(levelname)s %(message)s"
     if console.is_terminal:
-        handler = RichHandler(console=console, show_path=False, markup=False)
+        handler, text = RichHandler(console=console, show_path=False, markup=False), "%(message)s"
     elif stderr_is_journal():
         handler, text = JournalHandler(), "%(message)s"
     logging.basicConfig(level=logging.INFO, format=text, handlers=[handler])

@@ -63,6 +63,8 @@ class Rig:
         self._ended = False
         self._live = live
         self._rows_taken = 0
+        self.guard: dict[str, Any] | None = None
+        """What the stability guard said last of this rig; goes into every run."""
         self.settings_epoch = 0
         """Counts the changes of config and origin, from the start of this rig."""
         # Before the servo: once that runs, nothing slow may stand between it and the supervisor's heartbeat.
@@ -110,6 +112,7 @@ class Rig:
             driver=self.driver.describe(),
             latency_s=self.driver.latency_s,
             origin_counts=self.origin_counts,
+            guard=self.guard,
         )
 
     @property

@@ -37,7 +37,19 @@ class EmptyBody(Request):
     """No fields; the body may also be left out."""
 
 
-class SetBody(Request):
+class Forcible(Request):
+    """What the stability guard may refuse."""
+
+    force: bool = Field(
+        False, description="Go on although theory says that the motion does not die out; noted in the log and the run."
+    )
+
+
+class StartBody(Forcible):
+    """No further fields; the body may also be left out."""
+
+
+class SetBody(Forcible):
     """Live settings, applied all together between two ticks, or not at all."""
 
     settings: Annotated[dict[str, Setting], Field(min_length=1, max_length=200)] = Field(
@@ -46,7 +58,7 @@ class SetBody(Request):
     )
 
 
-class ReleaseBody(Request):
+class ReleaseBody(Forcible):
     """The Fig. 8 experiment: the spring's origin is moved so that the shaft is at rest at a deflection."""
 
     deflection: float = Field(ge=-1e9, le=1e9, description="Coarse ticks; positive: shaft above the origin.")
@@ -55,7 +67,7 @@ class ReleaseBody(Request):
     )
 
 
-class ExciteBody(Request):
+class ExciteBody(Forcible):
     """An identification experiment within the safety limits."""
 
     name: str = Field("all", description="Which experiment.", examples=["all", "chirp"])
@@ -87,7 +99,7 @@ class RecordBody(Request):
     )
 
 
-class ReloadBody(Request):
+class ReloadBody(Forcible):
     """Which config to read."""
 
     path: str | None = Field(
@@ -102,7 +114,7 @@ class ErrorDetail(BaseModel):
     """Why a request was not carried out."""
 
     code: str = Field(
-        description="Short stable name: request, json, too_large, config, excitation, driver, internal or another."
+        description="Short stable name: request, json, too_large, config, excitation, unstable, driver, internal or another."
     )
     message: str = Field(description="A sentence for people, naming what, where, and what would be right.")
     problems: list[dict[str, Any]] | None = Field(
@@ -189,6 +201,15 @@ class Energy(Reply):
     unexplained_J: float
 
 
+class Guard(Reply):
+    """What the stability guard says."""
+
+    verdict: Literal["admitted", "warned", "forced", "refused", "off"]
+    reason: str = Field(description="The sentence behind it, with the region and its limit.")
+    region: str | None
+    force: bool = Field(description="Whether a refusal was overridden.")
+
+
 class Status(Reply):
     """The daemon's state."""
 
@@ -209,11 +230,18 @@ class Status(Reply):
     experiment: Experiment | None
 
 
+class JudgedStatus(Status):
+    """The daemon's state, and what the guard said of the spring."""
+
+    guard: Guard | None = Field(description="null where nothing has begun or changed that theory looks at.")
+
+
 class SetReply(Reply):
     """What was set."""
 
     applied: dict[str, Any]
     config_digest: str
+    guard: Guard | None = Field(description="null where no setting has changed that theory looks at.")
 
 
 class JobReply(Reply):
@@ -222,6 +250,7 @@ class JobReply(Reply):
     experiment: int = Field(description="Number of the experiment.")
     duration_s: float
     run: str | None = Field(description="Run file being recorded.")
+    guard: Guard
 
 
 class ReleaseReply(JobReply):

@@ -15,7 +15,7 @@ from typing import Any, Final
 
 from hapticd.config import ConfigError, apply_settings
 from hapticd.config.sections import Servo
-from hapticd.stability.assessment import VERDICTS, Assessment, assess
+from hapticd.stability.assessment import STABLE, Assessment, assess
 from hapticd.stability.boundary import boundary
 from hapticd.stability.cautions import rate_limit
 from hapticd.stability.criterion import criterion_margin
@@ -67,20 +67,29 @@ class Change:
         }
 
 
-def advise(found: Assessment) -> list[Change]:
+Aim = frozenset[str]
+"""Regions that count as safe."""
+
+
+def advise(found: Assessment, aim: Aim = STABLE) -> list[Change]:
     """The single changes that make it stable, the smallest first; none where it is stable, or where none will do.
 
     Without a motion the aim is stability at every speed.
+
+    Args:
+        found: what the theory says.
+        aim: the regions to move to.
     """
-    if found.verdict == "stable":
+    if found.proven or found.region in aim:
         return []
-    changes = [_stiffness(found), _decimation(found), _rate(found), _delay(found), _motion(found)]
+    searches = (_stiffness, _decimation, _rate, _delay, _motion)
+    changes = [search(found, aim) for search in searches]
     changes.sort(key=lambda change: change.size if change else math.inf)
-    return [change for change in [*changes, _grip(found)] if change is not None]
+    return [change for change in [*changes, _grip(found, aim)] if change is not None]
 
 
-def _safe(loop: Loop, start: Start | None) -> bool:
-    return VERDICTS[region(loop.numbers, None if start is None else start.xi_dot_max(loop))] == "stable"
+def _safe(loop: Loop, start: Start | None, aim: Aim) -> bool:
+    return region(loop.numbers, None if start is None else start.xi_dot_max(loop)) in aim
 
 
 def _solve(safe: Callable[[float], bool], bad: float, good: float) -> float | None:
@@ -102,7 +111,7 @@ def _rounded(safe: Callable[[float], bool], value: float, towards: float) -> flo
     return value
 
 
-def _apply(found: Assessment, key: str, before: float, after: float, unit: str) -> Change | None:
+def _apply(found: Assessment, aim: Aim, key: str, before: float, after: float, unit: str) -> Change | None:
     """The change if the configuration allows it and it does what it should."""
     try:
         config = apply_settings(found.config, {key: after})
@@ -111,53 +120,53 @@ def _apply(found: Assessment, key: str, before: float, after: float, unit: str) 
     then = assess(config, latency_s=found.latency_s)
     xi_dot_max = None if found.start is None else found.start.xi_dot_max(then.loop)
     where = region(then.numbers, xi_dot_max)
-    if VERDICTS[where] != "stable":
+    if where not in aim:
         return None
     return Change(key, before, after, unit, where, criterion_margin(then.numbers, xi_dot_max))
 
 
-def _stiffness(found: Assessment) -> Change | None:
+def _stiffness(found: Assessment, aim: Aim) -> Change | None:
     loop, start = found.loop, found.start
     K = loop.stiffness
 
     def safe(stiffness: float) -> bool:
-        return _safe(replace(loop, stiffness=stiffness), start)
+        return _safe(replace(loop, stiffness=stiffness), start, aim)
 
     solved = _solve(safe, K, K * 1e-6)
     if solved is None:
         return None
     unit = "N/m" if found.config.is_linear else "N m/rad"
-    return _apply(found, "spring.stiffness", K, _rounded(safe, solved, 0.0), unit)
+    return _apply(found, aim, "spring.stiffness", K, _rounded(safe, solved, 0.0), unit)
 
 
-def _decimation(found: Assessment) -> Change | None:
+def _decimation(found: Assessment, aim: Aim) -> Change | None:
     loop, start, present = found.loop, found.start, found.config.encoder.decimation
     raw = loop.resolution / present
 
     def safe(decimation: float) -> bool:
-        return _safe(replace(loop, resolution=math.floor(decimation) * raw), start)
+        return _safe(replace(loop, resolution=math.floor(decimation) * raw), start, aim)
 
     if present <= _SCANNED:
         after = next((n for n in range(present - 1, 0, -1) if safe(n)), None)
     else:
         solved = _solve(safe, present, 1.0)
         after = None if solved is None else math.floor(solved)
-    return None if after is None else _apply(found, "encoder.decimation", present, after, "counts a tick")
+    return None if after is None else _apply(found, aim, "encoder.decimation", present, after, "counts a tick")
 
 
-def _rate(found: Assessment) -> Change | None:
+def _rate(found: Assessment, aim: Aim) -> Change | None:
     loop, start, present = found.loop, found.start, found.config.servo.rate_hz
     highest = min(_upper_limit("rate_hz"), rate_limit(found.config))
     if present >= highest:
         return None
 
     def safe(rate: float) -> bool:
-        return rate <= highest and _safe(replace(loop, period=1.0 / rate), start)
+        return rate <= highest and _safe(replace(loop, period=1.0 / rate), start, aim)
 
     solved = _solve(safe, present, highest)
     if solved is None:
         return None
-    return _apply(found, "servo.rate_hz", present, _rounded(safe, solved, math.inf), "Hz")
+    return _apply(found, aim, "servo.rate_hz", present, _rounded(safe, solved, math.inf), "Hz")
 
 
 def _upper_limit(key: str) -> float:
@@ -166,7 +175,7 @@ def _upper_limit(key: str) -> float:
     return float(min(limits, default=math.inf))
 
 
-def _delay(found: Assessment) -> Change | None:
+def _delay(found: Assessment, aim: Aim) -> Change | None:
     """Less computation delay; the amplifier's lag and the driver's latency stay."""
     present = found.config.delay.computation_s
     if present == 0.0:
@@ -174,16 +183,16 @@ def _delay(found: Assessment) -> Change | None:
     loop, start = found.loop, found.start
 
     def safe(computation: float) -> bool:
-        return _safe(replace(loop, delay=loop.delay - present + computation), start)
+        return _safe(replace(loop, delay=loop.delay - present + computation), start, aim)
 
     solved = _solve(safe, present, 0.0)
     if solved is None:
         return None
     after = _rounded(safe, solved, 0.0) if solved > 0.0 else 0.0
-    return _apply(found, "delay.computation_s", present, after, "s")
+    return _apply(found, aim, "delay.computation_s", present, after, "s")
 
 
-def _motion(found: Assessment) -> Change | None:
+def _motion(found: Assessment, aim: Aim) -> Change | None:
     """A gentler motion: a release from less far, or a lower velocity."""
     key = "velocity" if found.velocity is not None else "deflection"
     asked = found.velocity if found.velocity is not None else found.deflection
@@ -192,7 +201,7 @@ def _motion(found: Assessment) -> Change | None:
     loop, size = found.loop, abs(asked)
 
     def safe(value: float) -> bool:
-        return _safe(loop, Start.in_ticks(loop, **{key: math.copysign(value, asked)}))
+        return _safe(loop, Start.in_ticks(loop, **{key: math.copysign(value, asked)}), aim)
 
     solved = _solve(safe, size, 0.0)
     if solved is None or solved <= 0.0:
@@ -204,7 +213,7 @@ def _motion(found: Assessment) -> Change | None:
     return Change(key, asked, math.copysign(after, asked), unit, then.region, margin)
 
 
-def _grip(found: Assessment) -> Change | None:
+def _grip(found: Assessment, aim: Aim) -> Change | None:
     """A hand's damping in parallel (Sec. III-B), if a linear device asks no more of it than the paper's operator has.
 
     For a rotary device the paper gives no hand, and what a grip adds depends on the handle.
@@ -215,10 +224,10 @@ def _grip(found: Assessment) -> Change | None:
         return None
 
     def safe(damping: float) -> bool:
-        return _safe(replace(loop, viscous=loop.viscous - present + damping), start)
+        return _safe(replace(loop, viscous=loop.viscous - present + damping), start, aim)
 
     solved = _solve(safe, present, present + missing * (1.0 + 1e-9))
     if solved is None:
         return None
     unit = "N s/m" if found.config.is_linear else "N m s/rad"
-    return _apply(found, "hand.damping", present, _rounded(safe, solved, math.inf), unit)
+    return _apply(found, aim, "hand.damping", present, _rounded(safe, solved, math.inf), unit)

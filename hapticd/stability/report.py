@@ -66,7 +66,7 @@ def report(found: Assessment, changes: Sequence[Change], name: str, device: Devi
         "\n".join(_numbers(found)),
     ]
     if changes:
-        sections.append("\n".join(_advice(found, changes)))
+        sections.append(advice_text(found, changes))
     elif found.verdict != "stable":
         sections.append(
             "No single change of one setting makes this stable; change two, or take a device with friction."
@@ -158,6 +158,11 @@ def _numbers(found: Assessment) -> Iterator[str]:
             f"{number(fast.amplitude)} at {number(high)} Hz"
         )
         yield f"                  to {number(slow.amplitude)} at {number(low)} Hz"
+
+
+def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
+    """The changes that would help, a line each under a heading."""
+    return "\n".join(_advice(found, changes))
 
 
 def _advice(found: Assessment, changes: Sequence[Change]) -> Iterator[str]:

@@ -149,3 +149,19 @@ def test_a_motion_beyond_floating_point_is_refused(hapticd: Run) -> None:
     refused = hapticd("check", *RIG, "--deflection", "1e200")
     assert refused.code == 2
     assert "is beyond anything that can be worked out" in refused.err
+
+
+@pytest.mark.parametrize("motion", [(), ("--deflection", "5")])
+def test_a_spring_too_soft_for_numbers_is_said_to_be_so(hapticd: Run, motion: tuple[str, ...]) -> None:
+    outcome = hapticd("check", "--set", "spring.stiffness=1e-300", *motion)
+    assert (outcome.code, outcome.out) == (2, "")
+    assert outcome.err.startswith("hapticd: spring.stiffness = 1e-300 N m/rad is so small that")
+    assert len(outcome.err.splitlines()) == 1
+
+
+def test_check_says_what_the_daemon_would_do(hapticd: Run) -> None:
+    outcome = hapticd("check", *SLOW, "--deflection", "10.3")
+    assert "safety.guard: the daemon refuses to render this without --force" in outcome.out
+    guard = hapticd("check", *SLOW, "--deflection", "10.3", "--json").document["guard"]
+    assert (guard["verdict"], guard["region"]) == ("refused", "D")
+    assert "safety.guard" not in hapticd("check", *SLOW, "--deflection", "2.3").out

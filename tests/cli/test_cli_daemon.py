@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from hapticd.client import Client
-from hapticd.service.refusals import DriverFailure
+from hapticd.service.refusals import DriverFailure, Refused
 
-from ..service.fake_control import FAULT, FakeControl
+from ..service.fake_control import ADMITTED, FAULT, FakeControl
 from .conftest import Run
 
 JSON_COMMANDS = [
@@ -92,13 +92,41 @@ def test_set_sends_text_and_reports_what_was_applied(daemon: Run, control: FakeC
 
 
 def test_release_prints_what_it_found(daemon: Run, control: FakeControl) -> None:
-    control.job_result = {"outcome": "decaying", "final": {"position_ticks": -0.725}, "oscillation": None}
-    lines = [" ".join(line.split()) for line in daemon("release", "--deflection", "1").out.splitlines()]
-    assert "achieved_deflection 1.0" in lines
-    assert "outcome decaying" in lines
-    assert "run /r/release.arrow" in lines
-    assert "final.position_ticks -0.725" in lines
-    assert not any(line.startswith("oscillation") for line in lines)
+    control.job_result = {
+        "outcome": "decaying",
+        "held_by_friction": False,
+        "final": {"position_ticks": -0.7250123456789012},
+        "rest": {"after_periods": 417, "after_s": 0.41700000000000004},
+        "oscillation": None,
+    }
+    assert daemon("release", "--deflection", "20.300000000000001").out.splitlines() == [
+        "deflection   20.3 ticks",
+        "outcome      decaying, at rest after 0.417 s (417 periods)",
+        "final        -0.725012 ticks",
+        "recorded     3 s in /r/release.arrow",
+        "admitted: region A: globally stable",
+    ]
+
+
+def test_a_release_that_keeps_moving_says_how(daemon: Run, control: FakeControl) -> None:
+    swing = {"peak_to_peak_ticks": 0.009208103130755064, "peak_to_peak_counts": 20.0, "frequency_hz": 62.50111}
+    control.job_result = {"outcome": "persistent", "final": {"position_ticks": 0.0}, "rest": None, "oscillation": swing}
+    assert (
+        "oscillation  0.009208 ticks (20 counts) peak to peak at 62.5 Hz" in daemon("release", "--deflection", "3").out
+    )
+
+
+def test_a_release_that_friction_holds_does_not_pretend_to_have_moved(daemon: Run, control: FakeControl) -> None:
+    rest = {"after_periods": 0, "after_s": 0.0}
+    control.job_result = {
+        "outcome": "decaying",
+        "held_by_friction": True,
+        "final": {"position_ticks": 5.0},
+        "rest": rest,
+    }
+    out = daemon("release", "--deflection", "5").out
+    assert "outcome      held by friction: the shaft did not move" in out
+    assert "at rest after" not in out
 
 
 def test_release_takes_a_negative_deflection_and_reports_the_result(daemon: Run, control: FakeControl) -> None:
@@ -111,6 +139,7 @@ def test_release_takes_a_negative_deflection_and_reports_the_result(daemon: Run,
         "run": "/r/release.arrow",
         "state": "done",
         "result": {"outcome": "decaying"},
+        "guard": ADMITTED,
     }
 
 
@@ -147,7 +176,7 @@ def test_ctrl_c_during_an_experiment_stops_the_motor(
 def test_ctrl_c_while_an_experiment_begins_stops_the_motor_too(
     daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def interrupt(*_: object) -> None:
+    def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Client, "excite", interrupt)
@@ -223,7 +252,7 @@ def test_refusals_keep_their_words_and_have_their_exit_code(
 
 
 def test_start_that_ends_in_a_fault_exits_5(daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(control, "start", control.estop)
+    monkeypatch.setattr(control, "start", lambda force: control.estop())
     outcome = daemon("start")
     assert (outcome.code, outcome.out) == (5, "fault: software stop\nsee docs/faults/estop.md\n")
 
@@ -278,3 +307,34 @@ def test_daemon_that_hangs_exits_3(
     outcome = daemon("start")
     message = f"hapticd: the daemon on {path} accepts requests and does not answer; look at its log\n"
     assert (outcome.code, outcome.err) == (3, message)
+
+
+REASON = "region C: unstable; nothing is started or changed\n  spring.stiffness  0.5 → 0.0156 N m/rad"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ("start",),
+        ("set", "encoder.decimation=217", "spring.stiffness=0.5"),
+        ("release", "--deflection", "3"),
+        ("excite", "chirp"),
+        ("reload",),
+    ],
+)
+def test_what_the_guard_refuses_exits_1_in_its_words_and_force_is_sent(
+    daemon: Run, control: FakeControl, words: tuple[str, ...]
+) -> None:
+    control.fails_with = Refused("unstable", REASON)
+    outcome = daemon(*words)
+    assert (outcome.code, outcome.out) == (1, "")
+    assert REASON in outcome.err
+    assert daemon(*words, "--json").document["error"] == {"code": "unstable", "message": REASON}
+    assert "force" not in control.calls[-1]
+    control.fails_with = None
+    assert daemon(*words, "--force").code == 0
+    assert control.calls[-1][-1] == "force"
+
+
+def test_the_guards_sentence_is_under_the_answer(daemon: Run) -> None:
+    assert daemon("start").out == "running\nadmitted: region A: globally stable\n"

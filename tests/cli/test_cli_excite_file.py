@@ -27,7 +27,7 @@ def test_a_file_is_played_under_its_settings_which_are_taken_back(
     assert control.calls == [
         ("set", {"spring.stiffness": 0.004}),
         ("excite", "chirp", {"amplitude": 0.2, "duration_s": 4.0, "low_hz": 5.0, "high_hz": 90.0}),
-        ("set", {"spring.stiffness": before}),
+        ("set", {"spring.stiffness": before}, "force"),
     ]
 
 

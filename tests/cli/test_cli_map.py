@@ -33,6 +33,13 @@ def test_it_reports_every_region_and_writes_maps_and_figure(hapticd: Run, tmp_pa
         assert file["done"].all()
 
 
+def test_maps_without_a_suffix_get_one(hapticd: Run, tmp_path: Path) -> None:
+    words = ("map", "--periods", "2000", "--beta-count", "1", "--sigma-count", "1", "--tau-d", "0", "--velocity", "1")
+    report = hapticd(*words, "-o", str(tmp_path / "maps"), "--json").document
+    assert report["output"] == str(tmp_path / "maps.npz")
+    assert {path.name for path in tmp_path.iterdir()} == {"maps.npz", "maps.png"}
+
+
 def test_options_reach_the_study(hapticd: Run, tmp_path: Path) -> None:
     options = [
         "--mu",

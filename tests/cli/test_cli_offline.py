@@ -94,6 +94,37 @@ def test_simulate_needs_a_whole_period(hapticd: Run, simulator: Simulator) -> No
     assert (outcome.code, outcome.err, simulator.asked) == (2, message, {})
 
 
+def test_simulate_refuses_more_time_than_it_can_count(hapticd: Run, simulator: Simulator) -> None:
+    outcome = hapticd("simulate", "--duration", "1e12")
+    message = "hapticd: --duration 1e+12 s is too long: the loop counts nanoseconds in 64 bits, at most 9.2e+09 s\n"
+    assert (outcome.code, outcome.err, simulator.asked) == (2, message, {})
+
+
+def test_simulate_says_beforehand_that_it_takes_hours(hapticd: Run, simulator: Simulator) -> None:
+    outcome = hapticd("simulate", "--duration", "3.6e8", "--json")
+    assert (outcome.code, simulator.asked["duration_s"]) == (0, 3.6e8)
+    assert "3.6e+11 ticks: at some 10 million a second this takes 10 hours" in outcome.err
+    assert hapticd("simulate", "--duration", "3600").err == ""
+
+
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "mat", "CSV"])
+def test_simulate_does_not_write_arrow_under_another_name(
+    hapticd: Run, simulator: Simulator, tmp_path: Path, suffix: str
+) -> None:
+    out, run = tmp_path / f"out.{suffix}", tmp_path / "out.arrow"
+    outcome = hapticd("simulate", "--duration", "1", "-o", str(out))
+    assert (outcome.code, simulator.asked, list(tmp_path.iterdir())) == (2, {}, [])
+    assert f"write {run}, then 'hapticd export {run} --to {suffix.lower()}'" in outcome.err
+
+
+def test_a_decimal_comma_is_named(hapticd: Run) -> None:
+    outcome = hapticd("check", "--deflection", "0,5")
+    assert (outcome.code, "'0,5' is not a number; the decimal sign is a point: 0.5" in outcome.err) == (2, True)
+    outcome = hapticd("check", "--set", "spring.stiffness=0,012")
+    assert outcome.code == 2
+    assert "must be a number in N m/rad; the decimal sign is a point: 0.012" in outcome.err
+
+
 def test_simulate_json_has_no_nan(hapticd: Run, simulator: Simulator) -> None:
     outcome = hapticd("simulate", "--duration", "1", "--json")
     assert outcome.document == {**REPORT, "final": {"position_ticks": -0.7251, "velocity_ticks_per_period": None}}

@@ -27,7 +27,8 @@ DIST = ROOT / "dist"
 PACKAGES = ("hapticd", "drivers", "sim_hw")
 BESIDE = ("docs", "examples", "systemd")
 """Folders of the sdist that are not of the wheel."""
-TOP = {"Makefile", "MANIFEST.in", "README.md", "constraints.txt", "install.sh", "mkdocs.yml", "pyproject.toml"}
+TEXTS = {"CHANGELOG.md", "CITATION.cff", "CONTRIBUTING.md", "LICENSE", "README.md"}
+TOP = {"Makefile", "MANIFEST.in", "constraints.txt", "install.sh", "mkdocs.yml", "pyproject.toml", *TEXTS}
 
 pytestmark = pytest.mark.timeout(900)
 

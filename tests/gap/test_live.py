@@ -36,7 +36,7 @@ class FakeDaemon:
     def config(self) -> dict[str, Any]:
         return MODEL.model_dump()
 
-    def set(self, settings: dict[str, Any]) -> None:
+    def set(self, settings: dict[str, Any], force: bool = False) -> None:
         self.calls.append(("set", settings))
 
     def excite(self, name: str, **plan: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.config import Config, parse_config
+from hapticd.config import Config, apply_settings, parse_config
 from hapticd.hil import delay
 from hapticd.hil.cases import FIG_8
 from hapticd.hil.clock import JumpingClock
@@ -23,6 +23,8 @@ from hapticd.hil.errors import HilError
 from hapticd.hil.injections import INJECTIONS
 from hapticd.hil.matrix import _with_current, run_injection, run_matrix
 from hapticd.hil.suite import run_suite
+from hapticd.record import read_run
+from hapticd.stability.guard import judge
 from tests.polling import multicast_group, wait_until
 
 pytestmark = pytest.mark.realtime
@@ -68,6 +70,19 @@ def test_case_c_stops_as_simulated(transport: str, tmp_path: Path) -> None:
     assert case.report["achieved_deflection"] == pytest.approx(2.3, abs=0.5 / 217)
     assert len(result.latency_s) > 50
     assert float(np.median(result.latency_s)) < 0.005
+
+
+def test_case_d_grows_although_the_guard_would_refuse_it(tmp_path: Path) -> None:
+    (case_d,) = [case for case in FIG_8 if case.name == "d"]
+    rig = config(TRANSPORTS["serial board on a pty"])
+    refused = judge(apply_settings(rig, case_d.settings, source="test"), 0.0, deflection=case_d.deflection)
+    assert refused.verdict == "refused"
+    (case,) = run_suite(rig, cases=[case_d], with_excitation=False, keep=tmp_path / "kept").cases
+    run = read_run(next((tmp_path / "kept" / "runs").glob("*-release.arrow")))
+    assert (run.metadata["guard"]["verdict"], run.metadata["guard"]["force"]) == ("forced", True)
+    if case.report["disturbances"]:
+        pytest.skip(f"this machine missed periods in each of {case.report['attempts']} runs: no statement")
+    assert case.report["outcome"] == "growing"
 
 
 @pytest.mark.parametrize(

@@ -185,6 +185,22 @@ def test_a_clock_that_runs_backwards_is_said(tmp_path: Path) -> None:
     assert done.warnings == ("time_s does not rise at 1 place(s), first at row 50",)
 
 
+def test_a_decimal_comma_in_a_column_is_named(tmp_path: Path) -> None:
+    lines = [f"{t:.4f};{q};{i:.4f}".replace(".", ",") for t, q, i in zip(TIME, COUNTS, CURRENT, strict=True)]
+    (tmp_path / "data.csv").write_text("t;q;i\n" + "\n".join(lines))
+    with pytest.raises(RunFileError, match=r"text \('0,\d+' in row 0; csv.decimal: ',' in the map takes a comma"):
+        bring(tmp_path / "data.csv", changed(csv={"delimiter": ";"}))
+    bring(tmp_path / "data.csv", changed(csv={"delimiter": ";", "decimal": ","}))
+
+
+def test_a_missing_column_does_not_list_a_hundred_names(tmp_path: Path) -> None:
+    savemat(tmp_path / "data.mat", {f"channel_{n:03}": TIME for n in range(100)})
+    with pytest.raises(RunFileError, match=r"no such column; .* and 88 more") as refusal:
+        bring(tmp_path / "data.mat", ROTARY)
+    assert "channel_011" in str(refusal.value)
+    assert "channel_012" not in str(refusal.value)
+
+
 WRONG_FILES: dict[str, tuple[dict[str, Any], dict[str, NDArray[Any]], str]] = {
     "name": (changed(current={"column": "I_m"}), {"i_m": CURRENT}, "current.column = I_m: no such column; did you mean i_m"),
     "number": (changed(current={"column": 7}), {}, "current.column = 7: no such column; the file has columns 0 to 2"),

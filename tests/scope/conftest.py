@@ -14,6 +14,7 @@ from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 from .browser import Testbed, launched
 
 SETTINGS = {
+    "safety.guard": "refuse",
     "spring.stiffness": 0.012,
     "encoder.decimation": 1,
     "servo.rate_hz": 1000,

@@ -21,6 +21,8 @@ from tests.polling import PATIENCE_S
 PERCENTILES = {"p50": 18.0, "p99": 40.0, "p999": 380.0, "max": 500.0}
 FAULT = {"code": "over_speed", "cause": "speed 401 rad/s is above 400 rad/s", "help": "docs/faults/over_speed.md"}
 
+ADMITTED = {"verdict": "admitted", "reason": "region A: globally stable", "region": "A", "force": False}
+
 
 class FakeControl:
     """Satisfies ``hapticd.service.control.Control``."""
@@ -83,12 +85,12 @@ class FakeControl:
     def config(self) -> JsonDict:
         return self.resolved.model_dump(mode="json")
 
-    def start(self) -> JsonDict:
-        self._enter("start")
+    def start(self, force: bool = False) -> JsonDict:
+        self._enter("start", *self._forced(force))
         if self.fault:
             raise Refused("fault", "a fault is latched (over_speed); look at the rig, then 'hapticd clear'")
         self.state = "running"
-        return self.status()
+        return {**self.status(), "guard": ADMITTED}
 
     def stop(self) -> JsonDict:
         self.calls.append(("stop",))
@@ -105,8 +107,8 @@ class FakeControl:
         self.state, self.fault = "off", None
         return self.status()
 
-    def set(self, settings: dict[str, Any]) -> JsonDict:
-        self._enter("set", settings)
+    def set(self, settings: dict[str, Any], force: bool = False) -> JsonDict:
+        self._enter("set", settings, *self._forced(force))
         changed = apply_settings(self.resolved, settings, source="request")
         for key in settings:
             if not any(key == live or (live.endswith("*") and key.startswith(live[:-1])) for live in LIVE_KEYS):
@@ -114,23 +116,24 @@ class FakeControl:
                     "restart_needed", f"{key}: cannot change while the daemon runs; edit the config and restart"
                 )
         self.resolved = changed
-        return {"applied": settings, "config_digest": config_digest(changed)}
+        return {"applied": settings, "config_digest": config_digest(changed), "guard": None}
 
-    def release(self, deflection: float, duration_s: float | None) -> JsonDict:
-        self._enter("release", deflection, duration_s)
+    def release(self, deflection: float, duration_s: float | None, force: bool = False) -> JsonDict:
+        self._enter("release", deflection, duration_s, *self._forced(force))
         self._begin("release")
         return {
             "experiment": 1,
             "achieved_deflection": deflection,
             "duration_s": duration_s or 3.0,
             "run": "/r/release.arrow",
+            "guard": ADMITTED,
         }
 
-    def excite(self, name: str, options: dict[str, Any]) -> JsonDict:
-        self._enter("excite", name, options)
+    def excite(self, name: str, options: dict[str, Any], force: bool = False) -> JsonDict:
+        self._enter("excite", name, options, *self._forced(force))
         excitation.build(self.resolved, name, **options)
         self._begin(name)
-        return {"experiment": 1, "duration_s": 20.0, "run": "/r/excite.arrow"}
+        return {"experiment": 1, "duration_s": 20.0, "run": "/r/excite.arrow", "guard": ADMITTED}
 
     def experiment(self) -> JsonDict:
         if self.job["state"] == "running":
@@ -147,13 +150,17 @@ class FakeControl:
         self._enter("record_stop")
         raise Refused("recording", "nothing is being recorded")
 
-    def reload(self, path: str | None) -> JsonDict:
-        self._enter("reload", path)
+    def reload(self, path: str | None, force: bool = False) -> JsonDict:
+        self._enter("reload", path, *self._forced(force))
         if path is not None:
             self.resolved = load_config(path)
         if path == "omega":
             raise DriverFailure("reload failed: no board answers on /dev/ttyUSB0")
-        return self.status()
+        return {**self.status(), "guard": None}
+
+    @staticmethod
+    def _forced(force: bool) -> tuple[str, ...]:
+        return ("force",) if force else ()
 
     def _begin(self, kind: str) -> None:
         self.state = "running"

@@ -44,6 +44,11 @@ def test_every_endpoint_reaches_its_method_with_its_arguments(client: Client, co
     client.record_start("/r/a.arrow")
     client.record_start()
     client.reload()
+    client.start(force=True)
+    client.set({"spring.stiffness": 1}, force=True)
+    client.release(3, force=True)
+    client.excite("chirp", force=True)
+    client.reload(force=True)
     client.stop()
     client.estop()
     assert control.calls == [
@@ -56,6 +61,11 @@ def test_every_endpoint_reaches_its_method_with_its_arguments(client: Client, co
         ("record_start", "/r/a.arrow"),
         ("record_start", None),
         ("reload", None),
+        ("start", "force"),
+        ("set", {"spring.stiffness": 1}, "force"),
+        ("release", 3, None, "force"),
+        ("excite", "chirp", {}, "force"),
+        ("reload", None, "force"),
         ("stop",),
         ("estop",),
     ]

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import io
+import logging
 from pathlib import Path
+from typing import Any
 
 import pytest
+from rich.console import Console
 
-from hapticd.service.foreground import banner
+from hapticd.service.foreground import _log_to, banner, live_line
 from tests.service.daemons import SOCKET, daemon_on, state_home
 
 __all__ = ["state_home"]
@@ -19,3 +23,39 @@ def test_operating_point_with_a_spring_and_without(
     with daemon_on(monkeypatch, tmp_path, spring={"stiffness": stiffness}) as (daemon, _devices):
         (line,) = (line for line in banner(daemon, SOCKET, "rig.yaml") if line.startswith("operating"))
     assert numbers in line
+
+
+def test_the_motor_is_not_called_off_where_it_is_about_to_start(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with daemon_on(monkeypatch, tmp_path) as (daemon, _devices):
+        waiting, starting = (banner(daemon, SOCKET, "rig.yaml", starting=start)[-1] for start in (False, True))
+    assert waiting.startswith("motor       off")
+    assert starting.startswith("motor       on in a moment, as --start asks")
+
+
+def test_a_log_line_on_a_terminal_says_its_level_once() -> None:
+    root = logging.getLogger()
+    before, root.handlers = root.handlers, []
+    try:
+        written = io.StringIO()
+        _log_to(Console(file=written, force_terminal=True, no_color=True, width=100))
+        (handler,) = root.handlers
+        handler.handle(logging.LogRecord("hapticd", logging.WARNING, "", 0, "the disk is nearly full", None, None))
+    finally:
+        root.handlers = before
+    assert written.getvalue().count("WARNING") == 1
+    assert "the disk is nearly full" in written.getvalue()
+
+
+def test_the_live_line_says_once_that_the_recording_stopped() -> None:
+    status: dict[str, Any] = {
+        "state": "off",
+        "position_ticks": 0.0,
+        "current": 0.0,
+        "fault": None,
+        "timing": {"ticks": 1, "missed": 0, "wake_us": {"p50": None}},
+        "recorder": {"path": None, "error": "recording stopped: the disk is full"},
+    }
+    assert live_line(status).endswith("  recording stopped: the disk is full")
+    assert live_line(status).lower().count("recording") == 1

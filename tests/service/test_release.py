@@ -40,7 +40,7 @@ def test_fig_8_in_real_time(case: str, monkeypatch: pytest.MonkeyPatch, tmp_path
 
     def release() -> tuple[float, dict[str, Any], dict[str, Any]]:
         with daemon_on(monkeypatch, tmp_path, **sections(rate, decimation)) as (daemon, _devices):
-            achieved = daemon.release(deflection, duration)["achieved_deflection"]
+            achieved = daemon.release(deflection, duration, force=True)["achieved_deflection"]
             wait_until(lambda: daemon.experiment()["state"] != "running", "the end of the release")
             found = achieved, daemon.experiment()["result"], daemon.status()
             if case == "d":

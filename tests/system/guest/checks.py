@@ -208,18 +208,18 @@ def frames_on_the_bus() -> str:
 @check
 def reload_good_and_bad() -> str:
     """While the spring is rendered: a live key changes, a bad file is refused, and the daemon renders on."""
-    CONFIG.write_text(CAN_CONFIG.replace("decimation: 217", "decimation: 434"))
+    CONFIG.write_text(CAN_CONFIG.replace("decimation: 217", "decimation: 109"))
     sh("systemctl reload hapticd")
-    until(lambda: api("/config")["encoder"]["decimation"] == 434, "the new configuration", 60)
+    until(lambda: api("/config")["encoder"]["decimation"] == 109, "the new configuration", 60)
     CONFIG.write_text("servo: {rate_hz: -5}\n")
     sh("systemctl reload hapticd")
     until(lambda: "reload refused" in journal(), "the refusal in the journal", 60)
-    assert api("/config")["encoder"]["decimation"] == 434
+    assert api("/config")["encoder"]["decimation"] == 109
     assert status()["state"] == "running"
     CONFIG.write_text(CAN_CONFIG)
     sh("systemctl reload hapticd")
     until(lambda: api("/config")["encoder"]["decimation"] == 217, "the old configuration", 60)
-    return "decimation 434 in force while running, rate −5 refused and the spring rendered on, 217 again"
+    return "decimation 109 in force while running, rate −5 refused and the spring rendered on, 217 again"
 
 
 @check

@@ -1,0 +1,114 @@
+"""What the guard admits and refuses, held against regions, the sharp criterion and the simulator."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+from hapticd.config import Config, parse_config
+from hapticd.stability.guard import judge
+from hapticd.stability.regions import region
+
+RUNAWAY = {"encoder": {"decimation": 217}, "spring": {"stiffness": 0.5}}
+SLOW = {"servo": {"rate_hz": 100}, "encoder": {"decimation": 217}}
+
+
+def config(guard: str = "refuse", **sections: Any) -> Config:
+    return parse_config({**sections, "safety": {"guard": guard}}, "test")
+
+
+def test_the_default_policy_is_to_refuse() -> None:
+    assert parse_config({}, "test").safety.guard == "refuse"
+
+
+def test_a_stiff_coarse_spring_is_refused_with_what_would_help() -> None:
+    found = judge(config(**RUNAWAY), 0.0)
+    assert (found.verdict, found.region) == ("refused", "C")
+    assert "oscillations grow from the smallest motion" in found.reason
+    assert "spring.stiffness     0.5 → 0.0156 N m/rad" in found.help
+
+
+@pytest.mark.parametrize(
+    ("deflection", "verdict", "where"), [(None, "admitted", "D|E"), (2.3, "admitted", "E"), (10.3, "refused", "D")]
+)
+def test_the_speed_limit_divides_d_from_e(deflection: float | None, verdict: str, where: str) -> None:
+    found = judge(config(**SLOW), 0.0, deflection=deflection)
+    assert (found.verdict, found.region) == (verdict, where)
+    assert "the speed limit is 19.1 rad/s" in found.reason
+
+
+def test_a_smaller_release_is_advised_only_where_it_can_be_asked_for() -> None:
+    fast = {"deflection": 10.3}
+    devices = config(**SLOW, plant={"coulomb": 0.0022})
+    assert "--deflection" in judge(devices, 0.0, **fast, release=True).help
+    assert "--deflection" not in judge(devices, 0.0, **fast).help
+
+
+def test_a_buzz_below_one_tick_is_admitted_and_a_larger_one_is_not() -> None:
+    buzz = config(encoder={"decimation": 2172})
+    assert region_of(buzz) == "B"
+    found = judge(buzz, 0.0, deflection=3.3)
+    assert (found.verdict, found.region) == ("admitted", "B")
+    assert "stay below one tick" in found.reason
+    # β just above ½ + τ_D, hardly any Coulomb friction, little inertia: the ladder of cycles above one tick
+    ladder = config(encoder={"decimation": 2172}, plant={"inertia": 3.6e-8, "viscous": 7.2e-6, "coulomb": 2e-4})
+    assert region_of(ladder) == "B"
+    found = judge(ladder, 0.0, deflection=3.3)
+    assert found.verdict == "refused"
+    assert "one tick and more" in found.reason
+
+
+def region_of(given: Config) -> str:
+    from hapticd.stability.numbers import from_config
+
+    return region(from_config(given))
+
+
+def test_where_energy_may_rise_it_is_refused_with_a_way_to_where_it_falls() -> None:
+    late = config(delay={"computation_s": 0.03}, plant={"viscous": 1e-3})
+    found = judge(late, 0.0, deflection=500.0)
+    assert (found.verdict, found.region) == ("refused", "F2")
+    assert "(region F1)" in found.help
+    assert judge(late, 0.0).verdict == "admitted"
+
+
+def test_the_drivers_latency_counts() -> None:
+    assert judge(config(spring={"stiffness": 0.012}), 0.0).region == "F1|F2"
+    assert judge(config(spring={"stiffness": 0.012}), 0.001).region == "D|E"
+
+
+@pytest.mark.parametrize(
+    ("guard", "force", "verdict"),
+    [("refuse", False, "refused"), ("refuse", True, "forced"), ("warn", False, "warned"), ("off", False, "off")],
+)
+def test_policies_and_force(guard: str, force: bool, verdict: str) -> None:
+    found = judge(config(guard, **RUNAWAY), 0.0, force=force)
+    assert found.verdict == verdict
+    assert found.document["force"] is (verdict == "forced")
+
+
+def test_force_says_nothing_of_a_spring_that_needs_none() -> None:
+    assert judge(config(), 0.0, deflection=20.3, force=True).verdict == "admitted"
+
+
+def test_no_spring_is_no_danger() -> None:
+    assert judge(config(spring={"stiffness": 0.0}), 0.0, deflection=1e6).verdict == "admitted"
+
+
+def test_what_the_sharp_criterion_proves_is_admitted() -> None:
+    """With delay (19) charges the acceleration in full even at top speed, which refuses motions that are proven."""
+    proven = config(
+        amplifier={"bandwidth_hz": 0, "dac_bits": 0},
+        delay={"computation_s": 0.3e-3},
+        encoder={"decimation": 217},
+        plant={"inertia": 2.4e-7, "viscous": 7.2e-6, "coulomb": 4e-3},
+    )
+    found = judge(proven, 0.0, velocity=5.0)
+    assert (found.verdict, found.region) == ("admitted", "D")
+    assert "the sharp criterion proves" in found.reason
+
+
+def test_a_motion_beyond_floating_point_is_refused() -> None:
+    found = judge(config(**SLOW), 0.0, deflection=1e200)
+    assert found.verdict == "refused"
