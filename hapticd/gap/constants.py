@@ -19,6 +19,8 @@ MATERIAL = 0.002
 """Held-out gain, in nats a sample, below which an effect does not matter."""
 SHARE = 0.02
 """Share of the first effect's gain, and of the missing force's power, that a further effect must bring."""
+SHARE_OF_REST = 0.5
+"""Share of what is still missing that is enough too: beside a strong first effect a second one may be all that is left."""
 SLACK = 0.01
 """Share of the predicted variance that is process noise, below which nothing is missing: predictions are as good as the
 sensor allows."""

@@ -32,7 +32,6 @@ _PROMISING = 0.05
 _HALF_WAY = 0.25
 _CLOSE = 0.3
 _MOST_FITTED = 4
-_MOST_OF_IT = 0.5
 _ROUGH = 0.5
 """Nats to which contenders are fitted; the one that is taken is fitted to the end."""
 
@@ -196,12 +195,12 @@ def _closing(
     force is what the device lacks. A law that gains the one without closing the other is none.
     """
     power = missing_power(present.fit)
-    least = min(least, _MOST_OF_IT * power)
+    least = min(least, constants.SHARE_OF_REST * power)
     left = {contender.slug: missing_power(contender.judged.fit) for contender in contenders}
     contenders = [
         contender
         for contender in contenders
-        if left[contender.slug] < power - min(least, _MOST_OF_IT * power)
+        if left[contender.slug] < power - min(least, constants.SHARE_OF_REST * power)
         and _keeps_the_drive(contender.judged.fit, present.fit)
     ]
     sure = [left[contender.slug] for contender in contenders if contender.evidence >= needed_errors]

@@ -11,7 +11,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
+from tests.service import fake_control
+from tests.service.fake_control import FakeControl
+
 from .browser import Testbed, launched
+from .served import Served, serve
 
 SETTINGS = {
     "safety.guard": "refuse",
@@ -26,6 +30,18 @@ SETTINGS = {
 WIDTH, HEIGHT = 1280, 720
 PATIENCE_MS = 30_000
 Open = Callable[..., Page]
+
+
+@pytest.fixture
+def control() -> FakeControl:
+    return FakeControl()
+
+
+@pytest.fixture
+def scope(control: FakeControl, tmp_path: Path) -> Iterator[Served]:
+    path = tmp_path / "h.sock"
+    with fake_control.serve(control, path), serve(path) as served:
+        yield served
 
 
 @pytest.fixture(scope="package")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import http.client
 import json
 import threading
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -22,18 +21,6 @@ from tests.service import fake_control
 from tests.service.fake_control import FakeControl
 
 from .served import CLIENT, Served, serve
-
-
-@pytest.fixture
-def control() -> FakeControl:
-    return FakeControl()
-
-
-@pytest.fixture
-def scope(control: FakeControl, tmp_path: Path) -> Iterator[Served]:
-    path = tmp_path / "h.sock"
-    with fake_control.serve(control, path), serve(path) as served:
-        yield served
 
 
 def socket_to(scope: Served, path: str = "state", *, origin: str | None = None, host: str | None = None) -> Any:

@@ -7,34 +7,19 @@ import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 
 import numpy as np
-import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from hapticd.record.frames import Context, decode
 from hapticd.record.schema import empty_rows
 from hapticd.service.live import LiveStream
 from tests.polling import wait_until
-from tests.service import fake_control
 from tests.service.fake_control import FakeControl
 
-from .served import CLIENT, Served, serve
+from .served import CLIENT, Served
 
 PORTION = 1000
-
-
-@pytest.fixture
-def control() -> FakeControl:
-    return FakeControl()
-
-
-@pytest.fixture
-def scope(control: FakeControl, tmp_path: Path) -> Iterator[Served]:
-    path = tmp_path / "h.sock"
-    with fake_control.serve(control, path), serve(path) as served:
-        yield served
 
 
 @contextmanager
