@@ -1,0 +1,150 @@
+"""The base fit: inertia, friction, bias and delay by the likelihood of the gap workflow (docs/explanation/gap-statistics.md).
+
+No effect is looked for. The disturbance torque, the sensor's noise and the jitter of the samples are fitted along, so the
+intervals know of a torque that no model has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.gap.fit import Fit, first_noise
+from hapticd.gap.terms import Coordinate, Term
+from hapticd.gap.workflow import problem_of
+from hapticd.identify.intervals import blocks_of, jackknife, student_reach
+from hapticd.plant.layout import word
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hapticd.config import Config
+    from hapticd.gap.recording import Recording
+    from hapticd.gap.series import Series
+    from hapticd.identify.balance import Balance
+
+    Floats = NDArray[np.float64]
+
+FITTED = ("inertia", "viscous", "coulomb", "bias", "delay_s")
+"""What is fitted, in the order of every vector and matrix here."""
+_OWN_WORDS = ("delay_s", "transport_delay.t_d", "constant_bias.tau_0")
+"""Words of the device vector that the fit takes over from the model."""
+_FARTHEST = 100.0
+"""Factor by which a parameter may leave its start."""
+_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS = 0.02, 10.0
+_SCANNED_PERIODS = np.arange(0.1, 6.0, 0.2)
+_THINNED = 4
+"""The first fit takes every fourth block."""
+_FINEST = 2.5e-4
+"""Least standard deviation, as a share of inertia and frictions. A recording without any disturbance would claim more than
+its time stamps and the filter's prediction are good for; `python -m benchmarks.identify` shows it."""
+_FINEST_DELAY_S = 1e-6
+"""The same of the delay."""
+
+
+@dataclass(frozen=True)
+class BaseFit:
+    """The estimate.
+
+    Attributes:
+        values: (5,) in the order of `FITTED`.
+        covariance: (5, 5) of the values.
+        fit: where they come from.
+    """
+
+    values: Floats
+    covariance: Floats
+    fit: Fit
+
+    def half_width(self, name: str) -> float:
+        """Half of the 95 % interval."""
+        index = FITTED.index(name)
+        return student_reach() * float(np.sqrt(self.covariance[index, index]))
+
+    def scores(self) -> Floats:
+        """(n, 5) derivative of each sample's log probability by the values."""
+        slope = np.where(self.values > 0.0, self.values, 1.0)
+        slope[1:] = 1.0  # the inertia alone has a logarithm as its coordinate
+        return np.asarray(self.fit.scores[:, -len(FITTED) :] / slope)
+
+
+def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> BaseFit:
+    """Fit the base model.
+
+    Args:
+        recordings: of one device, with the encoder's right sign.
+        model: what is not fitted: torque constant, effects, hand.
+        start: where the fit begins.
+    """
+    problem = problem_of(recordings, model)
+    base = problem.base.copy()
+    base[[word(name) for name in _OWN_WORDS]] = 0.0
+    problem = replace(problem, base=base)
+    terms = _terms(start, problem.torque, problem.series.period_s)
+    thinned = replace(problem, series=_thinned(problem.series))
+    first = Fit(thinned, terms, first_noise(thinned, terms))
+    _scan_delay(first)
+    fit = first.maximise(40).on(problem).maximise()
+    fit.differentiate()
+    values = fit.u[-len(FITTED) :].copy()
+    values[0] = np.exp(values[0])
+    found = BaseFit(values, np.diag(_finest(values) ** 2), fit)
+    series = problem.series
+    spread = jackknife(found.scores(), blocks_of(series.time_s, series.recording))
+    return replace(found, covariance=found.covariance + spread)
+
+
+def _finest(values: Floats) -> Floats:
+    J, b, c, _, _ = values
+    return np.array([_FINEST * J, _FINEST * b, _FINEST * c, _FINEST * c, _FINEST_DELAY_S])
+
+
+def _scan_delay(fit: Fit) -> None:
+    """Line search over all delays while the noise is still large; later the likelihood has a maximum about every delay."""
+    for periods in _SCANNED_PERIODS:
+        u = fit.u.copy()
+        u[-1] = periods * fit.problem.series.period_s
+        fit.move(u)
+
+
+def _thinned(series: Series) -> Series:
+    """Some of the blocks, from all of the recordings, for a first fit at a fraction of the time."""
+    rows = np.flatnonzero(series.block % _THINNED == 0)
+    begins = series.begins[rows].copy()
+    begins[np.diff(rows, prepend=-2) > 1] = True
+    block = series.block[rows] // _THINNED
+    return replace(
+        series,
+        time_s=series.time_s[rows],
+        cell=series.cell[rows],
+        command=series.command[rows],
+        begins=begins,
+        recording=np.unique(series.recording[rows], return_inverse=True)[1],
+        block=block,
+        fold=series.fold[: int(block.max()) + 1],
+        _currents={},
+    )
+
+
+def _terms(start: Balance, torque: float, period_s: float) -> tuple[Term, ...]:
+    """One term a parameter: inertia by its logarithm; the torques that are linear in a parameter by their value."""
+    far = float(np.log(_FARTHEST))
+    J = float(np.log(start.inertia))
+    longest = max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period_s)
+    return (
+        _term("inertia", "inertia", J, J - far, J + far, 0.3, is_log=True),
+        _term("viscous", "viscous", start.viscous, 0.0, _FARTHEST * start.viscous, 0.3 * start.viscous),
+        _term("coulomb", "coulomb", start.coulomb, 0.0, _FARTHEST * start.coulomb, 0.3 * start.coulomb),
+        _term("bias", "constant_bias.tau_0", start.bias, -_FARTHEST * torque, _FARTHEST * torque, 0.1 * torque),
+        _term("delay_s", "delay_s", start.delay_s, 0.0, longest, 0.2 * period_s),
+    )
+
+
+def _term(
+    name: str, place: str, start: float, lower: float, upper: float, scale: float, *, is_log: bool = False
+) -> Term:
+    return Term(name, (Coordinate(name, word(place), is_log, lower, upper, scale),), (start,))
