@@ -29,6 +29,7 @@ NAMES = (
     "serial_roundtrip",
     "hold",
     "gap_speed",
+    "identify",
 )
 
 

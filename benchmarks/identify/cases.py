@@ -1,4 +1,4 @@
-"""Hidden devices, drawn over two decades of inertia and of friction, and recordings of them by the independent integrator."""
+"""Hidden devices, drawn over two decades of inertia and of friction, recorded by the independent integrator."""
 
 from __future__ import annotations
 

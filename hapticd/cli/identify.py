@@ -82,9 +82,9 @@ def identify(
     """Find inertia, friction, bias, delay and the encoder's sign of a device, with 95 % intervals, for its config.
 
     Takes one recording or several of the same device, or with --live plays the experiments itself: a chirp that grows until
-    the shaft moves, then two chirps as strong and as slow as the limits admit, the rendered spring switched off. The config's
-    plant may be wrong by orders of magnitude. The torque constant cannot be measured from counts and currents; it must be the
-    data sheet's.
+    the shaft moves, then two chirps as strong and as slow as the limits admit, the rendered spring switched off. The
+    config's plant may be wrong by orders of magnitude. The torque constant cannot be measured from counts and currents; it
+    must be the data sheet's.
 
     With -o the plant section is written: values, a constant_bias and a transport_delay where there are any, encoder.invert
     where the sign is wrong, and plant.uncertainty, from which 'hapticd check' says how sure a spring's stability is.

@@ -195,7 +195,9 @@ class Uncertainty(Section):
     def _possible(self) -> Uncertainty:
         correlated = any(self.correlation.model_dump().values())
         if correlated and (least := _least_eigenvalue(self.matrix)) < -_ROUNDED:
-            message = f"no errors can be correlated like this: the matrix has the eigenvalue {least:.3g}; must be at least 0"
+            message = (
+                f"no errors can be correlated like this: the matrix has the eigenvalue {least:.3g}; must be at least 0"
+            )
             raise findings_error([Finding("correlation", NO_VALUE, message, 0.0)])
         return self
 
@@ -206,7 +208,8 @@ class Uncertainty(Section):
         c = self.correlation
         return tuple(
             tuple(
-                1.0 if i == j else float(getattr(c, f"{names[min(i, j)]}_{names[max(i, j)]}")) for j in range(len(names))
+                1.0 if i == j else float(getattr(c, f"{names[min(i, j)]}_{names[max(i, j)]}"))
+                for j in range(len(names))
             )
             for i in range(len(names))
         )

@@ -1,4 +1,4 @@
-"""The base fit: inertia, friction, bias and delay by the likelihood of the gap workflow (docs/explanation/gap-statistics.md).
+"""The base fit: inertia, friction, bias and delay by the gap workflow's likelihood (docs/explanation/gap-statistics.md).
 
 No effect is looked for. The disturbance torque, the sensor's noise and the jitter of the samples are fitted along, so the
 intervals know of a torque that no model has.
@@ -16,7 +16,7 @@ from hapticd.gap.kernel.filter import DISTURBANCE
 from hapticd.gap.terms import Coordinate, Term
 from hapticd.gap.workflow import problem_of
 from hapticd.identify.intervals import blocks_of, jackknife, student_reach
-from hapticd.plant.layout import word
+from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 
 FITTED = ("inertia", "viscous", "coulomb", "bias", "delay_s")
 """What is fitted, in the order of every vector and matrix here."""
-_OWN_WORDS = ("delay_s", "transport_delay.t_d", "constant_bias.tau_0")
-"""Words of the device vector that the fit takes over from the model."""
+_OWN_ELEMENTS = ("delay_s", "transport_delay.t_d", "constant_bias.tau_0")
+"""Elements of the device vector that the fit takes over from the model."""
 _FARTHEST = 100.0
 """Factor by which a parameter may leave its start."""
 _LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS = 0.02, 10.0
@@ -87,7 +87,7 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     """
     problem = problem_of(recordings, model)
     base = problem.base.copy()
-    base[[word(name) for name in _OWN_WORDS]] = 0.0
+    base[[index_of(name) for name in _OWN_ELEMENTS]] = 0.0
     problem = replace(problem, base=base)
     terms = _terms(start, problem.torque, problem.series.period_s)
     thinned = replace(problem, series=_thinned(problem.series))
@@ -183,4 +183,4 @@ def _terms(start: Balance, torque: float, period_s: float) -> tuple[Term, ...]:
 def _term(
     name: str, place: str, start: float, lower: float, upper: float, scale: float, *, is_log: bool = False
 ) -> Term:
-    return Term(name, (Coordinate(name, word(place), is_log, lower, upper, scale),), (start,))
+    return Term(name, (Coordinate(name, index_of(place), is_log, lower, upper, scale),), (start,))

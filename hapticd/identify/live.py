@@ -64,9 +64,8 @@ def record_live(
         say("the rendered spring is off during the experiments")
     found = [_look(client, config, settings, say, bar)]
     first = balance(found, config.amplifier.torque_constant)
-    for effort in _EFFORTS:
-        found.append(load_any(_played(client, chirp(config, first, effort, settings), config, say, bar), config))
-    return found
+    plans = [chirp(config, first, effort, settings) for effort in _EFFORTS]
+    return [*found, *(load_any(_played(client, plan, config, say, bar), config) for plan in plans)]
 
 
 def chirp(config: Config, first: Balance, effort: float, settings: dict[str, Any] | None = None) -> Experiment:
@@ -96,9 +95,7 @@ def chirp(config: Config, first: Balance, effort: float, settings: dict[str, Any
     )
 
 
-def _look(
-    client: Client, config: Config, settings: dict[str, Any], say: Callable[[str], None], bar: Bar
-) -> Recording:
+def _look(client: Client, config: Config, settings: dict[str, Any], say: Callable[[str], None], bar: Bar) -> Recording:
     """The first recording in which the shaft moves, from a current that hardly moves anything upwards."""
     limit = config.amplifier.continuous_current or config.amplifier.peak_current or 1.0
     current = _FIRST_SHARE * limit

@@ -86,8 +86,8 @@ def _ratios(config: Config) -> Iterator[str]:
     torque = amplifier.torque_constant * limit
     if plant.coulomb >= torque:
         yield (
-            f"plant.coulomb = {plant.coulomb:g} {unit} is more than the motor's largest torque {torque:.3g} {unit}: it could "
-            "never move"
+            f"plant.coulomb = {plant.coulomb:g} {unit} is more than the motor's largest torque {torque:.3g} {unit}: it "
+            "could never move"
         )
     acceleration = torque / plant.inertia
     low, high, name = (0.1, 1e4, "m/s²") if config.is_linear else (1.0, 1e7, "rad/s²")

@@ -4,8 +4,8 @@ Inertia and frictions are drawn log-normal, the delay normal, correlated as the 
 with a fixed seed: the same config gives the same answer. Every draw is judged by the same criterion as the config itself.
 The torque constant has no part in it: μ, β and σ are ratios of what it scales (`hapticd.identify.workflow`).
 
-K_max at 95 % is the largest stiffness that at most 5 % of the draws do not admit. For one device the margin has one change of
-sign in K (`hapticd.stability.tuning`), so it is the 5 % quantile of the largest stiffnesses.
+K_max at 95 % is the largest stiffness that at most 5 % of the draws do not admit. For one device the margin has one change
+of sign in K (`hapticd.stability.tuning`), so it is the 5 % quantile of the largest stiffnesses.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Confidence:
         stable: probability that the motion (any motion, where none is asked about) dies out.
         passive: probability that energy falls all the time; None where delay makes that a question of the motion.
         decides: the parameter whose error moves the margin most; None where nothing does.
-        shares: of the margin's variance that each parameter explains, alone with what it is correlated with.
+        shares: of the margin's variance that each parameter explains, with what it is correlated with.
         stiffness_max: largest K that is stable with a probability of `LEVEL`.
         beta, sigma: (n,) operating points of the draws.
     """
