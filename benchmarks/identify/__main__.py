@@ -103,7 +103,9 @@ def figures(all_scored: list[Scored]) -> list[Figure]:
         Figure("slowest", max(one.seconds for one in all_scored), "s", SECONDS_GOAL),
         Figure("peer: true value inside its interval", float(peer_inside[:, :4].mean()), "", peer="IDIM-LS"),
         Figure("peer: median error", float(np.median(peer_errors)), "", peer="IDIM-LS"),
-        Figure("median error over the peer's", float(np.median(errors) / np.median(peer_errors)), "×", 1.0, peer="IDIM-LS"),
+        Figure(
+            "median error over the peer's", float(np.median(errors) / np.median(peer_errors)), "×", 1.0, peer="IDIM-LS"
+        ),
     ]
     for coloured in (False, True):
         rows = np.array([one.coloured == coloured for one in all_scored])

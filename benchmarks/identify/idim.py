@@ -23,7 +23,9 @@ _REST_COUNTS = 3.0
 """Speed in counts per filter time below which the shaft is taken to rest."""
 
 
-def idim_ls(time_s: Floats, position: Floats, current: Floats, torque_constant: float, step: float) -> tuple[Floats, Floats]:
+def idim_ls(
+    time_s: Floats, position: Floats, current: Floats, torque_constant: float, step: float
+) -> tuple[Floats, Floats]:
     """Inertia, viscous, Coulomb friction, bias and delay, and half-widths of their 95 % intervals (0 for the delay).
 
     Args:
@@ -47,6 +49,7 @@ def idim_ls(time_s: Floats, position: Floats, current: Floats, torque_constant: 
         power = float(left @ left)
         if best is None or power < best[0]:
             covariance = np.linalg.inv(A[moves].T @ A[moves]) * power / (moves.sum() - A.shape[1])
-            best = power, found, 1.96 * np.sqrt(np.diag(covariance)), float(periods * T)
+            reach = 1.96 * np.sqrt(np.diag(covariance))
+            best = power, np.asarray(found, dtype=np.float64), reach, float(periods * T)
     assert best is not None
     return np.append(best[1], best[3]), np.append(best[2], 0.0)

@@ -44,7 +44,7 @@ def init(
     from hapticd.identify.questions import QUESTIONS, answered, config_text, read_answers
 
     if list_questions:
-        document = {"questions": [question.document for question in QUESTIONS]}
+        document: dict[str, Any] = {"questions": [question.document for question in QUESTIONS]}
         output.emit(document, as_json, "\n".join(question.line for question in QUESTIONS))
         return exits.DONE
     if out.exists() and not force:

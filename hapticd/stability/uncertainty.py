@@ -105,8 +105,8 @@ def confidence(found: Assessment) -> Confidence | None:
     passive = np.array([where in _PASSIVE for where in regions])
     asks = "F1|F2" in regions
     # What is open is what a parameter can decide.
-    open_question = bool(np.ptp(stable)) or asks or not bool(np.ptp(passive))
-    margins = np.array([_margin(loop, found.start, passive=not open_question) for loop in loops])
+    of_passivity = not asks and _is_open(passive) and not _is_open(stable)
+    margins = np.array([_margin(loop, found.start, passive=of_passivity) for loop in loops])
     varying = deviations > 0.0
     shares = {
         name: float(np.corrcoef(margins, errors)[0, 1] ** 2) if vary and np.ptp(margins) > 0.0 else 0.0
@@ -149,6 +149,10 @@ def _moved(found: Assessment, errors: Floats) -> Loop:
         coulomb=max(scaled(loop.coulomb, plant.coulomb, coulomb), 0.0),
         delay=max(loop.delay + delay, 0.0),
     )
+
+
+def _is_open(answers: NDArray[np.bool_]) -> bool:
+    return bool(answers.any() and not answers.all())
 
 
 def _is_proven(loop: Loop, start: Start) -> bool:

@@ -29,4 +29,6 @@ def test_real_devices_are_plausible(preset: str) -> None:
     ],
 )
 def test_slips_are_named(data: dict[str, Any], said: str) -> None:
-    assert any(said in words for words in implausible(parse_config(data, "slip"))), implausible(parse_config(data, "slip"))
+    assert any(said in words for words in implausible(parse_config(data, "slip"))), implausible(
+        parse_config(data, "slip")
+    )
