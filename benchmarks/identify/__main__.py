@@ -1,8 +1,8 @@
 """``python -m benchmarks.identify``: 20 hidden devices, their parameters found from one recording each, and their intervals.
 
-Devices are drawn over two decades of inertia and of friction, with three resolutions, a bias, a delay and often the wrong sign
-of the encoder (`cases`); the config that is given is wrong by up to two decades. Every other one has a coloured torque of 5 %
-of its Coulomb friction, which no model knows. The peer (`idim`) gets the same files, and the right sign.
+Devices are drawn over two decades of inertia and of friction, with three resolutions, a bias, a delay and often the wrong
+sign of the encoder (`cases`); the config that is given is wrong by up to two decades. Every other one has a coloured torque
+of 5 % of its Coulomb friction, which no model knows. The peer (`idim`) gets the same files, and the right sign.
 
 Errors are relative to the true value; those of the bias to the Coulomb friction.
 """
