@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from hapticd.config import load_config
+from hapticd.figures.style import style
 from hapticd.gap.figures import over_time
 from hapticd.hil.compare import Trace
 from hapticd.hil.missing_effect import Story, find_secret
-from hapticd.reproduce.style import style
 from hapticd.servo.experiment import read_experiment
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "missing_effect"
