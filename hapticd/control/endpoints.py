@@ -79,7 +79,7 @@ def endpoint(
     """
 
     def declare(function: Callable[P, R]) -> Callable[P, R]:
-        signature = inspect.signature(function)
+        signature = inspect.signature(function, eval_str=True)
         fields = signature.replace(parameters=list(signature.parameters.values())[1:])
         executor: Queue = queue or ("query" if method == "GET" else "command")
         errors = {"query": (), "command": (400, 409, 413, 422), "stop": (502,), "estop": (502,)}[executor]
