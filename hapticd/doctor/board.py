@@ -26,9 +26,9 @@ TURN_S: Final = 8.0
 SHOW_S: Final = 0.05
 RAMP_S: Final = 1.0
 RAMP_STEP_S: Final = 0.005
-RAMP_SHARE: Final = 0.05
+RAMP_FRACTION: Final = 0.05
 """Default peak of the ramp, of the continuous current."""
-MOVED_SHARE: Final = 0.125
+MOVED_FRACTION: Final = 0.125
 """Of a turn (or a million counts on a scale): further the ramp does not push."""
 _FAULT_NAMES: Final = {
     messages.STATUS_ENCODER_FAULT: "ENCODER_FAULT",
@@ -98,7 +98,7 @@ def bring_up(config: Config, person: Person, current: float | None = None) -> Br
     Args:
         config: driver, amplifier and encoder of the rig.
         person: who turns the knob and agrees to currents.
-        current: peak of the ramp, A; None: RAMP_SHARE of the continuous current.
+        current: peak of the ramp, A; None: RAMP_FRACTION of the continuous current.
 
     Raises:
         DriverError: the board cannot be reached at all.
@@ -265,7 +265,7 @@ def ramp(board: Board, config: Config, person: Person, current: float | None) ->
     name = "polarity"
     continuous = config.amplifier.continuous_current
     largest = continuous or board.capabilities.full_scale_ua * 1e-6
-    peak = min(RAMP_SHARE * largest if current is None else current, largest)
+    peak = min(RAMP_FRACTION * largest if current is None else current, largest)
     if not person.agrees(
         f"Raise the current to {peak:.3g} A and back within {RAMP_S:g} s? The shaft may turn; hands off."
     ):
@@ -274,7 +274,7 @@ def ramp(board: Board, config: Config, person: Person, current: float | None) ->
     board.command(board.middle, enable=False)
     board.sample()
     start = board.counts
-    furthest = MOVED_SHARE * (config.encoder.counts_per_rev or 1_000_000)
+    furthest = MOVED_FRACTION * (config.encoder.counts_per_rev or 1_000_000)
     reached = 0.0
     try:
         begin = time.monotonic()

@@ -73,7 +73,7 @@ class Daemon(Endpoints):
 
     def status(self) -> JsonDict:
         """State, fault, timing, operating point, motion, energies, recorder, experiment."""
-        return report.status(self.rig, self._faults.now(), self.experiment())
+        return report.status(self.rig, self._faults.active(), self.experiment())
 
     def config(self) -> JsonDict:
         """The config in force."""
@@ -138,7 +138,7 @@ class Daemon(Endpoints):
             self.rig.ask(state=w.OFF, clear=self.rig.request.clear + 1, excitation_id=0, excitation_length=0)
             self.rig.wait(self.rig.applied, ANSWER_S)
             self.rig.wait_ticks(int(self.rig.config.safety.missed_exchanges or 0) + 3)
-            self._faults.cleared(before)
+            self._faults.confirm_cleared(before)
             log.info("fault cleared")
         return self.status()
 
@@ -209,7 +209,7 @@ class Daemon(Endpoints):
         with self._lock:
             self._experiments.cancel()
             self._ending.set()
-            self._faults.note()
+            self._faults.latch_raised()
             self.rig.close()
         self._supervisor.join(2.0)
 
@@ -218,7 +218,7 @@ class Daemon(Endpoints):
             self.rig.servo.beat()
             self._watchdog.look(time.monotonic())
             try:
-                self._faults.note()
+                self._faults.latch_raised()
                 if not self.rig.servo.alive() and not self._ending.is_set() and self._lock.acquire(blocking=False):
                     try:
                         self._faults.servo_died()
@@ -283,7 +283,7 @@ class Daemon(Endpoints):
         except Exception as error:
             log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
             with self._faults.lock:
-                self._faults.keep(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
+                self._faults.latch(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
                 try:
                     self._rendering.rig = Rig(old.config, faults.RELOAD_FAILED, self.live)
                 except Exception:

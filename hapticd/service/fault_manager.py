@@ -42,7 +42,7 @@ class FaultManager:
         self._latch, self._rendering = latch, rendering
         self._fault = latch.load()
 
-    def now(self) -> JsonDict | None:
+    def active(self) -> JsonDict | None:
         """``code``, ``cause`` and ``help`` of the fault that the loop is in; None when it is in none."""
         if self._rendering.rig.state != w.FAULT:
             return None
@@ -56,22 +56,22 @@ class FaultManager:
             Refused: with its cause.
         """
         if self._rendering.rig.state == w.FAULT:
-            fault = self.now()
+            fault = self.active()
             cause = f"{fault['code']}: {fault['cause']}" if fault else "a fault"
             raise Refused("fault", f"a fault is latched ({cause}); look at the rig, then 'hapticd clear'")
 
     def refuse_new(self) -> None:
         """Latch a fault that has just been raised, and refuse with it."""
-        self.note()
+        self.latch_raised()
         self.refuse()
 
-    def note(self) -> None:
+    def latch_raised(self) -> None:
         """Latch a new fault on disk, say it once, keep the 10 s before it."""
         with self.lock:
             if self._rendering.rig.state == w.FAULT and self._fault is None and self._rendering.rig.fault_number:
-                self.keep(self._described())
+                self.latch(self._described())
 
-    def keep(self, fault: JsonDict) -> None:
+    def latch(self, fault: JsonDict) -> None:
         """The same for a fault that the loop did not raise itself."""
         self._fault = fault
         self.counts[fault["code"]] += 1
@@ -84,7 +84,7 @@ class FaultManager:
         # Off the supervisor's thread, which must go on beating while the disk works.
         threading.Thread(target=self._keep_past, args=(fault["code"],), name="hapticd-history", daemon=True).start()
 
-    def cleared(self, before: int) -> None:
+    def confirm_cleared(self, before: int) -> None:
         """The loop was asked to clear: forget the fault, unless it is there again.
 
         Args:
@@ -97,7 +97,7 @@ class FaultManager:
             if self._rendering.rig.state == w.FAULT:
                 # It may be another one by now.
                 self._fault = None
-                self.note()
+                self.latch_raised()
                 cause = self._fault["cause"] if self._fault else faults.KINDS[before].code
                 raise Refused("fault_persists", f"the fault is still there: {cause}")
             self._fault = None
@@ -115,7 +115,7 @@ class FaultManager:
             rig.core.store(atomics.FAULT_CODE, faults.DRIVER_ERROR)
             rig.core.store(atomics.MODE, w.FAULT)
             detail = "the servo thread ended by itself; restart the daemon"
-            self.keep(faults.describe(faults.DRIVER_ERROR, -1, 0, is_linear=False, detail=detail))
+            self.latch(faults.describe(faults.DRIVER_ERROR, -1, 0, is_linear=False, detail=detail))
 
     def _described(self) -> JsonDict:
         rig = self._rendering.rig
