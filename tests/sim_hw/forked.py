@@ -1,7 +1,7 @@
 """``python -m sim_hw …`` as a process of its own, forked from a server that has imported and loaded everything.
 
 A start costs milliseconds instead of two seconds of processor time. Here is the part of ``subprocess.Popen``'s interface
-that the tests use. The tests of the drivers and of ``hapticd hil`` start devices as a user does.
+that the tests use. The tests of ``hapticd hil`` start devices as a user does.
 """
 
 from __future__ import annotations
