@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,10 +17,12 @@ import yaml
 
 from hapticd.client import Client, DaemonUnreachable
 from hapticd.record import read_run
+from tests.forked import Forked
 from tests.polling import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.realtime
 
+HAPTICD = "hapticd.cli.main:main"
 CONFIG: dict[str, Any] = {
     "driver": {"name": "witness"},
     "safety": {"heartbeat_timeout_s": 2},
@@ -53,18 +54,19 @@ class Rig:
         }
         self.environment.pop("HAPTICD_SOCKET", None)
         self.client = Client(self.socket)
-        self.processes: list[subprocess.Popen[str]] = []
+        self.processes: list[Forked] = []
 
     def command(self, *words: str) -> subprocess.CompletedProcess[str]:
         """A command line against this daemon."""
-        line = [sys.executable, "-m", "hapticd.cli", *words]
-        return subprocess.run(line, env=self.environment, capture_output=True, text=True, timeout=250, check=False)
+        process = Forked(HAPTICD, words, self.folder, self.environment)
+        output, errors = process.communicate(PATIENCE_S)
+        assert process.returncode is not None
+        return subprocess.CompletedProcess(words, process.returncode, output, errors)
 
-    def launch(self) -> subprocess.Popen[str]:
+    def launch(self) -> Forked:
         """Start the daemon and wait until it answers."""
-        line = [sys.executable, "-m", "hapticd.cli", "run", str(self.config), "--socket", str(self.socket)]
-        with self.output.open("w") as output:
-            process = subprocess.Popen(line, env=self.environment, stdout=output, stderr=subprocess.STDOUT, text=True)
+        words = ["run", str(self.config), "--socket", str(self.socket)]
+        process = Forked(HAPTICD, words, self.folder, self.environment, self.output)
         self.processes.append(process)
         wait_until(lambda: process.poll() is not None or self.answers(), "an answering daemon", 250)
         if process.poll() is not None:
@@ -105,10 +107,7 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
     made = Rig(tmp_path)
     yield made
     for process in made.processes:
-        if process.poll() is None:
-            process.send_signal(signal.SIGCONT)
-            process.kill()
-            process.wait()
+        process.close()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
@@ -134,7 +133,7 @@ def test_a_request_that_never_ends_does_not_keep_the_motor_alive(rig: Rig) -> No
     with socket.socket(socket.AF_UNIX) as half_sent:
         half_sent.connect(str(rig.socket))
         half_sent.sendall(b"POST /set HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\n\r\n{")
-        process.terminate()
+        process.send_signal(signal.SIGTERM)
         process.wait(PATIENCE_S)
     rig.check_end()
     lines = rig.commands()
@@ -147,7 +146,7 @@ def test_a_latched_fault_ends_in_5_and_outlives_the_process(rig: Rig) -> None:
     process = rig.launch()
     rig.render()
     assert rig.command("estop", "--socket", str(rig.socket)).returncode == 0
-    process.terminate()
+    process.send_signal(signal.SIGTERM)
     process.wait(PATIENCE_S)
     assert process.returncode == 5
     rig.check_end()
@@ -173,7 +172,7 @@ def test_hangup_reloads_and_refuses_a_bad_config_while_it_keeps_rendering(rig: R
     wait_until(lambda: refused in rig.output.read_text(), "the refusal")
     assert rig.client.status()["state"] == "running"
     assert rig.client.config()["spring"]["stiffness"] == 0.02
-    process.terminate()
+    process.send_signal(signal.SIGTERM)
     process.wait(PATIENCE_S)
     assert "spring.stiffnes: unknown key; did you mean spring.stiffness?" in rig.output.read_text()
     rig.check_end()
@@ -194,7 +193,7 @@ def test_after_sigkill_the_socket_is_taken_over_and_the_recording_reads(rig: Rig
     rig.render()
     wait_until(lambda: rig.client.status()["recorder"]["rows"] > 400, "recorded rows")
     rows = rig.client.status()["recorder"]["rows"]
-    process.kill()
+    process.send_signal(signal.SIGKILL)
     process.wait()
     assert rig.socket.exists()
     run = read_run(next((rig.folder / "runs").glob("run-*.arrow")))

@@ -10,9 +10,9 @@ import pytest
 from hapticd.config import load_config, parse_yaml
 from hapticd.plant import kernel
 from sim_hw.log import ROW, LogWriter, read_log
+from tests import forked
 from tests.polling import PATIENCE_S
 from tests.sim_hw.boards import ROOT, rows, running_board
-from tests.sim_hw.forked import ForkedDevice
 from tests.sim_hw.host import MIDDLE, Host
 
 PLANT = """
@@ -146,7 +146,7 @@ def test_emulated_line_takes_its_time(tmp_path: Path) -> None:
 
 
 def _refused(*arguments: str) -> tuple[int, str]:
-    process = ForkedDevice(arguments, ROOT)
+    process = forked.device(arguments, ROOT)
     _, said = process.communicate(PATIENCE_S)
     assert "Traceback" not in said
     assert process.returncode is not None

@@ -28,8 +28,8 @@ from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
 from sim_hw.canopen.dictionary import EDS
 from sim_hw.log import COMMAND, DISABLE, FAULT_INJECTED, SAMPLE, read_log
+from tests import forked
 from tests.polling import PATIENCE_S, multicast_group, wait_until
-from tests.sim_hw.forked import ForkedDevice
 
 pytestmark = pytest.mark.realtime
 
@@ -43,7 +43,7 @@ ORIGIN_RAD = 0.3
 @contextmanager
 def simulated_drive(*arguments: str) -> Iterator[None]:
     """The drive's process, ready to be spoken to."""
-    process = ForkedDevice(["canopen", *arguments], ROOT)
+    process = forked.device(["canopen", *arguments], ROOT)
     try:
         assert json.loads(process.stdout.readline())["ready"] is True
         yield

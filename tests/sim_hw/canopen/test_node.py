@@ -8,9 +8,9 @@ import time
 import pytest
 
 from sim_hw import log
+from tests import forked
 from tests.polling import PATIENCE_S
 from tests.sim_hw.canopen.master import DISABLED, ENABLED, FAULT, READ_DEVICE_TYPE, Master
-from tests.sim_hw.forked import ForkedDevice
 
 
 def test_nmt_states_decide_what_is_answered(start_drive):
@@ -143,7 +143,7 @@ def test_a_socket_in_use_or_bad_options_are_clear_errors(start_drive, tmp_path):
             "command line: --bus: is for the interfaces that python-can serves",
         ),
     ):
-        refused = ForkedDevice(["canopen", "--socket", *arguments], tmp_path)
+        refused = forked.device(["canopen", "--socket", *arguments], tmp_path)
         _, said = refused.communicate(PATIENCE_S)
         assert refused.returncode == code, said
         assert words in said
