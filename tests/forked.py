@@ -1,7 +1,7 @@
 """A command of ours as a process of its own, forked from a server that has imported and loaded everything.
 
 A start costs milliseconds instead of two seconds of processor time. Here is the part of ``subprocess.Popen``'s interface
-that the tests use. The tests of ``hapticd hil`` and of the documentation start everything as a user does.
+that the tests use. The tests of the documentation start everything as a user does.
 """
 
 from __future__ import annotations
@@ -48,6 +48,9 @@ class Forked:
         for reader, writer in ends:
             reader.close()
             writer.close()
+        if output is not None:
+            self.stdout.close()
+            self.stderr.close()
         assert self._child.pid is not None
         self.pid = self._child.pid
 
@@ -65,9 +68,17 @@ class Forked:
         if self.poll() is None:
             os.kill(self.pid, number)
 
+    def terminate(self) -> None:
+        """Ask it to end."""
+        self.send_signal(signal.SIGTERM)
+
+    def kill(self) -> None:
+        """End it at once."""
+        self.send_signal(signal.SIGKILL)
+
     def close(self) -> None:
         """End it at once, and forget what it printed."""
-        self.send_signal(signal.SIGKILL)
+        self.kill()
         self.wait()
         self.stdout.close()
         self.stderr.close()

@@ -72,6 +72,7 @@ def test_case_c_stops_as_simulated(transport: str, tmp_path: Path) -> None:
     assert float(np.median(result.latency_s)) < 0.005
 
 
+@pytest.mark.usefixtures("forked")
 def test_case_d_grows_although_the_guard_would_refuse_it(tmp_path: Path) -> None:
     (case_d,) = [case for case in FIG_8 if case.name == "d"]
     rig = config(TRANSPORTS["serial board on a pty"])
@@ -85,6 +86,7 @@ def test_case_d_grows_although_the_guard_would_refuse_it(tmp_path: Path) -> None
     assert case.report["outcome"] == "growing"
 
 
+@pytest.mark.usefixtures("forked")
 @pytest.mark.parametrize(
     ("transport", "name"),
     [
@@ -108,6 +110,7 @@ def test_a_fault_ends_the_current(transport: str, name: str, tmp_path: Path) -> 
     assert row.code in injection.codes or not injection.codes
 
 
+@pytest.mark.usefixtures("forked")
 def test_a_device_of_another_version_is_refused(tmp_path: Path) -> None:
     (injection,) = [one for one in INJECTIONS if one.name == "wrong_version"]
     row = run_injection(config(TRANSPORTS["serial board on a pty"]), injection, tmp_path)

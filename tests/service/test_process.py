@@ -133,7 +133,7 @@ def test_a_request_that_never_ends_does_not_keep_the_motor_alive(rig: Rig) -> No
     with socket.socket(socket.AF_UNIX) as half_sent:
         half_sent.connect(str(rig.socket))
         half_sent.sendall(b"POST /set HTTP/1.1\r\nHost: x\r\nContent-Length: 100\r\n\r\n{")
-        process.send_signal(signal.SIGTERM)
+        process.terminate()
         process.wait(PATIENCE_S)
     rig.check_end()
     lines = rig.commands()
@@ -146,7 +146,7 @@ def test_a_latched_fault_ends_in_5_and_outlives_the_process(rig: Rig) -> None:
     process = rig.launch()
     rig.render()
     assert rig.command("estop", "--socket", str(rig.socket)).returncode == 0
-    process.send_signal(signal.SIGTERM)
+    process.terminate()
     process.wait(PATIENCE_S)
     assert process.returncode == 5
     rig.check_end()
@@ -172,7 +172,7 @@ def test_hangup_reloads_and_refuses_a_bad_config_while_it_keeps_rendering(rig: R
     wait_until(lambda: refused in rig.output.read_text(), "the refusal")
     assert rig.client.status()["state"] == "running"
     assert rig.client.config()["spring"]["stiffness"] == 0.02
-    process.send_signal(signal.SIGTERM)
+    process.terminate()
     process.wait(PATIENCE_S)
     assert "spring.stiffnes: unknown key; did you mean spring.stiffness?" in rig.output.read_text()
     rig.check_end()
@@ -193,7 +193,7 @@ def test_after_sigkill_the_socket_is_taken_over_and_the_recording_reads(rig: Rig
     rig.render()
     wait_until(lambda: rig.client.status()["recorder"]["rows"] > 400, "recorded rows")
     rows = rig.client.status()["recorder"]["rows"]
-    process.send_signal(signal.SIGKILL)
+    process.kill()
     process.wait()
     assert rig.socket.exists()
     run = read_run(next((rig.folder / "runs").glob("run-*.arrow")))
