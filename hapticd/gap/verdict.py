@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from hapticd.gap import constants
+
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
@@ -43,7 +45,7 @@ def decide(
     if ambiguous:
         told = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)
         return "ambiguous", f"These data cannot tell which it is: {told} ({force})."
-    if left or doubts:
+    if left or doubts or gap.held_out_after**2 > (1.0 - constants.CLOSED) * gap.held_out_before**2:
         return "partly_explained", " ".join([f"Missing: {names} ({force}).", *doubts, remainder.words])
     return "effect_found", f"Missing: {names} ({force})."
 

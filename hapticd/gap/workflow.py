@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ from scipy.stats import t as student
 
 from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
-from hapticd.gap import constants, missing
+from hapticd.gap import constants, grip, missing
 from hapticd.gap.fit import Fit, Problem, nominal_fit
 from hapticd.gap.kernel.filter import NOISE
 from hapticd.gap.missing import Missing, missing_force
@@ -18,7 +19,7 @@ from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.search import CrossValidated, Round, critical, cross_validate, evidence, search
+from hapticd.gap.search import CrossValidated, Round, critical, cross_validate, evidence, is_quiet, search
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
@@ -163,7 +164,8 @@ def _result(
     beaten = {
         each.taken.slug: coordinate
         for each, before in zip(rounds, found, strict=False)
-        if (coordinate := missing.better_function(each.before.fit, each.taken.law, before)) is not None
+        if not is_quiet(last.fit)
+        and (coordinate := missing.better_function(each.before.fit, each.taken.law, before)) is not None
     }
     laws = [(last.fit.terms[number], last.fit.share(number)) for number in range(fixed, len(last.fit.terms))]
     at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share]))}
@@ -211,6 +213,10 @@ def _step(
     u, variance = fit.u[share], np.diag(covariance)[share]
     blocks = fit.problem.series.blocks
     estimates = _estimates(term, u, variance, blocks, is_linear)
+    if term.slug == grip.SLUG:
+        for name, (low, high) in grip.edge_ranges(fit, fixed + number).items():
+            ends = estimates[name].ci95
+            estimates[name] = replace(estimates[name], ci95=(min(ends[0], low), max(ends[1], high)))
     same = CATALOGUE[taken.slug].equivalent_to
     ranking = tuple(
         Ranked(
@@ -244,8 +250,10 @@ def _estimates(
     for index, chosen in term.fixed:
         name = WORDS[index].partition(".")[2]
         found[name] = Estimate(chosen, (chosen, chosen), units[name.partition("[")[0]])
+    accuracy = CATALOGUE[term.slug].accuracy
     for coordinate, value, own in zip(term.coordinates, u, variance, strict=True):
-        half = reach * float(np.sqrt(own))
+        model = accuracy if coordinate.is_log else accuracy * abs(value)
+        half = reach * math.hypot(float(np.sqrt(own)), model)
         ends = [min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + half)]
         values = [float(np.exp(v)) if coordinate.is_log else float(v) for v in (value, *ends)]
         unit = units[coordinate.name.partition("[")[0]]

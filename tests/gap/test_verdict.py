@@ -37,6 +37,11 @@ def test_the_verdict(effects: list[str], tied: list[tuple[str, ...]], remainder:
         assert effect in statement
 
 
+def test_an_answer_that_closes_less_than_half_is_not_the_whole() -> None:
+    most = GapNumbers(3e-4, 2.5e-4, 3.1e-4, 2.4e-4, 2e-6, "N m")
+    assert decide(["gravity"], [()], [], most, CLEAN)[0] == "partly_explained"
+
+
 def test_numbers_before_and_after_are_said() -> None:
     _, statement = decide(["stribeck", "gravity"], [(), ()], [], GAP, CLEAN)
     assert statement == "Missing: stribeck and gravity (missing 0.00031 N m before, 1.2e-05 N m after)."
