@@ -6,11 +6,11 @@ FEWEST_BLOCKS = 20
 """A short recording has shorter blocks, so that each fold of five still has four."""
 FOLDS = 5
 """Parameters that judge a block are estimated without its fold: a fifth of the data."""
-MEMORIES = 60.0
-"""Correlation times of the disturbance torque that the recordings hold at least: a slower one is what a slow effect is."""
 SHORT_MEMORY_S = 0.05
-"""Correlation time from which an effect is looked for [s]: a slower disturbance takes the place of friction and of slow
-effects as long as they are not in the model (docs/explanation/gap-statistics.md)."""
+"""Largest correlation time of the disturbance torque while effects are looked for [s]: a slower one takes the place of
+friction and of slow effects as long as they are not in the model (docs/explanation/gap-statistics.md)."""
+MEMORIES = 60.0
+"""Correlation times that the recordings hold at least when the answer is judged: a slower disturbance is a slow effect."""
 LEAST_WHITE = 1e-3
 """Share of the torque that is white noise from tick to tick at least: no machine's torque is more reproducible."""
 WINDOW_S = 0.05

@@ -6,7 +6,7 @@ of the samples' scores (Berndt, Hall, Hall and Hausman 1974), which finite diffe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,19 +48,21 @@ class Problem:
         base: device vector of the nominal model.
         torque: what the device's torques are of the order of, N m or N.
         is_linear: metres and newtons.
+        longest_memory_s: largest correlation time of the disturbance torque [s].
     """
 
     series: Series
     base: Floats
     torque: float
     is_linear: bool
+    longest_memory_s: float = constants.SHORT_MEMORY_S
     counter: list[int] = field(default_factory=lambda: [0])
 
     @property
     def noise_bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper bounds of the logarithms of the noise parameters."""
         T, q = self.series.period_s, self.series.resolution
-        longest = max(self.series.duration_s / constants.MEMORIES, 5.0 * T)
+        longest = max(self.longest_memory_s, 5.0 * T)
         root = np.sqrt(T)
         lower = [
             constants.LEAST_WHITE * self.torque * root,
@@ -279,23 +281,12 @@ class Fit:
         """The same hypothesis at the same coordinates with another noise."""
         return Fit(self.problem, self.terms, np.concatenate([noise, self.u[_NOISES:]]))
 
-    def with_short_memory(self) -> Fit:
-        """The same hypothesis where the disturbance forgets within `constants.SHORT_MEMORY_S`, the noise fitted to that.
-
-        A slow disturbance takes the place of friction and of slow effects that are still to be found.
-        """
-        longest = np.log(max(constants.SHORT_MEMORY_S, 5.0 * self.problem.series.period_s))
-        if self.u[CORRELATION] <= longest or self.noise_values()[DISTURBANCE] == 0.0:
-            return self
-        u = self.u.copy()
-        u[CORRELATION] = longest
-        short = Fit(self.problem, self.terms, u)
-        powers = np.isin(np.arange(u.size), (WHITE, SENSOR, DISTURBANCE))
-        for _ in range(_SCANS):
-            short.scan_power()
-            short._step(powers, 1e-2)
-        short.differentiate()
-        return short
+    def with_free_memory(self) -> Fit:
+        """The same hypothesis, fitted with a disturbance that may remember as long as the recordings can tell."""
+        longest = max(self.problem.series.duration_s / constants.MEMORIES, self.problem.longest_memory_s)
+        free = self.on(replace(self.problem, longest_memory_s=longest))
+        held_back = self.u[CORRELATION] >= self.upper[CORRELATION] - 1e-9 and self.noise_values()[DISTURBANCE] > 0.0
+        return free.maximise() if held_back else free
 
     def on(self, problem: Problem) -> Fit:
         """The same hypothesis at the same coordinates on other samples."""

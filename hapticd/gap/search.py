@@ -237,15 +237,14 @@ def _simplest_first(contenders: list[Contender]) -> list[Contender]:
 
 def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> list[Contender]:
     """Fit what promises most on top of the present model, where an effect must gain `needed` nats; best first."""
-    start = present.fit.with_short_memory()
-    found = sorted(candidates(start, slugs, needed), key=lambda candidate: -candidate.promise)
+    found = sorted(candidates(present.fit, slugs, needed), key=lambda candidate: -candidate.promise)
     if not found:
         return []
     likely = [c for c in found[:_SHORTLIST] if c.promise > max(_PROMISING * found[0].promise, _HALF_WAY * needed)]
     # A law competes with its limits, however little they promise by themselves.
     limits = {slug for candidate in likely for slug in CATALOGUE[candidate.slug].contains}
     likely += [c for c in found if c.slug in limits and c not in likely]
-    fits = [(c, start.extended(c.term).approach(start.u.size, _FIRST_STEPS)) for c in likely]
+    fits = [(c, present.fit.extended(c.term).approach(present.fit.u.size, _FIRST_STEPS)) for c in likely]
     fits.sort(key=lambda pair: -pair[1].log_likelihood)
     base = present.fit.log_likelihood
     if not fits:

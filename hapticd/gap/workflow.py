@@ -146,8 +146,10 @@ def _result(
     slugs: Sequence[str],
     fixed: int,
 ) -> GapResult:
-    models = [first, *(each.taken.judged for each in rounds)]
-    found = [missing_force(judged.fit) for judged in models]
+    # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
+    freed = [fit.with_free_memory() for fit in (first.fit, *(each.taken.judged.fit for each in rounds))]
+    first, last = cross_validate(freed[0]), cross_validate(freed[-1])
+    found = [missing_force(fit) for fit in freed]
     power = [missing.rms**2 for missing in found]
     held = [missing.held_out_rms(first.fit), missing.held_out_rms(last.fit)]
     unit = "N" if model.is_linear else "N m"
@@ -163,13 +165,18 @@ def _result(
     remainder = remainder_of(last.fit, found[-1], power[0])
     beaten = {
         each.taken.slug: coordinate
-        for each, before in zip(rounds, found, strict=False)
+        for each in rounds
         if not is_quiet(last.fit)
-        and (coordinate := missing.better_function(each.before.fit, each.taken.law, before)) is not None
+        and (coordinate := missing.better_function(each.before.fit, each.taken.law)) is not None
     }
+    slow = [
+        slug
+        for slug, before, after in zip(effects, power, power[1:], strict=False)
+        if after > (1.0 - constants.SHARE) * before
+    ]
     laws = [(last.fit.terms[number], last.fit.share(number)) for number in range(fixed, len(last.fit.terms))]
     at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share]))}
-    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten), numbers, remainder)
+    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten, slow), numbers, remainder)
     series = first.fit.problem.series
     noise = last.fit.noise_values()
     return GapResult(
@@ -192,6 +199,7 @@ def _result(
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
             "at_bounds": at_bounds,
             "predicted_better_by": beaten,
+            "slow_disturbance_instead_of": slow,
             "likelihood_evaluations": first.fit.problem.counter[0],
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),

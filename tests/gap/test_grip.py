@@ -24,7 +24,7 @@ HAND = {"m_h": 1.2e-5, "b_h": 8e-5, "k_h": 3e-3, "on_s": 4.6, "off_s": 8.3, "res
 @pytest.mark.parametrize("coloured", [None, Coloured(0.05, 0.2)])
 def test_interval_and_sizes_are_found(hidden: Callable[..., Any], coloured: Coloured | None) -> None:
     recording, model = hidden([{"name": grip.SLUG, **HAND}], 3, SECONDS, coloured)
-    present = nominal_fit(problem_of([recording], model)).with_short_memory()
+    present = nominal_fit(problem_of([recording], model))
     present.differentiate()
     scale = scale_of(present)
     (first,) = grip.first_grip(Score(present), scale)
