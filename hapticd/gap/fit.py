@@ -194,7 +194,7 @@ class Fit:
             u = self.u.copy()
             u[j] += step
             _, out = self.evaluate(u)
-            self._set_slopes(j, out, self.out, step)
+            self._set_slopes(int(j), out, self.out, step)
 
     def approach(self, first: int, rounds: int) -> Fit:
         """Climb towards the maximum in the coordinates from `first` on, the noise following as a whole; returns itself.
@@ -357,7 +357,7 @@ class Fit:
                     break
                 step *= 0.2
             (upper, _, above), (lower, _, below) = sides
-            self._set_slopes(j, above, below, upper - lower)
+            self._set_slopes(int(j), above, below, upper - lower)
 
     def _set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:
         self.scores[:, j] = (above["log_p"] - below["log_p"]) / step

@@ -89,7 +89,8 @@ def settled(fit: Fit, number: int, scale: Scale) -> Fit:
 
 def _coordinate(fit: Fit, number: int, name: str) -> int:
     """Where a parameter of term `number` is among the coordinates."""
-    return fit.share(number).start + [one.name for one in fit.terms[number].coordinates].index(name)
+    names = [coordinate.name for coordinate in fit.terms[number].coordinates]
+    return int(fit.share(number).start) + names.index(name)
 
 
 def _torques(fit: Fit) -> Floats:

@@ -46,6 +46,7 @@ def noise_alone(hidden: Callable[..., Any]) -> Fit:
 
 
 def test_a_hidden_gravity_is_read_sample_by_sample(with_gravity: Fit) -> None:
+    found = missing_force(with_gravity)
     true = -GRAVITY["m_g_l"] * np.sin(found.position - GRAVITY["theta_0"])
     moves = found.moves
     assert np.corrcoef(found.force[moves], true[moves])[0, 1] > 0.9
@@ -55,6 +56,7 @@ def test_a_hidden_gravity_is_read_sample_by_sample(with_gravity: Fit) -> None:
 
 
 def test_it_is_a_function_of_the_position(with_gravity: Fit) -> None:
+    found = missing_force(with_gravity)
     entries = {str(entry["coordinate"]): float(entry["share"]) for entry in where(with_gravity, found)}
     besides = {name: share for name, share in entries.items() if name != "everywhere"}
     assert max(besides, key=besides.__getitem__) == "position"
@@ -63,6 +65,7 @@ def test_it_is_a_function_of_the_position(with_gravity: Fit) -> None:
 
 
 def test_what_is_left_is_told_in_words(with_gravity: Fit) -> None:
+    found = missing_force(with_gravity)
     tests = {test.coordinate: test for test in structure(with_gravity, found)}
     assert max(tests.values(), key=lambda test: test.gain).coordinate == "position"
     assert tests["position"].errors > 5.0
