@@ -27,7 +27,7 @@ from hapticd.stability.tuning import Start, grip_damping
 #: Decimations up to here are tried one by one; beyond, by bisection.
 _SCANNED: Final = 5000
 _DIGITS: Final = range(2, 15)
-#: How far rounding may move a value, as a share of it.
+#: How far rounding may move a value, as a fraction of it.
 _SLACK: Final = 0.03
 
 
