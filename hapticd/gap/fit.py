@@ -55,7 +55,7 @@ class Problem:
     base: Floats
     torque: float
     is_linear: bool
-    longest_memory_s: float = constants.SHORT_MEMORY_S
+    longest_memory_s: float = field(default_factory=lambda: constants.SHORT_MEMORY_S)
     counter: list[int] = field(default_factory=lambda: [0])
 
     @property

@@ -223,9 +223,8 @@ def _step(
     blocks = fit.problem.series.blocks
     estimates = _estimates(term, u, variance, blocks, is_linear)
     if term.slug == grip.SLUG:
-        for name, (low, high) in grip.edge_ranges(fit, fixed + number).items():
-            ends = estimates[name].ci95
-            estimates[name] = replace(estimates[name], ci95=(min(ends[0], low), max(ends[1], high)))
+        ranges = grip.edge_ranges(fit, fixed + number)
+        estimates |= {name: replace(estimates[name], ci95=ends) for name, ends in ranges.items()}
     same = CATALOGUE[taken.slug].equivalent_to
     ranking = tuple(
         Ranked(
