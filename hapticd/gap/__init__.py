@@ -1,6 +1,6 @@
 """The gap workflow: where simulation and measurement disagree, which missing effect explains it, and how sure that is."""
 
 from hapticd.gap.result import GapResult
-from hapticd.gap.workflow import find_gap, identify
+from hapticd.gap.workflow import find_gap
 
-__all__ = ["GapResult", "find_gap", "identify"]
+__all__ = ["GapResult", "find_gap"]

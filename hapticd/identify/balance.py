@@ -52,6 +52,7 @@ class Balance:
         sign: 1, or −1 where the encoder counts against the torque.
         share: of the driving torque's power that the balance explains, at most 1.
         share_other_sign: the same with the other sign.
+        at_delays: (m, 5) inertia, viscous, coulomb, bias and delay_s of the balance at every delay that was tried.
     """
 
     inertia: float
@@ -62,6 +63,7 @@ class Balance:
     sign: int
     share: float
     share_other_sign: float
+    at_delays: Floats
 
 
 @dataclass(frozen=True)
@@ -98,24 +100,20 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
         raise RecordingError(f"{names}: the shaft moves in too few samples to identify it; make it move more")
     period = parts[0].period_s
     delays = np.arange(0.0, max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period), max(0.25 * period, 2.5e-4))
-    found = [min((_solve(parts, delay, sign) for delay in delays), key=lambda one: -one.share) for sign in (1, -1)]
-    best, other = sorted(found, key=lambda one: -one.share)
+    found = [[_solve(parts, delay, sign) for delay in delays] for sign in (1, -1)]
+    tried, others = sorted(found, key=lambda of_sign: -max(one.share for one in of_sign))
+    best, other = (max(of_sign, key=lambda one: one.share) for of_sign in (tried, others))
     drive = float(np.sqrt(np.mean(np.concatenate([part.torque[part.moves] for part in parts]) ** 2)))
     if drive == 0.0:
         names = ", ".join(recording.name for recording in recordings)
         raise RecordingError(f"{names}: no current flows while the shaft moves; nothing tells its inertia")
     columns = np.concatenate([np.stack([p.acceleration, p.velocity])[:, p.moves] for p in parts], axis=1)
     size = np.sqrt(np.mean(columns**2, axis=1))
-    return Balance(
-        inertia=max(best.inertia, _LEAST_SHARE * drive / float(size[0])),
-        viscous=max(best.viscous, _LEAST_SHARE * drive / float(size[1])),
-        coulomb=max(best.coulomb, _LEAST_SHARE * drive),
-        bias=best.bias,
-        delay_s=best.delay_s,
-        sign=best.sign,
-        share=best.share,
-        share_other_sign=other.share,
-    )
+    at_delays = np.array([[one.inertia, one.viscous, one.coulomb, one.bias, one.delay_s] for one in tried])
+    least = _LEAST_SHARE * drive / np.append(size, 1.0)
+    at_delays[:, :3] = np.maximum(at_delays[:, :3], least)
+    J, b, c, bias, delay_s = at_delays[tried.index(best)].tolist()
+    return Balance(J, b, c, bias, delay_s, best.sign, best.share, other.share, at_delays)
 
 
 def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
@@ -135,7 +133,18 @@ def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
     return _Smoothed(grid, velocity, np.gradient(velocity, T), direction, torque, ~near_rest, T, cutoff)
 
 
-def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> Balance:
+@dataclass(frozen=True)
+class _Solved:
+    inertia: float
+    viscous: float
+    coulomb: float
+    bias: float
+    delay_s: float
+    sign: int
+    share: float
+
+
+def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> _Solved:
     """Least squares at one delay and sign; the command is held for a period, so its centre is half a period late."""
     rows, wanted = [], []
     for part in parts:
@@ -150,4 +159,4 @@ def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> Balance:
     left = float(np.mean((y - A @ (found.x / scale)) ** 2))
     power = float(np.mean(y**2))
     share = 1.0 - left / power if power > 0.0 else 0.0
-    return Balance(float(J), float(b), float(c), float(bias), float(delay_s), sign, share, 0.0)
+    return _Solved(float(J), float(b), float(c), float(bias), float(delay_s), sign, share)

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import t as student
 
 from hapticd.gap.fit import Fit, first_noise
 from hapticd.gap.kernel.filter import DISTURBANCE
 from hapticd.gap.terms import Coordinate, Term
 from hapticd.gap.workflow import problem_of
-from hapticd.identify.intervals import blocks_of, jackknife, student_reach
 from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
@@ -42,13 +42,10 @@ _SHAKE, _SHAKEN_STEPS = 1.2, 8
 """Logarithm of the factor to the disturbance; most steps under it."""
 _POOR_STEP = 0.1
 """Gain of a step that is the last one, nats."""
+_MARGIN = 1e-6
+"""Distance from the bounds at which the covariance is found, in scales of each coordinate."""
 _THINNED = 4
 """The first fit takes every fourth block."""
-_FINEST = 2.5e-4
-"""Least standard deviation, as a share of inertia and frictions. A recording without any disturbance would claim more than
-its time stamps and the filter's prediction are good for; `python -m benchmarks.identify` shows it."""
-_FINEST_DELAY_S = 1e-6
-"""The same of the delay."""
 
 
 @dataclass(frozen=True)
@@ -65,16 +62,19 @@ class BaseFit:
     covariance: Floats
     fit: Fit
 
+    @property
+    def reach(self) -> float:
+        """Half of a 95 % interval in standard deviations, by Student's distribution over the blocks."""
+        return float(student.isf(0.025, self.fit.problem.series.blocks - 1))
+
     def half_width(self, name: str) -> float:
         """Half of the 95 % interval."""
         index = FITTED.index(name)
-        return student_reach() * float(np.sqrt(self.covariance[index, index]))
+        return self.reach * float(np.sqrt(self.covariance[index, index]))
 
     def scores(self) -> Floats:
         """(n, 5) derivative of each sample's log probability by the values."""
-        slope = np.where(self.values > 0.0, self.values, 1.0)
-        slope[1:] = 1.0  # the inertia alone has a logarithm as its coordinate
-        return np.asarray(self.fit.scores[:, -len(FITTED) :] / slope)
+        return np.asarray(self.fit.scores[:, -len(FITTED) :] / _slopes(self.values))
 
 
 def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> BaseFit:
@@ -92,20 +92,38 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     terms = _terms(start, problem.torque, problem.series.period_s)
     thinned = replace(problem, series=_thinned(problem.series))
     first = Fit(thinned, terms, first_noise(thinned, terms))
+    _scan_starts(first, start)
     _scan_delay(first)
-    fit = _shaken(first.maximise(40).on(problem).maximise())
+    fit = _inside(_shaken(first.maximise(40).on(problem).maximise()))
     fit.differentiate()
     values = fit.u[-len(FITTED) :].copy()
     values[0] = np.exp(values[0])
-    found = BaseFit(values, np.diag(_finest(values) ** 2), fit)
-    series = problem.series
-    spread = jackknife(found.scores(), blocks_of(series.time_s, series.recording))
-    return replace(found, covariance=found.covariance + spread)
+    slopes = _slopes(values)
+    covariance = fit.covariance()[-len(FITTED) :, -len(FITTED) :] * np.outer(slopes, slopes)
+    return BaseFit(values, covariance, fit)
 
 
-def _finest(values: Floats) -> Floats:
-    J, b, c, _, _ = values
-    return np.array([_FINEST * J, _FINEST * b, _FINEST * c, _FINEST * c, _FINEST_DELAY_S])
+def _inside(fit: Fit) -> Fit:
+    """The same fit a little off the bounds: a friction that is estimated as 0 has an uncertainty all the same."""
+    u = fit.u.copy()
+    own = slice(fit.noise.size, None)
+    margin = _MARGIN * fit.scale[own]
+    u[own] = np.clip(u[own], fit.lower[own] + margin, fit.upper[own] - margin)
+    return Fit(fit.problem, fit.terms, u)
+
+
+def _slopes(values: Floats) -> Floats:
+    """Derivative of each value by its coordinate: the inertia alone has a logarithm."""
+    slopes = np.ones(len(FITTED))
+    slopes[0] = values[0]
+    return slopes
+
+
+def _scan_starts(fit: Fit, start: Balance) -> None:
+    """Go to the likeliest start. In a slow motion, least squares hardly tell a delay, and inertia and friction follow it."""
+    noises = fit.noise.size
+    for values in start.at_delays:
+        fit.move(np.concatenate([fit.u[:noises], [np.log(values[0])], values[1:]]))
 
 
 def _scan_delay(fit: Fit) -> None:

@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.stats import t as student
 
 from hapticd.gap.result import Estimate
-from hapticd.identify.intervals import BLOCKS, student_reach
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
     from hapticd.identify.base_fit import BaseFit
 
+_BLOCKS = 10
+"""Parts of the recordings over which the error of the current's gain is summed."""
 _LATEST = 6
 """Samples by which a measured current may be late."""
 _MATERIAL = 0.05
@@ -36,12 +38,12 @@ def current_gain(recordings: Sequence[Recording]) -> Estimate | None:
         gain = float(sent @ seen / (sent @ sent))
         left = seen - gain * sent
         if best is None or float(left @ left) < best[0]:
-            parts = np.array_split(sent * left, BLOCKS)
+            parts = np.array_split(sent * left, _BLOCKS)
             spread = np.sqrt(sum(float(part.sum()) ** 2 for part in parts)) / float(sent @ sent)
             best = float(left @ left), gain, float(spread)
     assert best is not None
     _, gain, spread = best
-    half = student_reach() * spread
+    half = float(student.isf(0.025, _BLOCKS - 1)) * spread
     return Estimate(gain, (gain - half, gain + half), "A/A")
 
 

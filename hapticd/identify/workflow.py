@@ -21,7 +21,6 @@ from hapticd.gap.result import Estimate
 from hapticd.identify.balance import Balance, balance
 from hapticd.identify.base_fit import FITTED, BaseFit, base_fit
 from hapticd.identify.consistency import current_gain, disagreeing_runs
-from hapticd.identify.intervals import student_reach
 from hapticd.identify.plausible import implausible
 from hapticd.identify.result import UNCERTAIN, Identified
 from hapticd.record import read_run
@@ -158,7 +157,7 @@ def _result(found: BaseFit, recordings: Sequence[Recording], model: Config, star
         **{name: estimates[name] for name in ("inertia", "viscous", "coulomb", "bias")},
         delay=estimates["delay_s"],
         sign=start.sign,
-        deviations=spread[index] * student_reach() / float(norm.isf(0.025)),
+        deviations=spread[index] * found.reach / float(norm.isf(0.025)),
         correlation=correlation[np.ix_(index, index)],
         torque_constant=model.amplifier.torque_constant,
         declared_delay_s=declared,
