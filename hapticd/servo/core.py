@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
     from drivers.interface import Driver
     from hapticd.config import Config
+    from hapticd.config.sections import Spring
 
 
 PORTION_ROWS = 1024
@@ -81,6 +82,13 @@ def i2t_limit(config: Config) -> float:
     return float((peak**2 - amplifier.continuous_current**2) * (amplifier.peak_time_s or 0.0))
 
 
+def velocity_keep(spring: Spring, period_s: float) -> float:
+    """Share of the velocity estimate that one period leaves: e^(−2π f T) of the low-pass, 0 of the plain difference."""
+    if spring.velocity_estimate == "difference":
+        return 0.0
+    return math.exp(-2.0 * math.pi * spring.velocity_cutoff_hz * period_s)
+
+
 def parameters(config: Config, request: Request, *, safety: bool = True) -> np.void:
     """One whole parameter set for the mailbox: a new `PARAMS` record, units as its comments say."""
     p: np.void = np.zeros(1, PARAMS)[0]
@@ -91,6 +99,9 @@ def parameters(config: Config, request: Request, *, safety: bool = True) -> np.v
     p["clear"] = request.clear
     p["force_per_tick"] = spring.stiffness * config.resolution
     p["bias"] = 0.5 if spring.half_tick_bias else 0.0
+    p["damping"] = spring.damping * raw
+    p["velocity_periods"] = spring.velocity_periods if spring.velocity_estimate == "difference" else 1
+    p["velocity_keep"] = velocity_keep(spring, config.period)
     p["side"] = layout.SIDES[spring.side]
     p["origin"] = config.origin_counts if request.origin_counts is None else request.origin_counts
     p["decimation"] = config.encoder.decimation

@@ -99,6 +99,7 @@ def forget_motion(servo: Any) -> None:
     state.delayed_head = 0
     state.delayed_tail = 0
     state.speed = 0.0
+    state.velocity_samples = 0
 
 
 @njit(inline=True, counted=False)

@@ -34,6 +34,9 @@ PARAMS = np.dtype(
         ("clear", "i8"),  # a fault is cleared when this number changes
         ("force_per_tick", "f8"),  # K Δ, N m or N
         ("bias", "f8"),  # ½ or 0, ticks
+        ("damping", "f8"),  # B a count, N m or N for one count/s
+        ("velocity_periods", "i8"),  # over which positions are differenced
+        ("velocity_keep", "f8"),  # share of the velocity estimate that a period leaves; 0 for the plain difference
         ("side", "i8"),  # on which the spring acts: BOTH_SIDES, POSITIVE_SIDE, NEGATIVE_SIDE
         ("origin", "i8"),  # of the spring, counts
         ("decimation", "i8"),  # counts in a coarse tick
@@ -86,6 +89,10 @@ STATE = np.dtype(
         ("counts", "i8"),  # of the last good sample
         ("counts_ns", "i8"),  # and when it came, ns
         ("speed", "f8"),  # counts/s
+        ("velocity", "f8"),  # of the coarse position as the damping knows it, counts/s
+        ("velocity_tick", "i8"),  # for which it was estimated
+        ("velocity_period_ns", "f8"),  # servo period since its history began, ns
+        ("velocity_samples", "i8"),  # put into its history
         ("missed_in_a_row", "i8"),  # exchanges
         ("overruns_in_a_row", "i8"),  # late ticks
         ("i2t", "f8"),  # A² s above the continuous current
@@ -163,6 +170,12 @@ COMMAND = np.dtype(
 MOST_DELAYED = 32768
 """Commands that can wait inside T_V; a power of two. One second at 20 kHz fits."""
 
+SAMPLE = np.dtype([("counts", "i8"), ("tick", "i8")], align=True)
+"""A position that the damping remembers: counts, and the tick in which they were read."""
+
+MOST_SAMPLES = 1024
+"""Samples remembered; a power of two above `MOST_VELOCITY_PERIODS`."""
+
 SERVO = np.dtype(
     [
         ("real_time", "?"),  # the monotonic clock, or virtual time
@@ -177,6 +190,7 @@ SERVO = np.dtype(
         ("late_histogram", ("i8", BUCKETS)),  # ns, see `hapticd.servo.timing`
         ("exec_histogram", ("i8", BUCKETS)),  # ns
         ("delayed", (COMMAND, MOST_DELAYED)),
+        ("samples", (SAMPLE, MOST_SAMPLES)),
     ],
     align=True,
 )
