@@ -12,31 +12,31 @@ from dataclasses import asdict
 from typing import Final
 
 from benchmarks.report import Figure, progress, run_alone
-from hapticd.stability.criterion import Law
+from hapticd.stability.criterion import Criterion
 from tests.stability.theorem import Verdict, check
 
 COUNT: Final = 120_000
 _SEED: Final = 20_060
-_LAWS: Final[tuple[Law, ...]] = ("corrected", "sharp", "paper")
+_CRITERIA: Final[tuple[Criterion, ...]] = ("corrected", "sharp", "paper")
 
 
-def _check(law: Law, count: int) -> Verdict:
+def _check(criterion: Criterion, count: int) -> Verdict:
     begin = time.perf_counter()
-    verdict = check(law, count, _SEED, periods=10_000, fate_periods=5_000_000)
+    verdict = check(criterion, count, _SEED, periods=10_000, fate_periods=5_000_000)
     spent = time.perf_counter() - begin
-    progress(f"{law}: {verdict.counted} trajectories, {verdict.periods:.3g} periods compared, {spent:.1f} s")
+    progress(f"{criterion}: {verdict.counted} trajectories, {verdict.periods:.3g} periods compared, {spent:.1f} s")
     return verdict
 
 
 def measure(quick: bool) -> list[Figure]:
     """Rises, broken bounds and fates under the three forms."""
     count = 5_000 if quick else COUNT
-    verdicts = {law: _check(law, count) for law in _LAWS}
+    verdicts = {criterion: _check(criterion, count) for criterion in _CRITERIA}
     figures = []
-    for law, found in verdicts.items():
-        peer = f"{found.counted} trajectories, {law} criterion"
+    for criterion, found in verdicts.items():
+        peer = f"{found.counted} trajectories, {criterion} criterion"
         details = asdict(found)
-        if law == "paper":
+        if criterion == "paper":
             share = 100.0 * found.share_rising
             figures.append(Figure("trajectories with a rise of energy", share, "%", peer=peer, details=details))
         else:

@@ -14,8 +14,8 @@ from typing import Any
 from benchmarks.report import BenchmarkError, Figure, progress, run_alone
 from drivers.null import NullDriver
 from hapticd.config import parse_config
+from hapticd.servo import atomics
 from hapticd.servo import layout as w
-from hapticd.servo import words
 from hapticd.servo.core import Request, ServoCore, parameters
 
 GOAL_NS = 1000.0
@@ -53,7 +53,7 @@ class _Case:
         begin = time.perf_counter_ns()
         self._core.run(real_time=False, ticks=BLOCK)
         spent = time.perf_counter_ns() - begin
-        if self._core.load(words.MODE) != w.RUNNING or self._core.dropped():
+        if self._core.load(atomics.MODE) != w.RUNNING or self._core.dropped():
             raise BenchmarkError("the loop did not render every tick that was timed, or found no room for its row")
         return spent / BLOCK
 

@@ -100,8 +100,8 @@ def njit(*signature: Any, inline: bool = False, counted: bool = True) -> Callabl
     return decorate
 
 
-def law(function: F) -> F:
-    """Compile a plain law of the catalogue: floats in, a float out, or a bool if it is annotated so; inlined."""
+def effect_term(function: F) -> F:
+    """Compile a term of the catalogue: floats in, a float out, or a bool if it is annotated so; inlined."""
     result = "boolean" if function.__annotations__["return"] in (bool, "bool") else "float64"
     arguments = ", ".join(["float64"] * function.__code__.co_argcount)
     return njit(f"{result}({arguments})", inline=True)(function)
@@ -117,8 +117,8 @@ def cfunc(signature: Any) -> Callable[[Callable[..., Any]], Any]:
     return decorate
 
 
-def law_callback(function: Callable[..., float], leading: int, parameters: int) -> Any:
-    """Compile a law from outside to a C callback ``double law(double, double, double, double, double *parameters)``.
+def effect_term_callback(function: Callable[..., float], leading: int, parameters: int) -> Any:
+    """Compile a term from outside to a C callback ``double law(double, double, double, double, double *parameters)``.
 
     It is compiled anew in every process, in a fraction of a second: where its source is, and what that calls, is not known.
 
@@ -219,8 +219,8 @@ def call_driver(typingctx: Any, function: Any, state: Any, exchange: Any) -> Any
 
 
 @_typed_intrinsic
-def call_law(typingctx: Any, address: Any, a: Any, b: Any, c: Any, d: Any, array: Any, index: Any) -> Any:
-    """Call a `law_callback` through its integer address, with its parameters at ``array[index]`` and after (about 3 ns)."""
+def call_effect_term(typingctx: Any, address: Any, a: Any, b: Any, c: Any, d: Any, array: Any, index: Any) -> Any:
+    """Call an `effect_term_callback` by its address, with its parameters at ``array[index]`` and after (about 3 ns)."""
     double = types.float64
     signature = double(types.int64, double, double, double, double, array, types.intp)
 

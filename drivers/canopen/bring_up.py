@@ -165,10 +165,10 @@ def _identify(
             f"node {options.node_id} has vendor-ID 0x{vendor:08x}, driver.profile {options.profile!r} is for "
             f"0x{profile.vendor_id:08x} ({profile.name}): choose another profile"
         )
-    told = dictionary.device_information
+    information = dictionary.device_information
     for what, expected, found in (
-        ("vendor-ID", told.vendor_number, vendor),
-        ("product code", told.product_number, product),
+        ("vendor-ID", information.vendor_number, vendor),
+        ("product code", information.product_number, product),
     ):
         if expected and expected != found:
             raise DriverError(

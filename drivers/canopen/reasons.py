@@ -81,9 +81,9 @@ def explain(block: NDArray[Any]) -> str | None:
     if block[w.EVENT_TOLD] == w.EVENT_MASTER:
         return f"another master is on the bus: it sent {describe_command(detail, node)}"
     mapped = {w.EVENT_LENGTH: (1, w.TPDO1_BYTES), w.EVENT_LENGTH_2: (2, w.TPDO2_BYTES)}
-    if (told := mapped.get(int(block[w.EVENT_TOLD]))) is not None:
+    if (event := mapped.get(int(block[w.EVENT_TOLD]))) is not None:
         return (
-            f"TPDO {told[0]} of node {node} came with {detail} bytes, {told[1]} are mapped: another node uses its "
+            f"TPDO {event[0]} of node {node} came with {detail} bytes, {event[1]} are mapped: another node uses its "
             "identifier, or somebody changed the mapping"
         )
     if block[w.EVENT_TOLD] == w.EVENT_TRANSITION:

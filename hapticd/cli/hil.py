@@ -98,7 +98,7 @@ def hil(
         raise UsageError("--plant goes with simulated devices; the firmware's rig is CONFIG's own")
     from hapticd.hil.cases import FIG_8
     from hapticd.hil.suite import run_suite
-    from hapticd.hil.words import suite_document, suite_text
+    from hapticd.hil.text import suite_document, suite_text
 
     known = [*(case.name for case in FIG_8), *(() if on_firmware else ("excitation",))]
     _check_names(only, known)
@@ -150,7 +150,7 @@ def _resolved(config: str | None, assignments: list[str] | None, on_firmware: bo
 def _matrix(config: Config, out: Path | None, only: list[str] | None, as_json: bool, board: str | None) -> int:
     from hapticd.hil.injections import INJECTIONS
     from hapticd.hil.matrix import run_matrix
-    from hapticd.hil.words import matrix_document, matrix_markdown, matrix_text
+    from hapticd.hil.text import matrix_document, matrix_markdown, matrix_text
 
     if board is not None:
         from hapticd.hil.cases import FIRMWARE_RATE_HZ, slower_rig

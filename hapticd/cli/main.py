@@ -141,10 +141,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    words = list(sys.argv[1:] if arguments is None else arguments)
+    line = list(sys.argv[1:] if arguments is None else arguments)
     command = typer.main.get_command(build_app())
     try:
-        code = command.main(words, prog_name="hapticd", standalone_mode=False)
+        code = command.main(line, prog_name="hapticd", standalone_mode=False)
     except typer.TyperException as error:
         if type(error).__name__ == "NoArgsIsHelpError":  # it has printed the help by itself
             return exits.USAGE
@@ -163,7 +163,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             output.note("interrupted")
         return code if isinstance(code, int) else exits.DONE
     output.note(failure.message)
-    if "--json" in words:
+    if "--json" in line:
         try:
             print(output.to_json(failure.document), flush=True)
         except BrokenPipeError:

@@ -35,6 +35,6 @@ def settings_for_a_while(client: Client, settings: Mapping[str, Any], force: boo
 
 def _value(config: Mapping[str, Any], key: str) -> Any:
     value: Any = config
-    for word in key.split("."):
-        value = value[word]
+    for part in key.split("."):
+        value = value[part]
     return value

@@ -134,7 +134,7 @@ class BringUp:
 
     def document(self) -> dict[str, Any]:
         """The JSON form."""
-        p50, p99, largest = (percentile(self.round_trip_us, share) for share in (0.5, 0.99, 1.0))
+        p50, p99, largest = (percentile(self.round_trip_us, fraction) for fraction in (0.5, 0.99, 1.0))
         return {
             "fit": self.fit,
             "verdict": self.verdict,
@@ -146,9 +146,9 @@ class BringUp:
         }
 
 
-def percentile(values: Sequence[float], share: float) -> float | None:
-    """The value that ``share`` of the values do not exceed; None of none."""
-    return sorted(values)[max(0, math.ceil(share * len(values)) - 1)] if values else None
+def percentile(values: Sequence[float], fraction: float) -> float | None:
+    """The value that ``fraction`` of the values do not exceed; None of none."""
+    return sorted(values)[max(0, math.ceil(fraction * len(values)) - 1)] if values else None
 
 
 @contextmanager
@@ -239,7 +239,7 @@ def round_trips(board: Board) -> list[float]:
 
 def round_trip(times_us: Sequence[float], config: Config) -> Finding:
     """The times against the servo period."""
-    p50, p99, largest = (percentile(times_us, share) or 0.0 for share in (0.5, 0.99, 1.0))
+    p50, p99, largest = (percentile(times_us, fraction) or 0.0 for fraction in (0.5, 0.99, 1.0))
     text = f"{p50:.0f} µs median, {p99:.0f} µs p99, {largest:.0f} µs max, from Python"
     period_us = config.period * 1e6
     if p50 > 0.8 * period_us:

@@ -47,10 +47,10 @@ def _serial(machine: Machine, config: Config, port: str) -> Iterator[Finding]:
     if timer is None:
         yield Finding("latency timer", Level.GOOD, "this port has none")
     elif timer > 1:
-        share = timer * 1e-3 * config.servo.rate_hz
+        fraction = timer * 1e-3 * config.servo.rate_hz
         fix = f"echo 1 > /sys/bus/usb-serial/devices/{name}/latency_timer, or the udev rule 60-hapticd.rules"
-        level = Level.BAD if share >= 1.0 else Level.NOTE
-        yield Finding("latency timer", level, f"{timer} ms", f"replies wait for it: {share:.3g} periods", fix)
+        level = Level.BAD if fraction >= 1.0 else Level.NOTE
+        yield Finding("latency timer", level, f"{timer} ms", f"replies wait for it: {fraction:.3g} periods", fix)
     else:
         yield Finding("latency timer", Level.GOOD, f"{timer} ms")
 
@@ -97,8 +97,8 @@ def _ip_link(channel: str) -> dict[str, Any]:
     ip = shutil.which("ip") or shutil.which("ip", path="/sbin:/usr/sbin")
     if ip is None:
         return {}
-    words = [ip, "-details", "-json", "link", "show", channel]
-    found = subprocess.run(words, capture_output=True, text=True, timeout=5, check=False)
+    arguments = [ip, "-details", "-json", "link", "show", channel]
+    found = subprocess.run(arguments, capture_output=True, text=True, timeout=5, check=False)
     try:
         links = json.loads(found.stdout)
         return dict(links[0]) if links else {}

@@ -38,16 +38,16 @@ def throttling(machine: Machine, config: Config) -> Finding:
         return Finding("rt throttling", Level.GOOD, "not throttled by this kernel")
     if runtime < 0:
         return Finding("rt throttling", Level.GOOD, "off", "a real-time loop gone wild would hang the machine")
-    share = runtime / period
-    if share < 0.5:
+    fraction = runtime / period
+    if fraction < 0.5:
         return Finding(
             "rt throttling",
             Level.BAD,
-            f"{100 * share:.0f} % of the time for real-time threads",
+            f"{100 * fraction:.0f} % of the time for real-time threads",
             "the servo thread is stopped when it has used that up",
             "sysctl kernel.sched_rt_runtime_us=950000",
         )
-    return Finding("rt throttling", Level.GOOD, f"{100 * share:.0f} % of the time for real-time threads")
+    return Finding("rt throttling", Level.GOOD, f"{100 * fraction:.0f} % of the time for real-time threads")
 
 
 def group_scheduling(machine: Machine, config: Config) -> Finding:

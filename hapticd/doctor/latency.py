@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import drivers
-from hapticd.servo import words
+from hapticd.servo import atomics
 from hapticd.servo.core import Request, parameters
 from hapticd.servo.thread import ServoThread
 from hapticd.stability.numbers import loop_from_config
@@ -160,7 +160,7 @@ def _result(config: Config, servo: ServoThread, declared: float) -> RateResult:
     return RateResult(
         config.servo.rate_hz,
         timing,
-        servo.core.load(words.MISSED_EXCHANGES),
+        servo.core.load(atomics.MISSED_EXCHANGES),
         servo.core.late_histogram.copy(),
         ideal.numbers.tau_d,
         real.numbers.tau_d,

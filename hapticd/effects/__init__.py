@@ -2,7 +2,7 @@
 
 A file says all that is particular to its effect (`Effect`): parameters, law, what it acts on, where a fit may start, what
 it does to the theory, its words and its page of the documentation. `hapticd.effects.catalogue` collects the files here and
-those that others bring by entry points; `hapticd.plant` compiles the laws and puts them together into motion.
+those that others bring by entry points; `hapticd.plant` compiles the terms and puts them together into motion.
 """
 
 from hapticd.effects.parameters import log_grid, magnitude, phase, phases, relative, shift

@@ -20,7 +20,7 @@ from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.filter import SENSOR
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.terms import Term, term
-from hapticd.plant.layout import word
+from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from hapticd.gap import constants
 from hapticd.gap.kernel.filter import WHITE
 from hapticd.gap.kernel.linear import sensitivities, smoothed
-from hapticd.plant.layout import word
+from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -14,7 +14,7 @@ from hapticd.gap.candidates import candidates
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.filter import SENSOR
 from hapticd.gap.missing import MOVES, missing_power
-from hapticd.plant.layout import word
+from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

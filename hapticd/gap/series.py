@@ -11,7 +11,7 @@ from hapticd.gap import constants
 from hapticd.gap.checks import GAP_PERIODS
 from hapticd.gap.kernel.commands import in_force, segments
 from hapticd.plant.electrical import electrical
-from hapticd.plant.layout import word
+from hapticd.plant.layout import index_of as word
 from hapticd.plant.resolution import substeps_for
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.plant.layout import word
+from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

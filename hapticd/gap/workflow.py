@@ -22,7 +22,8 @@ from hapticd.gap.search import CrossValidated, Round, critical, cross_validate, 
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
-from hapticd.plant.layout import WORDS, device_vector, word
+from hapticd.plant.layout import WORDS, device_vector
+from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

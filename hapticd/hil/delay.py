@@ -55,9 +55,9 @@ def verdict(delay: Delay, realtime: bool) -> str:
     if delay.within:
         text = f"within the declared delay: the median is {-1e6 * delay.excess_s:.0f} µs below it"
     else:
-        share = f" ({100 * delay.excess_s / delay.declared_s:.0f} %)" if delay.declared_s else ""
+        fraction = f" ({100 * delay.excess_s / delay.declared_s:.0f} %)" if delay.declared_s else ""
         text = (
-            f"above the declared delay: the median by {1e6 * delay.excess_s:.0f} µs{share}; put driver.latency_s: "
+            f"above the declared delay: the median by {1e6 * delay.excess_s:.0f} µs{fraction}; put driver.latency_s: "
             f"{_rounded_up(delay.median_s)} into the config, and ask 'hapticd check' again"
         )
     text += f"; {100 * delay.later:.3g} % of the commands took longer than declared"
@@ -76,8 +76,8 @@ def _rounded_up(delay_s: float) -> str:
 
 def realtime_kernel() -> bool:
     """Whether this machine runs a PREEMPT_RT kernel."""
-    told = SYS_REALTIME.read_text().strip() == "1" if SYS_REALTIME.is_file() else False
-    return told or "PREEMPT_RT" in platform.version()
+    announced = SYS_REALTIME.read_text().strip() == "1" if SYS_REALTIME.is_file() else False
+    return announced or "PREEMPT_RT" in platform.version()
 
 
 def document(delay: Delay | None, declared_s: float, realtime: bool) -> dict[str, Any]:

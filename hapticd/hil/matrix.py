@@ -125,8 +125,8 @@ def run_injection(config: Config, injection: Injection, folder: Path, board: str
         try:
             return _inject(config, injection, folder / str(attempt), board)
         except _DisturbedError as disturbance:
-            words = str(disturbance)
-    raise HilError(f"{injection.name}: {words}, {ATTEMPTS} times; this machine is too busy for the fault matrix")
+            reason = str(disturbance)
+    raise HilError(f"{injection.name}: {reason}, {ATTEMPTS} times; this machine is too busy for the fault matrix")
 
 
 class _DisturbedError(Exception):
@@ -285,7 +285,7 @@ def _refusal(config: Config, injection: Injection, daemon: DaemonProcess) -> Row
     try:
         daemon.wait_ready()
     except HilError:
-        words = daemon.last_words().splitlines()
+        lines = daemon.last_output().splitlines()
         problems = () if daemon.code == 4 else (f"exit code {daemon.code} instead of 4",)
-        return Row(injection, config.driver.name, "refused", words[-1], 0.0, 0, 0, 0, None, problems)
+        return Row(injection, config.driver.name, "refused", lines[-1], 0.0, 0, 0, 0, None, problems)
     return Row(injection, config.driver.name, None, "", None, 0, 0, 0, None, ("the daemon started on such a device",))

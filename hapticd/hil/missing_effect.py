@@ -76,7 +76,7 @@ def find_secret(
         first: the experiment that the workflow begins with.
         deflection: of the release, coarse ticks. duration_s: of the release.
         folder: for everything that is written; short enough for a Unix socket's name.
-        say: told every step. bar: progress bar with a label.
+        say: called with every step. bar: progress bar with a label.
 
     Raises:
         HilError: a process did not come up.
@@ -97,7 +97,7 @@ def find_secret(
             say(f"releasing the device at {deflection:g} ticks")
             released = _release(daemon.client, deflection, duration_s)
             say(f"the device: {released['outcome']}")
-            bars = bar or (lambda label: nullcontext(lambda share: None))
+            bars = bar or (lambda label: nullcontext(lambda fraction: None))
             result, _ = close_the_circle(daemon.client, model, first, analyse, say, bars)
     improved = load_config(folder / "gap" / MODEL)
     return Story(

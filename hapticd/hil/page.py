@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from hapticd.hil.suite import CaseResult, SuiteResult
-from hapticd.hil.words import suite_text
+from hapticd.hil.text import suite_text
 from hapticd.reproduce.markup import STYLE
 from hapticd.reproduce.style import BLUE, GREY, ORANGE, new_figure, style
 

@@ -85,9 +85,9 @@ class Child:
         deadline = time.monotonic() + timeout_s
         while not condition():
             if not self.running:
-                raise HilError(f"{self.name} ended with code {self.code} before {what}:\n{self.last_words()}")
+                raise HilError(f"{self.name} ended with code {self.code} before {what}:\n{self.last_output()}")
             if time.monotonic() > deadline:
-                raise HilError(f"{self.name}: waited {timeout_s:g} s in vain for {what}:\n{self.last_words()}")
+                raise HilError(f"{self.name}: waited {timeout_s:g} s in vain for {what}:\n{self.last_output()}")
             time.sleep(0.01)
 
     @property
@@ -114,7 +114,7 @@ class Child:
                 process.wait()
         return process.returncode
 
-    def last_words(self) -> str:
+    def last_output(self) -> str:
         """The last lines of its output."""
         lines = self.log.read_text(errors="replace").splitlines()
         return "\n".join(lines[-_LAST_WORDS:]) or "(it said nothing)"

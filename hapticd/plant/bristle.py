@@ -8,29 +8,29 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.effects import presliding
-from hapticd.jit import law, njit
+from hapticd.jit import effect_term, njit
+from hapticd.plant.effect_terms import coulomb_level, damping_at
 from hapticd.plant.exact import phi_functions
-from hapticd.plant.laws import coulomb_level, damping_at
-from hapticd.plant.layout import word
-from hapticd.plant.slide import ACTIONS, Actions, friction_of, glide_on_spring, pull_on
+from hapticd.plant.layout import index_of
+from hapticd.plant.slide import FORCES, Forces, friction_of, glide_on_spring, pull_on
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _f8 = types.float64
 _p = types.Array(_f8, 1, "C")
-_BREAKAWAY = word("presliding.breakaway")
-_SIGMA_1 = word("presliding.sigma_1")
-_bristle_after = law(presliding.bristle_after)
+_BREAKAWAY = index_of("presliding.breakaway")
+_SIGMA_1 = index_of("presliding.sigma_1")
+_bristle_after = effect_term(presliding.bristle_after)
 
 # A bristle phase covers a quarter of the breakaway displacement, and more the nearer the bristle is to steady sliding.
 _BRISTLE_WAY = 0.25
 _SMALLEST = 1e-300
 
 
-@njit(types.UniTuple(_f8, 4)(_p, _f8, _f8, _f8, _f8, ACTIONS), counted=False)
+@njit(types.UniTuple(_f8, 4)(_p, _f8, _f8, _f8, _f8, FORCES), counted=False)
 def slide_on_bristle(
-    p: NDArray[Any], x: float, v: float, z: float, span: float, on: Actions
+    p: NDArray[Any], x: float, v: float, z: float, span: float, on: Forces
 ) -> tuple[float, float, float, float]:
     """Move the shaft through one phase of LuGre friction; arguments as in `hapticd.plant.slide.slide`.
 
@@ -61,7 +61,7 @@ def slide_on_bristle(
             reach = _BRISTLE_WAY * steady / math.sqrt(abs(slack) + _SMALLEST)
             push = abs(pull) / on.inertia
             limit = min(span, 2.0 * reach / (speed + math.sqrt(speed * speed + 2.0 * push * reach) + _SMALLEST))
-        # Mean over the way of the share 1 − z/steady that still stretches the bristle; its chord's stiffness likewise.
+        # Mean over the way of the fraction 1 − z/steady that still stretches the bristle; its chord's stiffness likewise.
         _, mean, of_mean = phi_functions(-way / steady)
         stretch = slack * mean
         pull = sign * (pull_on(p, x, x + sign * way, sign * mean_speed, on) - sigma_0 * z)

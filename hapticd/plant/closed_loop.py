@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.jit import njit
+from hapticd.plant.effect_terms import coulomb_level, has_bristle, whole_inertia
 from hapticd.plant.electrical import lagged
-from hapticd.plant.laws import coulomb_level, has_bristle, whole_inertia
 from hapticd.plant.layout import (
     BRISTLE,
     LOAD_OMEGA,
@@ -22,7 +22,7 @@ from hapticd.plant.layout import (
     MOTOR_CURRENT_RATE,
     OMEGA,
     THETA,
-    word,
+    index_of,
 )
 from hapticd.plant.numeric import holding, substep
 
@@ -32,16 +32,16 @@ if TYPE_CHECKING:
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
 
-_LAG = word("amplifier_lag.f_a")
-_BREAKAWAY = word("presliding.breakaway")
-_GAP = word("backlash.gap")
-_GAP_SHARE = word("backlash.load_share")
-_RESONANCE = word("flexible_coupling.f_r")
-_RESONANCE_SHARE = word("flexible_coupling.load_share")
-_HAND_INERTIA = word("hand_impedance.m_h")
-_HAND_DAMPING = word("hand_impedance.b_h")
-_HAND_STIFFNESS = word("hand_impedance.k_h")
-_HAND_OFF = word("hand_impedance.off_s")
+_LAG = index_of("amplifier_lag.f_a")
+_BREAKAWAY = index_of("presliding.breakaway")
+_GAP = index_of("backlash.gap")
+_GAP_SHARE = index_of("backlash.load_share")
+_RESONANCE = index_of("flexible_coupling.f_r")
+_RESONANCE_SHARE = index_of("flexible_coupling.load_share")
+_HAND_INERTIA = index_of("hand_impedance.m_h")
+_HAND_DAMPING = index_of("hand_impedance.b_h")
+_HAND_STIFFNESS = index_of("hand_impedance.k_h")
+_HAND_OFF = index_of("hand_impedance.off_s")
 
 # A span that exceeds a whole number of longest steps by rounding only is not divided once more.
 _ROUNDING = 1e-9

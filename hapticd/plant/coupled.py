@@ -5,7 +5,7 @@ While the motor keeps its direction, its way y, its speed s, and the twist w and
     s′ = a − b·s − k·y + μ·q,      r′ = −q − s′,      q = ω₀²·w + 2ζω₀·r,      y′ = s,  w′ = r,
 
 with μ = J_L/J_M. Their Taylor series converges to rounding over a radian of the two masses' oscillation, the longest a
-phase lasts. Where the motor sticks the load swings on a fixed end. Laws that vary with position or speed are taken at
+phase lasts. Where the motor sticks the load swings on a fixed end. Terms that vary with position or speed are taken at
 their mean over a phase, as in `hapticd.plant.slide`.
 """
 
@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.laws import damping_at, has_smooth_laws, steady_span
+from hapticd.plant.effect_terms import damping_at, has_smooth_terms, steady_span
 from hapticd.plant.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, THETA
 from hapticd.plant.phases import MOST_PHASES
-from hapticd.plant.slide import ACTIONS, Actions, friction_of, pull_on
+from hapticd.plant.slide import FORCES, Forces, friction_of, pull_on
 from hapticd.plant.spring import spring_functions
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ _TERMS = 40
 _NEGLIGIBLE = 1e-17
 _HALVINGS = 60
 _PRECISION = 1e-12
-"""Of the instant of a stop or of a breakaway, as a share of its phase."""
+"""Of the instant of a stop or of a breakaway, as a fraction of its phase."""
 _BREAKS = 1.0 + 1e-9
 """Stiction holds a little more than friction takes: a torque that just touches it moves the motor for a time that can be
 told from none."""
@@ -160,8 +160,8 @@ def _stick(state: NDArray[Any], span: float, x: float, pull: float, level: float
     return time
 
 
-@njit(_f8(_a, _a, _f8, ACTIONS, COUPLING), counted=False)
-def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Actions, to: Coupling) -> float:
+@njit(_f8(_a, _a, _f8, FORCES, COUPLING), counted=False)
+def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Forces, to: Coupling) -> float:
     """Move motor and load until the motor stops or breaks away, or to the end of `span`; return the time taken."""
     x, v = state[THETA], state[OMEGA]
     sign = math.copysign(1.0, v)
@@ -175,7 +175,7 @@ def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Actions, to: C
     speed = abs(v)
     twist, twist_rate = sign * (state[LOAD_THETA] - x), sign * (state[LOAD_OMEGA] - v)
     way, end, end_twist, end_rate, time = 0.0, speed, twist, twist_rate, span
-    is_exact = not has_smooth_laws(p)
+    is_exact = not has_smooth_terms(p)
     for attempt in range(3):
         mean_speed = 0.5 * (speed + end)
         level, viscous = damping_at(p, mean_speed, sign, friction_of(p, mean_speed, on), on.viscous)
@@ -201,7 +201,7 @@ def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Actions, to: C
             time = _time_of_stop(early, latest, speed, twist, twist_rate, a, rate, omega2, to)
             way, _, end_twist, end_rate = swing(time, speed, twist, twist_rate, a, rate, omega2, to)
             end = 0.0
-        # A stop shortens the way over which the laws are averaged: once more.
+        # A stop shortens the way over which the terms are averaged: once more.
         if is_exact or (attempt == 1 and time == span):
             break
     state[THETA], state[OMEGA] = x + sign * way, sign * end if end > 0.0 else 0.0
@@ -215,8 +215,8 @@ def is_underdamped(ratio: float, damping_ratio: float) -> bool:
     return damping_ratio * damping_ratio * (1.0 + ratio) <= 1.0
 
 
-@njit(types.void(_a, _a, _f8, ACTIONS, COUPLING), counted=False)
-def move_coupled(p: NDArray[Any], state: NDArray[Any], span: float, motor: Actions, to: Coupling) -> None:
+@njit(types.void(_a, _a, _f8, FORCES, COUPLING), counted=False)
+def move_coupled(p: NDArray[Any], state: NDArray[Any], span: float, motor: Forces, to: Coupling) -> None:
     """Move motor and load through a step of constant action.
 
     Args:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.effects import current_saturation, dac_quantization
-from hapticd.jit import law, njit
-from hapticd.plant.layout import word
+from hapticd.jit import effect_term, njit
+from hapticd.plant.layout import index_of
 from hapticd.plant.spring import spring_functions
 
 if TYPE_CHECKING:
@@ -18,14 +18,14 @@ if TYPE_CHECKING:
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
 
-_DELAY = word("delay_s")
-_TRANSPORT_DELAY = word("transport_delay.t_d")
-_LAG = word("amplifier_lag.f_a")
-_LAG_DAMPING = word("amplifier_lag.delta")
-_LIMIT = word("current_saturation.i_max")
-_GRID = word("dac_quantization.q")
-_on_grid = law(dac_quantization.on_grid)
-_saturate = law(current_saturation.saturate)
+_DELAY = index_of("delay_s")
+_TRANSPORT_DELAY = index_of("transport_delay.t_d")
+_LAG = index_of("amplifier_lag.f_a")
+_LAG_DAMPING = index_of("amplifier_lag.delta")
+_LIMIT = index_of("current_saturation.i_max")
+_GRID = index_of("dac_quantization.q")
+_on_grid = effect_term(dac_quantization.on_grid)
+_saturate = effect_term(current_saturation.saturate)
 
 
 @njit(_f8(_a, _f8), counted=False, inline=True)

@@ -1,4 +1,4 @@
-"""Effects whose laws the kernels do not know by name: called through the addresses in the device vector (`layout`)."""
+"""Effect terms that the kernels do not know by name: called through the addresses in the device vector (`layout`)."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from numba import types
 
-from hapticd.jit import call_law, njit
+from hapticd.jit import call_effect_term, njit
 from hapticd.plant.layout import (
     HOOK_FORCE,
     HOOK_FRICTION,
@@ -53,7 +53,7 @@ def hooked_torque(p: NDArray[Any], position: float, velocity: float, time: float
     while p[block + HOOK_SIZE] != 0.0:
         address = int(p[block + HOOK_FORCE])
         if address != 0 and _is_on(p, block):
-            total += call_law(address, position, velocity, time, current, p, block + HOOK_PARAMETERS)
+            total += call_effect_term(address, position, velocity, time, current, p, block + HOOK_PARAMETERS)
         block += int(p[block + HOOK_SIZE])
     return total
 
@@ -66,6 +66,6 @@ def hooked_friction(p: NDArray[Any], speed: float, torque: float, time: float) -
     while p[block + HOOK_SIZE] != 0.0:
         address = int(p[block + HOOK_FRICTION])
         if address != 0 and _is_on(p, block):
-            total += call_law(address, speed, torque, time, 0.0, p, block + HOOK_PARAMETERS)
+            total += call_effect_term(address, speed, torque, time, 0.0, p, block + HOOK_PARAMETERS)
         block += int(p[block + HOOK_SIZE])
     return total

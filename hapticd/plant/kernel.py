@@ -1,6 +1,6 @@
 """One simulated device as compiled kernels on one block of memory: amplifier, shaft, encoder, hand.
 
-The block is a contiguous float64 buffer ``f``; ``i = f.view(int64)`` is the same memory read as integers. The word numbers
+The block is a contiguous float64 buffer ``f``; ``i = f.view(int64)`` is the same memory read as integers. The indices
 below are its layout, so that the loopback driver, the simulated hardware and the Python class share one plant.
 
 Instants are (ns, fraction of a ns): an int64 and a float64 in [0, 1), so that a period such as 1/3 ms loses nothing over
@@ -18,13 +18,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.effects import dropped_samples
-from hapticd.jit import law, njit
+from hapticd.jit import effect_term, njit
 from hapticd.plant import layout as effects
 from hapticd.plant.amplifier import converter_grid, quantise_current
 from hapticd.plant.closed_loop import advance_with_effects, stays_with_effects
 from hapticd.plant.electrical import delivered
 from hapticd.plant.noise import next_uniform
-from hapticd.plant.numeric import edited_base, measured, needs_laws
+from hapticd.plant.numeric import edited_base, measured, needs_effect_terms
 from hapticd.plant.resolution import substeps_for
 from hapticd.plant.spring import propagate_about_rest
 
@@ -81,7 +81,7 @@ AIM = 22
 """Current that the amplifier aims at now, A; CURRENT follows it at once but for a current loop of its own."""
 AGE = 23
 """Time for which the plant has moved, s: what effects that begin or drift in time go by."""
-HAS_LAWS = 24
+HAS_EFFECT_TERMS = 24
 """i64: 1 when an effect is on that the closed form does not cover."""
 LONGEST_STEP = 25
 """Longest substep of such effects, s."""
@@ -94,11 +94,11 @@ QUEUE_LENGTH = 4096
 _MASK = QUEUE_LENGTH - 1
 # The dither draws from the same seed, and the two must not fall together.
 _OF_LINK = 0x6C696E6B
-_EXTERNAL = effects.word("external_force")
-_TRANSPORT_DELAY = effects.word("transport_delay.t_d")
-_LOSS = effects.word("dropped_samples.p")
-_LAG = effects.word("amplifier_lag.f_a")
-_is_lost = law(dropped_samples.is_lost)
+_EXTERNAL = effects.index_of("external_force")
+_TRANSPORT_DELAY = effects.index_of("transport_delay.t_d")
+_LOSS = effects.index_of("dropped_samples.p")
+_LAG = effects.index_of("amplifier_lag.f_a")
+_is_lost = effect_term(dropped_samples.is_lost)
 # Divided by, not multiplied with 1e-9, which no double holds: 10⁶ ns are then the very double 0.001 s.
 _NS_PER_SECOND = 1e9
 _COUNT_LIMIT = 2.0**62
@@ -106,7 +106,7 @@ _DUE_NS = HEADER_WORDS
 _DUE_FRAC = _DUE_NS + QUEUE_LENGTH
 _DUE_CURRENT = _DUE_FRAC + QUEUE_LENGTH
 DEVICE = _DUE_CURRENT + QUEUE_LENGTH
-"""First word of the device vector (`hapticd.plant.layout`)."""
+"""First element of the device vector (`hapticd.plant.layout`)."""
 _STATE = DEVICE + effects.SIZE
 PLANT_SIZE = _STATE + effects.STATE
 """Words of the block."""
@@ -149,7 +149,7 @@ def init_plant(config: Config, position: float = 0.0, velocity: float = 0.0) -> 
 
 
 def _add_effects(f: NDArray[np.float64], i: NDArray[np.int64], config: Config) -> None:
-    """Put a config's effects into a block: into the base model's words where one is an edit of it, as laws otherwise."""
+    """Put a config's effects into a block: as an edit of the base model where one is that, as a term otherwise."""
     p = f[DEVICE:_STATE]
     p[:] = effects.device_vector(config)
     (
@@ -162,13 +162,13 @@ def _add_effects(f: NDArray[np.float64], i: NDArray[np.int64], config: Config) -
         f[HAND_REST],
     ) = edited_base(p)
     f[LAG_NS] += p[_TRANSPORT_DELAY] * 1e9
-    i[HAS_LAWS] = int(needs_laws(p))
+    i[HAS_EFFECT_TERMS] = int(needs_effect_terms(p))
     f[LONGEST_STEP] = config.period / substeps_for(p, config.period)
     i[LINK] = config.dither.seed ^ _OF_LINK
 
 
 @njit("void(float64[::1], float64)", counted=False)
-def _move_with_laws(f: NDArray[Any], dt: float) -> None:
+def _move_with_effect_terms(f: NDArray[Any], dt: float) -> None:
     p = f[DEVICE:_STATE]
     state = f[_STATE:PLANT_SIZE]
     p[_EXTERNAL] = f[HAND_FORCE]
@@ -181,8 +181,8 @@ def _move_with_laws(f: NDArray[Any], dt: float) -> None:
 
 @njit("void(float64[::1], int64[::1], float64)", inline=True, counted=False)
 def _move(f: NDArray[Any], i: NDArray[Any], dt: float) -> None:
-    if i[HAS_LAWS] != 0:
-        _move_with_laws(f, dt)
+    if i[HAS_EFFECT_TERMS] != 0:
+        _move_with_effect_terms(f, dt)
         return
     force = f[CURRENT] * f[TORQUE_CONSTANT] + f[HAND_FORCE] + f[BIAS]
     f[POSITION], f[VELOCITY] = propagate_about_rest(
@@ -292,7 +292,7 @@ def plant_counts(f: NDArray[Any], i: NDArray[Any]) -> int:
 @njit("boolean(float64[::1], int64[::1])", counted=False)
 def plant_stays(f: NDArray[Any], i: NDArray[Any]) -> bool:
     """Whether the shaft is at rest and stiction holds it for as long as the current stays as it is."""
-    if i[HAS_LAWS] != 0:
+    if i[HAS_EFFECT_TERMS] != 0:
         f[DEVICE + _EXTERNAL] = f[HAND_FORCE]
         f[_STATE + effects.THETA], f[_STATE + effects.OMEGA] = f[POSITION], f[VELOCITY]
         return stays_with_effects(f[DEVICE:_STATE], f[_STATE:PLANT_SIZE], f[AGE], f[AIM])

@@ -1,9 +1,9 @@
-"""One device as a flat float64 vector: the base model's words, then the words of every effect.
+"""One device as a flat float64 vector: the base model's parameters, then those of every effect.
 
-An effect that a device does not have is in the vector at its neutral value, which switches its law off. A list parameter
-takes one word an element: ``torque_ripple.amplitudes[2]``.
+An effect that a device does not have is in the vector at its neutral value, which switches its term off. A list parameter
+takes one element each: ``torque_ripple.amplitudes[2]``.
 
-The kernels know the effects with laws of their own by the numbers of their words. The others (`Effect.force`,
+The kernels know the effects with terms of their own by the indices of their parameters. The others (`Effect.force`,
 `Effect.friction`) follow in a part of fixed size, one block after another, and are called through the addresses in it:
 no compiled code depends on which of them are installed. Their addresses are those of this process.
 """
@@ -18,7 +18,7 @@ import numpy as np
 
 from hapticd.config.problems import ConfigError, Problem
 from hapticd.effects.catalogue import CATALOGUE, HOOK_HEADER, HOOK_WORDS
-from hapticd.jit import law_callback
+from hapticd.jit import effect_term_callback
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,7 +80,7 @@ def _names(effect: Effect) -> list[str]:
 
 
 def _words() -> tuple[tuple[str, ...], int]:
-    """Name of every word, and the number of the first one of the hooks."""
+    """Name of every element, and the number of the first one of the hooks."""
     names = list(BASE_WORDS)
     for effect in CATALOGUE.values():
         if not effect.is_hooked:
@@ -96,30 +96,30 @@ def _words() -> tuple[tuple[str, ...], int]:
 
 
 WORDS, HOOKS = _words()
-"""Name of every word, in order; the first word of the effects whose law is called through a pointer."""
+"""Name of every element, in order; the first one of the effects whose terms are called through a pointer."""
 _INDEX = {name: index for index, name in enumerate(WORDS)}
 SIZE = len(WORDS)
 """Words of a device vector."""
 
 
-def word(name: str) -> int:
-    """Index of a word: ``inertia``, ``gravity.theta_0``, ``torque_ripple.orders[0]`` (a list's bare name is its first).
+def index_of(name: str) -> int:
+    """Index of an element: ``inertia``, ``gravity.theta_0``, ``torque_ripple.orders[0]`` (a list's bare name is its first).
 
     Raises:
-        KeyError: there is no such word.
+        KeyError: there is no such element.
     """
     return _INDEX[name] if name in _INDEX else _INDEX[f"{name}[0]"]
 
 
 @functools.cache
 def _callback(slug: str, hook: str) -> Any:
-    """The compiled law, kept for as long as the process lives: vectors hold its address."""
+    """The compiled term, kept for as long as the process lives: vectors hold its address."""
     effect = CATALOGUE[slug]
-    return law_callback(getattr(effect, hook), {"force": 4, "friction": 3}[hook], effect.words)
+    return effect_term_callback(getattr(effect, hook), {"force": 4, "friction": 3}[hook], effect.words)
 
 
 def _addresses(effect: Effect) -> tuple[int, int]:
-    """Of the laws of an effect from outside, 0 for none: of its force and of its friction."""
+    """Of the terms of an effect from outside, 0 for none: of its force and of its friction."""
     force = _callback(effect.slug, "force").address if effect.force else 0
     return force, _callback(effect.slug, "friction").address if effect.friction else 0
 
@@ -129,10 +129,10 @@ def _neutral() -> NDArray[np.float64]:
     p = np.zeros(SIZE)
     for slug, effect in CATALOGUE.items():
         for parameter in effect.parameters:
-            first = word(f"{slug}.{parameter.name}")
+            first = index_of(f"{slug}.{parameter.name}")
             p[first : first + parameter.length] = parameter.neutral
         if effect.is_hooked:
-            block = word(f"{slug}:size")
+            block = index_of(f"{slug}:size")
             p[block + HOOK_SIZE] = HOOK_PARAMETERS + effect.words
             p[block + HOOK_NEUTRAL] = effect.parameters[0].neutral
             # One that cannot be compiled is no reason to refuse a device without it. An address has fewer than 53 bits:
@@ -151,7 +151,7 @@ def effect_values(p: NDArray[np.float64], effect: Effect) -> dict[str, Any]:
     """All parameters of an effect in a device vector: numbers, and tuples of numbers in full length."""
     values: dict[str, Any] = {}
     for parameter in effect.parameters:
-        first = word(f"{effect.slug}.{parameter.name}")
+        first = index_of(f"{effect.slug}.{parameter.name}")
         numbers = p[first : first + parameter.length].tolist()
         values[parameter.name] = numbers[0] if parameter.length == 1 else tuple(numbers)
     return values
@@ -171,26 +171,26 @@ def device_vector(config: Config, latency_s: float = 0.0) -> NDArray[np.float64]
         ConfigError: it lists an effect from outside whose law cannot be compiled.
     """
     p = neutral_vector()
-    p[word("inertia")] = config.plant.inertia
-    p[word("viscous")] = config.plant.viscous
-    p[word("coulomb")] = config.plant.coulomb
-    p[word("torque_constant")] = config.amplifier.torque_constant
-    p[word("delay_s")] = config.amplifier.delay + latency_s
-    p[word("grip_inertia")] = config.hand.inertia
-    p[word("grip_damping")] = config.hand.damping
-    p[word("grip_stiffness")] = config.hand.stiffness
-    p[word("grip_rest")] = config.origin_counts * config.raw_resolution
+    p[index_of("inertia")] = config.plant.inertia
+    p[index_of("viscous")] = config.plant.viscous
+    p[index_of("coulomb")] = config.plant.coulomb
+    p[index_of("torque_constant")] = config.amplifier.torque_constant
+    p[index_of("delay_s")] = config.amplifier.delay + latency_s
+    p[index_of("grip_inertia")] = config.hand.inertia
+    p[index_of("grip_damping")] = config.hand.damping
+    p[index_of("grip_stiffness")] = config.hand.stiffness
+    p[index_of("grip_rest")] = config.origin_counts * config.raw_resolution
     for index, effect in enumerate(config.plant.effects):
         if CATALOGUE[effect.name].is_hooked:
-            _check_laws(index, CATALOGUE[effect.name])
+            _check_terms(index, CATALOGUE[effect.name])
         for name, value in (effect.model_extra or {}).items():
             values = np.atleast_1d(np.asarray(value, dtype=np.float64))
-            first = word(f"{effect.name}.{name}")
+            first = index_of(f"{effect.name}.{name}")
             p[first : first + len(values)] = values
     return p
 
 
-def _check_laws(index: int, effect: Effect) -> None:
+def _check_terms(index: int, effect: Effect) -> None:
     try:
         _addresses(effect)
     except Exception as error:

@@ -13,20 +13,20 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.effects import asymmetric_coulomb, encoder_eccentricity, hand_impedance, thermal_drift
-from hapticd.jit import law, njit
-from hapticd.plant.laws import (
+from hapticd.jit import effect_term, njit
+from hapticd.plant.effect_terms import (
     coulomb_level,
     has_bristle,
-    has_smooth_laws,
+    has_smooth_terms,
     shared_inertia,
     torque_constant,
     viscous_level,
     whole_inertia,
 )
-from hapticd.plant.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, word
+from hapticd.plant.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, index_of
 from hapticd.plant.phases import move
 from hapticd.plant.resolution import substeps_for
-from hapticd.plant.slide import ACTIONS, Actions, friction_of, pull_on
+from hapticd.plant.slide import FORCES, Forces, friction_of, pull_on
 from hapticd.plant.spring import propagate_about_rest, springs_together
 from hapticd.plant.two_masses import move_with_coupling, move_with_play
 
@@ -40,42 +40,42 @@ _i8 = types.int64
 _a = types.Array(_f8, 1, "C")
 _m = types.Array(_f8, 2, "C")
 
-_GRIP_INERTIA = word("grip_inertia")
-_GRIP_DAMPING = word("grip_damping")
-_GRIP_STIFFNESS = word("grip_stiffness")
-_GRIP_REST = word("grip_rest")
-_EXTERNAL = word("external_force")
-_BIAS = word("constant_bias.tau_0")
-_ASYMMETRIC_COULOMB = word("asymmetric_coulomb.a")
-_SPRING = word("return_spring.k_s")
-_SPRING_REST = word("return_spring.theta_0")
-_KAPPA = word("load_dependent_friction.kappa")
-_LAG = word("amplifier_lag.f_a")
-_WARMING = word("thermal_drift.r")
-_WARMING_TIME = word("thermal_drift.t_w")
-_HAND_INERTIA = word("hand_impedance.m_h")
-_HAND_DAMPING = word("hand_impedance.b_h")
-_HAND_STIFFNESS = word("hand_impedance.k_h")
-_HAND_ON = word("hand_impedance.on_s")
-_HAND_OFF = word("hand_impedance.off_s")
-_HAND_REST = word("hand_impedance.rest")
-_GAP = word("backlash.gap")
-_GAP_SHARE = word("backlash.load_share")
-_RESONANCE = word("flexible_coupling.f_r")
-_RESONANCE_SHARE = word("flexible_coupling.load_share")
-_RESONANCE_DAMPING = word("flexible_coupling.damping")
-_ECCENTRICITY = word("encoder_eccentricity.e")
-_ECCENTRICITY_PHASE = word("encoder_eccentricity.phi")
+_GRIP_INERTIA = index_of("grip_inertia")
+_GRIP_DAMPING = index_of("grip_damping")
+_GRIP_STIFFNESS = index_of("grip_stiffness")
+_GRIP_REST = index_of("grip_rest")
+_EXTERNAL = index_of("external_force")
+_BIAS = index_of("constant_bias.tau_0")
+_ASYMMETRIC_COULOMB = index_of("asymmetric_coulomb.a")
+_SPRING = index_of("return_spring.k_s")
+_SPRING_REST = index_of("return_spring.theta_0")
+_KAPPA = index_of("load_dependent_friction.kappa")
+_LAG = index_of("amplifier_lag.f_a")
+_WARMING = index_of("thermal_drift.r")
+_WARMING_TIME = index_of("thermal_drift.t_w")
+_HAND_INERTIA = index_of("hand_impedance.m_h")
+_HAND_DAMPING = index_of("hand_impedance.b_h")
+_HAND_STIFFNESS = index_of("hand_impedance.k_h")
+_HAND_ON = index_of("hand_impedance.on_s")
+_HAND_OFF = index_of("hand_impedance.off_s")
+_HAND_REST = index_of("hand_impedance.rest")
+_GAP = index_of("backlash.gap")
+_GAP_SHARE = index_of("backlash.load_share")
+_RESONANCE = index_of("flexible_coupling.f_r")
+_RESONANCE_SHARE = index_of("flexible_coupling.load_share")
+_RESONANCE_DAMPING = index_of("flexible_coupling.damping")
+_ECCENTRICITY = index_of("encoder_eccentricity.e")
+_ECCENTRICITY_PHASE = index_of("encoder_eccentricity.phi")
 
-_asymmetry_torque = law(asymmetric_coulomb.torque)
-_measured_angle = law(encoder_eccentricity.measured)
-_is_gripped = law(hand_impedance.is_gripped)
-_until_switch = law(hand_impedance.until_switch)
-_warming_factor = law(thermal_drift.factor)
+_asymmetry_torque = effect_term(asymmetric_coulomb.torque)
+_measured_angle = effect_term(encoder_eccentricity.measured)
+_is_gripped = effect_term(hand_impedance.is_gripped)
+_until_switch = effect_term(hand_impedance.until_switch)
+_warming_factor = effect_term(thermal_drift.factor)
 
 
-@njit(ACTIONS(_a, _f8, _f8), counted=False, inline=True)
-def _actions(p: NDArray[Any], time: float, current: float) -> Actions:
+@njit(FORCES(_a, _f8, _f8), counted=False, inline=True)
+def _forces(p: NDArray[Any], time: float, current: float) -> Forces:
     """Return what acts on a device, taken as one mass, at a time [s] under a motor current [A]."""
     motor = current * torque_constant(p)
     drive = motor + p[_EXTERNAL] + p[_BIAS]
@@ -93,13 +93,13 @@ def _actions(p: NDArray[Any], time: float, current: float) -> Actions:
         damping += p[_HAND_DAMPING]
         if p[_HAND_STIFFNESS] != 0.0:
             stiffness, rest = springs_together(stiffness, rest, p[_HAND_STIFFNESS], p[_HAND_REST])
-    return Actions(drive, motor, current, inertia, viscous, damping, stiffness, rest, warm, time)
+    return Forces(drive, motor, current, inertia, viscous, damping, stiffness, rest, warm, time)
 
 
 @njit(types.void(_a, _a, _f8, _f8, _f8), counted=False)
 def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, current: float) -> None:
     """Move through a time of constant current in which no hand takes hold or lets go."""
-    on = _actions(p, time + 0.5 * span, current)
+    on = _forces(p, time + 0.5 * span, current)
     if p[_GAP] > 0.0:
         load_inertia = shared_inertia(p, p[_GAP_SHARE])
         move_with_play(p, state, span, on, load_inertia, 0.5 * p[_GAP])
@@ -109,7 +109,7 @@ def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curren
         natural = 2.0 * math.pi * p[_RESONANCE]
         move_with_coupling(p, state, span, on, load_inertia, natural, p[_RESONANCE_DAMPING])
         return
-    if has_smooth_laws(p) or has_bristle(p):
+    if has_smooth_terms(p) or has_bristle(p):
         state[THETA], state[OMEGA], state[BRISTLE] = move(p, state[THETA], state[OMEGA], state[BRISTLE], span, on)
     else:
         level = friction_of(p, 0.0, on)
@@ -121,10 +121,10 @@ def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curren
 
 
 @njit(types.boolean(_a), counted=False)
-def needs_laws(p: NDArray[Any]) -> bool:
+def needs_effect_terms(p: NDArray[Any]) -> bool:
     """Whether a device has an effect that is more than an edit of the base model (`edited_base`) or of its signals."""
     return (
-        has_smooth_laws(p)
+        has_smooth_terms(p)
         or has_bristle(p)
         or p[_GAP] > 0.0
         or p[_RESONANCE] < math.inf
@@ -144,7 +144,7 @@ def edited_base(p: NDArray[Any]) -> tuple[float, float, float, float, float, flo
     Returns:
         Inertia, viscous friction, Coulomb friction, torque constant, bias, stiffness and rest position.
     """
-    on = _actions(p, -1.0, 0.0)
+    on = _forces(p, -1.0, 0.0)
     return (
         on.inertia,
         on.viscous + on.damping,
@@ -159,7 +159,7 @@ def edited_base(p: NDArray[Any]) -> tuple[float, float, float, float, float, flo
 @njit(types.UniTuple(_f8, 2)(_a, _f8, _f8, _f8), counted=False)
 def holding(p: NDArray[Any], theta: float, time: float, current: float) -> tuple[float, float]:
     """Return the torque that pulls at a device at rest, and the stiction that holds it."""
-    on = _actions(p, time, current)
+    on = _forces(p, time, current)
     return pull_on(p, theta, theta, 0.0, on), friction_of(p, 0.0, on)
 
 
@@ -180,7 +180,7 @@ def substep(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curr
 def mechanical(p: NDArray[Any], state: NDArray[Any], t0: float, dt: float, i_sub: NDArray[Any]) -> None:
     """Move the device through one tick.
 
-    Laws that vary within a substep are second-order accurate in it; stops, breakaway, impacts and a hand's taking hold
+    Terms that vary within a substep are second-order accurate in it; stops, breakaway, impacts and a hand's taking hold
     are located, not stepped over.
 
     Args:

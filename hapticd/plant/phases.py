@@ -8,8 +8,8 @@ from numba import types
 
 from hapticd.jit import njit
 from hapticd.plant.bristle import slide_on_bristle
-from hapticd.plant.laws import has_bristle
-from hapticd.plant.slide import ACTIONS, Actions, slide
+from hapticd.plant.effect_terms import has_bristle
+from hapticd.plant.slide import FORCES, Forces, slide
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -21,8 +21,8 @@ MOST_PHASES = 20_000
 """Phases a step may have: only a swing of thousands of turns within one step, which has long died down, has more."""
 
 
-@njit(types.UniTuple(_f8, 4)(_p, _f8, _f8, _f8, _f8, ACTIONS), counted=False)
-def phase(p: NDArray[Any], x: float, v: float, z: float, span: float, on: Actions) -> tuple[float, float, float, float]:
+@njit(types.UniTuple(_f8, 4)(_p, _f8, _f8, _f8, _f8, FORCES), counted=False)
+def phase(p: NDArray[Any], x: float, v: float, z: float, span: float, on: Forces) -> tuple[float, float, float, float]:
     """Move the shaft through one phase with the friction that the device has; as `slide_on_bristle`."""
     if has_bristle(p):
         return slide_on_bristle(p, x, v, z, span, on)
@@ -30,8 +30,8 @@ def phase(p: NDArray[Any], x: float, v: float, z: float, span: float, on: Action
     return x, v, z, time
 
 
-@njit(types.UniTuple(_f8, 3)(_p, _f8, _f8, _f8, _f8, ACTIONS), counted=False)
-def move(p: NDArray[Any], x: float, v: float, z: float, span: float, on: Actions) -> tuple[float, float, float]:
+@njit(types.UniTuple(_f8, 3)(_p, _f8, _f8, _f8, _f8, FORCES), counted=False)
+def move(p: NDArray[Any], x: float, v: float, z: float, span: float, on: Forces) -> tuple[float, float, float]:
     """Move the shaft through all the phases of a step; arguments as in `slide_on_bristle`.
 
     Returns:

@@ -9,8 +9,8 @@ import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant.coupled import is_underdamped
-from hapticd.plant.laws import STEADY_PART, coulomb_level, has_bristle, speed_scale, whole_inertia
-from hapticd.plant.layout import effect_values, word
+from hapticd.plant.effect_terms import STEADY_PART, coulomb_level, has_bristle, speed_scale, whole_inertia
+from hapticd.plant.layout import effect_values, index_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -24,7 +24,7 @@ _PHASE_OF_COUPLING = 0.35
 """Largest angle [rad] of the two masses' oscillation during a substep, where it is not exact (`hapticd.plant.coupled`)."""
 _PHASE_OF_LAG = 1.0
 _PART_OF_DECAY = 0.5
-"""Largest share of the time in which a law of the speed changes the speed."""
+"""Largest fraction of the time in which a law of the speed changes the speed."""
 _HARDEST_PULL = 4.0
 """Acceleration in units of the friction's at which a substep on a bristle still resolves a friction that changes with speed;
 where there is stiction, `hapticd.plant.slide` divides what needs it."""
@@ -46,7 +46,7 @@ def substeps_for(p: NDArray[np.float64], period_s: float) -> int:
     """
 
     def of(name: str) -> float:
-        return float(p[word(name)])
+        return float(p[index_of(name)])
 
     inertia = float(whole_inertia(p))
     if of("flexible_coupling.f_r") < math.inf:
@@ -62,9 +62,9 @@ def substeps_for(p: NDArray[np.float64], period_s: float) -> int:
     damping = sum(effect.damping(effect_values(p, effect)) for effect in _DAMPING if effect.damping)
     parts.append(damping / inertia * period_s / _PART_OF_DECAY)
     if of("flexible_coupling.f_r") < math.inf:
-        share = of("flexible_coupling.load_share")
-        if has_bristle(p) or not is_underdamped(share / (1.0 - share), of("flexible_coupling.damping")):
-            natural = 2.0 * math.pi * of("flexible_coupling.f_r") / math.sqrt(1.0 - share)
+        fraction = of("flexible_coupling.load_share")
+        if has_bristle(p) or not is_underdamped(fraction / (1.0 - fraction), of("flexible_coupling.damping")):
+            natural = 2.0 * math.pi * of("flexible_coupling.f_r") / math.sqrt(1.0 - fraction)
             parts.append(natural * period_s / _PHASE_OF_COUPLING)
     if of("amplifier_lag.f_a") < math.inf:
         parts.append(min(2.0 * math.pi * of("amplifier_lag.f_a") * period_s / _PHASE_OF_LAG, 8.0))

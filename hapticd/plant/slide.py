@@ -1,9 +1,9 @@
-"""One phase of the shaft's motion under the catalogue's laws: from where it is to its next stop, or to the end of a step.
+"""One phase of the shaft's motion under the effect terms: from where it is to its next stop, or to the end of a step.
 
-Within a phase the direction does not change. Laws that vary with position or speed are taken as their mean over the way
+Within a phase the direction does not change. Terms that vary with position or speed are taken as their mean over the way
 and at the mean speed of the phase, found by prediction and correction (second order in the step); what remains, constant
 force, viscous friction and springs, is in closed form, so that the instant of a stop is not a matter of the step size.
-With constant laws a phase is exact.
+With constant terms a phase is exact.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from numba import types
 
 from hapticd.jit import njit
+from hapticd.plant.effect_terms import damping_at, field_torque, friction_level, has_smooth_terms, steady_span
 from hapticd.plant.exact import glide, phi_functions
-from hapticd.plant.laws import damping_at, field_torque, friction_level, has_smooth_laws, steady_span
 from hapticd.plant.spring import spring_functions, time_to_rest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-class Actions(NamedTuple):
-    """What acts on the shaft during one step, besides the laws that change within it; SI units, rotary or linear."""
+class Forces(NamedTuple):
+    """What acts on the shaft during one step, besides the effect terms that change within it; SI units, rotary or linear."""
 
     drive: float
     """All constant torques together."""
@@ -51,21 +51,21 @@ _f8 = types.float64
 _p = types.Array(_f8, 1, "C")
 _HALF_SWING = 9.0
 """Less than π²: squared phase of an undamped half swing."""
-ACTIONS = types.NamedUniTuple(_f8, 10, Actions)
-"""Numba type of `Actions`."""
+FORCES = types.NamedUniTuple(_f8, 10, Forces)
+"""Numba type of `Forces`."""
 
 
-@njit(_f8(_p, _f8, _f8, _f8, ACTIONS), counted=False, inline=True)
-def pull_on(p: NDArray[Any], x: float, end: float, velocity: float, on: Actions) -> float:
-    """Return the sum of all torques but friction at a position `x`, those of the laws over the way from there to `end`.
+@njit(_f8(_p, _f8, _f8, _f8, FORCES), counted=False, inline=True)
+def pull_on(p: NDArray[Any], x: float, end: float, velocity: float, on: Forces) -> float:
+    """Return the sum of all torques but friction at `x`; those of the effect terms are means over the way to `end`.
 
     Springs pull as they do at `x`; `velocity` is the mean one on the way.
     """
     return on.drive + field_torque(p, x, end, velocity, on.time, on.current) - on.stiffness * (x - on.rest)
 
 
-@njit(_f8(_p, _f8, ACTIONS), counted=False, inline=True)
-def friction_of(p: NDArray[Any], speed: float, on: Actions) -> float:
+@njit(_f8(_p, _f8, FORCES), counted=False, inline=True)
+def friction_of(p: NDArray[Any], speed: float, on: Forces) -> float:
     """Return the Coulomb friction at a speed ≥ 0; at 0 stiction."""
     return friction_level(p, speed, on.motor, on.warm, on.time)
 
@@ -101,8 +101,8 @@ def glide_on_spring(speed: float, a: float, span: float, rate: float, omega2: fl
     return speed * s + a * p, max(end, 0.0), span
 
 
-@njit(types.UniTuple(_f8, 3)(_p, _f8, _f8, _f8, ACTIONS), counted=False)
-def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tuple[float, float, float]:
+@njit(types.UniTuple(_f8, 3)(_p, _f8, _f8, _f8, FORCES), counted=False)
+def slide(p: NDArray[Any], x: float, v: float, span: float, on: Forces) -> tuple[float, float, float]:
     """Move the shaft with stiction through one phase.
 
     Args:
@@ -124,7 +124,7 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tupl
         sign = math.copysign(1.0, v)
     speed = abs(v)
     way, end, time = 0.0, speed, span
-    is_exact = not has_smooth_laws(p)
+    is_exact = not has_smooth_terms(p)
     for attempt in range(3):
         mean_speed = 0.5 * (speed + end)
         level, total = damping_at(p, mean_speed, sign, friction_of(p, mean_speed, on), on.viscous)
@@ -138,7 +138,7 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Actions) -> tupl
             (total + on.damping) / on.inertia,
             on.stiffness / on.inertia,
         )
-        # A stop shortens the way over which the laws are averaged: once more.
+        # A stop shortens the way over which the terms are averaged: once more.
         if is_exact or (attempt == 1 and time == span):
             break
     if time == 0.0 and v == 0.0:

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.effects import backlash
-from hapticd.jit import law, njit
+from hapticd.jit import effect_term, njit
 from hapticd.plant.coupled import Coupling, is_underdamped, move_coupled
-from hapticd.plant.laws import has_bristle
-from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, word
+from hapticd.plant.effect_terms import has_bristle
+from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, index_of
 from hapticd.plant.phases import MOST_PHASES, move, phase
-from hapticd.plant.slide import ACTIONS, Actions
+from hapticd.plant.slide import FORCES, Forces
 from hapticd.plant.spring import spring_functions
 
 if TYPE_CHECKING:
@@ -24,8 +24,8 @@ if TYPE_CHECKING:
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
 _HALVINGS = 80
-_RESTITUTION = word("backlash.restitution")
-_common_velocity = law(backlash.common_velocity)
+_RESTITUTION = index_of("backlash.restitution")
+_common_velocity = effect_term(backlash.common_velocity)
 _LEAST_REBOUND = 2.0
 """Half gaps a second: masses that part more slowly stay together, or their rebounds would never end."""
 _APART = 1e-9
@@ -34,9 +34,9 @@ _AT_ONCE = 1e-6
 """Share of a step."""
 
 
-@njit(ACTIONS(ACTIONS, _f8, _f8), inline=True)
-def _with_torque(on: Actions, inertia: float, torque: float) -> Actions:
-    return Actions(
+@njit(FORCES(FORCES, _f8, _f8), inline=True)
+def _with_torque(on: Forces, inertia: float, torque: float) -> Forces:
+    return Forces(
         on.drive + torque,
         on.motor,
         on.current,
@@ -50,9 +50,9 @@ def _with_torque(on: Actions, inertia: float, torque: float) -> Actions:
     )
 
 
-@njit(_f8(_a, _a, _f8, _f8, _f8, ACTIONS), counted=False)
+@njit(_f8(_a, _a, _f8, _f8, _f8, FORCES), counted=False)
 def _time_of_contact(
-    p: NDArray[Any], state: NDArray[Any], latest: float, side: float, half_gap: float, motor: Actions
+    p: NDArray[Any], state: NDArray[Any], latest: float, side: float, half_gap: float, motor: Forces
 ) -> float:
     """Return when, within a phase in which it happens, the motor reaches one side of the play (regula falsi, Illinois)."""
     early, late = 0.0, latest
@@ -82,9 +82,9 @@ def _time_of_contact(
     return late
 
 
-@njit(types.void(_a, _a, _f8, ACTIONS, _f8, _f8), counted=False)
+@njit(types.void(_a, _a, _f8, FORCES, _f8, _f8), counted=False)
 def move_with_play(
-    p: NDArray[Any], state: NDArray[Any], span: float, joined: Actions, load_inertia: float, half_gap: float
+    p: NDArray[Any], state: NDArray[Any], span: float, joined: Forces, load_inertia: float, half_gap: float
 ) -> None:
     """Move motor and load, with play between them, through a step of constant action.
 
@@ -145,12 +145,12 @@ def move_with_play(
         parted = parted and time <= _AT_ONCE * span
 
 
-@njit(types.void(_a, _a, _f8, ACTIONS, _f8, _f8, _f8), counted=False)
+@njit(types.void(_a, _a, _f8, FORCES, _f8, _f8, _f8), counted=False)
 def move_with_coupling(
     p: NDArray[Any],
     state: NDArray[Any],
     span: float,
-    joined: Actions,
+    joined: Forces,
     load_inertia: float,
     natural: float,
     damping: float,
@@ -180,12 +180,12 @@ def move_with_coupling(
     rate, s, c = spring_functions(span, damping * natural, natural * natural)
     x, v, z = state[THETA], state[OMEGA], state[BRISTLE]
     twist, twist_rate = state[LOAD_THETA] - x, state[LOAD_OMEGA] - v
-    # The load's mean acceleration is linear in the motor's: a part that the present twist gives, and a share of the motor's.
+    # The load's mean acceleration is linear in the motor's: a part from the present twist, and a fraction of the motor's.
     given = (twist_rate * (rate - 1.0) - natural * natural * twist * s) / span
-    share = 1.0 - s / span
-    on = _with_torque(joined, joined.inertia - load_inertia * (1.0 - share), -load_inertia * given)
+    fraction = 1.0 - s / span
+    on = _with_torque(joined, joined.inertia - load_inertia * (1.0 - fraction), -load_inertia * given)
     end_x, end_v, end_z = move(p, x, v, z, span, on)
     acceleration = (end_v - v) / span
     state[THETA], state[OMEGA], state[BRISTLE] = end_x, end_v, end_z
     state[LOAD_THETA] = end_x + twist + twist_rate * s - (acceleration + natural * natural * twist) * c
-    state[LOAD_OMEGA] += (given + share * acceleration) * span
+    state[LOAD_OMEGA] += (given + fraction * acceleration) * span

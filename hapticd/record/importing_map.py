@@ -191,10 +191,10 @@ def _problem(details: Mapping[str, Any], source: str) -> Problem:
     value = shown(details["input"])
     if kind in ("model_type", "model_attributes_type"):
         return Problem(source, key, value, "must be a mapping, such as {column: name}")
-    words = {"greater_than": ("above", "gt"), "greater_than_equal": ("at least", "ge")}
-    if kind in words:
-        word, bound = words[kind]
-        return Problem(source, key, value, f"must be {word} {context[bound]:g}", context[bound])
+    comparisons = {"greater_than": ("above", "gt"), "greater_than_equal": ("at least", "ge")}
+    if kind in comparisons:
+        text, bound = comparisons[kind]
+        return Problem(source, key, value, f"must be {text} {context[bound]:g}", context[bound])
     if kind == "literal_error":
         return Problem(source, key, value, f"must be {context['expected']}")
     if kind in ("string_type", "int_type") and details["loc"][-1] == "column":

@@ -16,7 +16,7 @@ from hapticd.reproduce.items import Item, Options, Progress, plain
 from hapticd.reproduce.page import page
 from hapticd.reproduce.style import save, style
 
-#: Name → its builder and its share of the work, in the order of the paper.
+#: Name → its builder and its weight in the progress, in the order of the paper.
 BUILDERS: Final[dict[str, tuple[Callable[[Options, Progress], Item], float]]] = {
     "table1": (table_1.build, 0.1),
     "table2": (table_2.build, 0.1),
@@ -32,7 +32,7 @@ BUILDERS: Final[dict[str, tuple[Callable[[Options, Progress], Item], float]]] = 
 }
 PAGE: Final = "index.html"
 NUMBERS: Final = "numbers.json"
-# the share of a builder; the rest is drawing its figure into files
+# the fraction of a builder; the rest is drawing its figure into files
 _MAKING: Final = 0.6
 
 
@@ -82,18 +82,18 @@ def _build(names: Sequence[str], options: Options, folder: Path, progress: Progr
     total = sum(BUILDERS[name][1] for name in names)
     done, items = 0.0, []
     for name in names:
-        builder, share = BUILDERS[name]
-        item = builder(options, partial(_share, progress, done / total, _MAKING * share / total))
+        builder, weight = BUILDERS[name]
+        item = builder(options, partial(_part, progress, done / total, _MAKING * weight / total))
         if item.figure is not None:
             save(item.figure, folder / name)
-        done += share
+        done += weight
         progress(done / total)
         items.append(item)
     return items
 
 
-def _share(progress: Progress, start: float, share: float, fraction: float) -> None:
-    progress(start + share * fraction)
+def _part(progress: Progress, start: float, size: float, fraction: float) -> None:
+    progress(start + size * fraction)
 
 
 def _document(items: Sequence[Item], quick: bool) -> dict[str, Any]:

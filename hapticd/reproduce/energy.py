@@ -7,7 +7,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapticd.reproduce.items import Comparison, compare
-from hapticd.stability.bounds import LAWS, check_bounds
+from hapticd.stability.bounds import CRITERIA, check_bounds
 from hapticd.stability.ledger import ledger
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.spring_diagrams import SpringDiagrams
@@ -25,7 +25,7 @@ def comparisons(diagrams: SpringDiagrams) -> tuple[list[Comparison], dict[str, A
     account = ledger(numbers, xi, xi_dot, 1)
     before, after = (float(energy) for energy in account.stored)
     bounds = check_bounds(account)
-    excess = {law: float(bounds.excess[law][0]) for law in LAWS}
+    excess = {criterion: float(bounds.excess[criterion][0]) for criterion in CRITERIA}
     printed, corrected, exact = eq_54(*MOTION)
     digital, sampled, delayed = (diagrams.generated(name) for name in ("digital", "sampled", "delayed"))
     found = [

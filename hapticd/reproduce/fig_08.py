@@ -93,11 +93,13 @@ def _comparisons(runs: list[Release], amplifier: list[Release], b: dict[str, Any
     said = ("converges to the origin", "persistent, below one tick", "stable", "unstable")
     expected = ({"monotone", "decaying"}, {"persistent"}, {"monotone", "decaying"}, {"growing"})
     found = []
-    for run, words, right in zip(runs, said, expected, strict=True):
+    for run, statement, right in zip(runs, said, expected, strict=True):
         where, outcome, name = region(run.numbers, run.xi_dot_max), run.report["outcome"], run.case.region
         agrees = outcome in right and where == name
         found.append(
-            Comparison(f"({run.case.name}) region {name}", "paper, Sec. V", words, f"{outcome}, region {where}", agrees)
+            Comparison(
+                f"({run.case.name}) region {name}", "paper, Sec. V", statement, f"{outcome}, region {where}", agrees
+            )
         )
     real = (
         f"δ_A is not given: 0.7 here; δ_A = 0.5 ends at {show(round(final[5], 3))} and δ_A = 1 at "

@@ -44,6 +44,6 @@ _SUBSCRIPT: Final = re.compile("(?<![0-9A-Za-z_])([A-Za-zα-ωΑ-Ω][\u0307\u030
 _CODE: Final = re.compile("`([^`]+)`")
 
 
-def text(words: str) -> str:
+def text(content: str) -> str:
     """Plain text as HTML: escaped, ``x_y`` with y as a subscript, and words between backticks as code."""
-    return _CODE.sub(r"<code>\1</code>", _SUBSCRIPT.sub(r"\1<sub>\2</sub>", escape(words)))
+    return _CODE.sub(r"<code>\1</code>", _SUBSCRIPT.sub(r"\1<sub>\2</sub>", escape(content)))

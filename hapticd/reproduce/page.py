@@ -15,7 +15,7 @@ from hapticd.reproduce.markup import STYLE, text
 _REM_PER_INCH: Final = 6.6
 # differences below this are rounding and shown as none
 _ROUNDING: Final = 1e-12
-# differences below this share of the number are shown without it
+# differences below this fraction of the number are shown without it
 _SMALL_SHARE: Final = 1e-5
 
 
@@ -68,7 +68,7 @@ def _differences(differ: Sequence[tuple[Item, Comparison]]) -> str:
 
 def _section(item: Item, folder: Path) -> str:
     parts = [f'<section id="{item.name}"><h2>{text(item.title)}</h2>']
-    parts += [f"<p>{text(words)}</p>" for words in item.see]
+    parts += [f"<p>{text(line)}</p>" for line in item.see]
     if item.figure is not None:
         width = item.figure.get_size_inches()[0]
         data = base64.b64encode((folder / f"{item.name}.svg").read_bytes()).decode()
@@ -78,7 +78,7 @@ def _section(item: Item, folder: Path) -> str:
             f"<figcaption>Also as {item.name}.png and {item.name}.svg beside this page.</figcaption></figure>"
         )
     if item.traps:
-        parts.append('<div class="trap">' + "".join(f"<p>{text(words)}</p>" for words in item.traps) + "</div>")
+        parts.append('<div class="trap">' + "".join(f"<p>{text(line)}</p>" for line in item.traps) + "</div>")
     parts += [_table(table) for table in item.tables]
     if item.comparisons:
         parts.append(_comparisons(item.comparisons))
@@ -87,7 +87,7 @@ def _section(item: Item, folder: Path) -> str:
 
 def _table(table: Table) -> str:
     numeric = [all(_is_number(row[i]) for row in table.rows) for i in range(len(table.header))]
-    head = "".join(f"<th{_class(n)}>{text(words)}</th>" for words, n in zip(table.header, numeric, strict=True))
+    head = "".join(f"<th{_class(n)}>{text(line)}</th>" for line, n in zip(table.header, numeric, strict=True))
     rows = "".join(
         "<tr>"
         + "".join(f"<td{_class(n)}>{text(show(cell))}</td>" for cell, n in zip(row, numeric, strict=True))

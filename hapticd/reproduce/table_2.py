@@ -5,7 +5,7 @@ from __future__ import annotations
 from hapticd.reproduce.items import Comparison, Item, Options, Progress, Table
 from hapticd.stability import devices
 from hapticd.stability.criterion import velocity_limit
-from hapticd.stability.devices import HUMAN_OPERATOR, TABLE_II, Device, grip_share
+from hapticd.stability.devices import HUMAN_OPERATOR, TABLE_II, Device, grip_fraction
 from hapticd.stability.regions import region
 
 _SYMBOL = {"mu": "μ", "beta": "β", "sigma": "σ"}
@@ -94,5 +94,5 @@ def _derived_row(device: Device) -> tuple[str | float, ...]:
     # the hand's own stiffness and inertia change neither β nor σ
     held = loop.with_hand(HUMAN_OPERATOR.inertia, HUMAN_OPERATOR.damping, HUMAN_OPERATOR.stiffness)
     slow = region(loop.numbers, 0.99 * limit)
-    share = f"{100.0 * grip_share(loop):.3g} %"
-    return device.name, slow, limit, loop.scales.xi_dot_to_velocity(limit), held.numbers.beta, share
+    fraction = f"{100.0 * grip_fraction(loop):.3g} %"
+    return device.name, slow, limit, loop.scales.xi_dot_to_velocity(limit), held.numbers.beta, fraction

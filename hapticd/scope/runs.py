@@ -94,11 +94,15 @@ def simulate_release(document: dict[str, Any], deflection: float, duration_s: fl
     with tempfile.TemporaryDirectory(prefix="hapticd-scope-") as folder:
         config, path = Path(folder) / "config.yaml", Path(folder) / "run.arrow"
         config.write_text(yaml.safe_dump(document))
-        words = [sys.executable, "-m", "hapticd.cli", "simulate", str(config), "--json", "-o", str(path)]
-        words += ["--deflection", repr(deflection), "--duration", repr(duration_s)]
+        arguments = [sys.executable, "-m", "hapticd.cli", "simulate", str(config), "--json", "-o", str(path)]
+        arguments += ["--deflection", repr(deflection), "--duration", repr(duration_s)]
         try:
             done = subprocess.run(
-                ["nice", "-n", "10", *words], capture_output=True, text=True, timeout=SIMULATION_TIMEOUT_S, check=False
+                ["nice", "-n", "10", *arguments],
+                capture_output=True,
+                text=True,
+                timeout=SIMULATION_TIMEOUT_S,
+                check=False,
             )
         except subprocess.TimeoutExpired as error:
             raise RunError(f"the simulation took longer than {SIMULATION_TIMEOUT_S:g} s") from error

@@ -52,14 +52,14 @@ BODIES: dict[str, type[schemas.Request]] = {
 }
 
 
-class Desk:
+class Executor:
     """One queue of requests with its own threads."""
 
     def __init__(self, name: str, workers: int) -> None:
         self.pool = ThreadPoolExecutor(workers, thread_name_prefix=f"hapticd-{name}")
 
-    async def ask(self, method: Callable[..., JsonDict | bytes], *arguments: Any) -> Response:
-        """Call ``method`` on one of the desk's threads and reply with what it returns; bytes are text as they are."""
+    async def run(self, method: Callable[..., JsonDict | bytes], *arguments: Any) -> Response:
+        """Call ``method`` on one of the threads and reply with what it returns; bytes are text as they are."""
         try:
             answer = await asyncio.get_running_loop().run_in_executor(self.pool, method, *arguments)
         except replies.ANSWERS:
@@ -72,34 +72,34 @@ class Desk:
         return replies.JsonReply(answer)
 
 
-class Desks:
-    """The desks of one API. Stops have their own, so that nothing slow is ever in front of them."""
+class Executors:
+    """The executors of one API. Stops have their own, so that nothing slow is ever in front of them."""
 
     def __init__(self) -> None:
-        self.queries = Desk("query", 2)
-        self.commands = Desk("command", 1)
-        self.stops = Desk("stop", 1)
-        self.estops = Desk("estop", 2)
+        self.queries = Executor("query", 2)
+        self.commands = Executor("command", 1)
+        self.stops = Executor("stop", 1)
+        self.estops = Executor("estop", 2)
 
     def close(self) -> None:
         """Let the threads go; what waits is dropped, what runs is not waited for."""
-        for desk in (self.queries, self.commands, self.stops, self.estops):
-            desk.pool.shutdown(wait=False, cancel_futures=True)
+        for executor in (self.queries, self.commands, self.stops, self.estops):
+            executor.pool.shutdown(wait=False, cancel_futures=True)
 
 
-def create_app(control: Control, desks: Desks | None = None) -> FastAPI:
+def create_app(control: Control, executors: Executors | None = None) -> FastAPI:
     """The API of one daemon.
 
     Args:
         control: the daemon.
-        desks: threads to answer on; made here when None.
+        executors: threads to answer on; made here when None.
     """
-    desks = desks or Desks()
+    executors = executors or Executors()
     app = FastAPI(title="hapticd", version="1", description=DESCRIPTION, docs_url=None, redoc_url=None)
     replies.install(app, BODIES)
-    _add_queries(app, control, desks)
-    _add_commands(app, control, desks)
-    _add_experiments(app, control, desks)
+    _add_queries(app, control, executors)
+    _add_commands(app, control, executors)
+    _add_experiments(app, control, executors)
     return app
 
 
@@ -123,21 +123,21 @@ def _documented(model: type[schemas.Reply] | None, *errors: int) -> dict[str, An
     return {"response_class": replies.JsonReply, "response_model": None, "responses": responses}
 
 
-def _add_queries(app: FastAPI, control: Control, desks: Desks) -> None:
+def _add_queries(app: FastAPI, control: Control, executors: Executors) -> None:
     @app.get("/status", **_documented(schemas.Status))
     async def status() -> Response:
         """State, fault, timing, operating point, position and recorder."""
-        return await desks.queries.ask(control.status)
+        return await executors.queries.run(control.status)
 
     @app.get("/config", **_documented(None))
     async def config() -> Response:
         """The config in force, section by section."""
-        return await desks.queries.ask(control.config)
+        return await executors.queries.run(control.config)
 
     @app.get("/metrics", response_class=PlainTextResponse)
     async def metrics() -> Response:
         """Ticks, misses, lateness, state, faults, recorder and energies, in Prometheus' text format."""
-        return await desks.queries.ask(control.metrics)
+        return await executors.queries.run(control.metrics)
 
     @app.get("/stream", response_class=StreamingResponse, responses={409: ERRORS[409]})
     async def stream() -> Response:
@@ -148,65 +148,65 @@ def _add_queries(app: FastAPI, control: Control, desks: Desks) -> None:
     @app.get("/experiment", **_documented(schemas.Experiment))
     async def experiment() -> Response:
         """The newest experiment and how far it is."""
-        return await desks.queries.ask(control.experiment)
+        return await executors.queries.run(control.experiment)
 
 
-def _add_commands(app: FastAPI, control: Control, desks: Desks) -> None:
+def _add_commands(app: FastAPI, control: Control, executors: Executors) -> None:
     refusable = _documented(schemas.Status, 400, 409, 413, 422, 502)
     judged = _documented(schemas.JudgedStatus, 400, 409, 413, 422, 502)
 
     @app.post("/start", **judged)
     async def start(body: schemas.StartBody | None = None) -> Response:
         """Enable the amplifier and render the spring, unless theory says that its motion would not die out."""
-        return await desks.commands.ask(control.start, bool(body and body.force))
+        return await executors.commands.run(control.start, bool(body and body.force))
 
     @app.post("/stop", **_documented(schemas.Status, 502))
     async def stop() -> Response:
         """Zero current, then disable; ends a running experiment. Whatever the body says is ignored."""
-        return await desks.stops.ask(control.stop)
+        return await executors.stops.run(control.stop)
 
     @app.post("/estop", **_documented(schemas.Status))
     async def estop() -> Response:
         """Zero current at once, disable, latch a fault. Answered beside all other requests; any body is ignored."""
-        return await desks.estops.ask(control.estop)
+        return await executors.estops.run(control.estop)
 
     @app.post("/clear", **refusable)
     async def clear(body: schemas.EmptyBody | None = None) -> Response:
         """Clear a latched fault."""
-        return await desks.commands.ask(control.clear)
+        return await executors.commands.run(control.clear)
 
     @app.post("/set", **_documented(schemas.SetReply, 400, 409, 413, 422))
     async def change(body: schemas.SetBody) -> Response:
         """Change live settings, all or none, between two ticks."""
-        return await desks.commands.ask(control.set, dict(body.settings), body.force)
+        return await executors.commands.run(control.set, dict(body.settings), body.force)
 
     @app.post("/reload", **judged)
     async def reload(body: schemas.ReloadBody | None = None) -> Response:
         """Read the config anew; a wrong one leaves the one in force untouched."""
-        return await desks.commands.ask(control.reload, body.path if body else None, bool(body and body.force))
+        return await executors.commands.run(control.reload, body.path if body else None, bool(body and body.force))
 
     @app.post("/record/start", **_documented(schemas.RecorderStatus, 400, 409, 413, 422))
     async def record_start(body: schemas.RecordBody | None = None) -> Response:
         """Start recording every tick."""
-        return await desks.commands.ask(control.record_start, body.path if body else None)
+        return await executors.commands.run(control.record_start, body.path if body else None)
 
     @app.post("/record/stop", **_documented(schemas.RecorderStatus, 400, 409, 413, 422))
     async def record_stop(body: schemas.EmptyBody | None = None) -> Response:
         """Stop recording and close the file."""
-        return await desks.commands.ask(control.record_stop)
+        return await executors.commands.run(control.record_stop)
 
 
-def _add_experiments(app: FastAPI, control: Control, desks: Desks) -> None:
+def _add_experiments(app: FastAPI, control: Control, executors: Executors) -> None:
     @app.post("/release", **_documented(schemas.ReleaseReply, 400, 409, 413, 422, 502))
     async def release(body: schemas.ReleaseBody) -> Response:
         """Start the Fig. 8 experiment; poll /experiment for its end."""
-        return await desks.commands.ask(control.release, float(body.deflection), body.duration_s, body.force)
+        return await executors.commands.run(control.release, float(body.deflection), body.duration_s, body.force)
 
     @app.post("/excite", **_documented(schemas.JobReply, 400, 409, 413, 422, 502))
     async def excite(body: schemas.ExciteBody) -> Response:
         """Start an identification experiment; poll /experiment for its end."""
         options = body.model_dump(exclude={"name", "force"}, exclude_none=True)
-        return await desks.commands.ask(control.excite, body.name, options, body.force)
+        return await executors.commands.run(control.excite, body.name, options, body.force)
 
 
 class ApiServer:
@@ -223,9 +223,9 @@ class ApiServer:
     def __init__(self, control: Control, bound: socket.BoundSocket) -> None:
         self._bound = bound
         self._control = control
-        self._desks = Desks()
+        self._executors = Executors()
         settings = uvicorn.Config(
-            create_app(control, self._desks),
+            create_app(control, self._executors),
             http="h11",
             ws="none",
             lifespan="off",
@@ -265,4 +265,4 @@ class ApiServer:
             self._thread.join(self.STOP_TIMEOUT_S)
             self._thread = None
         self._bound.close()
-        self._desks.close()
+        self._executors.close()

@@ -1,6 +1,6 @@
 """The daemon's life: it owns the rig, beats the heart, latches faults, and answers the control API.
 
-The supervisor thread touches the servo loop only through shared words and the mailbox; the API's threads touch it only
+The supervisor thread touches the servo loop only through shared atomics and the mailbox; the API's threads touch it only
 through the methods below, one at a time, except :meth:`Daemon.estop` and :meth:`Daemon.status`, which never wait.
 """
 
@@ -19,14 +19,14 @@ from hapticd.record import RecordingError
 from hapticd.service import metrics, report
 from hapticd.service.control import JsonDict
 from hapticd.service.experiments import Experiments
-from hapticd.service.fault_keeper import FaultKeeper
+from hapticd.service.fault_manager import FaultManager
 from hapticd.service.latch import FaultLatch
 from hapticd.service.live import LiveStream
 from hapticd.service.notify import Notifier, TickWatchdog
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.rig import Rig
 from hapticd.service.settings import changed_keys, is_live
-from hapticd.servo import faults, words
+from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
 from hapticd.stability.guard import Judgement, judge, same_loop
 
@@ -58,13 +58,13 @@ class Daemon:
         self._estops = 0
         self._ending = threading.Event()
         self._auto_recording = False
-        self._faults = FaultKeeper(latch, lambda: self._rig, self._end_recording)
+        self._faults = FaultManager(latch, lambda: self._rig, self._end_recording)
         self.live = LiveStream()
         self._experiments = Experiments(
             lambda: self._rig, self._admit_experiment, self._prepare_experiment, self._run_loop
         )
         self._rig = Rig(config, self._faults.number, self.live)
-        self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self._rig.core.load(words.TICKS))
+        self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self._rig.core.load(atomics.TICKS))
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self._supervisor.start()
 
@@ -88,7 +88,7 @@ class Daemon:
     def start(self, force: bool = False) -> JsonDict:
         """off → ready → running; refused while a fault is latched, or by the guard."""
         with self._lock:
-            permit = self._rig.permit()
+            token = self._rig.run_token()
             self._faults.refuse()
             self._experiments.refuse_running()
             self._rig.wait_ticks(1)  # until then nobody knows where the shaft is
@@ -100,7 +100,7 @@ class Daemon:
                 self._rig.guard = judgement
                 self._begin_recording("run")
                 try:
-                    self._run_loop(permit)
+                    self._run_loop(token)
                 except BaseException:
                     self._end_recording()
                     raise
@@ -122,7 +122,7 @@ class Daemon:
         """Zero current in the next tick and a latched fault. Takes no lock."""
         self._estops += 1
         rig = self._rig
-        rig.core.store(words.ESTOP, self._estops)
+        rig.core.store(atomics.ESTOP, self._estops)
         rig.halt()
         if not (rig.wait(lambda: rig.state == w.FAULT, _ANSWER_S) and rig.wait_ticks(1)):
             raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
@@ -198,13 +198,13 @@ class Daemon:
         log.info("configuration %s reloaded", source or "re35 (built in)")
         return {**self.status(), "guard": judgement}
 
-    def quench(self) -> None:
+    def disable(self) -> None:
         """Zero current and amplifier off at once, and nobody can start it again: the first step of every end."""
-        self._rig.halt(for_good=True)
+        self._rig.halt(final=True)
 
     def shutdown(self) -> None:
         """Zero current, amplifier off, everything released. Safe to call twice."""
-        self.quench()
+        self.disable()
         with self._lock:
             self._experiments.cancel()
             self._ending.set()
@@ -235,9 +235,9 @@ class Daemon:
             Refused: the motion would not die out.
         """
         latency_s = self._rig.driver.latency_s
-        return self._told(judge(config, latency_s, deflection=deflection, release=release, force=force))
+        return self._enforce(judge(config, latency_s, deflection=deflection, release=release, force=force))
 
-    def _told(self, judgement: Judgement) -> JsonDict:
+    def _enforce(self, judgement: Judgement) -> JsonDict:
         if judgement.verdict == "refused":
             raise Refused(
                 "unstable",
@@ -255,20 +255,20 @@ class Daemon:
         self._rig.guard = self._admit(self._rig.config, deflection, release=release, force=force)
 
     def _prepare_experiment(self) -> int:
-        """Off, at rest as far as the loop is concerned, no recording of its own; returns a permit to run."""
+        """Off, at rest as far as the loop is concerned, no recording of its own; returns a run token."""
         rig = self._rig
-        permit = rig.halt()
+        token = rig.halt()
         rig.wait(lambda: rig.state == w.OFF, _ANSWER_S)
         self._end_recording()
-        return permit
+        return token
 
-    def _run_loop(self, permit: int) -> None:
+    def _run_loop(self, token: int) -> None:
         """Ask for running and wait until the loop renders, or says why not."""
         rig = self._rig
         timeout = (rig.config.safety.enable_timeout_s or 60.0) + _ANSWER_S
-        if rig.run(permit):
-            rig.wait(lambda: rig.state in (w.RUNNING, w.FAULT) or rig.halted_since(permit), timeout)
-        if rig.halted_since(permit):
+        if rig.run(token):
+            rig.wait(lambda: rig.state in (w.RUNNING, w.FAULT) or rig.is_revoked(token), timeout)
+        if rig.is_revoked(token):
             raise Refused("stopped", "stopped before it began")
         if rig.state == w.FAULT:
             self._faults.note()
@@ -310,7 +310,7 @@ class Daemon:
         if changed:
             with contextlib.suppress(RecordingError):
                 self._rig.recorder.annotate(
-                    {"event": "set", "tick": self._rig.core.load(words.TICKS), "changed": changed, "guard": judgement}
+                    {"event": "set", "tick": self._rig.core.load(atomics.TICKS), "changed": changed, "guard": judgement}
                 )
         return changed, judgement
 
@@ -337,7 +337,7 @@ class Daemon:
             latency_s = drivers.create(config).latency_s
         except DriverError as error:
             raise Refused("driver", f"{error}; the configuration in force stays") from error
-        judgement = self._told(judge(config, latency_s, force=force))
+        judgement = self._enforce(judge(config, latency_s, force=force))
         old, estops = self._rig, self._estops
         old.close()
         try:
@@ -353,7 +353,7 @@ class Daemon:
                     self.dead = True
             raise DriverFailure(f"reload failed: {error}") from error
         if self._estops != estops:
-            self._rig.core.store(words.ESTOP, self._estops)
+            self._rig.core.store(atomics.ESTOP, self._estops)
         return judgement
 
     def _begin_recording(self, label: str) -> None:

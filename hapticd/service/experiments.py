@@ -18,7 +18,7 @@ import numpy as np
 from hapticd.record import RecordingError, read_run
 from hapticd.record.schema import FLAG_RUNNING
 from hapticd.service.refusals import Refused
-from hapticd.servo import excitation, faults, words
+from hapticd.servo import atomics, excitation, faults
 from hapticd.servo import layout as w
 from hapticd.stability.numbers import from_config
 from hapticd.stability.outcome import STRETCHES, decide
@@ -87,8 +87,8 @@ class Experiments:
     Args:
         rig: the rig in force.
         admit: raises when nothing may begin, or not such a motion; what it says is then ``rig.guard``.
-        prepare: switches off, ends what is being recorded and returns a permit to run.
-        run_loop: takes that permit and returns when the loop renders; raises when it does not.
+        prepare: switches off, ends what is being recorded and returns a run token.
+        run_loop: takes that token and returns when the loop renders; raises when it does not.
     """
 
     def __init__(
@@ -124,8 +124,8 @@ class Experiments:
         decimation = rig.config.encoder.decimation
         refuse_deflection(rig.config, round(deflection * decimation))
         self._admit(round(deflection * decimation) / decimation, release=True, force=force)
-        permit = self._prepare()
-        counts = wait_for_rest(rig, permit)
+        token = self._prepare()
+        counts = wait_for_rest(rig, token)
         origin = counts - round(deflection * decimation)
         achieved = (counts - origin) / decimation
         experiment = Experiment("release", duration_s or RELEASE_DURATION_S)
@@ -136,7 +136,7 @@ class Experiments:
             found = release_result(path, decimation, origin, rig.fault_number)
             return {"achieved_deflection": achieved, **found}
 
-        self._launch(experiment, path, permit, lambda: experiment.elapsed_s() >= experiment.duration_s, conclude)
+        self._launch(experiment, path, token, lambda: experiment.elapsed_s() >= experiment.duration_s, conclude)
         return {
             "experiment": experiment.id,
             "achieved_deflection": achieved,
@@ -154,29 +154,29 @@ class Experiments:
             longest = rig.core.excitation.shape[1] / rig.config.servo.rate_hz
             raise excitation.ExcitationError(f"{name} would last too long at this rate: at most {longest:.0f} s")
         self._admit(excited_deflection(rig.config, table), release=False, force=force)
-        permit = self._prepare()
-        counts = wait_for_rest(rig, permit)
+        token = self._prepare()
+        counts = wait_for_rest(rig, token)
         experiment = Experiment(f"excite {name}", ticks / rig.config.servo.rate_hz)
         rig.core.excitation[:, :ticks] = table
         rig.ask(origin_counts=counts, excitation_id=experiment.id, excitation_length=ticks)
         path = start_recording(rig, f"excite-{name}")
 
         def finished() -> bool:
-            return rig.core.load(words.EXCITATION_DONE) == experiment.id
+            return rig.core.load(atomics.EXCITATION_DONE) == experiment.id
 
-        self._launch(experiment, path, permit, finished, lambda: {"excitation": name, "ticks": ticks})
+        self._launch(experiment, path, token, finished, lambda: {"excitation": name, "ticks": ticks})
         return {"experiment": experiment.id, "duration_s": experiment.duration_s, "run": str(path), "guard": rig.guard}
 
     def _launch(
         self,
         experiment: Experiment,
         path: Path,
-        permit: int,
+        token: int,
         finished: Callable[[], bool],
         conclude: Callable[[], dict[str, Any]],
     ) -> None:
         try:
-            self._run_loop(permit)
+            self._run_loop(token)
         except BaseException:
             self._rig().recorder.stop()
             raise
@@ -228,7 +228,7 @@ def refuse_deflection(config: Config, counts: int) -> None:
         )
 
 
-def wait_for_rest(rig: Rig, permit: int, timeout_s: float = REST_TIMEOUT_S) -> int:
+def wait_for_rest(rig: Rig, token: int, timeout_s: float = REST_TIMEOUT_S) -> int:
     """Counts of a shaft that has not moved for 0.2 s.
 
     Raises:
@@ -238,7 +238,7 @@ def wait_for_rest(rig: Rig, permit: int, timeout_s: float = REST_TIMEOUT_S) -> i
     last, since = rig.counts, time.monotonic()
     while time.monotonic() < deadline:
         time.sleep(_POLL_S)
-        if rig.halted_since(permit):
+        if rig.is_revoked(token):
             raise Refused("stopped", "stopped before it began")
         counts = rig.counts
         if counts != last:

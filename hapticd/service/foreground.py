@@ -210,7 +210,7 @@ def run_foreground(
         _watch(daemon, signals, console, notifier)
     finally:
         notifier.stopping()
-        daemon.quench()
+        daemon.disable()
         server.stop()
         daemon.shutdown()
     status = daemon.status()

@@ -1,4 +1,4 @@
-"""The daemon's status: what the loop's words, the recorder and the theory say, in one document."""
+"""The daemon's status: what the loopâs atomics, the recorder and the theory say, in one document."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from hapticd.config import Config, config_digest
 from hapticd.service.control import JsonDict
+from hapticd.servo import atomics
 from hapticd.servo import layout as w
-from hapticd.servo import words
 from hapticd.stability import numbers, regions
 
 if TYPE_CHECKING:
@@ -39,8 +39,8 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "latency_s": rig.driver.latency_s,
         "units": _units(config),
         "energy": rig.energy.status(),
-        "exchanges_missed": rig.core.load(words.MISSED_EXCHANGES),
-        "commands_clamped": rig.core.load(words.CLAMPED),
+        "exchanges_missed": rig.core.load(atomics.MISSED_EXCHANGES),
+        "commands_clamped": rig.core.load(atomics.CLAMPED),
         "realtime": [asdict(grant) for grant in rig.servo.grants],
         "recorder": recorder,
         "experiment": experiment,

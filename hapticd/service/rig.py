@@ -18,8 +18,8 @@ from hapticd.config import config_digest
 from hapticd.record import Recorder, run_metadata
 from hapticd.record.frames import Context
 from hapticd.record.schema import Rows
+from hapticd.servo import atomics
 from hapticd.servo import layout as w
-from hapticd.servo import words
 from hapticd.servo.core import Request, parameters
 from hapticd.servo.thread import ServoThread
 from hapticd.stability.energy_estimate import EnergyEstimate
@@ -124,50 +124,50 @@ class Rig:
     @property
     def state(self) -> int:
         """State of the loop."""
-        return self.core.load(words.MODE)
+        return self.core.load(atomics.MODE)
 
     @property
     def fault_number(self) -> int:
         """Number of the latched fault, 0 for none."""
-        return self.core.load(words.FAULT_CODE)
+        return self.core.load(atomics.FAULT_CODE)
 
     @property
     def counts(self) -> int:
         """Encoder counts of the last tick."""
-        return self.core.load(words.COUNTS)
+        return self.core.load(atomics.COUNTS)
 
     def ask(self, config: Config | None = None, **changes: Any) -> None:
         """Publish a changed request and/or config as one whole parameter set."""
         with self._asking:
             self._publish(config, changes)
 
-    def halt(self, *, for_good: bool = False) -> int:
+    def halt(self, *, final: bool = False) -> int:
         """Ask for ``off``, and make every attempt to run that has already begun fail. Waits for nobody.
 
         Args:
-            for_good: no permit is good any more; the rig is about to be closed.
+            final: no token is valid any more; the rig is about to be closed.
 
         Returns:
-            A permit to run, as :meth:`permit` gives.
+            A run token, as :meth:`run_token` gives.
         """
         with self._asking:
             self._halts += 1
-            self._ended = self._ended or for_good
+            self._ended = self._ended or final
             self._publish(None, {"state": w.OFF, "excitation_id": 0, "excitation_length": 0})
             return self._halts
 
-    def permit(self) -> int:
-        """A permit to run, void as soon as somebody calls :meth:`halt`."""
+    def run_token(self) -> int:
+        """A run token, revoked as soon as somebody calls :meth:`halt`."""
         return self._halts
 
-    def halted_since(self, permit: int) -> bool:
-        """Whether the permit is void."""
-        return self._ended or self._halts != permit
+    def is_revoked(self, token: int) -> bool:
+        """Whether the token is revoked."""
+        return self._ended or self._halts != token
 
-    def run(self, permit: int) -> bool:
-        """Ask for ``running``; False, and nothing asked, when the permit is void."""
+    def run(self, token: int) -> bool:
+        """Ask for ``running``; False, and nothing asked, when the token is revoked."""
         with self._asking:
-            if self.halted_since(permit):
+            if self.is_revoked(token):
                 return False
             self._publish(None, {"state": w.RUNNING})
             return True
@@ -182,8 +182,8 @@ class Rig:
 
     def wait_ticks(self, ticks: int) -> bool:
         """Wait until the loop has done that many more ticks; False when it does not."""
-        target = self.core.load(words.TICKS) + ticks
-        return self.wait(lambda: self.core.load(words.TICKS) >= target, 1.0 + ticks * self.config.period)
+        target = self.core.load(atomics.TICKS) + ticks
+        return self.wait(lambda: self.core.load(atomics.TICKS) >= target, 1.0 + ticks * self.config.period)
 
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
         """Poll until ``condition`` holds; False when it did not in time."""
@@ -196,7 +196,7 @@ class Rig:
 
     def applied(self) -> bool:
         """Whether the loop has taken the newest parameter set."""
-        return self.core.load(words.APPLIED) == self.core.load(words.SEQUENCE)
+        return self.core.load(atomics.APPLIED) == self.core.load(atomics.SEQUENCE)
 
     def close(self) -> None:
         """Zero current, amplifier off, thread and recording ended, device released; whatever fails on the way is logged."""

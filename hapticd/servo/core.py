@@ -16,7 +16,7 @@ import numpy as np
 from hapticd.jit import atomic_load, atomic_store, fence_release, njit
 from hapticd.plant.amplifier import converter_grid
 from hapticd.record.schema import ROW
-from hapticd.servo import layout, words
+from hapticd.servo import atomics, layout
 from hapticd.servo.clock import grid_instant
 from hapticd.servo.layout import PARAMS, SERVO
 from hapticd.servo.loop import run
@@ -47,11 +47,11 @@ def _load(shared: NDArray[Any], word: int) -> int:
 
 @njit(numba.void(numba.from_dtype(SERVO), numba.int64[::1], numba.from_dtype(PARAMS)), counted=False)
 def _publish(servo: Any, shared: NDArray[Any], params: Any) -> None:
-    sequence = shared[words.SEQUENCE] + 1
+    sequence = shared[atomics.SEQUENCE] + 1
     fence_release()  # the number of the set before must be out before its slot is written again
     servo.mailbox[sequence & 1] = params
     fence_release()
-    atomic_store(shared, words.SEQUENCE, sequence)
+    atomic_store(shared, atomics.SEQUENCE, sequence)
 
 
 @dataclass(frozen=True)
@@ -155,7 +155,7 @@ class ServoCore:
     ) -> None:
         self.driver = driver
         self.memory = np.zeros(1, SERVO)
-        self.shared = np.zeros(words.SIZE, np.int64)
+        self.shared = np.zeros(atomics.SIZE, np.int64)
         self.ring = np.zeros(ring_rows, ROW)
         self.truth = np.zeros((ring_rows if keep_truth else 0, 2))
         self.excitation = np.zeros((2, excitation_rows))
@@ -176,7 +176,7 @@ class ServoCore:
     def publish(self, params: np.void) -> int:
         """Hand a whole parameter set to the loop; returns its sequence number (one publisher at a time)."""
         _publish(self.memory[0], self.shared, params)
-        return int(self.shared[words.SEQUENCE])
+        return int(self.shared[atomics.SEQUENCE])
 
     def load(self, word: int) -> int:
         """A shared word, with acquire ordering."""
@@ -188,14 +188,14 @@ class ServoCore:
 
     def begin(self, start_ns: int, mode: int = layout.OFF) -> None:
         """Set the time grid's origin and the first mode, with the first published parameter set in force."""
-        sequence = self.shared[words.SEQUENCE]
+        sequence = self.shared[atomics.SEQUENCE]
         self.memory["params"] = self.memory["mailbox"][0, sequence & 1]
         self._state["applied"] = sequence
         self._state["grid_ns"] = self._state["start_ns"] = start_ns
         self._state["mode"] = mode
         self._state["cleared"] = self.params["clear"]
         self._state["seed"] = self._state["random"] = self.params["dither_seed"]
-        self.shared[words.MODE] = mode
+        self.shared[atomics.MODE] = mode
 
     def run(self, *, real_time: bool, ticks: int = 0) -> int:
         """Run the compiled loop in the calling thread, without the GIL; returns a RETURN_* reason."""
@@ -213,12 +213,12 @@ class ServoCore:
 
         However long nobody has drained, what is then worked on fits into a few hundred kilobytes.
         """
-        head = self.load(words.RING_HEAD)
+        head = self.load(atomics.RING_HEAD)
         while True:
-            tail = int(self.shared[words.RING_TAIL])
+            tail = int(self.shared[atomics.RING_TAIL])
             begin = tail & (len(self.ring) - 1)
             taken = _copied(self.ring[begin : begin + min(head - tail, rows)])
-            self.store(words.RING_TAIL, tail + len(taken))
+            self.store(atomics.RING_TAIL, tail + len(taken))
             yield taken
             if tail + len(taken) == head:
                 return
@@ -229,8 +229,8 @@ class ServoCore:
         Args:
             copy: False for the memory of the ring itself, which is theirs until the loop runs again.
         """
-        tail = int(self.shared[words.RING_TAIL])
-        head = self.load(words.RING_HEAD)
+        tail = int(self.shared[atomics.RING_TAIL])
+        head = self.load(atomics.RING_HEAD)
         begin, end = tail & (len(self.ring) - 1), head & (len(self.ring) - 1)
         if head - tail > len(self.ring) - begin:
             rows = _copied(self.ring[begin:], self.ring[:end])
@@ -239,7 +239,7 @@ class ServoCore:
             rows, truth = self.ring[begin : begin + head - tail], self.truth[begin : begin + head - tail]
             if copy:
                 rows, truth = _copied(rows), truth.copy()
-        self.store(words.RING_TAIL, head)
+        self.store(atomics.RING_TAIL, head)
         return rows, truth
 
     def next_instant(self) -> tuple[int, float]:
@@ -252,13 +252,13 @@ class ServoCore:
 
     def dropped(self) -> int:
         """Rows lost because nobody drained the ring."""
-        return int(self.shared[words.DROPPED])
+        return int(self.shared[atomics.DROPPED])
 
     def timing(self) -> dict[str, Any]:
         """``ticks``, ``missed`` and the quantiles ``wake_us`` and ``exec_us`` since the start."""
         return {
-            "ticks": self.load(words.TICKS),
-            "missed": self.load(words.MISSED_PERIODS),
-            "wake_us": quantiles_us(self.late_histogram.copy(), self.load(words.LATE_MAX_NS)),
-            "exec_us": quantiles_us(self.exec_histogram.copy(), self.load(words.EXEC_MAX_NS)),
+            "ticks": self.load(atomics.TICKS),
+            "missed": self.load(atomics.MISSED_PERIODS),
+            "wake_us": quantiles_us(self.late_histogram.copy(), self.load(atomics.LATE_MAX_NS)),
+            "exec_us": quantiles_us(self.exec_histogram.copy(), self.load(atomics.EXEC_MAX_NS)),
         }

@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.interface import STATUS_ENABLED
 from hapticd.jit import atomic_load, atomic_store, njit
-from hapticd.servo import faults, words
+from hapticd.servo import atomics, faults
 from hapticd.servo.layout import FAULT, FAULT_ON_OVERRUN, OFF, READY, RUNNING
 
 
@@ -24,9 +24,9 @@ def raise_fault(servo: Any, shared: Any, code: int, value: float, limit: float) 
     servo.state.mode = FAULT
     servo.snapshot.fault_value = value
     servo.snapshot.fault_limit = limit
-    shared[words.FAULT_TICK] = servo.tick.number
-    atomic_store(shared, words.FAULT_CODE, code)
-    atomic_store(shared, words.MODE, FAULT)
+    shared[atomics.FAULT_TICK] = servo.tick.number
+    atomic_store(shared, atomics.FAULT_CODE, code)
+    atomic_store(shared, atomics.MODE, FAULT)
 
 
 @njit(inline=True, counted=False)
@@ -111,13 +111,13 @@ def step_mode(servo: Any, shared: Any) -> None:
         if state.mode == FAULT:
             state.mode = OFF
             forget_motion(servo)
-            atomic_store(shared, words.FAULT_CODE, 0)
-    estops = atomic_load(shared, words.ESTOP)
+            atomic_store(shared, atomics.FAULT_CODE, 0)
+    estops = atomic_load(shared, atomics.ESTOP)
     if estops != state.estops:
         state.estops = estops
         raise_fault(servo, shared, faults.ESTOP, 0.0, 0.0)
     if servo.real_time and params.heartbeat_ns > 0.0:  # no supervisor is alive in virtual time
-        silence = now_ns - atomic_load(shared, words.HEARTBEAT_NS)
+        silence = now_ns - atomic_load(shared, atomics.HEARTBEAT_NS)
         if silence > params.heartbeat_ns:
             raise_fault(servo, shared, faults.HEARTBEAT_LOST, silence * 1e-6, params.heartbeat_ns * 1e-6)
     if state.mode == FAULT:
@@ -143,4 +143,4 @@ def step_mode(servo: Any, shared: Any) -> None:
     elif params.request == READY:
         mode = READY
     state.mode = mode
-    atomic_store(shared, words.MODE, mode)
+    atomic_store(shared, atomics.MODE, mode)

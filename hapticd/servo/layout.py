@@ -1,7 +1,7 @@
 """The servo loop's memory as records: one `SERVO`, passed by reference through everything that a tick calls.
 
 A field's comment gives its unit and what it means. `PARAMS` come through the mailbox, `STATE` is the loop's own, `TICK` is
-what it knows of the tick at hand, `SNAPSHOT` is for people. What two threads watch is in `hapticd.servo.words`.
+what it knows of the tick at hand, `SNAPSHOT` is for people. What two threads watch is in `hapticd.servo.atomics`.
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import numba
 
 from hapticd.jit import atomic_load, atomic_store, call_driver, fence_acquire, njit
 from hapticd.record.schema import FLAG_FAULT, FLAG_MISSED_EXCHANGE, FLAG_MISSED_PERIOD, FLAG_RUNNING, ROW
-from hapticd.servo import words
+from hapticd.servo import atomics
 from hapticd.servo.clock import grid_instant, now_ns, sleep_until
 from hapticd.servo.command import leave, write_current, write_zero
 from hapticd.servo.gate import check_exchange, check_load, step_mode, take_counts
@@ -46,7 +46,7 @@ def wake(servo: Any, shared: Any) -> None:
     tick.woke_ns = now_ns(servo.timespec)
     tick.late_ns = tick.woke_ns - tick.ns
     count(servo.late_histogram, tick.late_ns)
-    shared[words.LATE_MAX_NS] = max(shared[words.LATE_MAX_NS], tick.late_ns)
+    shared[atomics.LATE_MAX_NS] = max(shared[atomics.LATE_MAX_NS], tick.late_ns)
     if tick.late_ns >= period_ns:
         tick.missed = int(tick.late_ns / period_ns)
         tick.number += tick.missed
@@ -57,16 +57,16 @@ def wake(servo: Any, shared: Any) -> None:
 @njit(inline=True, counted=False)
 def take_parameters(servo: Any, shared: Any) -> bool:
     """Copy the newest parameter set if there is one; a torn read keeps the old set and is tried again next tick."""
-    sequence = atomic_load(shared, words.SEQUENCE)
+    sequence = atomic_load(shared, atomics.SEQUENCE)
     if sequence == servo.state.applied:
         return False
     servo.mailbox[2] = servo.mailbox[sequence & 1]
     fence_acquire()
-    if atomic_load(shared, words.SEQUENCE) != sequence:
+    if atomic_load(shared, atomics.SEQUENCE) != sequence:
         return False
     servo.params = servo.mailbox[2]
     servo.state.applied = sequence
-    atomic_store(shared, words.APPLIED, sequence)
+    atomic_store(shared, atomics.APPLIED, sequence)
     return True
 
 
@@ -108,7 +108,7 @@ def count_exchange(servo: Any, shared: Any) -> None:
     else:
         servo.tick.flags |= FLAG_MISSED_EXCHANGE
         servo.state.missed_in_a_row += 1
-        shared[words.MISSED_EXCHANGES] += 1
+        shared[atomics.MISSED_EXCHANGES] += 1
 
 
 @njit(inline=True, counted=False)
@@ -118,7 +118,7 @@ def account(servo: Any, shared: Any) -> int:
         return 0
     spent_ns = now_ns(servo.timespec) - servo.tick.woke_ns - servo.tick.waited_ns
     count(servo.exec_histogram, spent_ns)
-    shared[words.EXEC_MAX_NS] = max(shared[words.EXEC_MAX_NS], spent_ns)
+    shared[atomics.EXEC_MAX_NS] = max(shared[atomics.EXEC_MAX_NS], spent_ns)
     return spent_ns
 
 
@@ -131,17 +131,17 @@ def show(servo: Any, shared: Any) -> None:
     snapshot.current = state.current
     snapshot.current_measured = servo.exchange.current_measured
     snapshot.force = servo.tick.force
-    shared[words.COUNTS] = state.counts
+    shared[atomics.COUNTS] = state.counts
 
 
 @njit(inline=True, counted=False)
 def record(servo: Any, shared: Any, ring: Any, truth: Any, spent_ns: int) -> None:
     """One row into the ring, or one more that found no room."""
     state, tick = servo.state, servo.tick
-    head = shared[words.RING_HEAD]
+    head = shared[atomics.RING_HEAD]
     mask = len(ring) - 1
-    if head - atomic_load(shared, words.RING_TAIL) > mask:
-        shared[words.DROPPED] += 1
+    if head - atomic_load(shared, atomics.RING_TAIL) > mask:
+        shared[atomics.DROPPED] += 1
         return
     row = ring[head & mask]
     row.tick = tick.number
@@ -157,7 +157,7 @@ def record(servo: Any, shared: Any, ring: Any, truth: Any, spent_ns: int) -> Non
     if len(truth) > 0:
         truth[head & mask, 0] = servo.exchange.true_position
         truth[head & mask, 1] = servo.exchange.true_velocity
-    atomic_store(shared, words.RING_HEAD, head + 1)
+    atomic_store(shared, atomics.RING_HEAD, head + 1)
 
 
 @njit(numba.int64(_SERVO, _WORDS, _ROWS, _TABLE, _TABLE, numba.int64), counted=False)
@@ -166,7 +166,7 @@ def run(servo: Any, shared: Any, ring: Any, truth: Any, excitation: Any, ticks: 
 
     Args:
         servo: a `SERVO` record: parameters, memory, driver, clock; kept between calls in virtual time.
-        shared: the words that other threads watch or write (`hapticd.servo.words`).
+        shared: the atomics that other threads watch or write (`hapticd.servo.atomics`).
         ring: rows; a power of two.
         truth: (rows of ring, 2) true state for ``simulate``, or (0, 2).
         excitation: (2, n) current in A and displacement of the origin in raw counts.
@@ -177,11 +177,11 @@ def run(servo: Any, shared: Any, ring: Any, truth: Any, excitation: Any, ticks: 
     while servo.real_time or done < ticks:
         done += 1
         wake(servo, shared)
-        if servo.real_time and atomic_load(shared, words.STOP) != 0:
+        if servo.real_time and atomic_load(shared, atomics.STOP) != 0:
             leave(servo)
             return RETURN_STOPPED
         # After the stop, so that ticks done and missed add up to the tick number also at the end.
-        shared[words.MISSED_PERIODS] += tick.missed
+        shared[atomics.MISSED_PERIODS] += tick.missed
         if take_parameters(servo, shared):
             begin_grid(servo)
 
@@ -212,5 +212,5 @@ def run(servo: Any, shared: Any, ring: Any, truth: Any, excitation: Any, ticks: 
         show(servo, shared)
         record(servo, shared, ring, truth, spent_ns)
         state.next_tick = tick.number + 1
-        atomic_store(shared, words.TICKS, shared[words.TICKS] + 1)
+        atomic_store(shared, atomics.TICKS, shared[atomics.TICKS] + 1)
     return RETURN_TICKS

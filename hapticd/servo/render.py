@@ -15,7 +15,7 @@ import numpy as np
 from hapticd.jit import atomic_store, njit
 from hapticd.plant.noise import next_uniform
 from hapticd.record.schema import FLAG_CLAMPED, FLAG_EXCITATION, FLAG_HELD
-from hapticd.servo import faults, words
+from hapticd.servo import atomics, faults
 from hapticd.servo.damping import estimate_velocity
 from hapticd.servo.dither import periodic
 from hapticd.servo.gate import raise_fault
@@ -89,7 +89,7 @@ def excite(servo: Any, shared: Any, excitation: Any) -> tuple[float, int]:
         return 0.0, 0
     step = tick.number - state.excitation_start
     if step >= params.excitation_length:
-        atomic_store(shared, words.EXCITATION_DONE, state.excitation_id)
+        atomic_store(shared, atomics.EXCITATION_DONE, state.excitation_id)
         return 0.0, 0
     tick.flags |= FLAG_EXCITATION
     return excitation[0, step], int(excitation[1, step])
@@ -111,7 +111,7 @@ def render(servo: Any, shared: Any, excitation: Any) -> None:
         return
     if params.safety and abs(current) > params.peak_current:
         current = np.copysign(params.peak_current, current)
-        shared[words.CLAMPED] += 1
+        shared[atomics.CLAMPED] += 1
         tick.flags |= FLAG_CLAMPED
     state.force = force
     state.requested = current

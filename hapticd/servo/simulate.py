@@ -15,7 +15,7 @@ from drivers.loopback import LoopbackDriver
 from hapticd.config import Driver
 from hapticd.jit import njit
 from hapticd.record.schema import ROW
-from hapticd.servo import faults, layout, words
+from hapticd.servo import atomics, faults, layout
 from hapticd.servo.core import Request, ServoCore, parameters
 from hapticd.stability.map_kernel import energy
 from hapticd.stability.outcome import OutcomeTracker
@@ -143,7 +143,7 @@ def simulate(
     final_ns, final_frac = core.next_instant()
     position, speed = driver.true_state(final_ns, final_frac)
     at_rest = driver.stays_at_rest()
-    number = core.load(words.FAULT_CODE)
+    number = core.load(atomics.FAULT_CODE)
     warnings = [doubt] if doubt else []
     limit = config.amplifier.peak_current
     if limit and peak > limit:
@@ -171,4 +171,4 @@ def simulate(
 def _fault(core: ServoCore, config: Config, number: int) -> dict[str, Any]:
     value, limit = float(core.snapshot["fault_value"]), float(core.snapshot["fault_limit"])
     described = faults.describe(number, value, limit, is_linear=config.is_linear)
-    return {**described, "tick": core.load(words.FAULT_TICK)}
+    return {**described, "tick": core.load(atomics.FAULT_TICK)}

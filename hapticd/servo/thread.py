@@ -7,7 +7,7 @@ import time
 from typing import TYPE_CHECKING
 
 from drivers.null import NullDriver
-from hapticd.servo import layout, words
+from hapticd.servo import atomics, layout
 from hapticd.servo.core import ServoCore
 from hapticd.servo.realtime import (
     CpuLatencyRequest,
@@ -63,7 +63,7 @@ class ServoThread:
         self.beat()
         self.core.begin(time.monotonic_ns() + _FIRST_TICK_AFTER_NS, layout.FAULT if self._latched_fault else layout.OFF)
         if self._latched_fault:
-            self.core.store(words.FAULT_CODE, self._latched_fault)
+            self.core.store(atomics.FAULT_CODE, self._latched_fault)
         self._thread.start()
         self._granted.wait()
         refused = [grant for grant in self.grants if not grant.granted]
@@ -74,7 +74,7 @@ class ServoThread:
 
     def beat(self) -> None:
         """The supervisor's heartbeat; without it the loop faults after ``safety.heartbeat_timeout_s``."""
-        self.core.store(words.HEARTBEAT_NS, time.monotonic_ns())
+        self.core.store(atomics.HEARTBEAT_NS, time.monotonic_ns())
 
     def alive(self) -> bool:
         """Whether the thread still runs."""
@@ -82,7 +82,7 @@ class ServoThread:
 
     def stop(self, timeout_s: float = 5.0) -> bool:
         """Leave the loop by way of zero current and wait for it; False when it did not end in time."""
-        self.core.store(words.STOP, 1)
+        self.core.store(atomics.STOP, 1)
         if self._thread.ident is not None:
             self._thread.join(timeout_s)
         self._cpu_latency.release()

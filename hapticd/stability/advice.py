@@ -27,7 +27,7 @@ from hapticd.stability.tuning import Start, grip_damping
 #: Decimations up to here are tried one by one; beyond, by bisection.
 _SCANNED: Final = 5000
 _DIGITS: Final = range(2, 15)
-#: How far rounding may move a value, as a share of it.
+#: How far rounding may move a value, as a fraction of it.
 _SLACK: Final = 0.03
 #: What a virtual damping that does not hold is tried to be multiplied with, the nearest first.
 _DAMPING_FACTORS: Final = (0.8, 1.25, 0.6, 1.6, 0.4, 2.5, 0.25, 4.0, 0.1, 10.0, 0.0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from hapticd.config import Config
 from hapticd.stability.cautions import cautions, proof_applies
-from hapticd.stability.criterion import Law, criterion_margin, sampling_bound_ok, velocity_limit
+from hapticd.stability.criterion import Criterion, criterion_margin, sampling_bound_ok, velocity_limit
 from hapticd.stability.damped import Damped, damped
 from hapticd.stability.limit_cycle import LimitCycle, predicted_cycle, settled_cycle
 from hapticd.stability.locked_cycle import LockedCycle, locked_cycles
@@ -108,7 +108,9 @@ class Assessment:
             "proven": self.proven,
             "xi_dot_max": self.xi_dot_max,
             "velocity_limit": self.velocity_limit,
-            "criterion_margin": {law: criterion_margin(n, self.xi_dot_max, law) for law in get_args(Law)},
+            "criterion_margin": {
+                criterion: criterion_margin(n, self.xi_dot_max, criterion) for criterion in get_args(Criterion)
+            },
             "stiffness_max": {"passive": self.stiffness_passive, "dissipating": self.stiffness_dissipating},
             "limit_cycle": {
                 "predicted": self.cycle is not None,

@@ -130,7 +130,7 @@ def _regions(axis: Any, found: Assessment, beta: FloatArray, sigma: FloatArray) 
     axis.axvline(corner, color="#777777", lw=0.8)
     for name, x0, x1, y0, y1 in names:
         x, y = _middle(x0, x1, axis.get_xscale()), _middle(y0, y1, axis.get_yscale())
-        if _share(y0, y1, low, top, axis.get_yscale()) > 0.06:
+        if _overlap(y0, y1, low, top, axis.get_yscale()) > 0.06:
             axis.text(x, y, name, ha="center", va="center", fontsize=15, color="#555555", alpha=0.8)
 
 
@@ -138,7 +138,7 @@ def _middle(a: float, b: float, scale: str) -> float:
     return float(np.sqrt(max(a, 1e-12) * b)) if scale == "log" else 0.5 * (a + b)
 
 
-def _share(a: float, b: float, low: float, high: float, scale: str) -> float:
+def _overlap(a: float, b: float, low: float, high: float, scale: str) -> float:
     """How much of an axis a stretch takes."""
     if scale == "log":
         return float(np.log(max(b, low) / max(a, low)) / np.log(high / low))

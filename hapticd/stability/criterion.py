@@ -28,10 +28,10 @@ from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.sharp import sharp_requirement
 
 FloatArray = NDArray[np.float64]
-Law = Literal["paper", "corrected", "sharp"]
+Criterion = Literal["paper", "corrected", "sharp"]
 
 #: What Coulomb friction must exceed at low speed, in ticks of force: ½ in the paper, 1 where it is proven.
-QUANTUM: Final[dict[Law, float]] = {"paper": 0.5, "corrected": 1.0, "sharp": 1.0}
+QUANTUM: Final[dict[Criterion, float]] = {"paper": 0.5, "corrected": 1.0, "sharp": 1.0}
 
 #: How many times 1/π² the inertia μ must be to count as "≫" in eq. 11.
 SAMPLING_FACTOR: Final = 10.0
@@ -93,7 +93,7 @@ def dissipation_margin(
     sigma: ArrayLike,
     tau_d: ArrayLike,
     xi_dot_max: ArrayLike,
-    law: Law = "paper",
+    criterion: Criterion = "paper",
     xi_ddot_max: ArrayLike | None = None,
     kappa: ArrayLike = 0.0,
 ) -> FloatArray:
@@ -105,22 +105,22 @@ def dissipation_margin(
         sigma: Coulomb friction σ.
         tau_d: loop delay τ_D.
         xi_dot_max: velocity bound (13), see `hapticd.stability.storage.velocity_bound`.
-        law: which criterion.
+        criterion: which criterion.
         xi_ddot_max: acceleration bound (20); the a-priori bound when left out.
         kappa: stiffness κ of a hand in parallel.
     """
     if xi_ddot_max is None:
         xi_ddot_max = xi_ddot_bound(mu, beta, sigma, xi_dot_max, kappa)
-    if law == "sharp":
+    if criterion == "sharp":
         return np.asarray(np.asarray(sigma, dtype=np.float64) - sharp_requirement(beta, xi_dot_max, tau_d, xi_ddot_max))
-    quantum = QUANTUM[law]
+    quantum = QUANTUM[criterion]
     return np.minimum(
         velocity_margin(beta, sigma, xi_dot_max, tau_d, xi_ddot_max, quantum),
         rest_margin(sigma, tau_d, xi_ddot_max, quantum),
     )
 
 
-def criterion_margin(numbers: Dimensionless, xi_dot_max: float | None, law: Law = "paper") -> float:
+def criterion_margin(numbers: Dimensionless, xi_dot_max: float | None, criterion: Criterion = "paper") -> float:
     """Margin of one operating point.
 
     Without a velocity it is the margin of what must hold at all velocities: min(β − ½ − τ_D, σ − q) (eq. 17, 18).
@@ -128,9 +128,9 @@ def criterion_margin(numbers: Dimensionless, xi_dot_max: float | None, law: Law 
     if math.isinf(numbers.mu):
         return math.inf
     if xi_dot_max is None:
-        return min(viscous_margin(numbers), numbers.sigma - QUANTUM[law])
+        return min(viscous_margin(numbers), numbers.sigma - QUANTUM[criterion])
     n = numbers
-    return float(dissipation_margin(n.mu, n.beta, n.sigma, n.tau_d, xi_dot_max, law, kappa=n.kappa))
+    return float(dissipation_margin(n.mu, n.beta, n.sigma, n.tau_d, xi_dot_max, criterion, kappa=n.kappa))
 
 
 def viscous_margin(numbers: Dimensionless) -> float:
@@ -144,21 +144,21 @@ def coulomb_margin(numbers: Dimensionless) -> float:
     return numbers.sigma - 0.5
 
 
-def velocity_limit(numbers: Dimensionless, law: Law = "paper") -> float:
+def velocity_limit(numbers: Dimensionless, criterion: Criterion = "paper") -> float:
     """Largest ξ̇_max for which the criterion holds (eq. 15; with delay through the a-priori ξ̈_max).
 
     Returns:
         ticks per period; infinite where every velocity is allowed, 0 where none is.
     """
     n = numbers
-    quantum = QUANTUM[law]
+    quantum = QUANTUM[criterion]
     if n.sigma < quantum:
         return 0.0
     if n.tau_d == 0.0 and (n.beta >= 0.5 or math.isinf(n.mu)):
         return math.inf
-    if n.tau_d == 0.0 and law != "sharp":
+    if n.tau_d == 0.0 and criterion != "sharp":
         return (n.sigma - quantum) / (0.5 - n.beta)
-    return _largest(lambda v: criterion_margin(numbers, v, law), 1.0)
+    return _largest(lambda v: criterion_margin(numbers, v, criterion), 1.0)
 
 
 def _largest(margin: Callable[[float], float], start: float) -> float:

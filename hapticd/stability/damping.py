@@ -28,7 +28,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticd.stability.criterion import Law, dissipation_margin, xi_ddot_bound
+from hapticd.stability.criterion import Criterion, dissipation_margin, xi_ddot_bound
 from hapticd.stability.numbers import Dimensionless, Loop
 
 if TYPE_CHECKING:
@@ -88,9 +88,9 @@ def passive_beta(numbers: Dimensionless, damper: Damper) -> float:
     return 0.5 + numbers.tau_d + gamma * damper.beta_v
 
 
-def damped_margin(numbers: Dimensionless, damper: Damper, xi_dot_max: float, law: Law = "sharp") -> float:
+def damped_margin(numbers: Dimensionless, damper: Damper, xi_dot_max: float, criterion: Criterion = "sharp") -> float:
     """Margin of a dissipation criterion with a damper in the loop, in ticks' worth of force; ≥ 0 means that it holds."""
     n, error = numbers, damper.beta_v * (xi_dot_max + damper.grain)
     xi_ddot_max = xi_ddot_bound(n.mu, n.beta, n.sigma + error, xi_dot_max, n.kappa)
-    margin = dissipation_margin(n.mu, n.beta, n.sigma, n.tau_d, xi_dot_max, law, xi_ddot_max, n.kappa)
+    margin = dissipation_margin(n.mu, n.beta, n.sigma, n.tau_d, xi_dot_max, criterion, xi_ddot_max, n.kappa)
     return float(margin) - error

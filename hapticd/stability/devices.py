@@ -175,8 +175,8 @@ def compare(device: Device) -> list[Comparison]:
     return rows
 
 
-def grip_share(loop: Loop, hand: Hand = HUMAN_OPERATOR) -> float:
-    """Least share of a hand's damping that brings β to ½ + τ_D, out of E into A (Sec. III-B).
+def grip_fraction(loop: Loop, hand: Hand = HUMAN_OPERATOR) -> float:
+    """Least fraction of a hand's damping that brings β to ½ + τ_D, out of E into A (Sec. III-B).
 
     Returns:
         0 if the device has enough of its own; above 1 if this hand is not enough; infinite for a hand without damping.

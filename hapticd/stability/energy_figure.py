@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticd.stability.bounds import LAWS, generation_bound
-from hapticd.stability.criterion import Law
+from hapticd.stability.bounds import CRITERIA, generation_bound
+from hapticd.stability.criterion import Criterion
 
 if TYPE_CHECKING:
     from hapticd.stability.bounds import Bounds
     from hapticd.stability.run_energy import RunEnergy
 
 STORED, VISCOUS, COULOMB, GENERATED, UNEXPLAINED = "#1b1b1b", "#7fb2d9", "#0b5fa5", "#c0504d", "#a9a9a9"
-_LAW_STYLE: dict[Law, tuple[str, str, str]] = {
+_CRITERION_STYLE: dict[Criterion, tuple[str, str, str]] = {
     "paper": ("#c0504d", "--", "paper: ½ (47, 58)"),
     "sharp": ("#2e7d32", "-", "sharp: holds"),
     "corrected": ("#2e7d32", ":", "corrected: 1, holds"),
@@ -108,9 +108,9 @@ def _draw_bounds(axis: Any, bounds: Bounds) -> None:
     axis.plot(D[~broken], error[~broken], ".", ms=4, color="#5a5a5a", alpha=0.6, label="a period within it")
     axis.plot(D[broken], error[broken], "o", ms=4.5, color="#c0504d", label=count)
     grid = np.geomspace(D.min() / 1.15, D.max() * 1.15, 800)
-    for law in sorted(LAWS, key=list(_LAW_STYLE).index):
-        color, line, label = _LAW_STYLE[law]
-        bound = generation_bound(grid, 0.0, law) / grid - 0.5 * grid
+    for criterion in sorted(CRITERIA, key=list(_CRITERION_STYLE).index):
+        color, line, label = _CRITERION_STYLE[criterion]
+        bound = generation_bound(grid, 0.0, criterion) / grid - 0.5 * grid
         axis.plot(grid, bound, color=color, ls=line, lw=1.4, label=label)
     axis.set_xscale("log")
     axis.set_ylim(min(-0.3, float(np.quantile(error, 0.02)) - 0.1), 1.1)

@@ -50,7 +50,7 @@ def report(maps: Maps) -> dict[str, Any]:
         ``points``, ``done``, ``holds`` (no finished point contradicts its region), ``regions`` (all maps together),
         ``maps`` (one entry a map: ``tau_d``, ``xi_dot_0``, ``outcomes``, ``regions``), ``exceptions`` (the points that
         contradict), ``b_one_tick`` (persistent points of B at or above one tick). A region has ``points``, the count of
-        each outcome, ``agree`` (a share, None where nothing is promised) and, in B, ``amplitude`` with ``median`` and
+        each outcome, ``agree`` (a fraction, None where nothing is promised) and, in B, ``amplitude`` with ``median`` and
         ``max`` in ticks over its persistent points that have settled, and how many are ``unsettled``, still on their
         way to a smaller or larger oscillation at the horizon.
     """

@@ -28,11 +28,11 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Outcome = Literal["monotone", "decaying", "persistent", "growing"]
 
-#: A rise of the energy smaller than this share of it is rounding.
+#: A rise of the energy smaller than this fraction of it is rounding.
 RISE_TOLERANCE: Final = 1e-9
 #: Stretches into which the second half of a run is cut.
 STRETCHES: Final = 6
-#: A trend over the second half smaller than this share is none.
+#: A trend over the second half smaller than this fraction is none.
 TREND_TOLERANCE: Final = 0.01
 #: Where a trend must lead, relative to its last value, to count as vanishing (below) or as growing (above 1/it).
 VANISHING: Final = 0.5

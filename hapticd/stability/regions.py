@@ -121,9 +121,9 @@ def critical_sigma(numbers: Dimensionless, xi_dot_max: float, beta: float) -> fl
         so long that τ_D² + τ_D ≥ μ.
     """
     n = numbers
-    share = (n.tau_d**2 + n.tau_d) / n.mu
-    if share >= 1.0:
+    fraction = (n.tau_d**2 + n.tau_d) / n.mu
+    if fraction >= 1.0:
         return math.inf
     without_sigma = float(xi_ddot_bound(n.mu, beta, 0.0, xi_dot_max, n.kappa)) * n.mu
-    line = 0.5 + share * without_sigma + max(0.0, xi_dot_max * (0.5 + n.tau_d - beta))
-    return line / (1.0 - share)
+    line = 0.5 + fraction * without_sigma + max(0.0, xi_dot_max * (0.5 + n.tau_d - beta))
+    return line / (1.0 - fraction)

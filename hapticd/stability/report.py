@@ -10,7 +10,7 @@ from typing import Final
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import VERDICTS, Assessment, Verdict
 from hapticd.stability.criterion import criterion_margin
-from hapticd.stability.devices import HUMAN_OPERATOR, Device, compare, grip_share
+from hapticd.stability.devices import HUMAN_OPERATOR, Device, compare, grip_fraction
 from hapticd.stability.regions import MEANING
 
 HEADLINES: Final[dict[Verdict, str]] = {
@@ -161,7 +161,8 @@ def _numbers(found: Assessment) -> Iterator[str]:
         yield f"top speed         {speed(found.xi_dot_max)}"
     yield f"speed limit       {speed(found.velocity_limit)}"
     margins = [
-        f"{law} {number(criterion_margin(n, found.xi_dot_max, law), 2)}" for law in ("paper", "corrected", "sharp")
+        f"{criterion} {number(criterion_margin(n, found.xi_dot_max, criterion), 2)}"
+        for criterion in ("paper", "corrected", "sharp")
     ]
     yield f"margin            {', '.join(margins)} ticks of force (≥ 0: energy falls)"
     limits = [("whatever the motion" if not found.loop.delay else "passive", found.stiffness_passive)]
@@ -230,8 +231,8 @@ def _table_ii(device: Device) -> Iterator[str]:
             notes.append(row.note)
     for note in dict.fromkeys(notes):
         yield from _paragraph(f"{_INDENT}{note}", _INDENT)
-    share = grip_share(device.loop)
+    fraction = grip_fraction(device.loop)
     yield (
-        f"{_INDENT}a hand with {100.0 * share:.0f} % of the table's human operator ({HUMAN_OPERATOR.damping:g} N s/m) "
+        f"{_INDENT}a hand with {100.0 * fraction:.0f} % of the table's human operator ({HUMAN_OPERATOR.damping:g} N s/m) "
         "in parallel makes it passive"
     )

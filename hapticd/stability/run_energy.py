@@ -26,7 +26,7 @@ from hapticd.stability.storage import FloatArray
 if TYPE_CHECKING:
     from hapticd.record.reader import Run
 
-#: A stored energy that rises by less than this share of the run's largest is not called a rise: the estimate's grain.
+#: A stored energy that rises by less than this fraction of the run's largest is not called a rise: the estimate's grain.
 RISE = 1e-6
 _SHOTS = 8
 
@@ -75,7 +75,7 @@ class RunEnergy:
 
     @property
     def explained(self) -> float | None:
-        """1 less the share of what the model could not explain in all that was exchanged; None if nothing was."""
+        """1 less the fraction of what the model could not explain in all that was exchanged; None if nothing was."""
         exchanged = float(self.viscous[-1] + self.coulomb[-1] + np.abs(np.diff(self.generated)).sum())
         if exchanged == 0.0:
             return None
@@ -108,9 +108,9 @@ class RunEnergy:
     def _bounds_report(self) -> dict[str, Any] | None:
         if self.bounds is None:
             return None
-        laws = {law: self.bounds.violations(law).size for law in self.bounds.excess}
-        excess = {law: float(values.max(initial=0.0)) for law, values in self.bounds.excess.items()}
-        return {"intervals": self.bounds.way.size, "violations": laws, "largest_excess_in_unit": excess}
+        violations = {criterion: self.bounds.violations(criterion).size for criterion in self.bounds.excess}
+        excess = {criterion: float(values.max(initial=0.0)) for criterion, values in self.bounds.excess.items()}
+        return {"intervals": self.bounds.way.size, "violations": violations, "largest_excess_in_unit": excess}
 
 
 def run_energy(run: Run, config: Config | None = None) -> RunEnergy:

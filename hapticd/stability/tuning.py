@@ -3,7 +3,7 @@
 The criterion is solved for one SI parameter of the loop with the motion held fixed in SI units, so that everything that
 depends on the parameter moves with it (K is in μ, β, σ, the a-priori ξ̈_max and, for a release, in ξ̇_max).
 
-**One crossing in K.** Multiplied by K, every law reads c/Δ ≥ sup over v ≤ ξ̇_max of K w(v) + Kτ_D(…) − bv/T. For fixed v
+**One crossing in K.** Times K, every criterion reads c/Δ ≥ sup over v ≤ ξ̇_max of K w(v) + Kτ_D(…) − bv/T. For fixed v
 the right side does not fall with K: K² T²(φ_max + σ + βv)/m, the part of ξ̈_max, is a sum of rising terms, and the range
 of v is fixed (hand velocity) or grows as √K (release). So the margin changes sign once, and since at K = c/(qΔ) it is
 not positive, a solution exists whenever c > 0. The same holds for T and T_D. In Δ a release makes ripples (ρ in (35)),
@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from hapticd.stability.boundary import boundary
-from hapticd.stability.criterion import QUANTUM, Law, criterion_margin, viscous_margin
+from hapticd.stability.criterion import QUANTUM, Criterion, criterion_margin, viscous_margin
 from hapticd.stability.numbers import Loop
 from hapticd.stability.storage import FloatArray, velocity_bound
 
@@ -52,12 +52,12 @@ class Start:
         return float(velocity_bound(xi, xi_dot, n.mu, n.tau_d, n.kappa))
 
 
-def margin(loop: Loop, start: Start, law: Law = "paper") -> float:
+def margin(loop: Loop, start: Start, criterion: Criterion = "paper") -> float:
     """Margin of the criterion for a motion, in ticks' worth of force; ≥ 0 means that it dissipates."""
-    return criterion_margin(loop.numbers, start.xi_dot_max(loop), law)
+    return criterion_margin(loop.numbers, start.xi_dot_max(loop), criterion)
 
 
-def stiffness_max_passive(loop: Loop, law: Law = "paper", start: Start | None = None) -> float | None:
+def stiffness_max_passive(loop: Loop, criterion: Criterion = "paper", start: Start | None = None) -> float | None:
     """Largest K that keeps the device in A, or in F1 with delay; other parameters fixed.
 
     Without delay it is min(2b/T, c/(qΔ)) (eq. 17, 18; q = ½ in the paper, 1 where it is proven), whatever the motion.
@@ -67,10 +67,10 @@ def stiffness_max_passive(loop: Loop, law: Law = "paper", start: Start | None = 
         K in N m/rad or N/m; 0 when no stiffness will do; None when there is delay and no `start`.
     """
     if loop.delay == 0.0:
-        return _stiffness_max_static(loop, QUANTUM[law])
+        return _stiffness_max_static(loop, QUANTUM[criterion])
     if start is None:
         return None
-    return min(_stiffness_max_static(loop, QUANTUM[law]), stiffness_max_dissipating(loop, start, law))
+    return min(_stiffness_max_static(loop, QUANTUM[criterion]), stiffness_max_dissipating(loop, start, criterion))
 
 
 def stiffness_max_stable(loop: Loop) -> float:
@@ -89,7 +89,7 @@ def _stiffness_max_static(loop: Loop, quantum: float) -> float:
     return _largest(least, K * (1.0 + 1e-12), K * (1.0 - 1e-12))
 
 
-def stiffness_max_dissipating(loop: Loop, start: Start, law: Law = "paper") -> float:
+def stiffness_max_dissipating(loop: Loop, start: Start, criterion: Criterion = "paper") -> float:
     """Largest K for which the criterion holds for a motion that starts like this, correct to the last bit.
 
     Returns:
@@ -97,8 +97,8 @@ def stiffness_max_dissipating(loop: Loop, start: Start, law: Law = "paper") -> f
     """
     if loop.coulomb == 0.0:
         return 0.0
-    highest = loop.coulomb / (QUANTUM[law] * loop.resolution)
-    return _largest(lambda K: margin(replace(loop, stiffness=K), start, law), highest)
+    highest = loop.coulomb / (QUANTUM[criterion] * loop.resolution)
+    return _largest(lambda K: margin(replace(loop, stiffness=K), start, criterion), highest)
 
 
 def grip_damping(loop: Loop) -> float:

@@ -54,7 +54,7 @@ def test_a_tick_that_comes_twice() -> None:
     assert "backwards" in flaws(tick)
 
 
-def test_the_daemons_last_words() -> None:
+def test_the_daemons_last_output() -> None:
     words = (
         "ticks       20, missed periods 3, missed exchanges 0\n"
         "late        p50 1.0  p99 2.0  p99.9 3.0  max 4.0 µs\n"

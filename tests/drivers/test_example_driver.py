@@ -14,7 +14,7 @@ import drivers
 from drivers import DriverError, PythonDriver
 from hapticd.config import Config, parse_config
 from hapticd.record.schema import FLAG_FAULT, FLAG_RUNNING
-from hapticd.servo import faults, words
+from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
 
@@ -132,8 +132,8 @@ def test_exception_in_write_is_followed_by_zero_in_the_same_tick(monkeypatch: py
 
 
 def assert_driver_error(core: ServoCore, driver: drivers.Driver, text: str) -> None:
-    assert core.load(words.MODE) == w.FAULT
-    assert core.load(words.FAULT_CODE) == faults.DRIVER_ERROR
+    assert core.load(atomics.MODE) == w.FAULT
+    assert core.load(atomics.FAULT_CODE) == faults.DRIVER_ERROR
     assert driver.error == text
     rows = core.drain()
     assert (rows["flags"] & FLAG_FAULT != 0).all()

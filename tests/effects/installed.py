@@ -18,7 +18,7 @@ from hapticd.config import EFFECT_SLUGS, ConfigError, config_schema, parse_confi
 from hapticd.effects.catalogue import BROKEN, CATALOGUE, HOOK_WORDS, OWN_SLUGS
 from hapticd.effects.pages import page
 from hapticd.plant import kernel
-from hapticd.plant.layout import HOOKS, SIZE, WORDS, device_vector, neutral_vector, word
+from hapticd.plant.layout import HOOKS, SIZE, WORDS, device_vector, index_of, neutral_vector
 from hapticd.plant.resolution import substeps_for
 from hapticd.servo.simulate import simulate
 from hapticd.stability.effects import uncounted
@@ -85,7 +85,7 @@ def test_one_that_cannot_be_compiled_stops_only_a_device_that_has_it() -> None:
     config = parse_config({"plant": {"effects": [{"name": "uncompilable", "a": 1.0}]}}, "x")
     with pytest.raises(ConfigError, match=r"plant\.effects\[0\]\.name = uncompilable: its law cannot be compiled: "):
         device_vector(config)
-    assert neutral_vector()[word("uncompilable:friction")] == 0.0
+    assert neutral_vector()[index_of("uncompilable:friction")] == 0.0
 
 
 def test_one_cannot_take_the_name_of_another() -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 from hapticd.gap.kernel.filter import TICK, run_filter
-from hapticd.plant.layout import neutral_vector, word
+from hapticd.plant.layout import index_of, neutral_vector
 
 Floats = NDArray[np.float64]
 INERTIA, TORQUE_CONSTANT, PERIOD = 1.0, 1.0, 1e-3
@@ -54,8 +54,8 @@ def case(noise: Floats, n: int = 600, seed: int = 1, cell_share: float = 1e-3) -
 def device() -> Floats:
     """Device vector of the shaft."""
     p = neutral_vector()
-    p[word("inertia")], p[word("torque_constant")] = INERTIA, TORQUE_CONSTANT
-    p[word("viscous")] = p[word("coulomb")] = 0.0
+    p[index_of("inertia")], p[index_of("torque_constant")] = INERTIA, TORQUE_CONSTANT
+    p[index_of("viscous")] = p[index_of("coulomb")] = 0.0
     return p
 
 

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 
 from hapticd.gap.kernel.commands import in_force, segments
-from hapticd.plant.layout import neutral_vector, word
+from hapticd.plant.layout import index_of, neutral_vector
 
 T = 1e-3
 
@@ -20,7 +20,7 @@ def cut(
 ) -> tuple[NDArray[np.float64], ...]:
     p = neutral_vector()
     for name, value in words.items():
-        p[word(name.replace("__", "."))] = value
+        p[index_of(name.replace("__", "."))] = value
     found = tuple(np.full((time_s.size, parts), np.nan) for _ in range(3))
     segments(p, time_s, command, np.arange(time_s.size) * 0.1, delay, *found)
     return found

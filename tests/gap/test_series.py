@@ -10,7 +10,7 @@ import pytest
 from hapticd.gap import constants
 from hapticd.gap.recording import Recording
 from hapticd.gap.series import series_of
-from hapticd.plant.layout import device_vector, word
+from hapticd.plant.layout import device_vector, index_of
 
 from .synthetic import PERIOD, model
 
@@ -102,11 +102,11 @@ def test_currents_are_of_the_device_asked_for() -> None:
     plain = series.currents(p)
     assert plain[1].shape[1] == 1
     assert series.currents(p)[1] is plain[1]
-    p[word("current_saturation.i_max")] = 0.3
+    p[index_of("current_saturation.i_max")] = 0.3
     assert np.abs(series.currents(p)[1]).max() == pytest.approx(0.3)
-    p[word("transport_delay.t_d")] = 0.4 * PERIOD
+    p[index_of("transport_delay.t_d")] = 0.4 * PERIOD
     assert series.currents(p)[0][10] == pytest.approx([0.4 * PERIOD, 0.6 * PERIOD])
-    p[word("dropped_samples.p")] = 0.3
+    p[index_of("dropped_samples.p")] = 0.3
     assert series.currents(p)[2].max() > 0.0
 
 
@@ -114,7 +114,7 @@ def test_a_slow_amplifier_lags() -> None:
     series = series_of([recording()])
     p = device_vector(model(), 0.0)
     command = series.currents(p)[1][:, 0]
-    p[word("amplifier_lag.f_a")], p[word("amplifier_lag.delta")] = 20.0, 0.7
+    p[index_of("amplifier_lag.f_a")], p[index_of("amplifier_lag.delta")] = 20.0, 0.7
     duration, current, _ = series.currents(p)
     mean = (duration * current).sum(axis=1) / duration.sum(axis=1)
     lag = 2.0 * 0.7 / (2.0 * np.pi * 20.0)

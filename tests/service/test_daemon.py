@@ -270,10 +270,10 @@ def test_refused_release_leaves_the_spring_and_its_recording_alone(
         assert daemon.status()["recorder"]["path"] is None
 
 
-def test_quench_stops_the_motor_for_good(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+def test_disable_stops_the_motor_for_good(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, (device,)):
         run_for(daemon, device)
-        daemon.quench()
+        daemon.disable()
         wait_until(lambda: device.commands[-1] == (0.0, False), "amplifier off")
         with pytest.raises(Refused):
             daemon.start()

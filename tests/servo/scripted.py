@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from drivers import PythonDriver
 from hapticd.config import Config, parse_config
-from hapticd.servo import faults, words
+from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
 
@@ -76,7 +76,7 @@ def core_for(driver: PythonDriver, cfg: Config, state: int = w.RUNNING, **change
 
 def fault_code(core: ServoCore) -> str | None:
     """Public code of the latched fault."""
-    number = core.load(words.FAULT_CODE)
+    number = core.load(atomics.FAULT_CODE)
     return faults.KINDS[number].code if number else None
 
 

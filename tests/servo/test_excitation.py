@@ -10,7 +10,7 @@ import pytest
 from drivers.loopback import LoopbackDriver
 from hapticd.config import load_config
 from hapticd.record.schema import FLAG_EXCITATION
-from hapticd.servo import excitation, words
+from hapticd.servo import atomics, excitation
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
 from tests.servo.scripted import config, fault_code
@@ -29,13 +29,13 @@ def test_shape_moves_the_shaft_both_ways_within_every_limit(name: str) -> None:
     core.run(real_time=False, ticks=table.shape[1] + 100)
     rows = core.drain()
     assert fault_code(core) is None
-    assert core.load(words.EXCITATION_DONE) == 1
+    assert core.load(atomics.EXCITATION_DONE) == 1
     assert (rows["flags"] & FLAG_EXCITATION != 0).sum() == table.shape[1]
     velocity = np.diff(rows["encoder_counts"])
     assert velocity.max() > 0 > velocity.min()
     assert rows["encoder_counts"].max() > 50
     assert rows["encoder_counts"].min() < -50
-    assert core.load(words.CLAMPED) == 0
+    assert core.load(atomics.CLAMPED) == 0
     assert np.abs(rows["current_command_A"]).max() < (cfg.amplifier.continuous_current or np.inf)
 
 

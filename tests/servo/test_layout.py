@@ -7,7 +7,7 @@ import inspect
 import numpy as np
 
 from drivers import interface
-from hapticd.servo import words
+from hapticd.servo import atomics
 from hapticd.servo.loop import run
 
 
@@ -24,14 +24,14 @@ def test_the_exchange_record_is_the_drivers_sixteen_words() -> None:
 
 
 def test_writers_have_cache_lines_of_their_own() -> None:
-    supervisor = {words.SEQUENCE, words.HEARTBEAT_NS, words.STOP, words.ESTOP}
-    recorder = {words.RING_TAIL}
-    numbers = {value for name, value in vars(words).items() if name.isupper() and name != "SIZE"}
+    supervisor = {atomics.SEQUENCE, atomics.HEARTBEAT_NS, atomics.STOP, atomics.ESTOP}
+    recorder = {atomics.RING_TAIL}
+    numbers = {value for name, value in vars(atomics).items() if name.isupper() and name != "SIZE"}
     lines = [{number // 8 for number in group} for group in (supervisor, recorder, numbers - supervisor - recorder)]
     assert not lines[0] & lines[1]
     assert not lines[0] & lines[2]
     assert not lines[1] & lines[2]
-    assert max(numbers) < words.SIZE
+    assert max(numbers) < atomics.SIZE
     assert len(numbers) == 19
 
 

@@ -6,8 +6,8 @@ import threading
 
 import numpy as np
 
+from hapticd.servo import atomics
 from hapticd.servo import layout as w
-from hapticd.servo import words
 from hapticd.servo.core import Request, ServoCore, parameters
 from hapticd.servo.loop import take_parameters
 from tests.servo.scripted import config
@@ -40,7 +40,7 @@ def test_parameter_sets_arrive_whole_under_fire() -> None:
     forces = set(core.drain()["force_command"])
     assert forces <= {-3.0, -50.0}
     assert published > 100
-    assert core.load(words.TICKS) == 400_000
+    assert core.load(atomics.TICKS) == 400_000
 
 
 def test_torn_read_keeps_the_old_set_and_tries_again() -> None:

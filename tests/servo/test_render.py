@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from hapticd.plant.noise import next_uniform
 from hapticd.record.schema import FLAG_EXCITATION, FLAG_RUNNING
+from hapticd.servo import atomics
 from hapticd.servo import layout as w
-from hapticd.servo import words
 from hapticd.servo.core import Request, parameters
 from hapticd.servo.dither import periodic
 from hapticd.servo.render import coarse_ticks, spring
@@ -111,7 +111,7 @@ def test_excitation_adds_current_and_moves_the_origin_in_step() -> None:
     expected = [0.1 - 5.5 * per_tick, 0.2 - 5.5 * per_tick, -3.5 * per_tick, -7.5 * per_tick, -5.5 * per_tick]
     assert running["current_command_A"][:5] == pytest.approx(expected, rel=1e-12)
     assert list(running["flags"][:5] & FLAG_EXCITATION != 0) == [True] * 4 + [False]
-    assert core.load(words.EXCITATION_DONE) == 3
+    assert core.load(atomics.EXCITATION_DONE) == 3
 
 
 def test_live_changes_do_not_bump_the_force() -> None:

@@ -12,7 +12,7 @@ import pytest
 from drivers import DEVICE_FAULT, LOST
 from drivers.interface import X_DEVICE_CODE
 from hapticd.record.schema import FLAG_CLAMPED, FLAG_FAULT, FLAG_RUNNING
-from hapticd.servo import faults, words
+from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, parameters
 from tests.servo.scripted import Scripted, config, core_for, fault_code, rows_of
@@ -50,7 +50,7 @@ def test_trip_latches_and_ends_at_zero(code: str, sections: dict[str, Any], scri
     core = core_for(driver, driver.config)
     rows = rows_of(core, 200)
     assert fault_code(core) == code
-    assert core.load(words.MODE) == w.FAULT
+    assert core.load(atomics.MODE) == w.FAULT
     ends_at_zero(driver)
     tripped = rows["flags"] & FLAG_FAULT != 0
     assert tripped.any()
@@ -90,10 +90,10 @@ def test_no_motion_before_the_first_sample() -> None:
     driver = Scripted(config(safety={"missed_exchanges": None}), lambda n: None if n < 30 else 100)
     core = core_for(driver, driver.config)
     rows_of(core, 30)
-    assert core.load(words.MODE) == w.READY
+    assert core.load(atomics.MODE) == w.READY
     assert {current for current, _ in driver.commands} == {0.0}
     rows_of(core, 5)
-    assert core.load(words.MODE) == w.RUNNING
+    assert core.load(atomics.MODE) == w.RUNNING
 
 
 def test_clearing_does_not_forget_the_heat_of_the_winding() -> None:
@@ -166,7 +166,7 @@ def test_clamp_at_the_peak_current() -> None:
     running = rows["flags"] & FLAG_RUNNING != 0
     assert (rows["current_command_A"][running] == -6.0).all()
     assert (rows["flags"][running] & FLAG_CLAMPED != 0).all()
-    assert core.load(words.CLAMPED) == running.sum()
+    assert core.load(atomics.CLAMPED) == running.sum()
 
 
 def test_i2t_trips_when_its_budget_is_spent() -> None:
@@ -184,14 +184,14 @@ def test_estop_from_running_and_from_off() -> None:
     driver = Scripted(config(), lambda n: 100)
     core = core_for(driver, driver.config)
     rows_of(core, 20)
-    core.store(words.ESTOP, 1)
+    core.store(atomics.ESTOP, 1)
     rows_of(core, 5)
     assert fault_code(core) == "estop"
     ends_at_zero(driver)
 
     idle = Scripted(config(), lambda n: 100)
     core = core_for(idle, idle.config, state=w.OFF)
-    core.store(words.ESTOP, 1)
+    core.store(atomics.ESTOP, 1)
     rows_of(core, 5)
     assert fault_code(core) == "estop"
     assert idle.commands == [(0.0, False)] * 5
@@ -203,7 +203,7 @@ def test_stop_is_zero_then_off() -> None:
     rows_of(core, 20)
     core.publish(parameters(driver.config, Request(state=w.OFF)))
     rows_of(core, 5)
-    assert core.load(words.MODE) == w.OFF
+    assert core.load(atomics.MODE) == w.OFF
     ends_at_zero(driver)
 
 
@@ -233,15 +233,15 @@ def test_a_fault_stays_until_cleared_and_the_motor_does_not_rearm() -> None:
     rows_of(core, 5)
     core.publish(parameters(driver.config, Request(state=w.RUNNING)))
     rows_of(core, 5)
-    assert core.load(words.MODE) == w.FAULT
+    assert core.load(atomics.MODE) == w.FAULT
     core.publish(parameters(driver.config, Request(state=w.OFF, clear=1)))
     rows_of(core, 5)
-    assert core.load(words.MODE) == w.OFF
+    assert core.load(atomics.MODE) == w.OFF
     assert fault_code(core) is None
     assert driver.commands[-1] == (0.0, False)
     core.publish(parameters(driver.config, Request(state=w.RUNNING, clear=1)))
     rows_of(core, 5)
-    assert core.load(words.MODE) == w.RUNNING
+    assert core.load(atomics.MODE) == w.RUNNING
 
 
 def test_first_fault_is_the_one_that_is_kept() -> None:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.stability.bounds import LAWS, Bounds, check_bounds, friction_bound, generated, generation_bound
+from hapticd.stability.bounds import CRITERIA, Bounds, check_bounds, friction_bound, generated, generation_bound
 from hapticd.stability.ledger import Ledger, ledger
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.sharp import mean_error
@@ -48,10 +48,12 @@ def test_the_worst_moment_is_found(numbers: Dimensionless, xi: float, xi_dot: fl
     low, high = account.low[first + k], account.high[first + k]
     ways = np.linspace(low - start, high - start, 3001)
     grain = (high - low) / 3000.0 * 2.0 * (2.0 + abs(start - sampled) + (high - low))
-    for law in LAWS:
-        tried = max(0.0, float((generated(sampled, start, ways) - generation_bound(ways, start - sampled, law)).max()))
+    for criterion in CRITERIA:
+        tried = max(
+            0.0, float((generated(sampled, start, ways) - generation_bound(ways, start - sampled, criterion)).max())
+        )
         slack = 1e-9 * bounds.scale[k]
-        assert tried - slack <= bounds.excess[law][k] <= tried + grain + slack
+        assert tried - slack <= bounds.excess[criterion][k] <= tried + grain + slack
 
 
 def test_the_papers_bound_fails_beside_an_edge_and_by_how_much() -> None:

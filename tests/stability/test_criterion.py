@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.stability.criterion import (
-    Law,
+    Criterion,
     criterion_margin,
     dissipation_margin,
     mahvash_hayward_margin,
@@ -26,7 +26,7 @@ from hapticd.stability.storage import velocity_bound
 
 from .motion import simulate
 
-LAWS: tuple[Law, ...] = ("paper", "corrected", "sharp")
+CRITERIA: tuple[Criterion, ...] = ("paper", "corrected", "sharp")
 betas, sigmas, speeds = st.floats(0.0, 3.0), st.floats(0.0, 5.0), st.floats(1e-3, 300.0)
 
 
@@ -70,13 +70,13 @@ def test_eq_15_in_si_units() -> None:
     assert loop.scales.xi_dot_to_velocity(velocity_limit(loop.numbers)) == pytest.approx(printed)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize("tau_d", [0.0, 0.3, 1.25])
-def test_velocity_limit_is_where_the_margin_changes_sign(law: Law, tau_d: float) -> None:
+def test_velocity_limit_is_where_the_margin_changes_sign(criterion: Criterion, tau_d: float) -> None:
     n = Dimensionless(400.0, 0.2, 3.0, tau_d)
-    limit = velocity_limit(n, law)
-    assert criterion_margin(n, limit * (1 - 1e-9), law) >= 0.0
-    assert criterion_margin(n, limit * (1 + 1e-9), law) < 0.0
+    limit = velocity_limit(n, criterion)
+    assert criterion_margin(n, limit * (1 - 1e-9), criterion) >= 0.0
+    assert criterion_margin(n, limit * (1 + 1e-9), criterion) < 0.0
 
 
 def test_velocity_limit_extremes() -> None:
@@ -139,7 +139,7 @@ def test_sharp_is_never_stricter_than_corrected(mu: float, beta: float, sigma: f
 def test_case_c_of_fig_8_is_proven_only_by_the_sharp_form() -> None:
     n = Loop(6.28e-6, 9e-6, 2e-3, 0.012, 2.0 * math.pi / 8192 * 217, 1e-2).numbers
     v = float(velocity_bound(2.3, 0.0, n.mu))
-    assert [criterion_margin(n, v, law) >= 0.0 for law in LAWS] == [True, False, True]
+    assert [criterion_margin(n, v, criterion) >= 0.0 for criterion in CRITERIA] == [True, False, True]
 
 
 def test_counterexample_to_eq_12_in_region_a() -> None:
@@ -148,12 +148,12 @@ def test_counterexample_to_eq_12_in_region_a() -> None:
     before, after = simulate(n, 0.99, 0.5, 1).energy()
     assert (before, after) == (pytest.approx(12.995, abs=5e-4), pytest.approx(13.103, abs=5e-4))
     v = float(velocity_bound(0.99, 0.5, 100.0))
-    assert [criterion_margin(n, v, law) >= 0.0 for law in LAWS] == [True, False, False]
+    assert [criterion_margin(n, v, criterion) >= 0.0 for criterion in CRITERIA] == [True, False, False]
 
 
-@pytest.mark.parametrize("law", ["corrected", "sharp"])
+@pytest.mark.parametrize("criterion", ["corrected", "sharp"])
 @pytest.mark.parametrize("delayed", [False, True])
-def test_energy_never_rises_where_the_criterion_holds(law: Law, delayed: bool) -> None:
+def test_energy_never_rises_where_the_criterion_holds(criterion: Criterion, delayed: bool) -> None:
     rng = np.random.default_rng(12 if delayed else 11)
     points = 0
     while points < 250:
@@ -170,8 +170,8 @@ def test_energy_never_rises_where_the_criterion_holds(law: Law, delayed: bool) -
         # σ on the edge of the criterion, where a wrong constant would show; ξ̈_max contains σ/μ
         sigma = 0.0
         for _ in range(50):
-            sigma -= min(0.0, float(dissipation_margin(mu, beta, sigma, tau_d, top, law)))
-        if not dissipation_margin(mu, beta, sigma * (1 + 1e-9), tau_d, top, law) >= 0.0:
+            sigma -= min(0.0, float(dissipation_margin(mu, beta, sigma, tau_d, top, criterion)))
+        if not dissipation_margin(mu, beta, sigma * (1 + 1e-9), tau_d, top, criterion) >= 0.0:
             continue
         points += 1
         n = Dimensionless(mu, beta, sigma * (1 + 1e-9), tau_d)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from hapticd.config import load_config
-from hapticd.stability.devices import HUMAN_OPERATOR, TABLE_II, Comparison, Hand, compare, grip_share, rounding
+from hapticd.stability.devices import HUMAN_OPERATOR, TABLE_II, Comparison, Hand, compare, grip_fraction, rounding
 from hapticd.stability.numbers import from_config
 from hapticd.stability.regions import region
 
@@ -54,12 +54,12 @@ def test_every_device_is_locally_stable_as_the_paper_says() -> None:
 
 def test_human_operator_makes_every_device_but_none_alone_passive() -> None:
     for device in TABLE_II:
-        share = grip_share(device.loop)
+        share = grip_fraction(device.loop)
         assert 0.0 < share < 1.0
         held = device.loop.with_hand(damping=share * HUMAN_OPERATOR.damping * (1 + 1e-12))
         assert region(held.numbers) == "A"
-    assert grip_share(TABLE_II[0].loop, Hand(0.0, 0.0, 600.0)) == float("inf")
-    assert grip_share(TABLE_II[0].loop.with_hand(damping=4.8)) == 0.0
+    assert grip_fraction(TABLE_II[0].loop, Hand(0.0, 0.0, 600.0)) == float("inf")
+    assert grip_fraction(TABLE_II[0].loop.with_hand(damping=4.8)) == 0.0
 
 
 @pytest.mark.parametrize(

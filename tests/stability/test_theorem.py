@@ -6,7 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from hapticd.stability.criterion import Law, criterion_margin, dissipation_margin
+from hapticd.stability.criterion import Criterion, criterion_margin, dissipation_margin
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import region
 from hapticd.stability.storage import velocity_bound
@@ -25,9 +25,9 @@ from tests.stability.theorem_kernel import (
 from .motion import simulate
 
 
-@pytest.mark.parametrize("law", ["corrected", "sharp"])
-def test_energy_never_rises_where_it_is_proven(law: Law) -> None:
-    verdict = check(law, 3000, seed=1, periods=1000, fate_periods=20_000)
+@pytest.mark.parametrize("criterion", ["corrected", "sharp"])
+def test_energy_never_rises_where_it_is_proven(criterion: Criterion) -> None:
+    verdict = check(criterion, 3000, seed=1, periods=1000, fate_periods=20_000)
     assert (verdict.drawn, verdict.bounds_broken, verdict.counted) == (3000, 0, 3000)
     assert (verdict.rising, verdict.rises, verdict.smallest) == (0, 0, None)
     assert verdict.largest_change < 1e-12
@@ -55,13 +55,13 @@ def test_the_threads_do_not_change_the_verdict() -> None:
     assert one == two
 
 
-@pytest.mark.parametrize("law", ["paper", "corrected", "sharp"])
-def test_draws_are_where_the_criterion_holds_and_half_of_them_on_its_edge(law: Law) -> None:
-    d = draw(law, 1000, np.random.default_rng(5))
-    assert (dissipation_margin(d.mu, d.beta, d.sigma, d.tau_d, d.xi_dot_max, law) >= 0.0).all()
-    just_below = dissipation_margin(d.mu, d.beta, d.sigma * (1.0 - 1e-9), d.tau_d, d.xi_dot_max, law) < 0.0
+@pytest.mark.parametrize("criterion", ["paper", "corrected", "sharp"])
+def test_draws_are_where_the_criterion_holds_and_half_of_them_on_its_edge(criterion: Criterion) -> None:
+    d = draw(criterion, 1000, np.random.default_rng(5))
+    assert (dissipation_margin(d.mu, d.beta, d.sigma, d.tau_d, d.xi_dot_max, criterion) >= 0.0).all()
+    just_below = dissipation_margin(d.mu, d.beta, d.sigma * (1.0 - 1e-9), d.tau_d, d.xi_dot_max, criterion) < 0.0
     assert 0.4 < just_below.mean() < 0.6
-    least = least_sigma(law, d.mu, d.beta, d.tau_d, d.xi_dot_max)
+    least = least_sigma(criterion, d.mu, d.beta, d.tau_d, d.xi_dot_max)
     assert (d.sigma >= least).all()
     assert (d.sigma <= 1.3 * least).all()
 

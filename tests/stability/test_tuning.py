@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import optimize
 
-from hapticd.stability.criterion import Law
+from hapticd.stability.criterion import Criterion
 from hapticd.stability.devices import TABLE_II
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
@@ -23,7 +23,7 @@ from hapticd.stability.tuning import (
 
 RAW = 2.0 * math.pi / 8192
 RE35 = Loop(6.28e-6, 9e-6, 2e-3, 0.012, 217 * RAW, 1e-3)
-LAWS: tuple[Law, ...] = ("paper", "corrected", "sharp")
+CRITERIA: tuple[Criterion, ...] = ("paper", "corrected", "sharp")
 
 
 def test_passive_stiffness_is_the_smaller_of_eq_17_and_18() -> None:
@@ -49,31 +49,35 @@ def test_with_delay_passive_needs_a_motion() -> None:
     )
 
 
-@pytest.mark.parametrize(("law", "q"), [("paper", 0.5), ("corrected", 1.0)])
-def test_stiffness_for_a_hand_velocity_in_closed_form(law: Law, q: float) -> None:
+@pytest.mark.parametrize(("criterion", "q"), [("paper", 0.5), ("corrected", 1.0)])
+def test_stiffness_for_a_hand_velocity_in_closed_form(criterion: Criterion, q: float) -> None:
     # without delay (12) is linear in K: K = (bẋ + c)/(ẋT/2 + qΔ), if that is below c/(qΔ)
     omega = TABLE_II[4].loop
     v = 0.3
     closed = (omega.viscous * v + omega.coulomb) / (v * omega.period / 2 + q * omega.resolution)
-    found = stiffness_max_dissipating(omega, Start(velocity=v), law)
+    found = stiffness_max_dissipating(omega, Start(velocity=v), criterion)
     assert found == pytest.approx(min(closed, omega.coulomb / (q * omega.resolution)), rel=1e-12)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("criterion", CRITERIA)
 @pytest.mark.parametrize("delay", [0.0, 0.07e-3, 1.25e-3])
 @pytest.mark.parametrize("start", [Start(velocity=30.0), Start(deflection=0.5), Start(deflection=0.1, velocity=-10.0)])
 @pytest.mark.parametrize("grip", [0.0, 0.01])
-def test_stiffness_margin_changes_sign_once_and_there(law: Law, delay: float, start: Start, grip: float) -> None:
+def test_stiffness_margin_changes_sign_once_and_there(
+    criterion: Criterion, delay: float, start: Start, grip: float
+) -> None:
     loop = replace(RE35, delay=delay, hand_stiffness=grip)
-    K = stiffness_max_dissipating(loop, start, law)
+    K = stiffness_max_dissipating(loop, start, criterion)
     assert K > 0.0
     scan = np.geomspace(K * 1e-4, K * 1e3, 400)
-    holds = np.array([margin(replace(loop, stiffness=k), start, law) >= 0.0 for k in scan])
+    holds = np.array([margin(replace(loop, stiffness=k), start, criterion) >= 0.0 for k in scan])
     np.testing.assert_array_equal(holds, scan <= K)
     # the same root by another method
-    hi = 2e-3 / (loop.resolution * (0.5 if law == "paper" else 1.0))
-    if margin(replace(loop, stiffness=hi), start, law) < 0.0:
-        other = optimize.brentq(lambda k: margin(replace(loop, stiffness=k), start, law), K * 1e-3, hi, xtol=1e-15)
+    hi = 2e-3 / (loop.resolution * (0.5 if criterion == "paper" else 1.0))
+    if margin(replace(loop, stiffness=hi), start, criterion) < 0.0:
+        other = optimize.brentq(
+            lambda k: margin(replace(loop, stiffness=k), start, criterion), K * 1e-3, hi, xtol=1e-15
+        )
         assert other == pytest.approx(K, rel=1e-9)
 
 

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.stability.criterion import Law, dissipation_margin, xi_ddot_bound
+from hapticd.stability.criterion import Criterion, dissipation_margin, xi_ddot_bound
 from hapticd.stability.map_kernel import HORIZON, RECURRED, REST
 from hapticd.stability.outcome import decide
 from hapticd.stability.storage import FloatArray, storage, velocity_bound
@@ -74,7 +74,7 @@ class Verdict:
     """What became of many trajectories under one criterion.
 
     Attributes:
-        law: the criterion.
+        criterion: the criterion.
         drawn: trajectories simulated.
         bounds_broken: trajectories that left the velocity or acceleration bound; they are not counted below, because the
             theorem says nothing of them.
@@ -90,7 +90,7 @@ class Verdict:
         smallest: the counterexample with the earliest rise, the lowest energy among equals; None without a rise.
     """
 
-    law: Law
+    criterion: Criterion
     drawn: int
     bounds_broken: int
     counted: int
@@ -110,7 +110,7 @@ class Verdict:
         return self.rising / self.counted if self.counted else 0.0
 
 
-def draw(law: Law, count: int, rng: np.random.Generator) -> Draw:
+def draw(criterion: Criterion, count: int, rng: np.random.Generator) -> Draw:
     """Draw trajectories to which a criterion applies.
 
     μ is log-uniform over [1, 10⁴]; τ_D is 0 for half and uniform over [0, 2] for half; β is 0, log-uniform over [10⁻³, √10]
@@ -129,27 +129,29 @@ def draw(law: Law, count: int, rng: np.random.Generator) -> Draw:
     xi = np.choose(kind, [np.zeros(count), rng.uniform(-3.0, 3.0, count), np.full(count, 1.0 - 1e-9)])
     bound = velocity_bound(xi, xi_dot, mu, tau_d)
     excess = np.where(rng.random(count) < 0.5, 1.0, rng.uniform(1.0, 1.3, count))
-    sigma = least_sigma(law, mu, beta, tau_d, bound) * excess
+    sigma = least_sigma(criterion, mu, beta, tau_d, bound) * excess
     return Draw(mu, beta, sigma, tau_d, xi, xi_dot, bound, xi_ddot_bound(mu, beta, sigma, bound))
 
 
-def least_sigma(law: Law, mu: FloatArray, beta: FloatArray, tau_d: FloatArray, xi_dot_max: FloatArray) -> FloatArray:
+def least_sigma(
+    criterion: Criterion, mu: FloatArray, beta: FloatArray, tau_d: FloatArray, xi_dot_max: FloatArray
+) -> FloatArray:
     """The least σ for which a criterion holds, correct to the last bit and on its right side.
 
     The margin rises with σ wherever (τ_D² + τ_D) < μ, so bisection finds it; all arrays (n,).
     """
     low, high = np.zeros_like(mu), np.ones_like(mu)
-    while (short := dissipation_margin(mu, beta, high, tau_d, xi_dot_max, law) < 0.0).any():
+    while (short := dissipation_margin(mu, beta, high, tau_d, xi_dot_max, criterion) < 0.0).any():
         high = np.where(short, 2.0 * high, high)
     for _ in range(64):
         middle = 0.5 * (low + high)
-        enough = dissipation_margin(mu, beta, middle, tau_d, xi_dot_max, law) >= 0.0
+        enough = dissipation_margin(mu, beta, middle, tau_d, xi_dot_max, criterion) >= 0.0
         low, high = np.where(enough, low, middle), np.where(enough, middle, high)
     return high
 
 
 def check(
-    law: Law,
+    criterion: Criterion,
     count: int,
     seed: int,
     *,
@@ -161,7 +163,7 @@ def check(
     """Draw and simulate trajectories under one criterion.
 
     Args:
-        law: which criterion.
+        criterion: which criterion.
         count: number of trajectories.
         seed: of the draw; the same seed gives the same verdict whatever `jobs` is.
         periods: horizon over which energy is compared.
@@ -173,7 +175,9 @@ def check(
     streams = np.random.SeedSequence(seed).spawn(len(sizes))
 
     def one(k: int) -> Verdict:
-        return _check_batch(law, draw(law, sizes[k], np.random.default_rng(streams[k])), periods, fate_periods)
+        return _check_batch(
+            criterion, draw(criterion, sizes[k], np.random.default_rng(streams[k])), periods, fate_periods
+        )
 
     verdicts = []
     with ThreadPoolExecutor(jobs or len(os.sched_getaffinity(0)), thread_name_prefix="theorem") as pool:
@@ -181,10 +185,10 @@ def check(
             verdicts.append(verdict)
             if progress is not None:
                 progress(len(verdicts) / len(sizes))
-    return _sum(law, verdicts)
+    return _sum(criterion, verdicts)
 
 
-def _check_batch(law: Law, d: Draw, periods: int, fate_periods: int) -> Verdict:
+def _check_batch(criterion: Criterion, d: Draw, periods: int, fate_periods: int) -> Verdict:
     counts, extremes, peaks = kernel.work_space(d.mu.size)
     kernel.check_all(
         d.mu, d.beta, d.sigma, d.tau_d, d.xi, d.xi_dot, periods, fate_periods, counts, extremes, peaks
@@ -195,7 +199,7 @@ def _check_batch(law: Law, d: Draw, periods: int, fate_periods: int) -> Verdict:
     fates = list(_fates(counts, peaks))
     rising = kept & (counts[:, kernel.RISES] > 0)
     return Verdict(
-        law=law,
+        criterion=criterion,
         drawn=d.mu.size,
         bounds_broken=int((~kept).sum()),
         counted=int(kept.sum()),
@@ -241,13 +245,13 @@ def _smallest(
     )
 
 
-def _sum(law: Law, parts: list[Verdict]) -> Verdict:
+def _sum(criterion: Criterion, parts: list[Verdict]) -> Verdict:
     def total(name: str) -> int:
         return sum(getattr(part, name) for part in parts)
 
     smallest = [part.smallest for part in parts if part.smallest is not None]
     return Verdict(
-        law=law,
+        criterion=criterion,
         drawn=total("drawn"),
         bounds_broken=total("bounds_broken"),
         counted=total("counted"),

@@ -24,8 +24,9 @@ from numba import from_dtype, types
 
 from hapticd.jit import njit
 from hapticd.plant.exact import propagate
-from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, word
-from hapticd.plant.numeric import edited_base, measured, needs_laws, substep
+from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA
+from hapticd.plant.layout import index_of as word
+from hapticd.plant.numeric import edited_base, measured, needs_effect_terms, substep
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -166,7 +167,7 @@ def run_filter(
     n, parts = current.shape
     white, sensor, disturbance, tau, jitter = noise[0], noise[1], noise[2], noise[3], noise[4]
     sd2 = disturbance * disturbance
-    simple = not needs_laws(p) and edited_base(p)[5] == 0.0
+    simple = not needs_effect_terms(p) and edited_base(p)[5] == 0.0
     remembers = p[_GAP] > 0.0 or p[_RESONANCE] < math.inf or p[_BREAKAWAY] > 0.0
     p[_EXTERNAL] = 0.0
     inertia, viscous, coulomb, torque_constant, bias, _, _ = edited_base(p)

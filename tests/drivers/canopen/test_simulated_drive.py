@@ -25,7 +25,7 @@ from drivers.interface import DEVICE_FAULT, LOST, OK, STATUS_ENABLED, X_CURRENT,
 from hapticd.config import Config, parse_config
 from hapticd.jit import call_driver, njit
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_RUNNING
-from hapticd.servo import faults, words
+from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
 from sim_hw.canopen.dictionary import EDS
@@ -83,14 +83,14 @@ def run(driver: CanopenDriver, seconds: float) -> tuple[ServoCore, Any]:
     core = ServoCore(driver, ring_rows=1 << 15, excitation_rows=1)
     core.publish(parameters(driver.config, Request(state=w.RUNNING)))
     core.begin(time.monotonic_ns() + 1_000_000)
-    core.store(words.HEARTBEAT_NS, time.monotonic_ns())
+    core.store(atomics.HEARTBEAT_NS, time.monotonic_ns())
     thread = threading.Thread(target=lambda: core.run(real_time=True, ticks=0))
     thread.start()
     end = time.monotonic() + seconds
     while time.monotonic() < end:
-        core.store(words.HEARTBEAT_NS, time.monotonic_ns())
+        core.store(atomics.HEARTBEAT_NS, time.monotonic_ns())
         time.sleep(0.02)
-    core.store(words.STOP, 1)
+    core.store(atomics.STOP, 1)
     thread.join()
     return core, core.drain()
 
@@ -125,7 +125,7 @@ def test_compiled_loop_at_1_khz_pulls_the_shaft_to_the_origin(tmp_path: Path) ->
         opened(config(1000, interface="unix_seqpacket", channel=socket)) as driver,
     ):
         core, rows = run(driver, 3.0)
-    assert (core.load(words.FAULT_CODE), driver.error) == (faults.NONE, None)
+    assert (core.load(atomics.FAULT_CODE), driver.error) == (faults.NONE, None)
     running = rows[rows["flags"] & FLAG_RUNNING != 0]
     assert len(running) > 300
     assert np.mean(running["flags"] & FLAG_MISSED_EXCHANGE != 0) < 0.5
@@ -147,7 +147,7 @@ def test_loop_through_python_at_200_hz(tmp_path: Path) -> None:
     ):
         assert driver.calls_python
         core, rows = run(driver, 2.0)
-    assert (core.load(words.FAULT_CODE), driver.error) == (faults.NONE, None)
+    assert (core.load(atomics.FAULT_CODE), driver.error) == (faults.NONE, None)
     assert np.count_nonzero(rows["flags"] & FLAG_RUNNING) > 50
     assert rows["encoder_counts"][-1] > 0
 

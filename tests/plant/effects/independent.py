@@ -14,7 +14,7 @@ from scipy.integrate import solve_ivp
 
 from hapticd.config import load_config
 from hapticd.plant.electrical import electrical
-from hapticd.plant.layout import SIZE, STATE, device_vector, initial_state, word
+from hapticd.plant.layout import SIZE, STATE, device_vector, index_of, initial_state
 from hapticd.plant.numeric import simulate_windows_serial, substeps_for
 
 J, B, C, KT = 6.28e-6, 9.0e-6, 2.0e-3, 0.0292
@@ -26,9 +26,9 @@ Floats = NDArray[np.float64]
 def vector(**changes: float | Sequence[float]) -> Floats:
     """The RE35 with an ideal amplifier; changes are words, dotted with ``__``."""
     p = device_vector(load_config(None))
-    p[word("delay_s")] = 0.0
+    p[index_of("delay_s")] = 0.0
     for name, value in changes.items():
-        first = word(name.replace("__", "."))
+        first = index_of(name.replace("__", "."))
         values = np.atleast_1d(np.asarray(value, dtype=float))
         p[first : first + len(values)] = values
     assert p.shape == (SIZE,)

@@ -168,7 +168,7 @@ def test_effects_that_edit_the_model_keep_the_exact_path() -> None:
     ]
     for slug in exact:
         f = kernel.init_plant(config_with({"name": slug, **EXAMPLES[slug]}))
-        assert f.view(np.int64)[kernel.HAS_LAWS] == 0, slug
+        assert f.view(np.int64)[kernel.HAS_EFFECT_TERMS] == 0, slug
     f = kernel.init_plant(config_with(*({"name": s, **EXAMPLES[s]} for s in exact)))
     assert f[kernel.INERTIA] == J * 1.5
     assert f[kernel.VISCOUS] == B * 6.0

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hapticd.config import load_config
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant.exact import propagate
-from hapticd.plant.layout import OMEGA, SIZE, STATE, WORDS, device_vector, initial_state, neutral_vector, word
+from hapticd.plant.layout import OMEGA, SIZE, STATE, WORDS, device_vector, index_of, initial_state, neutral_vector
 from hapticd.plant.numeric import measured, simulate_windows_serial
 from tests.plant.effects.independent import KT, PERIOD, B, C, J, excitation, motor_current, simulated, times, vector
 
@@ -40,7 +40,7 @@ def test_neutral_magnitudes_switch_an_effect_off_whatever_its_shape(slug: str) -
     p = vector()
     for parameter in CATALOGUE[slug].parameters:
         if parameter.name not in off and slug != "presliding":
-            first = word(f"{slug}.{parameter.name}")
+            first = index_of(f"{slug}.{parameter.name}")
             p[first : first + parameter.length] = 0.5 * (parameter.lower + parameter.upper)
     base, _ = simulated(vector(), currents)
     got, _ = simulated(p, currents)
@@ -50,11 +50,11 @@ def test_neutral_magnitudes_switch_an_effect_off_whatever_its_shape(slug: str) -
 
 def test_the_vector_names_every_word_once() -> None:
     assert len(set(WORDS)) == SIZE == len(neutral_vector())
-    assert word("torque_ripple.amplitudes") == word("torque_ripple.amplitudes[0]")
+    assert index_of("torque_ripple.amplitudes") == index_of("torque_ripple.amplitudes[0]")
     with pytest.raises(KeyError):
-        word("stribeck.omega")
+        index_of("stribeck.omega")
     config = load_config(None)
-    assert device_vector(config, 2e-4)[word("delay_s")] == config.amplifier.delay + 2e-4
+    assert device_vector(config, 2e-4)[index_of("delay_s")] == config.amplifier.delay + 2e-4
 
 
 def test_windows_do_not_depend_on_each_other() -> None:

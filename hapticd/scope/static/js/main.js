@@ -28,7 +28,7 @@ let live = new Store();
 /** What is looked at: the live rows, or those of a run file. */
 let store = live;
 /** @type {any} */ let status = null;
-/** @type {any} */ let told = null;
+/** @type {any} */ let hello = null;
 let windowS = 2;
 let from = -1;
 let mayCommand = false;
@@ -167,7 +167,7 @@ function takeRows(data) {
   heard(found.unixS);
   if (!found.rows) return;
   newestUnixS = found.unixS;
-  if (!told) return; // without the scales a position cannot be told
+  if (!hello) return; // without the scales a position cannot be told
   const before = live.head;
   live.append(found);
   for (let row = Math.max(before, 1); row < live.head; row++) {
@@ -190,8 +190,8 @@ function takeState(data) {
 
 /** @param {any} message */
 function takeConfig(message) {
-  const decimation = told?.scales.decimation;
-  told = message;
+  const decimation = hello?.scales.decimation;
+  hello = message;
   Object.assign(units, message.units);
   Object.assign(scales, message.scales);
   live.rawResolution = scales.raw_resolution;
@@ -433,7 +433,7 @@ tabs.forEach((tab, i) => {
   });
 });
 
-// ---- measuring, and what is told ten times a second
+// ---- measuring, and what is said ten times a second
 
 const measure = new Measure();
 let spectrumAt = 0;
@@ -458,7 +458,7 @@ function tell() {
     const { begin, end } = measure.tell(store, trace, channel, { unit, perTick: inTicks ? scales.resolution : 0 });
     if (performance.now() - spectrumAt > SPECTRUM_MS) {
       spectrumAt = performance.now();
-      measure.draw(store, channel, begin, end, told?.plane.point.cycle?.hz ?? NaN);
+      measure.draw(store, channel, begin, end, hello?.plane.point.cycle?.hz ?? NaN);
     }
   }
   const drawn = framesDrawn - looked;

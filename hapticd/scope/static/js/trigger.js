@@ -11,7 +11,7 @@ import { FLAG } from "./frames.js";
  * @property {number} level
  * @property {number} hysteresis
  * @property {number} holdoffS
- * @property {number} pre share of the window before the trigger
+ * @property {number} pre fraction of the window before the trigger
  */
 
 export class Trigger {

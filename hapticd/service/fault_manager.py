@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from hapticd.record import RecordingError
 from hapticd.service.control import JsonDict
 from hapticd.service.refusals import Refused
-from hapticd.servo import faults, words
+from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 
-class FaultKeeper:
+class FaultManager:
     """Keeps the daemon's fault.
 
     Args:
@@ -113,9 +113,9 @@ class FaultKeeper:
         log.critical("the servo thread has ended by itself; closing the driver")
         rig.driver.close()
         with self.lock:
-            # The loop is gone, so its words are ours to write.
-            rig.core.store(words.FAULT_CODE, faults.DRIVER_ERROR)
-            rig.core.store(words.MODE, w.FAULT)
+            # The loop is gone, so its atomics are ours to write.
+            rig.core.store(atomics.FAULT_CODE, faults.DRIVER_ERROR)
+            rig.core.store(atomics.MODE, w.FAULT)
             detail = "the servo thread ended by itself; restart the daemon"
             self.keep(faults.describe(faults.DRIVER_ERROR, -1, 0, is_linear=False, detail=detail))
 

@@ -1,4 +1,4 @@
-"""The laws of the catalogue that act on the shaft, compiled, and summed over a device vector (`hapticd.plant.layout`)."""
+"""The effect terms that act on the shaft, compiled, and summed over a device vector (`hapticd.plant.layout`)."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from hapticd.effects import (
     torque_ripple,
     viscous_friction,
 )
-from hapticd.jit import law, njit
+from hapticd.jit import effect_term, njit
 from hapticd.plant.hooks import are_installed, are_on, hooked_friction, hooked_torque
-from hapticd.plant.layout import word
+from hapticd.plant.layout import index_of
 from hapticd.plant.path_mean import mean_sine
 
 if TYPE_CHECKING:
@@ -30,38 +30,38 @@ if TYPE_CHECKING:
 _f8 = types.float64
 _p = types.Array(_f8, 1, "C")
 
-_INERTIA = word("inertia")
-_INERTIA_ERROR = word("inertia_error.r")
-_VISCOUS = word("viscous")
-_VISCOUS_ERROR = word("viscous_friction.r")
-_COULOMB = word("coulomb")
-_COULOMB_ERROR = word("coulomb_friction.r")
-_TORQUE_CONSTANT = word("torque_constant")
-_TORQUE_CONSTANT_ERROR = word("torque_constant_error.r")
-_STRIBECK_S = word("stribeck.s")
-_STRIBECK_OMEGA = word("stribeck.omega_s")
-_KAPPA = word("load_dependent_friction.kappa")
-_ASYMMETRIC_VISCOUS = word("asymmetric_viscous.a")
-_BREAKAWAY = word("presliding.breakaway")
-_DRAG = word("quadratic_drag.d")
-_GRAVITY = word("gravity.m_g_l")
-_GRAVITY_REST = word("gravity.theta_0")
-_ORDERS = word("torque_ripple.orders")
-_AMPLITUDES = word("torque_ripple.amplitudes")
-_PHASES = word("torque_ripple.phases")
-_PROPORTION = word("torque_ripple.current_proportion")
+_INERTIA = index_of("inertia")
+_INERTIA_ERROR = index_of("inertia_error.r")
+_VISCOUS = index_of("viscous")
+_VISCOUS_ERROR = index_of("viscous_friction.r")
+_COULOMB = index_of("coulomb")
+_COULOMB_ERROR = index_of("coulomb_friction.r")
+_TORQUE_CONSTANT = index_of("torque_constant")
+_TORQUE_CONSTANT_ERROR = index_of("torque_constant_error.r")
+_STRIBECK_S = index_of("stribeck.s")
+_STRIBECK_OMEGA = index_of("stribeck.omega_s")
+_KAPPA = index_of("load_dependent_friction.kappa")
+_ASYMMETRIC_VISCOUS = index_of("asymmetric_viscous.a")
+_BREAKAWAY = index_of("presliding.breakaway")
+_DRAG = index_of("quadratic_drag.d")
+_GRAVITY = index_of("gravity.m_g_l")
+_GRAVITY_REST = index_of("gravity.theta_0")
+_ORDERS = index_of("torque_ripple.orders")
+_AMPLITUDES = index_of("torque_ripple.amplitudes")
+_PHASES = index_of("torque_ripple.phases")
+_PROPORTION = index_of("torque_ripple.current_proportion")
 
-_inertia = law(inertia_error.inertia)
-_viscous = law(viscous_friction.viscous)
-_coulomb = law(coulomb_friction.coulomb)
-_torque_constant = law(torque_constant_error.torque_constant)
-_stribeck_factor = law(stribeck.factor)
-_load_friction = law(load_dependent_friction.friction)
-_directed_viscous = law(asymmetric_viscous.viscous)
-_relief = law(quadratic_drag.relief)
-_gravity_torque = law(gravity.torque)
-_ripple_torque = law(torque_ripple.torque)
-_ripple_gain = law(torque_ripple.gain)
+_inertia = effect_term(inertia_error.inertia)
+_viscous = effect_term(viscous_friction.viscous)
+_coulomb = effect_term(coulomb_friction.coulomb)
+_torque_constant = effect_term(torque_constant_error.torque_constant)
+_stribeck_factor = effect_term(stribeck.factor)
+_load_friction = effect_term(load_dependent_friction.friction)
+_directed_viscous = effect_term(asymmetric_viscous.viscous)
+_relief = effect_term(quadratic_drag.relief)
+_gravity_torque = effect_term(gravity.torque)
+_ripple_torque = effect_term(torque_ripple.torque)
+_ripple_gain = effect_term(torque_ripple.gain)
 _RIPPLE_ORDERS = torque_ripple.ORDERS
 
 STEADY_PART = 0.5
@@ -73,8 +73,8 @@ SMALLEST_BREAKAWAY = 1e-12
 
 
 @njit(types.boolean(_p), counted=False, inline=True)
-def has_smooth_laws(p: NDArray[Any]) -> bool:
-    """Whether a law is on that changes with position or speed, so that a step needs its middle."""
+def has_smooth_terms(p: NDArray[Any]) -> bool:
+    """Whether a term is on that changes with position or speed, so that a step needs its middle."""
     return (
         p[_STRIBECK_S] != 0.0
         or p[_ASYMMETRIC_VISCOUS] != 0.0
@@ -87,7 +87,7 @@ def has_smooth_laws(p: NDArray[Any]) -> bool:
 
 @njit(_f8(_p, _f8, _f8, _f8, _f8, _f8), counted=False, inline=True)
 def field_torque(p: NDArray[Any], start: float, end: float, velocity: float, time: float, current: float) -> float:
-    """Return the torque of the laws that depend on position, and of those from outside.
+    """Return the torque of the terms that depend on position, and of those from outside.
 
     Args:
         p: device vector.
@@ -120,9 +120,9 @@ def whole_inertia(p: NDArray[Any]) -> float:
 
 
 @njit(_f8(_p, _f8), counted=False, inline=True)
-def shared_inertia(p: NDArray[Any], share: float) -> float:
+def shared_inertia(p: NDArray[Any], fraction: float) -> float:
     """Return the part of the device's inertia that is the load's."""
-    return _inertia(share * p[_INERTIA], p[_INERTIA_ERROR])
+    return _inertia(fraction * p[_INERTIA], p[_INERTIA_ERROR])
 
 
 @njit(_f8(_p), counted=False, inline=True)

@@ -1,6 +1,6 @@
-"""The words that two threads share, by number: an int64 array that the loop and Python both read and write atomically.
+"""The atomics that two threads share: indices into an int64 array that the loop and Python read and write atomically.
 
-Each word is written by one side only. Eight words, one cache line, lie between words of different writers. Everything else
+Each is written by one side only. Those of different writers lie eight words, one cache line, apart. Everything else
 that the loop knows is in its records (`hapticd.servo.layout`).
 """
 
