@@ -18,6 +18,7 @@ NAMES = (
     "lateness",
     "flood",
     "tick",
+    "tick_features",
     "simulate",
     "plant_propagation",
     "maps",

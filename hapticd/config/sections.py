@@ -226,3 +226,8 @@ class Safety(Section):
         "What becomes of a spring whose motion, says the theory, does not die out: refuse: not rendered unless forced; "
         "warn: rendered, and said; off: not looked at",
     )
+    passivity: Literal["off", "observe", "control"] = quantity(
+        "off",
+        "Passivity in the time domain: off: not looked at; observe: the loop books the energy that the rendered spring puts "
+        "out; control: it also adds the damping that dissipates what the spring had not stored",
+    )

@@ -33,7 +33,7 @@ def estimate_velocity(servo: Any) -> float:
     else:
         past = servo.samples[(known - min(params.velocity_periods, known)) & _MASK]
         decimation = params.decimation
-        moved = (state.counts - params.origin) // decimation - (past.counts - params.origin) // decimation
+        moved = tick.position - (past.counts - params.origin) // decimation
         periods = tick.number - past.tick
         difference = moved * decimation * 1e9 / (periods * params.period_ns)
         keep = params.velocity_keep if periods == 1 else params.velocity_keep**periods

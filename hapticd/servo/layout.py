@@ -27,6 +27,9 @@ SIDES = {"both": BOTH_SIDES, "positive": POSITIVE_SIDE, "negative": NEGATIVE_SID
 SKIP, HOLD, FAULT_ON_OVERRUN = 0, 1, 2
 OVERRUN_POLICIES = {"skip": SKIP, "hold": HOLD, "fault": FAULT_ON_OVERRUN}
 
+PASSIVITY_OFF, PASSIVITY_OBSERVE, PASSIVITY_CONTROL = 0, 1, 2
+PASSIVITY_MODES = {"off": PASSIVITY_OFF, "observe": PASSIVITY_OBSERVE, "control": PASSIVITY_CONTROL}
+
 PARAMS = np.dtype(
     [
         ("period_ns", "f8"),  # ns
@@ -37,6 +40,11 @@ PARAMS = np.dtype(
         ("damping", "f8"),  # B a count, N m or N for one count/s
         ("velocity_periods", "i8"),  # over which positions are differenced
         ("velocity_keep", "f8"),  # share of the velocity estimate that a period leaves; 0 for the plain difference
+        ("passivity", "i8"),  # PASSIVITY_OFF, PASSIVITY_OBSERVE, PASSIVITY_CONTROL
+        (
+            "passivity_stiffest",
+            "f8",
+        ),  # α T: largest damping force of its controller for the way of a period, N m/rad or N/m
         ("side", "i8"),  # on which the spring acts: BOTH_SIDES, POSITIVE_SIDE, NEGATIVE_SIDE
         ("origin", "i8"),  # of the spring, counts
         ("decimation", "i8"),  # counts in a coarse tick
@@ -93,6 +101,17 @@ STATE = np.dtype(
         ("velocity_tick", "i8"),  # for which it was estimated
         ("velocity_period_ns", "f8"),  # servo period since its history began, ns
         ("velocity_samples", "i8"),  # put into its history
+        ("observes", "?"),  # whether the passivity observer knows where the period at hand began
+        ("observed_tick", "i8"),  # the tick before it
+        ("observed_counts", "i8"),  # the counts there
+        ("observed_potential", "f8"),  # and the spring's potential, J,
+        ("observed_set", "i8"),  # by this parameter set
+        ("moved", "f8"),  # in that period, rad or m
+        ("put_out", "f8"),  # work of the current sent, J
+        ("generated", "f8"),  # of it what the spring had not stored, J
+        ("excess", "f8"),  # of that what has to be dissipated again, J
+        ("dissipated", "f8"),  # by the controller, J
+        ("passivity_current", "f8"),  # that the controller added, A
         ("missed_in_a_row", "i8"),  # exchanges
         ("overruns_in_a_row", "i8"),  # late ticks
         ("i2t", "f8"),  # A² s above the continuous current
@@ -139,6 +158,11 @@ SNAPSHOT = np.dtype(
         ("current_measured", "f8"),  # A; not a number where the device has none
         ("force", "f8"),  # N m or N
         ("i2t", "f8"),  # A² s above the continuous current
+        ("put_out", "f8"),  # passivity observer, J: work of the current sent,
+        ("generated", "f8"),  # of it what the spring had not stored,
+        ("excess", "f8"),  # of that what is still to be dissipated,
+        ("dissipated", "f8"),  # by the passivity controller
+        ("passivity_current", "f8"),  # that it adds, A
         ("fault_value", "f8"),  # what tripped the fault
         ("fault_limit", "f8"),  # and the limit that it crossed
     ],

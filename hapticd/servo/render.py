@@ -25,9 +25,11 @@ from hapticd.servo.layout import (
     DITHER_POSITION,
     HOLD,
     NEGATIVE_SIDE,
+    PASSIVITY_OFF,
     POSITIVE_SIDE,
     UNIFORM,
 )
+from hapticd.servo.passivity import control, observe
 
 
 @njit(inline=True, counted=False)
@@ -57,7 +59,7 @@ def dither(servo: Any, periods: int) -> float:
 
 @njit(inline=True, counted=False)
 def spring(
-    params: Any, relative: int, dither_value: float, excitation_current: float, velocity: float = 0.0
+    params: Any, relative: int, dither_value: float, excitation_current: float, velocity: float
 ) -> tuple[float, float]:
     """Force of the virtual spring and damping (N m or N) and the current that is asked for (A).
 
@@ -99,6 +101,8 @@ def excite(servo: Any, shared: Any, excitation: Any) -> tuple[float, int]:
 def render(servo: Any, shared: Any, excitation: Any) -> None:
     """Force and clamped current of this tick; a current that is not finite is a fault."""
     params, state, tick = servo.params, servo.state, servo.tick
+    if params.passivity != PASSIVITY_OFF:
+        observe(servo)
     velocity = estimate_velocity(servo) if params.damping > 0.0 else 0.0
     if tick.missed > 0 and params.overrun_policy == HOLD:
         tick.flags |= FLAG_HELD
@@ -113,5 +117,9 @@ def render(servo: Any, shared: Any, excitation: Any) -> None:
         current = np.copysign(params.peak_current, current)
         shared[atomics.CLAMPED] += 1
         tick.flags |= FLAG_CLAMPED
+    if params.passivity != PASSIVITY_OFF:
+        rendered = current
+        current = control(servo, rendered, params.peak_current if params.safety else np.inf)
+        force += (current - rendered) * params.torque_constant
     state.force = force
     state.requested = current

@@ -158,6 +158,8 @@ def _damping(found: Assessment, aim: Aim) -> Change | None:
 def _stiffness(found: Assessment, aim: Aim) -> Change | None:
     loop, start = found.loop, found.start
     K = loop.stiffness
+    if K == 0.0:
+        return None
 
     def safe(stiffness: float) -> bool:
         return _safe(replace(loop, stiffness=stiffness), start, aim)

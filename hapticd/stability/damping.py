@@ -23,18 +23,18 @@ too. In both a damper only costs. That it also brakes, no theorem says; `hapticd
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from hapticd.stability.criterion import Criterion, dissipation_margin, xi_ddot_bound
-from hapticd.stability.numbers import Dimensionless, Loop
+from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
 
 if TYPE_CHECKING:
     from hapticd.config import Config
 
-_ANGLES: Final = np.linspace(0.0, math.pi, 4_001)
+_ANGLES: Final = np.linspace(0.0, math.pi, 20_001)
 
 
 @dataclass(frozen=True)
@@ -86,6 +86,14 @@ def passive_beta(numbers: Dimensionless, damper: Damper) -> float:
     """Least β for passivity: ½ + τ_D + γβ_v, with γ = 1 where there is delay."""
     gamma = 1.0 if numbers.tau_d > 0.0 else damper.gamma
     return 0.5 + numbers.tau_d + gamma * damper.beta_v
+
+
+def passive_viscous(config: Config, latency_s: float = 0.0) -> float:
+    """Least viscous friction b in N m s/rad or N s/m for passivity, K(T/2 + T_D) + γB, with or without a spring."""
+    loop = loop_from_config(config, latency_s)
+    damper = damper_from_config(config, replace(loop, stiffness=1.0))
+    gamma = 1.0 if loop.delay > 0.0 else damper.gamma
+    return loop.stiffness * (0.5 * loop.period + loop.delay) + gamma * config.spring.damping
 
 
 def damped_margin(numbers: Dimensionless, damper: Damper, xi_dot_max: float, criterion: Criterion = "sharp") -> float:

@@ -1,12 +1,15 @@
 """The loop with all that the servo renders, exactly, from sample to sample: where no theorem covers it, this runs it.
 
 Beyond `hapticd.stability.map_kernel`, which is the bare spring of eq. 7–9: virtual damping with its velocity estimate, a
-spring without ticks (φ = −ξ), a hand's stiffness κ. Numbers are those of Table I. A run ends
+spring without ticks (φ = −ξ), a hand's stiffness κ, and the passivity controller (`hapticd.stability.passivity`), for which
+the whole delay is T_V: it knows when a command is sent. Numbers are those of Table I. A run ends
 
 * at rest: the mass has stood still for as long as anything remembers, and stiction holds the force that stays;
 * vanished: without ticks, when the energy is 10⁻¹² of the first;
 * beyond 10⁹ ticks;
-* at the horizon, where the trend of the energy decides (`hapticd.stability.outcome`).
+* at the horizon, where the trend of the energy decides (`hapticd.stability.outcome`), but for two things that it cannot see:
+  a damper lets the mass creep towards the edge of stiction for ever, which counts as rest; and where σ < ½ no tick has a
+  force that friction holds, so that nothing that moves dies out.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ from hapticd.plant.spring import propagate_with_stiffness
 from hapticd.stability.map_kernel import LIMIT, RISE_TOLERANCE, STRETCHES, energy
 from hapticd.stability.maps import OUTCOMES
 from hapticd.stability.outcome import Outcome, decide
+from hapticd.stability.passivity import dissipating_force, spring_potential
 
 if TYPE_CHECKING:
     from hapticd.stability.damping import Damper
@@ -41,6 +45,9 @@ LOOP: Final = np.dtype(
         ("beta_v", "f8"),  # virtual damping B/(KT)
         ("periods", "i8"),  # over which the damper takes its difference
         ("keep", "f8"),  # what a period leaves of its low-pass; 0 for the plain difference
+        ("counts", "i8"),  # in a tick, as the passivity controller reads them; 0 for no controller
+        ("stiffest", "f8"),  # its α T in units of K
+        ("force_limit", "f8"),  # within which it adds, ticks of force
         ("ticks", "?"),  # whether the loop sees ticks, or the true position
         ("xi", "f8"),  # where the motion starts, ticks
         ("xi_dot", "f8"),  # and how fast, ticks per period
@@ -60,6 +67,8 @@ RUN: Final = np.dtype(
         ("xi_dot", "f8"),
         ("amplitude", "f8"),
         ("omega", "f8"),
+        ("added", "f8"),  # largest force that the passivity controller added, ticks
+        ("largest", "f8"),  # largest force asked for at all, ticks
         ("peaks", "f8", STRETCHES),
     ],
     align=True,
@@ -68,6 +77,8 @@ RUN: Final = np.dtype(
 REST, VANISHED, LEFT, HORIZON = range(4)
 MONOTONE, DECAYING, PERSISTENT, GROWING = range(4)
 _VANISHED = 1e-12
+#: Ticks within which a motion that goes on is a creep.
+_CREEP = 1e-9
 
 #: Periods for which one motion is followed: tens of milliseconds at most.
 HORIZON_PERIODS: Final = 50_000
@@ -81,7 +92,7 @@ _f8 = types.float64
 def _stored(loop: Any, x: float, v: float) -> float:
     """Energy of a state in KΔ²; without ticks the spring's is ½ξ²."""
     own = energy(x, v, loop.mu) if loop.ticks else 0.5 * (loop.mu * v * v + x * x)
-    return own + 0.5 * loop.kappa * x * x
+    return float(own + 0.5 * loop.kappa * x * x)
 
 
 @njit(inline=True)
@@ -98,6 +109,8 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any) -> None:
     half = periods // 2
     edge, stretch, peak = half, -1, 0.0
     still, reversals, heading = 0, 0, 0.0
+    counts, counted, sent, excess = loop.counts, 0.0, 0.0, 0.0
+    run.added = run.largest = 0.0
     low = high = x
     run.rose = False
     run.reason = HORIZON
@@ -121,6 +134,19 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any) -> None:
         velocity = loop.keep * velocity + (1.0 - loop.keep) * difference
         samples[h % window] = seen
         force = spring - loop.beta_v * velocity
+        if counts > 0:
+            middle = (math.floor(x * counts) + 0.5) / counts
+            moved = middle - counted if h > 0 else 0.0
+            work = sent * moved + spring_potential(middle, 0.5, 0.0) - spring_potential(counted, 0.5, 0.0)
+            excess = max(0.0, excess + work) if h > 0 else 0.0
+            counted = middle
+            if moved != 0.0 and excess > 0.0:
+                limit = max(loop.force_limit, abs(force))
+                braked = force + dissipating_force(excess, moved, loop.stiffest)
+                braked = max(-limit, min(limit, braked))
+                run.added = max(run.added, abs(braked - force))
+                force = braked
+        run.largest = max(run.largest, abs(force))
         if still > pending + window and abs(spring - kappa * x) <= sigma and abs(force - kappa * x) <= sigma:
             run.reason = REST
             break
@@ -129,6 +155,7 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any) -> None:
             break
         before = ring[h % pending]
         ring[h % pending] = force
+        sent = ring[(h + 1) % pending]  # what the amplifier has been told, by the end of this period
         start = x
         if fraction > 0.0:
             x, v = propagate_with_stiffness(x, v, fraction, before, mu, beta, sigma, kappa)
@@ -177,8 +204,11 @@ def run_loops(loops: NDArray[Any], periods: int) -> NDArray[Any]:
     _run_all(np.ascontiguousarray(loops), runs, periods)
     for run in runs:
         gone = run["reason"] in (REST, VANISHED)
+        gone |= run["reason"] == HORIZON and run["amplitude"] < _CREEP
         outcome = decide(bool(run["rose"]), run["peaks"], at_rest=gone, grew_past_limit=run["reason"] == LEFT)
         run["outcome"] = OUTCOMES.index(outcome)
+    restless = loops["ticks"] & (loops["sigma"] < 0.5) & (loops["kappa"] == 0.0) & (runs["reason"] == HORIZON)
+    runs["outcome"][restless & (runs["outcome"] < PERSISTENT)] = PERSISTENT
     return runs
 
 
@@ -189,6 +219,7 @@ def loop_record(numbers: Dimensionless, damper: Damper, xi: FloatArray, xi_dot: 
         loops[name] = getattr(numbers, name)
     for name in ("beta_v", "periods", "keep"):
         loops[name] = getattr(damper, name)
+    loops["force_limit"] = np.inf
     loops["ticks"], loops["xi"], loops["xi_dot"] = True, xi, xi_dot
     return loops
 
@@ -233,7 +264,7 @@ def _exact(loops: NDArray[Any]) -> ExactRun:
     return ExactRun(
         float(loops["xi"][0]),
         float(loops["xi_dot"][0]),
-        OUTCOMES[run["outcome"]],  # type: ignore[arg-type]
+        OUTCOMES[run["outcome"]],
         int(run["periods"]),
         float(run["amplitude"]),
         float(run["omega"]),

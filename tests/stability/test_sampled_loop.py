@@ -48,9 +48,7 @@ def test_without_damping_it_is_the_loop_of_the_maps(tau_d: float) -> None:
 )
 @pytest.mark.parametrize("delay_s", [0.0, 0.0137])
 def test_the_servo_does_what_the_exact_loop_does(estimate: dict[str, Any], delay_s: float) -> None:
-    config = parse_config(
-        {**RIG, "spring": {"damping": 2e-4, **estimate}, "delay": {"computation_s": delay_s}}, "test"
-    )
+    config = parse_config({**RIG, "spring": {"damping": 2e-4, **estimate}, "delay": {"computation_s": delay_s}}, "test")
     loop = loop_from_config(config)
     loops = loop_record(loop.numbers, damper_from_config(config, loop), np.array([2.3]), np.zeros(1))
     for periods in (12, 37, 150):
