@@ -24,7 +24,7 @@ def test_zwidth_agrees_with_what_is_known_of_it() -> None:
     assert found.passive[0] == pytest.approx(9e-6 / (0.5e-3 + found.loop.delay))
     assert (np.diff(found.passive) <= 0.0).all()
     most = 0.5 * found.passive[0]
-    finer = zwidth(load_config(None), 0.0, count=6, periods=1500, stiffness_max=most, damping_max=1e-6, jobs=1)
+    finer = zwidth(load_config(None), 0.0, count=6, periods=12000, stiffness_max=most, damping_max=1e-6, jobs=1)
     assert found.stiffness[0] > finer.stiffness[-1]
     for variant in ("linear", "coulomb", "ticks and coulomb"):
         assert (finer.fate[variant][0] == DIES_OUT).all()
