@@ -19,6 +19,7 @@ NAMES = (
     "flood",
     "tick",
     "tick_features",
+    "guard",
     "simulate",
     "plant_propagation",
     "maps",

@@ -1,7 +1,4 @@
-"""What damping, the passivity observer and its controller add to a tick: ratios to the plain tick, on a shaft that moves.
-
-The stability guard runs in the thread of a request, never in the loop; its figure is the time of one request.
-"""
+"""What damping, the passivity observer and its controller add to a tick: ratios to the plain tick, on a shaft that moves."""
 
 from __future__ import annotations
 
@@ -21,7 +18,6 @@ from hapticd.jit import carray, cfunc
 from hapticd.servo import atomics
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
-from hapticd.stability.guard import judge
 
 GOAL = 1.3
 BLOCK = 1 << 15
@@ -99,15 +95,6 @@ def measure(quick: bool) -> list[Figure]:
             ratio = statistics.median(a / b for a, b in zip(case.costs_ns, plain, strict=True))
             details = {"tick_ns": statistics.median(case.costs_ns), "blocks": blocks}
             figures.append(Figure(f"tick {name}", ratio, "×", GOAL, peer="plain tick", details=details))
-    for name, changes in (("the guard, one request", {}), ("the guard with damping", {"spring": _DAMPING})):
-        config = parse_config(changes, "benchmark")
-        judge(config, 0.0)
-        times = []
-        for _ in range(5 if quick else 20):
-            begin = time.perf_counter()
-            judge(config, 0.0)
-            times.append(1e3 * (time.perf_counter() - begin))
-        figures.append(Figure(name, statistics.median(times), "ms"))
     return figures
 
 

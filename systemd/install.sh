@@ -12,6 +12,7 @@ cd "$(dirname "$0")/.."
 prefix=/opt/hapticd
 local=/usr/local
 cache=/var/cache/hapticd
+scope_cache=(/var/cache/hapticd-scope /var/cache/private/hapticd-scope)  # a link, and what it points to: DynamicUser=
 units=(hapticd.service hapticd@.service hapticd-can0.service hapticd-metrics@.service hapticd-metrics@.timer hapticd-scope.service)
 
 fail() { echo "install: $*" >&2; exit 1; }
@@ -55,7 +56,7 @@ uninstall() {
     done
   fi
   files | while read -r _ target; do rm -f "$target"; done
-  rm -rf "$prefix" "$cache" /run/hapticd
+  rm -rf "$prefix" "$cache" "${scope_cache[@]}" /run/hapticd
   find /var/log -maxdepth 1 \( -name hapticd -o -name 'hapticd-*' \) -type d -empty -delete
   rm -f "$local/bin/hapticd" "$local/share/bash-completion/completions/hapticd" \
     "$local/share/zsh/site-functions/_hapticd" "$local"/share/man/man1/hapticd.1 "$local"/share/man/man1/hapticd-*.1

@@ -5,14 +5,14 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import pytest
 
 from hapticd.cli.main import main
+from hapticd.client import Client
 
-from ..service.fake_control import FakeControl, serve
+from ..service.fake_control import FakeControl, renew, serve
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,25 @@ def hapticd(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch)
     return run
 
 
-@pytest.fixture
-def control() -> FakeControl:
-    """The stand-in for the daemon."""
-    return FakeControl()
+@pytest.fixture(scope="package")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[FakeControl, Client]]:
+    """The stand-in for the daemon, answering: one for all tests."""
+    control = FakeControl()
+    with serve(control, tmp_path_factory.mktemp("cli") / "h.sock") as client:
+        yield control, client
 
 
 @pytest.fixture
-def daemon(control: FakeControl, hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Run]:
+def control(served: tuple[FakeControl, Client]) -> FakeControl:
+    """The same, as at its start."""
+    renew(*served)
+    return served[0]
+
+
+@pytest.fixture
+def daemon(
+    served: tuple[FakeControl, Client], control: FakeControl, hapticd: Run, monkeypatch: pytest.MonkeyPatch
+) -> Run:
     """Run one command line with a daemon answering on HAPTICD_SOCKET."""
-    with serve(control, tmp_path / "h.sock"):
-        monkeypatch.setenv("HAPTICD_SOCKET", str(tmp_path / "h.sock"))
-        yield hapticd
+    monkeypatch.setenv("HAPTICD_SOCKET", str(served[1].socket_path))
+    return hapticd

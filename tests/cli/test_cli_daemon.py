@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -298,10 +299,8 @@ def test_socket_defaults_to_that_of_the_config(hapticd: Run, tmp_path: Path, mon
     assert str(tmp_path / "hapticd.sock") in hapticd("status").err
 
 
-def test_daemon_that_hangs_exits_3(
-    daemon: Run, control: FakeControl, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    path = tmp_path / "h.sock"
+def test_daemon_that_hangs_exits_3(daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = Path(os.environ["HAPTICD_SOCKET"])
     monkeypatch.setattr("hapticd.cli.state.connect", lambda socket: Client(path, timeout_s=0.1))
     control.gate.clear()
     outcome = daemon("start")

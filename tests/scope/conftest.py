@@ -6,11 +6,14 @@ import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
+from hapticd.client import Client
+from hapticd.scope.lease import Lease
 from tests.service import fake_control
 from tests.service.fake_control import FakeControl
 
@@ -32,16 +35,34 @@ PATIENCE_MS = 30_000
 Open = Callable[..., Page]
 
 
-@pytest.fixture
-def control() -> FakeControl:
-    return FakeControl()
+@dataclass(frozen=True)
+class Stage:
+    """A scope in front of a stand-in for the daemon."""
+
+    control: FakeControl
+    client: Client
+    scope: Served
+
+
+@pytest.fixture(scope="module")
+def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
+    path, control = tmp_path_factory.mktemp("stage") / "h.sock", FakeControl()
+    with fake_control.serve(control, path) as client, serve(path) as served:
+        yield Stage(control, client, served)
 
 
 @pytest.fixture
-def scope(control: FakeControl, tmp_path: Path) -> Iterator[Served]:
-    path = tmp_path / "h.sock"
-    with fake_control.serve(control, path), serve(path) as served:
-        yield served
+def control(stage: Stage) -> FakeControl:
+    """The stand-in, as at its start."""
+    fake_control.renew(stage.control, stage.client)
+    return stage.control
+
+
+@pytest.fixture
+def scope(stage: Stage, control: FakeControl) -> Served:
+    """The scope, with its controls free."""
+    stage.scope.server.lease = Lease()
+    return stage.scope
 
 
 @pytest.fixture(scope="package")

@@ -28,8 +28,12 @@ class FakeControl:
     """Satisfies ``hapticd.service.control.Control``."""
 
     def __init__(self) -> None:
-        self.resolved = load_config(None)
         self.live = LiveStream()
+        self.reset()
+
+    def reset(self) -> None:
+        """As at its start."""
+        self.resolved = load_config(None)
         self.state = "off"
         self.fault: JsonDict | None = None
         self.calls: list[tuple[Any, ...]] = []
@@ -165,6 +169,14 @@ class FakeControl:
     def _begin(self, kind: str) -> None:
         self.state = "running"
         self.job = {"id": 1, "kind": kind, "state": "running", "progress": 0.0, "result": None}
+
+
+def renew(control: FakeControl, client: Client) -> None:
+    """A control that is served goes to the next test as at its start; what the last one left hanging has ended."""
+    control.fails_with = None
+    control.gate.set()
+    client.clear()  # commands are answered one after another
+    control.reset()
 
 
 @contextlib.contextmanager

@@ -5,6 +5,7 @@ import logging
 import socket
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +15,7 @@ import pytest
 from hapticd.client import Client, DaemonUnreachable
 from hapticd.service.refusals import DriverFailure, Refused
 
-from .fake_control import FAULT, FakeControl, serve
+from .fake_control import FAULT, FakeControl, renew, serve
 
 TOO_LARGE = json.dumps({"settings": {"spring.stiffness": "9" * 70_000}})
 
@@ -144,33 +145,40 @@ WRONG = [
 ]
 
 
-@pytest.fixture
-def control() -> FakeControl:
-    return FakeControl()
+@dataclass(frozen=True)
+class Served:
+    """A stand-in for the daemon that answers, and two ways to ask it."""
 
-
-@pytest.fixture
-def raw(control: FakeControl, tmp_path: Path) -> Iterator[httpx.Client]:
-    path = tmp_path / "h.sock"
-    with serve(control, path), httpx.Client(transport=httpx.HTTPTransport(uds=str(path)), base_url="http://h") as raw:
-        yield raw
+    control: FakeControl
+    client: Client
+    raw: httpx.Client
 
 
 @pytest.fixture(scope="module")
-def shared(tmp_path_factory: pytest.TempPathFactory) -> Iterator[httpx.Client]:
-    path = tmp_path_factory.mktemp("api") / "h.sock"
-    with (
-        serve(FakeControl(), path),
-        httpx.Client(transport=httpx.HTTPTransport(uds=str(path)), base_url="http://h") as client,
-    ):
-        yield client
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    path, control = tmp_path_factory.mktemp("api") / "h.sock", FakeControl()
+    transport = httpx.HTTPTransport(uds=str(path))
+    with serve(control, path) as client, httpx.Client(transport=transport, base_url="http://h") as raw:
+        yield Served(control, client, raw)
+
+
+@pytest.fixture
+def control(served: Served) -> FakeControl:
+    """The stand-in, as at its start."""
+    renew(served.control, served.client)
+    return served.control
+
+
+@pytest.fixture
+def raw(served: Served, control: FakeControl) -> httpx.Client:
+    return served.raw
 
 
 @pytest.mark.parametrize(("method", "path", "body", "status", "code", "message"), WRONG)
 def test_wrong_request(
-    shared: httpx.Client, method: str, path: str, body: str | bytes, status: int, code: str, message: str
+    raw: httpx.Client, method: str, path: str, body: str | bytes, status: int, code: str, message: str
 ) -> None:
-    reply = shared.request(method, path, content=body, headers={"content-type": "application/json"})
+    reply = raw.request(method, path, content=body, headers={"content-type": "application/json"})
     assert (reply.status_code, reply.json()) == (status, {"error": {"code": code, "message": message}})
 
 

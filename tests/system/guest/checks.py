@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 import traceback
+import urllib.request
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -103,6 +104,29 @@ def hardened() -> str:
     exposure = float(re.search(r"([0-9.]+)", words.split(":")[1])[1])  # type: ignore[index]
     assert exposure <= 3.0, words
     return f"systemd-analyze verify is silent, security {exposure}"
+
+
+@check
+def live_view() -> str:
+    """The optional unit: its page on loopback and nowhere else, and an order from there that the daemon takes."""
+    sh("systemd-analyze verify hapticd-scope.service")
+    sh("systemctl start hapticd-scope")
+    told = Path("/run/hapticd-scope/url")
+    until(told.exists, "the page's address")
+    address, _, token = json.loads(told.read_text())["url"].partition("#")
+    with urllib.request.urlopen(address, timeout=60) as page:
+        text = page.read().decode()
+    assert "<title>hapticd scope</title>" in text, text[:200]
+    order = urllib.request.Request(address + "api/stop", b"{}", {"Authorization": f"Bearer {token}"})
+    with urllib.request.urlopen(order, timeout=60) as reply:
+        answer = json.loads(reply.read())
+    assert answer["state"] == "off", answer
+    listening = [line.split()[3] for line in sh("ss -Hltn 'sport = :8765'").splitlines()]
+    assert listening == ["127.0.0.1:8765"], listening
+    sh("systemctl stop hapticd-scope")
+    assert unit("Result", "hapticd-scope") == "success", unit("Result", "hapticd-scope")
+    assert not told.exists(), "the address outlives the page"
+    return f"page at {address}, {len(text)} characters; a stop from there reached the daemon"
 
 
 @check

@@ -79,8 +79,8 @@ def until(condition: Callable[[], Any], what: str, timeout: float = 300.0) -> An
         time.sleep(0.5)
 
 
-def unit(key: str) -> str:
-    return sh(f"systemctl show hapticd -p {key} --value").strip()
+def unit(key: str, name: str = "hapticd") -> str:
+    return sh(f"systemctl show {name} -p {key} --value").strip()
 
 
 def until_active() -> None:
