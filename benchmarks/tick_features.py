@@ -1,4 +1,4 @@
-"""What damping, the passivity observer and its controller add to a tick: ratios to the plain tick, on a shaft that moves."""
+"""What damping, the passivity observer and its controller add to a tick: ratios to the plain one, on a moving shaft."""
 
 from __future__ import annotations
 
