@@ -20,13 +20,12 @@ from tests.service.daemons import daemon_on, state_home, undisturbed
 
 __all__ = ["state_home"]
 
-pytestmark = pytest.mark.realtime
-
 (CASE_D,) = [replace(case, duration_s=1.5) for case in FIG_8 if case.name == "d"]
 CONTROL = {"safety.passivity": "control"}
 DAMPING = {"spring.damping": 3e-4}
 
 
+@pytest.mark.usefixtures("forked")
 @pytest.mark.parametrize("transport", ["serial board on a pty", "CAN frames over a Unix socket"])
 def test_the_controller_and_damping_stop_case_d(transport: str) -> None:
     calm = apply_settings(hil_config(TRANSPORTS[transport]), {**CONTROL, **DAMPING})
