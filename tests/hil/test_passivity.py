@@ -44,7 +44,7 @@ def test_the_loopback_books_what_a_replay_of_its_run_books(monkeypatch: pytest.M
         with daemon_on(monkeypatch, tmp_path, **sections) as (daemon, _devices):
             daemon.release(10.3, 1.5, force=True)
             wait_until(lambda: daemon.experiment()["state"] != "running", "the end of the release")
-            metrics = daemon.metrics().decode()
+            metrics = daemon.metrics()
             status = daemon.status()
             assert f'hapticd_passivity_joules{{kind="dissipated"}} {status["passivity"]["dissipated_J"]}' in metrics
             return daemon.experiment()["result"], status
