@@ -30,6 +30,7 @@ WALL_CLOCK = (
     "drivers/test_seqpacket_bus.py",
     "gap/test_live_story.py",
     "hil/test_hil.py",
+    "hil/test_passivity.py",
     "record/test_crash.py",
     "record/test_history.py",
     "record/test_recorder.py",

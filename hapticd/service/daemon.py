@@ -29,8 +29,7 @@ from hapticd.service.rig import Rig
 from hapticd.service.settings import changed_keys, is_live
 from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
-from hapticd.stability.guard import judge
-from hapticd.stability.numbers import from_config
+from hapticd.stability.guard import judge, same_loop
 
 log = logging.getLogger(__name__)
 
@@ -255,8 +254,7 @@ class Daemon(Endpoints):
         """Judge live settings: with the shaft where it is if the spring is rendered. None: the theory sees no change."""
         rig = self.rig
         latency_s, rendered = rig.driver.latency_s, rig.state in (w.READY, w.RUNNING)
-        same_point = from_config(rig.config, latency_s) == from_config(config, latency_s)
-        if same_point and not (rendered and moves_origin):
+        if same_loop(rig.config, config, latency_s) and not (rendered and moves_origin):
             return None
         origin = config.origin_counts if moves_origin else rig.origin_counts
         rig.guard = self._rendering.admit(config, deflection_of(rig, config, origin) if rendered else None, force=force)

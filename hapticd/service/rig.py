@@ -13,6 +13,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import drivers
 from hapticd.config import config_digest
 from hapticd.record import Recorder, run_metadata
@@ -56,7 +58,7 @@ class Rig:
         except BaseException:
             self.driver.close()
             raise
-        self.servo = ServoThread(config, self.driver, parameters(config, self.request), latched_fault)
+        self.servo = ServoThread(config, self.driver, self._parameters(), latched_fault)
         self.core = self.servo.core
         self._asking = threading.Lock()
         self._halts = 0
@@ -83,6 +85,9 @@ class Rig:
             self.recorder.shutdown()
             self.driver.close()
             raise
+
+    def _parameters(self) -> np.void:
+        return parameters(self.config, self.request, latency_s=self.driver.latency_s)
 
     def _drain(self) -> Iterator[Rows]:
         """Rows for the recorder; on their way the energies are booked, to within one portion of a changed setting."""
@@ -178,7 +183,7 @@ class Rig:
         if config is not None:
             self.config = config
         self.request = replace(self.request, **changes)
-        self.core.publish(parameters(self.config, self.request))
+        self.core.publish(self._parameters())
 
     def wait_ticks(self, ticks: int) -> bool:
         """Wait until the loop has done that many more ticks; False when it does not."""

@@ -21,6 +21,7 @@ from hapticd.servo.clock import grid_instant
 from hapticd.servo.layout import PARAMS, SERVO
 from hapticd.servo.loop import run
 from hapticd.servo.timing import quantiles_us
+from hapticd.stability.damping import passive_viscous
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
     from drivers.interface import Driver
     from hapticd.config import Config
+    from hapticd.config.sections import Spring
 
 
 PORTION_ROWS = 1024
@@ -81,8 +83,20 @@ def i2t_limit(config: Config) -> float:
     return float((peak**2 - amplifier.continuous_current**2) * (amplifier.peak_time_s or 0.0))
 
 
-def parameters(config: Config, request: Request, *, safety: bool = True) -> np.void:
-    """One whole parameter set for the mailbox: a new `PARAMS` record, units as its comments say."""
+def velocity_keep(spring: Spring, period_s: float) -> float:
+    """Share of the velocity estimate that one period leaves: e^(−2π f T) of the low-pass, 0 of the plain difference."""
+    if spring.velocity_estimate == "difference":
+        return 0.0
+    return math.exp(-2.0 * math.pi * spring.velocity_cutoff_hz * period_s)
+
+
+def parameters(config: Config, request: Request, *, safety: bool = True, latency_s: float = 0.0) -> np.void:
+    """One whole parameter set for the mailbox: a new `PARAMS` record, units as its comments say.
+
+    Args:
+        config: the configuration in force. request: what the supervisor wants besides.
+        safety: False for no trips and no clamp. latency_s: the driver's declared latency, for the passivity controller.
+    """
     p: np.void = np.zeros(1, PARAMS)[0]
     raw = config.raw_resolution
     amplifier, dither, limits, spring = config.amplifier, config.dither, config.safety, config.spring
@@ -91,6 +105,11 @@ def parameters(config: Config, request: Request, *, safety: bool = True) -> np.v
     p["clear"] = request.clear
     p["force_per_tick"] = spring.stiffness * config.resolution
     p["bias"] = 0.5 if spring.half_tick_bias else 0.0
+    p["damping"] = spring.damping * raw
+    p["velocity_periods"] = spring.velocity_periods if spring.velocity_estimate == "difference" else 1
+    p["velocity_keep"] = velocity_keep(spring, config.period)
+    p["passivity"] = layout.PASSIVITY_MODES[limits.passivity]
+    p["passivity_stiffest"] = 2.0 * passive_viscous(config, latency_s) / config.period
     p["side"] = layout.SIDES[spring.side]
     p["origin"] = config.origin_counts if request.origin_counts is None else request.origin_counts
     p["decimation"] = config.encoder.decimation
@@ -242,6 +261,13 @@ class ServoCore:
     def dropped(self) -> int:
         """Rows lost because nobody drained the ring."""
         return int(self.shared[atomics.DROPPED])
+
+    def passivity(self) -> dict[str, float]:
+        """What the passivity observer has booked since the start: energies in J, and the controller's current in A."""
+        energies = {
+            f"{name}_J": float(self.snapshot[name]) for name in ("put_out", "generated", "excess", "dissipated")
+        }
+        return {**energies, "current": float(self.snapshot["passivity_current"])}
 
     def timing(self) -> dict[str, Any]:
         """``ticks``, ``missed`` and the quantiles ``wake_us`` and ``exec_us`` since the start."""

@@ -17,7 +17,8 @@ from hapticd.servo import atomics
 from hapticd.servo.clock import grid_instant, now_ns, sleep_until
 from hapticd.servo.command import leave, write_current, write_zero
 from hapticd.servo.gate import check_exchange, check_load, step_mode, take_counts
-from hapticd.servo.layout import FAULT, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
+from hapticd.servo.layout import FAULT, PASSIVITY_OFF, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
+from hapticd.servo.passivity import show_energy
 from hapticd.servo.render import coarse_ticks, render
 from hapticd.servo.timing import count
 
@@ -142,6 +143,8 @@ def show(servo: Any, shared: Any) -> None:
     snapshot.current = state.current
     snapshot.current_measured = servo.exchange.current_measured
     snapshot.force = servo.tick.force
+    if servo.params.passivity != PASSIVITY_OFF:
+        show_energy(servo)
     shared[atomics.COUNTS] = state.counts
 
 

@@ -115,7 +115,7 @@ def simulate(
     core.excitation[:] = table
     played = Request(state=layout.RUNNING, excitation_id=1, excitation_length=table.shape[1])
     request = Request(state=layout.RUNNING) if excitation is None else played
-    core.publish(parameters(config, request, safety=safety))
+    core.publish(parameters(config, request, safety=safety, latency_s=latency_s))
     core.begin(0, layout.RUNNING)
 
     inertia = config.plant.inertia + config.hand.inertia
@@ -165,6 +165,8 @@ def simulate(
         "warnings": warnings,
         "fault": _fault(core, config, number) if number else None,
     }
+    if config.safety.passivity != "off":
+        report["passivity"] = core.passivity()
     return SimulationResult(report, position, speed)
 
 
