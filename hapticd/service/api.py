@@ -19,6 +19,7 @@ from fastapi import FastAPI
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 
 from hapticd.service import replies, schemas, socket
+from hapticd.service.access import CALLER, Access, CallerProtocol, Rules
 from hapticd.service.control import Control, JsonDict
 from hapticd.service.metrics import CONTENT_TYPE
 
@@ -26,12 +27,14 @@ log = logging.getLogger("hapticd.api")
 
 DESCRIPTION = """Control of a running hapticd daemon over its Unix socket.
 
-Everyone who may write to the socket may command the motor; its owner, group and mode are the access control.
+Everyone who may write to the socket may command the motor, unless `api.watch_group` is set: then members of `api.group` may,
+and members of `api.watch_group` may use the GET methods alone. The kernel says who a caller is.
 `/estop` is a software stop, not a safety-rated one.
 """
 
 ERRORS: dict[int | str, dict[str, Any]] = {
     400: {"model": schemas.ErrorReply, "description": "The body is not JSON."},
+    403: {"model": schemas.ErrorReply, "description": "The caller may only watch."},
     409: {"model": schemas.ErrorReply, "description": "Refused in the daemon's present state."},
     413: {"model": schemas.ErrorReply, "description": "The body is longer than 64 KiB."},
     422: {"model": schemas.ErrorReply, "description": "The request or a setting in it is wrong."},
@@ -53,13 +56,23 @@ BODIES: dict[str, type[schemas.Request]] = {
 
 
 class Executor:
-    """One queue of requests with its own threads."""
+    """One queue of requests with its own threads.
 
-    def __init__(self, name: str, workers: int) -> None:
+    Args:
+        name: of its threads.
+        workers: how many.
+        told: whether the log says who asks for what.
+    """
+
+    def __init__(self, name: str, workers: int, *, told: bool = True) -> None:
+        self._told = told
         self.pool = ThreadPoolExecutor(workers, thread_name_prefix=f"hapticd-{name}")
 
     async def run(self, method: Callable[..., JsonDict | bytes], *arguments: Any) -> Response:
         """Call ``method`` on one of the threads and reply with what it returns; bytes are text as they are."""
+        if self._told and (caller := CALLER.get()) is not None:
+            fields = {"uid": caller.uid, "pid": caller.pid, "request": method.__name__}
+            log.info("%s: %s%s", caller, method.__name__, arguments, extra={"journal": fields})
         try:
             answer = await asyncio.get_running_loop().run_in_executor(self.pool, method, *arguments)
         except replies.ANSWERS:
@@ -76,7 +89,7 @@ class Executors:
     """The executors of one API. Stops have their own, so that nothing slow is ever in front of them."""
 
     def __init__(self) -> None:
-        self.queries = Executor("query", 2)
+        self.queries = Executor("query", 2, told=False)
         self.commands = Executor("command", 1)
         self.stops = Executor("stop", 1)
         self.estops = Executor("estop", 2)
@@ -87,16 +100,18 @@ class Executors:
             executor.pool.shutdown(wait=False, cancel_futures=True)
 
 
-def create_app(control: Control, executors: Executors | None = None) -> FastAPI:
+def create_app(control: Control, executors: Executors | None = None, rules: Rules | None = None) -> FastAPI:
     """The API of one daemon.
 
     Args:
         control: the daemon.
         executors: threads to answer on; made here when None.
+        rules: who may ask for what; None: whoever is let in by the socket's permissions, for everything.
     """
     executors = executors or Executors()
     app = FastAPI(title="hapticd", version="1", description=DESCRIPTION, docs_url=None, redoc_url=None)
     replies.install(app, BODIES)
+    app.add_middleware(Access, rules=rules or Rules())
     _add_queries(app, control, executors)
     _add_commands(app, control, executors)
     _add_experiments(app, control, executors)
@@ -152,20 +167,20 @@ def _add_queries(app: FastAPI, control: Control, executors: Executors) -> None:
 
 
 def _add_commands(app: FastAPI, control: Control, executors: Executors) -> None:
-    refusable = _documented(schemas.Status, 400, 409, 413, 422, 502)
-    judged = _documented(schemas.JudgedStatus, 400, 409, 413, 422, 502)
+    refusable = _documented(schemas.Status, 400, 403, 409, 413, 422, 502)
+    judged = _documented(schemas.JudgedStatus, 400, 403, 409, 413, 422, 502)
 
     @app.post("/start", **judged)
     async def start(body: schemas.StartBody | None = None) -> Response:
         """Enable the amplifier and render the spring, unless theory says that its motion would not die out."""
         return await executors.commands.run(control.start, bool(body and body.force))
 
-    @app.post("/stop", **_documented(schemas.Status, 502))
+    @app.post("/stop", **_documented(schemas.Status, 403, 502))
     async def stop() -> Response:
         """Zero current, then disable; ends a running experiment. Whatever the body says is ignored."""
         return await executors.stops.run(control.stop)
 
-    @app.post("/estop", **_documented(schemas.Status))
+    @app.post("/estop", **_documented(schemas.Status, 403))
     async def estop() -> Response:
         """Zero current at once, disable, latch a fault. Answered beside all other requests; any body is ignored."""
         return await executors.estops.run(control.estop)
@@ -175,7 +190,7 @@ def _add_commands(app: FastAPI, control: Control, executors: Executors) -> None:
         """Clear a latched fault."""
         return await executors.commands.run(control.clear)
 
-    @app.post("/set", **_documented(schemas.SetReply, 400, 409, 413, 422))
+    @app.post("/set", **_documented(schemas.SetReply, 400, 403, 409, 413, 422))
     async def change(body: schemas.SetBody) -> Response:
         """Change live settings, all or none, between two ticks."""
         return await executors.commands.run(control.set, dict(body.settings), body.force)
@@ -185,24 +200,26 @@ def _add_commands(app: FastAPI, control: Control, executors: Executors) -> None:
         """Read the config anew; a wrong one leaves the one in force untouched."""
         return await executors.commands.run(control.reload, body.path if body else None, bool(body and body.force))
 
-    @app.post("/record/start", **_documented(schemas.RecorderStatus, 400, 409, 413, 422))
+    @app.post("/record/start", **_documented(schemas.RecorderStatus, 400, 403, 409, 413, 422))
     async def record_start(body: schemas.RecordBody | None = None) -> Response:
         """Start recording every tick."""
-        return await executors.commands.run(control.record_start, body.path if body else None)
+        caller = CALLER.get()
+        trusted = caller is not None and caller.is_own_user
+        return await executors.commands.run(control.record_start, body.path if body else None, trusted)
 
-    @app.post("/record/stop", **_documented(schemas.RecorderStatus, 400, 409, 413, 422))
+    @app.post("/record/stop", **_documented(schemas.RecorderStatus, 400, 403, 409, 413, 422))
     async def record_stop(body: schemas.EmptyBody | None = None) -> Response:
         """Stop recording and close the file."""
         return await executors.commands.run(control.record_stop)
 
 
 def _add_experiments(app: FastAPI, control: Control, executors: Executors) -> None:
-    @app.post("/release", **_documented(schemas.ReleaseReply, 400, 409, 413, 422, 502))
+    @app.post("/release", **_documented(schemas.ReleaseReply, 400, 403, 409, 413, 422, 502))
     async def release(body: schemas.ReleaseBody) -> Response:
         """Start the Fig. 8 experiment; poll /experiment for its end."""
         return await executors.commands.run(control.release, float(body.deflection), body.duration_s, body.force)
 
-    @app.post("/excite", **_documented(schemas.JobReply, 400, 409, 413, 422, 502))
+    @app.post("/excite", **_documented(schemas.JobReply, 400, 403, 409, 413, 422, 502))
     async def excite(body: schemas.ExciteBody) -> Response:
         """Start an identification experiment; poll /experiment for its end."""
         options = body.model_dump(exclude={"name", "force"}, exclude_none=True)
@@ -216,17 +233,18 @@ class ApiServer:
         control: the daemon.
         bound: the socket from :func:`hapticd.service.socket.bind`; bound before the device is opened, so that the daemon
             that has the socket is alone with the device. Closed by :meth:`stop`.
+        rules: who may ask for what.
     """
 
     STOP_TIMEOUT_S = 5.0
 
-    def __init__(self, control: Control, bound: socket.BoundSocket) -> None:
+    def __init__(self, control: Control, bound: socket.BoundSocket, rules: Rules | None = None) -> None:
         self._bound = bound
         self._control = control
         self._executors = Executors()
         settings = uvicorn.Config(
-            create_app(control, self._executors),
-            http="h11",
+            create_app(control, self._executors, rules),
+            http=CallerProtocol,
             ws="none",
             lifespan="off",
             loop="asyncio",

@@ -109,11 +109,15 @@ class Control(Protocol):
             result of one that a fault ended carries the fault's code as ``fault``.
         """
 
-    def record_start(self, path: str | None) -> JsonDict:
+    def record_start(self, path: str | None, trusted: bool = False) -> JsonDict:
         """Start recording to an absolute path, or to a new file in ``record.directory``. Returns the recorder's status.
 
+        Args:
+            path: the file; None names one.
+            trusted: the caller is the daemon's own user, who may have it write anywhere, unless it is a service.
+
         Raises:
-            Refused: already recording, or the file exists.
+            Refused: already recording, the file exists, or (``outside``) it is outside ``record.directory``.
         """
 
     def record_stop(self) -> JsonDict:

@@ -10,6 +10,7 @@ import contextlib
 import logging
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import drivers
@@ -20,7 +21,7 @@ from hapticd.service import metrics, report
 from hapticd.service.control import JsonDict
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_manager import FaultManager
-from hapticd.service.latch import FaultLatch
+from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.live import LiveStream
 from hapticd.service.notify import Notifier, TickWatchdog
 from hapticd.service.refusals import DriverFailure, Refused
@@ -64,7 +65,8 @@ class Daemon:
         self._experiments = Experiments(
             lambda: self._rig, self._admit_experiment, self._prepare_experiment, self._run_loop
         )
-        self._rig = Rig(config, self._faults.number, self.live)
+        self._name = latch.name
+        self._rig = Rig(config, self._faults.number, self.live, self._name)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self._rig.core.load(atomics.TICKS))
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self._supervisor.start()
@@ -164,9 +166,11 @@ class Daemon:
         """The newest experiment."""
         return self._experiments.report()
 
-    def record_start(self, path: str | None) -> JsonDict:
+    def record_start(self, path: str | None, trusted: bool = False) -> JsonDict:
         """Record to a path or to a new file of the run directory."""
         with self._lock:
+            if path is not None and not (trusted and not is_service()):
+                refuse_outside(Path(path), self._rig.recorder.directory)
             try:
                 self._rig.recorder.start(path, "record")
             except RecordingError as error:
@@ -343,13 +347,13 @@ class Daemon:
         old, estops = self._rig, self._estops
         old.close()
         try:
-            self._rig = Rig(config, old.fault_number, self.live)
+            self._rig = Rig(config, old.fault_number, self.live, self._name)
         except Exception as error:
             log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
             with self._faults.lock:
                 self._faults.keep(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
                 try:
-                    self._rig = Rig(old.config, faults.RELOAD_FAILED, self.live)
+                    self._rig = Rig(old.config, faults.RELOAD_FAILED, self.live, self._name)
                 except Exception:
                     log.critical("the old configuration failed too; the daemon ends", exc_info=True)
                     self.dead = True
@@ -372,6 +376,20 @@ class Daemon:
             self._auto_recording = False
             with contextlib.suppress(RecordingError):
                 self._rig.recorder.stop()
+
+
+def refuse_outside(path: Path, directory: Path) -> None:
+    """Refuse a recording outside the directory that the config names, whatever links lead out of it.
+
+    Raises:
+        Refused: with both.
+    """
+    if not path.parent.resolve().is_relative_to(directory.resolve()):
+        raise Refused(
+            "outside",
+            f"{path} is outside record.directory {directory}; only the daemon's own user may record elsewhere, and nobody "
+            "with a daemon that is a service",
+        )
 
 
 def deflection_of(rig: Rig, config: Config, origin_counts: int) -> float:

@@ -41,7 +41,7 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "energy": rig.energy.status(),
         "exchanges_missed": rig.core.load(atomics.MISSED_EXCHANGES),
         "commands_clamped": rig.core.load(atomics.CLAMPED),
-        "realtime": [asdict(grant) for grant in rig.servo.grants],
+        "realtime": [asdict(grant) for grant in rig.grants],
         "recorder": recorder,
         "experiment": experiment,
     }
