@@ -15,7 +15,7 @@ def default_socket() -> str:
         return str(runtime / "hapticd.sock")
     if os.access(_SERVICE_RUNTIME, os.W_OK):
         return str(service_socket())
-    return f"/tmp/hapticd-{os.getuid()}/hapticd.sock"
+    return f"/tmp/hapticd-{os.getuid()}/hapticd.sock"  # noqa: S108 - the last resort, a folder for each user
 
 
 def service_socket() -> Path:
