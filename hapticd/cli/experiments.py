@@ -13,22 +13,23 @@ from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, finite, guarded, positive, register
 from hapticd.cli.output import number
+from hapticd.control.endpoints import Endpoints, endpoint_of
 
 if TYPE_CHECKING:
     from hapticd.client import Client
     from hapticd.servo.experiment import Experiment
 
+RELEASE, EXCITE = endpoint_of(Endpoints.release), endpoint_of(Endpoints.excite)
+
 DeflectionOption = Annotated[
     float,
     typer.Option(
-        "--deflection", parser=finite, metavar="TICKS", show_default=False, help="Deflection at rest, in coarse ticks."
+        "--deflection", parser=finite, metavar="TICKS", show_default=False, help=RELEASE.help_of("deflection")
     ),
 ]
 DurationOption = Annotated[
     float | None,
-    typer.Option(
-        "--duration", parser=positive, metavar="S", show_default=False, help="Recorded time in s. Default: enough."
-    ),
+    typer.Option("--duration", parser=positive, metavar="S", show_default=False, help=RELEASE.help_of("duration_s")),
 ]
 AmplitudeOption = Annotated[
     float | None,
@@ -37,7 +38,7 @@ AmplitudeOption = Annotated[
         parser=positive,
         metavar="A|RAD|M",
         show_default=False,
-        help="Peak: A for current shapes, rad or m for those that move the spring's origin. Default: a safe one.",
+        help=EXCITE.help_of("amplitude"),
     ),
 ]
 NameArgument = Annotated[
@@ -48,7 +49,7 @@ ListOption = Annotated[bool, typer.Option("--list", help="List the experiments a
 NoWaitOption = Annotated[bool, typer.Option("--no-wait", help="Return as soon as the experiment has begun.")]
 
 
-def release(
+def _release(
     deflection: DeflectionOption,
     duration: DurationOption = None,
     no_wait: NoWaitOption = False,
@@ -56,20 +57,14 @@ def release(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Release the shaft from rest at a deflection, and record what follows (the paper's Fig. 8).
-
-    The spring's origin is moved so that the shaft, where it stands, is at that deflection; the result reports the
-    deflection really achieved, exact to one raw encoder count. Ctrl-C stops the daemon's rendering.
-
-    Refused where theory says that this motion would not die out (safety.guard): case d of Fig. 8 takes --force.
-    """
+    """Ctrl-C stops the daemon's rendering."""
     client = connect(socket)
     return _follow(
         client, "release", lambda: client.release(deflection, duration, force), no_wait, as_json, describe_release
     )
 
 
-def excite(
+def _excite(
     name: NameArgument = "all",
     amplitude: AmplitudeOption = None,
     duration: DurationOption = None,
@@ -79,9 +74,7 @@ def excite(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Run an identification experiment within the safety limits, and record it.
-
-    The recording is what 'hapticd gap' compares with the simulation. Ctrl-C stops the experiment and the rendering.
+    """Ctrl-C stops the experiment and the rendering.
 
     NAME may be a YAML file with the keys excitation, amplitude, duration_s, low_hz and high_hz (of a chirp), seed, and
     settings: live settings that are in force while it is played and taken back after it.
@@ -204,11 +197,11 @@ def add_to(app: typer.Typer) -> None:
     """Add the commands."""
     codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED)
     releases = ("hapticd release --deflection 20.3", "hapticd release --deflection -3 --duration 2 --json")
-    register(app, release, *releases, codes=codes)
+    register(app, _release, *releases, codes=codes, endpoint=Endpoints.release)
     excitations = (
         "hapticd excite --list",
         "hapticd excite",
         "hapticd excite chirp --amplitude 0.2 --duration 10",
         "hapticd excite gap/next_experiment.yaml",
     )
-    register(app, excite, *excitations, codes=codes)
+    register(app, _excite, *excitations, codes=codes, endpoint=Endpoints.excite)

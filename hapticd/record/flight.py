@@ -29,6 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.config import places
 from hapticd.config.opening import open_regular
 from hapticd.record.errors import RecordingError, RunFileError
 from hapticd.record.metadata import to_plain
@@ -114,6 +115,8 @@ class FlightRing:
         descriptor = -1
         try:
             directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+            if reason := places.foreign(directory):
+                raise RecordingError(f"no flight recorder in {directory}: {reason}")
             descriptor = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
             # Without room a later store would end the process with SIGBUS.
@@ -182,8 +185,8 @@ def memory_directory() -> Path | None:
     for place in (os.environ.get("RUNTIME_DIRECTORY", "").split(":")[0], os.environ.get("XDG_RUNTIME_DIR", "")):
         if place and Path(place).is_absolute() and in_memory(Path(place)):
             return Path(place)
-    shared = Path("/dev/shm")  # noqa: S108 - a folder for each user in it, mode 0700
-    return shared / f"hapticd-{os.getuid()}" if in_memory(shared) else None
+    own = places.memory_folder()
+    return own if in_memory(own.parent) else None
 
 
 def in_memory(directory: Path) -> bool:

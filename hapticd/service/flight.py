@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import faulthandler
 import logging
 import os
@@ -13,6 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from hapticd.config import places
 from hapticd.record import RecordingError, RunFileError
 from hapticd.record.files import open_new_run
 from hapticd.record.flight import PAST_S, SUFFIX, Flight, FlightRing, dead, memory_directory
@@ -84,6 +86,8 @@ def crash_log(config: Config, name: str) -> Iterator[None]:
     path = directory / f"{name}-{os.getpid()}{_CRASH_SUFFIX}"
     try:
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if reason := places.foreign(directory):
+            raise PermissionError(errno.EPERM, reason)
         file = path.open("w")
     except OSError as error:
         log.warning("a crash will leave no stack: %s: %s", path, error.strerror)
@@ -106,6 +110,9 @@ def recover(directory: Path, name: str, out: Path | None = None) -> list[Recover
         name: of the daemon; empty for all daemons of this user.
         out: folder of the run files; None: the dead daemon's own.
     """
+    if reason := places.foreign(directory):
+        log.error("nothing is recovered: %s", reason)
+        return []
     found = []
     for path in sorted(directory.glob(f"{name}*{SUFFIX}"), key=lambda path: path.stat().st_mtime):
         try:

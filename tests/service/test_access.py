@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.client import Client, RequestRefused
+from hapticd.control.endpoints import endpoint_of
 from hapticd.service import access
 from hapticd.service.access import Caller, Rules, caller_of
 from hapticd.service.api import ApiServer
@@ -97,12 +98,14 @@ def test_the_log_says_who_asked_for_what(
     client.start(force=True)
     client.set({"spring.stiffness": 0.02})
     client.clear()
+    client.stop()
     client.status()
     told = [record.getMessage() for record in caplog.records if record.name == "hapticd.api"]
     assert told == [
-        f"uid {STRANGER}, pid 1234: start(True,)",
-        f"uid {STRANGER}, pid 1234: set({{'spring.stiffness': 0.02}}, False)",
+        f"uid {STRANGER}, pid 1234: start(force=True)",
+        f"uid {STRANGER}, pid 1234: set(settings={{'spring.stiffness': 0.02}})",
         f"uid {STRANGER}, pid 1234: clear()",
+        f"uid {STRANGER}, pid 1234: stop()",
     ]
     assert caplog.records[0].journal == {"uid": STRANGER, "pid": 1234, "request": "start"}
 
@@ -114,6 +117,13 @@ def test_only_the_own_user_is_trusted_with_a_path(
     monkeypatch.setattr(access, "caller_of", lambda connection: stranger(CONTROL))
     client.record_start("/r/a.arrow")
     assert control.calls == [("record_start", "/r/a.arrow", "trusted"), ("record_start", "/r/a.arrow")]
+
+
+def test_nobody_says_of_himself_that_he_is_trusted(client: Client, control: FakeControl) -> None:
+    with pytest.raises(RequestRefused, match="trusted") as caught:
+        client.send(endpoint_of(Client.record_start), {"path": "/etc/x", "trusted": True})
+    assert caught.value.status == 422
+    assert control.calls == []
 
 
 def test_a_recording_stays_inside_its_directory_whatever_the_path_says(tmp_path: Path) -> None:
