@@ -206,7 +206,7 @@ def test_paths_are_made_absolute_before_they_are_sent(
     assert daemon("reload", "rig.yaml").code == 0
     assert daemon("reload", "phantom").code == 0
     assert control.calls == [
-        ("record_start", str(tmp_path / "wall.arrow")),
+        ("record_start", str(tmp_path / "wall.arrow"), "trusted"),
         ("reload", str(tmp_path / "rig.yaml")),
         ("reload", "phantom"),
     ]
