@@ -31,25 +31,36 @@ OutOption = Annotated[
         "-o", "--output", metavar="FILE", show_default=False, help="File to write. Default: RUN with the new suffix."
     ),
 ]
+SalvageOption = Annotated[
+    bool, typer.Option("--salvage", help="Export what is left of a damaged RUN; its events say what is not.")
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace FILE if it exists.")]
 
 
 def export(
-    run: RunArgument, to: FormatOption, out: OutOption = None, force: ForceOption = False, as_json: JsonOption = False
+    run: RunArgument,
+    to: FormatOption,
+    out: OutOption = None,
+    force: ForceOption = False,
+    salvage: SalvageOption = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Write a recording as csv, parquet or mat, with the columns and units of the run file.
 
-    A run file that was cut short (power, SIGKILL) is exported up to its last whole batch, with a warning.
+    A run file that was cut short (power, SIGKILL) is exported up to its last whole batch, with a warning. One whose values
+    do not match their checksums is refused without --salvage.
     """
     if out is not None and out.exists() and out.samefile(run):
         raise UsageError(f"{out} is the run file itself: choose another name with -o")
     from hapticd import record
 
-    data = record.read_run(run)
+    data = record.read_run(run, salvage=salvage)
     written = record.export(data, to.value, out, force=force)
     rows = len(next(iter(data.columns.values()), ()))
     if data.truncated:
         output.note(f"{run} was cut short; exported up to its last whole batch")
+    for damage in data.damage:
+        output.note(f"{run} is damaged: {damage} are left out")
     document = {"run": run, "output": written, "format": to.value, "rows": rows, "truncated": data.truncated}
     output.emit(document, as_json, f"{written}: {rows} rows")
     return exits.DONE

@@ -28,6 +28,7 @@ from hapticd.cli import (
     metrics,
     output,
     record,
+    recover,
     reproduce,
     run,
     scope,
@@ -35,6 +36,7 @@ from hapticd.cli import (
     simulate,
     state,
     status,
+    verify,
 )
 from hapticd.cli.options import epilog
 
@@ -62,6 +64,8 @@ GROUPS = (
     settings,
     experiments,
     record,
+    verify,
+    recover,
     export,
     importing,
     metrics,

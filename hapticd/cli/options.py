@@ -185,7 +185,7 @@ def guarded(text: str, answer: Mapping[str, Any]) -> str:
 
 def connect(socket: Path | None) -> Client:
     """A client of the daemon that ``--socket`` or ``HAPTICD_SOCKET`` names, else of the user's own, else of the service."""
-    from hapticd.client import Client
+    from hapticd.client import Client, DaemonUnreachable
 
     if socket is None:
         from hapticd.config import load_config, places
@@ -193,4 +193,6 @@ def connect(socket: Path | None) -> Client:
         socket = Path(load_config(None).api.socket)
         if not socket.exists() and places.service_socket().exists():
             socket = places.service_socket()
+        if reason := places.foreign(socket.parent):
+            raise DaemonUnreachable(f"{reason}; nothing is sent to whoever answers there")
     return Client(socket)

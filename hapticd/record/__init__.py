@@ -9,6 +9,7 @@ from hapticd.record.reader import Run, read_run
 from hapticd.record.recorder import Recorder
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, ROW
 from hapticd.record.summary import summary
+from hapticd.record.verify import Verdict, verify
 from hapticd.record.writer import RunWriter
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "Run",
     "RunFileError",
     "RunWriter",
+    "Verdict",
     "export",
     "host_facts",
     "import_run",
@@ -29,5 +31,6 @@ __all__ = [
     "read_run",
     "run_metadata",
     "summary",
+    "verify",
     "versions",
 ]

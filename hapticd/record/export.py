@@ -59,7 +59,8 @@ def export(run: Run, to: str, out: str | Path | None = None, *, force: bool = Fa
 
 
 def _metadata(run: Run) -> dict[str, Any]:
-    return {**run.metadata, "units": run.units, "events": run.events, "truncated": run.truncated}
+    lost = [{"event": "damaged", "first_row": part.first_row, "end_row": part.end_row} for part in run.damage]
+    return {**run.metadata, "units": run.units, "events": run.events + lost, "truncated": run.truncated}
 
 
 def _table(run: Run) -> Any:

@@ -10,6 +10,7 @@ import contextlib
 import logging
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import drivers
@@ -20,7 +21,7 @@ from hapticd.record import RecordingError
 from hapticd.service import metrics, report
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_manager import FaultManager
-from hapticd.service.latch import FaultLatch
+from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.live import LiveStream
 from hapticd.service.notify import Notifier, TickWatchdog
 from hapticd.service.refusals import DriverFailure, Refused
@@ -58,7 +59,8 @@ class Daemon(Endpoints):
         self._estops = 0
         self._ending = threading.Event()
         self.live = LiveStream()
-        self._rendering = Rendering(Rig(config, latch.number, self.live))
+        self._name = latch.name
+        self._rendering = Rendering(Rig(config, latch.number, self.live, self._name))
         self._faults = FaultManager(latch, self._rendering)
         self._experiments = Experiments(self._rendering, self._faults)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self.rig.core.load(atomics.TICKS))
@@ -163,9 +165,11 @@ class Daemon(Endpoints):
         """The newest experiment."""
         return self._experiments.report()
 
-    def record_start(self, path: str | None = None) -> JsonDict:
+    def record_start(self, path: str | None = None, *, trusted: bool = False) -> JsonDict:
         """Record to a path or to a new file of the run directory."""
         with self._lock:
+            if path is not None and not (trusted and not is_service()):
+                refuse_outside(Path(path), self.rig.recorder.directory)
             try:
                 self.rig.recorder.start(path, "record")
             except RecordingError as error:
@@ -277,13 +281,13 @@ class Daemon(Endpoints):
         old, estops = self.rig, self._estops
         old.close()
         try:
-            self._rendering.rig = Rig(config, old.fault_number, self.live)
+            self._rendering.rig = Rig(config, old.fault_number, self.live, self._name)
         except Exception as error:
             log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
             with self._faults.lock:
                 self._faults.latch(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
                 try:
-                    self._rendering.rig = Rig(old.config, faults.RELOAD_FAILED, self.live)
+                    self._rendering.rig = Rig(old.config, faults.RELOAD_FAILED, self.live, self._name)
                 except Exception:
                     log.critical("the old configuration failed too; the daemon ends", exc_info=True)
                     self.dead = True
@@ -291,6 +295,20 @@ class Daemon(Endpoints):
         if self._estops != estops:
             self.rig.core.store(atomics.ESTOP, self._estops)
         return judgement
+
+
+def refuse_outside(path: Path, directory: Path) -> None:
+    """Refuse a recording outside the directory that the config names, whatever links lead out of it.
+
+    Raises:
+        Refused: with both.
+    """
+    if not path.parent.resolve().is_relative_to(directory.resolve()):
+        raise Refused(
+            "outside",
+            f"{path} is outside record.directory {directory}; only the daemon's own user may record elsewhere, and nobody "
+            "with a daemon that is a service",
+        )
 
 
 def deflection_of(rig: Rig, config: Config, origin_counts: int) -> float:

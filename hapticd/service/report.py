@@ -42,7 +42,7 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "passivity": _passivity(rig),
         "exchanges_missed": rig.core.load(atomics.MISSED_EXCHANGES),
         "commands_clamped": rig.core.load(atomics.CLAMPED),
-        "realtime": [asdict(grant) for grant in rig.servo.grants],
+        "realtime": [asdict(grant) for grant in rig.grants],
         "recorder": recorder,
         "experiment": experiment,
     }

@@ -7,6 +7,7 @@ One :class:`ServoCore` belongs to one driver. Its compiled loop runs in a thread
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from drivers.interface import Driver
     from hapticd.config import Config
     from hapticd.config.sections import Spring
+    from hapticd.record.flight import FlightRing
 
 
 PORTION_ROWS = 1024
@@ -154,17 +156,24 @@ class ServoCore:
     Args:
         driver: an open driver; kept alive by this object.
         ring_rows: rows the ring holds, a power of two (131072 rows are 13 s at 10 kHz).
+        flight: a file whose memory is ring and shared words, so that they outlive the process; None: memory of our own.
         keep_truth: keep the simulated device's true state beside each row.
         excitation_rows: longest excitation in ticks.
     """
 
     def __init__(
-        self, driver: Driver, *, ring_rows: int = 131072, keep_truth: bool = False, excitation_rows: int = 1 << 20
+        self,
+        driver: Driver,
+        *,
+        ring_rows: int = 131072,
+        flight: FlightRing | None = None,
+        keep_truth: bool = False,
+        excitation_rows: int = 1 << 20,
     ) -> None:
         self.driver = driver
         self.memory = np.zeros(1, SERVO)
-        self.shared = np.zeros(atomics.SIZE, np.int64)
-        self.ring = np.zeros(ring_rows, ROW)
+        self.shared = np.zeros(atomics.SIZE, np.int64) if flight is None else flight.words
+        self.ring = np.zeros(ring_rows, ROW) if flight is None else flight.rows
         self.truth = np.zeros((ring_rows if keep_truth else 0, 2))
         self.excitation = np.zeros((2, excitation_rows))
         for block in (self.memory, self.ring, self.truth, self.excitation):
@@ -230,6 +239,22 @@ class ServoCore:
             yield taken
             if tail + len(taken) == head:
                 return
+
+    def past(self, seconds: float) -> NDArray[Any]:
+        """Copy of the rows of the last ``seconds``, taken or not, oldest first; from any thread, beside the loop."""
+        size = len(self.ring)
+        head = self.load(atomics.RING_HEAD)
+        # The slot after the newest row may be half written by now.
+        oldest = max(0, head - size + 1)
+        if head == oldest:
+            return self.ring[:0].copy()
+        mask, times = size - 1, self.ring["time_s"]
+        since = float(times[(head - 1) & mask]) - seconds
+        first = bisect_right(range(oldest, head), since, key=lambda row: float(times[row & mask])) + oldest
+        begin, end = first & mask, head & mask
+        rows = _copied(self.ring[begin:end]) if begin < end else _copied(self.ring[begin:], self.ring[:end])
+        overwritten = self.load(atomics.RING_HEAD) - size + 1 - first
+        return rows[max(0, overwritten) :]
 
     def drain_with_truth(self, *, copy: bool = True) -> tuple[NDArray[Any], NDArray[np.float64]]:
         """Rows that are waiting and the simulated device's true (position, velocity) beside them.

@@ -125,6 +125,7 @@ STATE = np.dtype(
         ("excitation_start", "i8"),  # tick
         ("delayed_head", "i8"),  # commands put into T_V
         ("delayed_tail", "i8"),  # commands taken out
+        ("dropped", "i8"),  # rows that had found no room when the last row was recorded
     ],
     align=True,
 )

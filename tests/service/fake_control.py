@@ -146,8 +146,8 @@ class FakeControl(Endpoints):
             self.job = {**self.job, "state": state, "progress": progress, "result": result}
         return self.job
 
-    def record_start(self, path: str | None = None) -> JsonDict:
-        self._enter("record_start", path)
+    def record_start(self, path: str | None = None, *, trusted: bool = False) -> JsonDict:
+        self._enter("record_start", path, *(("trusted",) if trusted else ()))
         return {"path": path or "/r/run.arrow", "rows": 0, "dropped": 0}
 
     def record_stop(self) -> JsonDict:
