@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hapticd.client.errors import DaemonUnreachable, RequestRefused
+from hapticd.config.places import find_socket
 
 JsonDict = dict[str, Any]
 
@@ -27,7 +28,8 @@ class Client:
     """Talks to the daemon on one socket. Every method returns the daemon's JSON reply as a dict.
 
     Args:
-        socket_path: the daemon's Unix socket.
+        socket_path: the daemon's Unix socket. None looks for it as the command line does: ``$HAPTICD_SOCKET``, the user's
+            own daemon, the service.
         timeout_s: how long to wait for an answer, s.
 
     Raises:
@@ -35,8 +37,8 @@ class Client:
         RequestRefused: from every method, when the daemon says no.
     """
 
-    def __init__(self, socket_path: str | Path, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
-        self.socket_path = Path(socket_path)
+    def __init__(self, socket_path: str | Path | None = None, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
+        self.socket_path = find_socket() if socket_path is None else Path(socket_path)
         self.timeout_s = timeout_s
 
     def status(self) -> JsonDict:
