@@ -10,7 +10,7 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,10 @@ from hapticd.record.arrow import END_OF_STREAM
 from hapticd.record.errors import RunFileError
 from hapticd.record.metadata import decode_metadata
 from hapticd.record.schema import COLUMNS, ROW
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 CSV_METADATA_LINE = "# hapticd "
 _NEEDED = (("time_s",), ("encoder_counts", "position"), ("current_command_A", "force"))
@@ -56,9 +60,21 @@ class Run:
         """Number of rows."""
         return len(next(iter(self.columns.values()), ()))
 
+    def to_pandas(self) -> pd.DataFrame:
+        """The rows as a DataFrame over ``time_s``; ``.attrs["units"]`` has the unit of each column."""
+        from hapticd.record.tables import to_pandas
+
+        return to_pandas(self.columns, self.units, str(self.path))
+
+    def to_xarray(self) -> xr.Dataset:
+        """The rows as a Dataset over ``time_s``, each variable with ``units``; needs ``hapticd[xarray]``."""
+        from hapticd.record.tables import to_xarray
+
+        return to_xarray(self.columns, self.units, {"run": str(self.path), **self.metadata})
+
 
 def read_run(path: str | Path) -> Run:
-    """Read a run file: ``.csv``, ``.parquet``, anything else as a native Arrow stream.
+    """Read a run file: ``.csv``, ``.parquet``, ``.mcap``, anything else as a native Arrow stream.
 
     Raises:
         RunFileError: the file is missing, empty or no run file, lacks a column, or a known column holds something else.
@@ -73,7 +89,7 @@ def read_run(path: str | Path) -> Run:
         raise RunFileError(f"{path} is empty: its recording ended before anything was written")
     if path.suffix.lower() in _ELSEWHERE:
         raise RunFileError(f"{path} is not a run file; {_IMPORT}")
-    readers = {".csv": _read_csv, ".parquet": _read_parquet}
+    readers = {".csv": _read_csv, ".parquet": _read_parquet, ".mcap": _read_mcap}
     table, events, whole = readers.get(path.suffix.lower(), _read_stream)(path)
 
     try:
@@ -130,6 +146,12 @@ def _read_parquet(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
         return pq.read_table(path, partitioning=None), [], True
     except (pa.ArrowException, OSError) as error:
         raise RunFileError(f"{path} is not a Parquet file: {_brief(error)}") from None
+
+
+def _read_mcap(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
+    from hapticd.record.mcap import read_mcap
+
+    return read_mcap(path), [], True
 
 
 def _read_csv(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
