@@ -20,7 +20,9 @@ TESTS = Path(__file__).parent
 WALL_CLOCK = (
     "cli/test_cli_daemon.py",
     "cli/test_cli_gap_live.py",
+    "cli/test_cli_kept_recordings.py",
     "cli/test_cli_metrics.py",
+    "docs/test_notebooks.py",
     "docs/test_snippets.py",
     "doctor",
     "drivers/canopen",
