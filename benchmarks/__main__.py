@@ -18,6 +18,7 @@ NAMES = (
     "lateness",
     "flood",
     "tick",
+    "guard",
     "simulate",
     "plant_propagation",
     "maps",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import statistics
 import sys
 import time
+from collections.abc import Callable
 from typing import Any
 
 from benchmarks.report import BenchmarkError, Figure, progress, run_alone
@@ -34,10 +35,11 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 
 
-class _Case:
-    """One variant's loop, kept warm between its blocks."""
+class Case:
+    """One variant's loop, kept warm between its blocks; ``clock`` gives ns."""
 
-    def __init__(self, changes: dict[str, Any]) -> None:
+    def __init__(self, changes: dict[str, Any], clock: Callable[[], int] = time.perf_counter_ns) -> None:
+        self._clock = clock
         config = parse_config(changes, "benchmark")
         driver = NullDriver(config)
         driver.open()
@@ -50,9 +52,9 @@ class _Case:
     def block_ns(self) -> float:
         """ns a tick of one block; every row finds room in the ring."""
         self._core.drain()
-        begin = time.perf_counter_ns()
+        begin = self._clock()
         self._core.run(real_time=False, ticks=BLOCK)
-        spent = time.perf_counter_ns() - begin
+        spent = self._clock() - begin
         if self._core.load(atomics.MODE) != w.RUNNING or self._core.dropped():
             raise BenchmarkError("the loop did not render every tick that was timed, or found no room for its row")
         return spent / BLOCK
@@ -60,7 +62,7 @@ class _Case:
 
 def measure(quick: bool) -> list[Figure]:
     """Median cost of a tick for each variant."""
-    cases = {name: _Case(changes) for name, changes in VARIANTS.items()}
+    cases = {name: Case(changes) for name, changes in VARIANTS.items()}
     blocks = 20 if quick else 200
     for _ in range(blocks):
         for case in cases.values():

@@ -16,9 +16,6 @@ AT_S: Final = 0.5
 PUSH: Final = 0.006
 """Force of the hand, N m or N."""
 
-PERIODS: Final = 3
-"""Zero current within so many periods of a detectable communication fault."""
-
 SERIAL: Final = "serial_dac"
 CANOPEN: Final = "canopen"
 BOTH: Final = (SERIAL, CANOPEN)

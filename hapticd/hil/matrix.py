@@ -20,7 +20,7 @@ from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
 from hapticd.hil.device_log import SAMPLE, DeviceLog
 from hapticd.hil.errors import HilError
-from hapticd.hil.injections import AT_S, INJECTIONS, PERIODS, Injection
+from hapticd.hil.injections import AT_S, INJECTIONS, Injection
 from hapticd.record import read_run
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_MISSED_PERIOD
 
@@ -113,6 +113,15 @@ def watchdog_s(config: Config) -> float:
     """The device's watchdog time, s: the driver's option, or its default (20 ms on a serial board, 100 ms on CAN)."""
     default = 20 if config.driver.name == "serial_dac" else 100
     return float(config.driver.options.get("watchdog_ms", default)) * 1e-3
+
+
+def detection_s(config: Config) -> float:
+    """Longest time from a fault that the daemon can see to zero current, s: (safety.missed_exchanges + 2) / servo.rate_hz.
+
+    The exchanges that are tolerated, the one too many, in whose tick zero is written, and one period because the fault
+    strikes anywhere between two exchanges.
+    """
+    return ((config.safety.missed_exchanges or 0) + 2) / config.servo.rate_hz
 
 
 def run_injection(config: Config, injection: Injection, folder: Path, board: str | None = None) -> Row:
@@ -245,8 +254,7 @@ def _late(
         return ["the current stopped"] if zero_after is not None else []
     if zero_after is None:
         return ["the current never became zero"]
-    # One period more than the bound: the fault strikes anywhere between two exchanges.
-    limit = (PERIODS + 1) / config.servo.rate_hz
+    limit = detection_s(config)
     if injection.by_watchdog:
         limit = watchdog_s(config) + 1.0 / config.servo.rate_hz
     if injection.name == "sigterm":

@@ -80,6 +80,14 @@ def begin_grid(servo: Any) -> None:
 
 
 @njit(inline=True, counted=False)
+def count_miss(servo: Any, shared: Any) -> None:
+    """Count an exchange that failed, in all and in a row."""
+    servo.tick.flags |= FLAG_MISSED_EXCHANGE
+    servo.state.missed_in_a_row += 1
+    shared[atomics.MISSED_EXCHANGES] += 1
+
+
+@njit(inline=True, counted=False)
 def read(servo: Any, shared: Any) -> None:
     """Ask the driver for a sample."""
     exchange, driver, tick = servo.exchange, servo.driver, servo.tick
@@ -91,6 +99,9 @@ def read(servo: Any, shared: Any) -> None:
     check_exchange(servo, shared, result)
     tick.fresh = result == 0
     tick.flags = FLAG_MISSED_PERIOD if tick.missed > 0 else 0
+    if not tick.fresh:
+        # At once, so that the one miss too many means zero current in this tick and not in the next.
+        count_miss(servo, shared)
 
 
 @njit(inline=True, counted=False)
@@ -101,14 +112,14 @@ def locate(servo: Any) -> None:
 
 
 @njit(inline=True, counted=False)
-def count_exchange(servo: Any, shared: Any) -> None:
-    """Count exchanges that failed, in all and in a row."""
-    if servo.tick.fresh and servo.tick.written == 0:
+def end_exchange(servo: Any, shared: Any) -> None:
+    """Count a write that failed after a read that did not; a tick counts once."""
+    if not servo.tick.fresh:
+        return
+    if servo.tick.written == 0:
         servo.state.missed_in_a_row = 0
     else:
-        servo.tick.flags |= FLAG_MISSED_EXCHANGE
-        servo.state.missed_in_a_row += 1
-        shared[atomics.MISSED_EXCHANGES] += 1
+        count_miss(servo, shared)
 
 
 @njit(inline=True, counted=False)
@@ -206,7 +217,7 @@ def run(servo: Any, shared: Any, ring: Any, truth: Any, excitation: Any, ticks: 
             if state.current != 0.0:
                 # The write itself failed: try zero again at once, before anything else happens.
                 write_zero(servo)
-        count_exchange(servo, shared)
+        end_exchange(servo, shared)
 
         spent_ns = account(servo, shared)
         show(servo, shared)

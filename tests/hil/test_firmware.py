@@ -65,6 +65,7 @@ def test_case_c_stops_as_simulated(tmp_path: Path) -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("forked")
 @pytest.mark.parametrize(
     ("board", "name"),
     [

@@ -21,7 +21,7 @@ from hapticd.hil.device import Device
 from hapticd.hil.device_log import COMMAND, FAULT_INJECTED, SAMPLE, DeviceLog
 from hapticd.hil.errors import HilError
 from hapticd.hil.injections import INJECTIONS
-from hapticd.hil.matrix import _with_current, run_injection, run_matrix
+from hapticd.hil.matrix import _with_current, detection_s, run_injection, run_matrix
 from hapticd.hil.suite import run_suite
 from hapticd.record import read_run
 from hapticd.stability.guard import judge
@@ -72,6 +72,7 @@ def test_case_c_stops_as_simulated(transport: str, tmp_path: Path) -> None:
     assert float(np.median(result.latency_s)) < 0.005
 
 
+@pytest.mark.usefixtures("forked")
 def test_case_d_grows_although_the_guard_would_refuse_it(tmp_path: Path) -> None:
     (case_d,) = [case for case in FIG_8 if case.name == "d"]
     rig = config(TRANSPORTS["serial board on a pty"])
@@ -85,6 +86,7 @@ def test_case_d_grows_although_the_guard_would_refuse_it(tmp_path: Path) -> None
     assert case.report["outcome"] == "growing"
 
 
+@pytest.mark.usefixtures("forked")
 @pytest.mark.parametrize(
     ("transport", "name"),
     [
@@ -108,6 +110,7 @@ def test_a_fault_ends_the_current(transport: str, name: str, tmp_path: Path) -> 
     assert row.code in injection.codes or not injection.codes
 
 
+@pytest.mark.usefixtures("forked")
 def test_a_device_of_another_version_is_refused(tmp_path: Path) -> None:
     (injection,) = [one for one in INJECTIONS if one.name == "wrong_version"]
     row = run_injection(config(TRANSPORTS["serial board on a pty"]), injection, tmp_path)
@@ -118,6 +121,12 @@ def test_a_device_of_another_version_is_refused(tmp_path: Path) -> None:
 def test_a_driver_inside_the_daemon_has_no_device() -> None:
     with pytest.raises(HilError, match="hil needs serial_dac or canopen"):
         run_suite(config({"name": "loopback"}))
+
+
+@pytest.mark.parametrize(("tolerated", "rate_hz", "limit_s"), [(2, 1000.0, 0.004), (2, 200.0, 0.02), (0, 500.0, 0.004)])
+def test_the_matrixs_limit_follows_from_the_config(tolerated: int, rate_hz: float, limit_s: float) -> None:
+    rig = parse_config({"safety": {"missed_exchanges": tolerated}, "servo": {"rate_hz": rate_hz}}, "test")
+    assert detection_s(rig) == pytest.approx(limit_s)
 
 
 def test_no_matrix_without_a_device() -> None:

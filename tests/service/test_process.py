@@ -7,7 +7,6 @@ import os
 import signal
 import socket
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,10 +17,12 @@ import yaml
 
 from hapticd.client import Client, DaemonUnreachable
 from hapticd.record import read_run
+from tests.forked import Forked
 from tests.polling import PATIENCE_S, wait_until
 
 pytestmark = pytest.mark.realtime
 
+HAPTICD = "hapticd.cli.main:main"
 CONFIG: dict[str, Any] = {
     "driver": {"name": "witness"},
     "safety": {"heartbeat_timeout_s": 2},
@@ -53,18 +54,19 @@ class Rig:
         }
         self.environment.pop("HAPTICD_SOCKET", None)
         self.client = Client(self.socket)
-        self.processes: list[subprocess.Popen[str]] = []
+        self.processes: list[Forked] = []
 
     def command(self, *words: str) -> subprocess.CompletedProcess[str]:
         """A command line against this daemon."""
-        line = [sys.executable, "-m", "hapticd.cli", *words]
-        return subprocess.run(line, env=self.environment, capture_output=True, text=True, timeout=250, check=False)
+        process = Forked(HAPTICD, words, self.folder, self.environment)
+        output, errors = process.communicate(PATIENCE_S)
+        assert process.returncode is not None
+        return subprocess.CompletedProcess(words, process.returncode, output, errors)
 
-    def launch(self) -> subprocess.Popen[str]:
+    def launch(self) -> Forked:
         """Start the daemon and wait until it answers."""
-        line = [sys.executable, "-m", "hapticd.cli", "run", str(self.config), "--socket", str(self.socket)]
-        with self.output.open("w") as output:
-            process = subprocess.Popen(line, env=self.environment, stdout=output, stderr=subprocess.STDOUT, text=True)
+        words = ["run", str(self.config), "--socket", str(self.socket)]
+        process = Forked(HAPTICD, words, self.folder, self.environment, self.output)
         self.processes.append(process)
         wait_until(lambda: process.poll() is not None or self.answers(), "an answering daemon", 250)
         if process.poll() is not None:
@@ -105,10 +107,7 @@ def rig(tmp_path: Path) -> Iterator[Rig]:
     made = Rig(tmp_path)
     yield made
     for process in made.processes:
-        if process.poll() is None:
-            process.send_signal(signal.SIGCONT)
-            process.kill()
-            process.wait()
+        process.close()
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])

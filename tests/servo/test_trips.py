@@ -11,7 +11,7 @@ import pytest
 
 from drivers import DEVICE_FAULT, LOST
 from drivers.interface import X_DEVICE_CODE
-from hapticd.record.schema import FLAG_CLAMPED, FLAG_FAULT, FLAG_RUNNING
+from hapticd.record.schema import FLAG_CLAMPED, FLAG_FAULT, FLAG_MISSED_EXCHANGE, FLAG_RUNNING
 from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, parameters
@@ -63,6 +63,17 @@ def test_trip_latches_and_ends_at_zero(code: str, sections: dict[str, Any], scri
     else:
         assert abs(value) > limit
         assert f"{limit:.4g}" in described["cause"]
+
+
+def test_the_exchange_too_many_ends_the_current_in_its_own_tick() -> None:
+    driver = Scripted(config(safety={"missed_exchanges": 2}), lambda n: 100 if n < 20 else None)
+    core = core_for(driver, driver.config)
+    rows = rows_of(core, 40)
+    first = np.flatnonzero(rows["flags"] & FLAG_MISSED_EXCHANGE)[0]
+    assert fault_code(core) == "missed_exchanges"
+    assert np.flatnonzero(rows["flags"] & FLAG_FAULT)[0] == first + 2
+    assert (rows["current_command_A"][first : first + 2] != 0.0).all()
+    assert (rows["current_command_A"][first + 2 :] == 0.0).all()
 
 
 @pytest.mark.parametrize(

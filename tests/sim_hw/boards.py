@@ -12,8 +12,8 @@ from typing import Any
 from numpy.typing import NDArray
 
 from sim_hw.log import EVENTS, read_log
+from tests import forked
 from tests.polling import PATIENCE_S, wait_until
-from tests.sim_hw.forked import ForkedDevice
 
 ROOT = Path(__file__).resolve().parents[2]
 START_S = 250.0
@@ -23,7 +23,7 @@ START_S = 250.0
 class Board:
     """A running board; ``stop`` ends it and gives its log."""
 
-    process: ForkedDevice
+    process: forked.Forked
     link: Path
     log: Path
     ready: dict[str, Any]
@@ -55,7 +55,7 @@ def running_board(
         if text:
             (folder / f"{name}.yaml").write_text(text)
             command += [f"--{name}", str(folder / f"{name}.yaml")]
-    process = ForkedDevice(command, ROOT)
+    process = forked.device(command, ROOT)
     try:
         assert select.select([process.stdout], [], [], START_S)[0]
         yield Board(process, link, log, json.loads(process.stdout.readline()))

@@ -1,8 +1,6 @@
 """What the board does to the shaft, and what its log says of it: exact motion, watchdog's instant, hand, wrap, end."""
 
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -12,6 +10,8 @@ import pytest
 from hapticd.config import load_config, parse_yaml
 from hapticd.plant import kernel
 from sim_hw.log import ROW, LogWriter, read_log
+from tests import forked
+from tests.polling import PATIENCE_S
 from tests.sim_hw.boards import ROOT, rows, running_board
 from tests.sim_hw.host import MIDDLE, Host
 
@@ -146,10 +146,11 @@ def test_emulated_line_takes_its_time(tmp_path: Path) -> None:
 
 
 def _refused(*arguments: str) -> tuple[int, str]:
-    command = [sys.executable, "-m", "sim_hw", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, cwd=ROOT, timeout=250)
-    assert "Traceback" not in done.stderr
-    return done.returncode, done.stderr.strip()
+    process = forked.device(arguments, ROOT)
+    _, said = process.communicate(PATIENCE_S)
+    assert "Traceback" not in said
+    assert process.returncode is not None
+    return process.returncode, said.strip()
 
 
 def test_what_it_refuses(tmp_path: Path) -> None:

@@ -21,12 +21,14 @@ Open = Callable[..., CanopenDriver]
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Iterator[tuple[Callable[..., FakeDrive], Open]]:
+def bench(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Callable[..., FakeDrive], Open]]:
     """Two functions: ``fake(**lies)`` makes the drive, ``open_driver(options, **sections)`` brings it up."""
     made: list[Any] = []
     path = tmp_path / "bus"
 
     def fake(node_id: int = 1, **lies: Any) -> FakeDrive:
+        if "sends_first" not in lies:  # else the driver must have its time to hear it
+            monkeypatch.setattr(bus, "LISTEN_S", 0.01)
         drive = FakeDrive(path, node_id, **lies)
         made.insert(0, drive)
         return drive

@@ -5,8 +5,6 @@ from __future__ import annotations
 import itertools
 import json
 import signal
-import subprocess
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -30,10 +28,12 @@ from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
 from sim_hw.canopen.dictionary import EDS
 from sim_hw.log import COMMAND, DISABLE, FAULT_INJECTED, SAMPLE, read_log
+from tests import forked
 from tests.polling import PATIENCE_S, multicast_group, wait_until
 
 pytestmark = pytest.mark.realtime
 
+ROOT = Path(__file__).parents[3]
 WATCHDOG_MS = 1000
 """So long that only a loop that really hangs is taken for one."""
 ORIGIN_RAD = 0.3
@@ -43,15 +43,14 @@ ORIGIN_RAD = 0.3
 @contextmanager
 def simulated_drive(*arguments: str) -> Iterator[None]:
     """The drive's process, ready to be spoken to."""
-    command = [sys.executable, "-m", "sim_hw", "canopen", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            assert json.loads(process.stdout.readline())["ready"] is True
-            yield
-        finally:
-            process.send_signal(signal.SIGTERM)
-            assert process.wait(PATIENCE_S) == 0
+    process = forked.device(["canopen", *arguments], ROOT)
+    try:
+        assert json.loads(process.stdout.readline())["ready"] is True
+        yield
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(PATIENCE_S) == 0
+    finally:
+        process.close()
 
 
 def config(rate_hz: float, **options: Any) -> Config:

@@ -24,21 +24,21 @@ OFF_AND_SAMPLE = [(OFF_1, ""), (SAMPLE_1, "")]
 
 @pytest.fixture(autouse=True)
 def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(session, "_HELLO_S", 1.5)
-    monkeypatch.setattr(session, "_HELLO_EVERY_S", 1.5)
-    monkeypatch.setattr(session, "_REPLY_S", 1.5)
+    monkeypatch.setattr(session, "_HELLO_S", 0.4)
+    monkeypatch.setattr(session, "_HELLO_EVERY_S", 0.4)
+    monkeypatch.setattr(session, "_REPLY_S", 0.4)
     monkeypatch.setattr(session, "_ATTEMPTS", 1)
 
 
 @pytest.mark.parametrize(
     ("pairs", "said"),
     [
-        ([(HELLO, "")], "no board answers within 1.5 s (nothing came in; is the board powered"),
+        ([(HELLO, "")], "no board answers within 0.4 s (nothing came in; is the board powered"),
         (
             [(HELLO, b"boot ok\r\n\0")],
             "10 bytes came in, with 1 bad frames and no answer among them; is driver.baud the board's",
         ),
-        ([(HELLO, hello_reply(nonce=0x4321))], "no board answers within 1.5 s (24 bytes came in, with 0 bad frames"),
+        ([(HELLO, hello_reply(nonce=0x4321))], "no board answers within 0.4 s (24 bytes came in, with 0 bad frames"),
         ([(HELLO, hello_reply(version=2))], "the board speaks version 2 of the protocol, this driver version 1"),
         (
             [(HELLO, framed(bytes.fromhex("81 03 34 12")))],

@@ -6,8 +6,8 @@ import pytest
 import yaml
 
 from sim_hw.log import read_log
+from tests import forked
 from tests.sim_hw.canopen.master import Master
-from tests.sim_hw.forked import ForkedDevice
 
 
 class DriveProcess:
@@ -24,7 +24,7 @@ class DriveProcess:
                 path = folder / f"{name}.yaml"
                 path.write_text(yaml.safe_dump(content))
                 arguments += [f"--{name}", str(path)]
-        self.process = ForkedDevice(arguments, folder)
+        self.process = forked.device(arguments, folder)
         line = self.process.stdout.readline()
         if not line:
             raise RuntimeError(self.process.communicate()[1])

@@ -1,17 +1,15 @@
 """NMT, heartbeat, node guarding, several clients, the process."""
 
 import json
-import os
 import signal
 import socket
-import subprocess
-import sys
 import time
-from pathlib import Path
 
 import pytest
 
 from sim_hw import log
+from tests import forked
+from tests.polling import PATIENCE_S
 from tests.sim_hw.canopen.master import DISABLED, ENABLED, FAULT, READ_DEVICE_TYPE, Master
 
 
@@ -133,7 +131,6 @@ def test_a_socket_in_use_or_bad_options_are_clear_errors(start_drive, tmp_path):
     drive, _ = start_drive()
     script = tmp_path / "bad.yaml"
     script.write_text(json.dumps({"faults": [{"kind": "bus_of", "at_s": 1}], "start": {"override": {"0x10": 1}}}))
-    command = [sys.executable, "-m", "sim_hw", "canopen", "--socket"]
     for arguments, code, words in (
         ([str(drive.socket)], 4, "cannot listen on"),
         ([str(tmp_path / "x"), "--script", str(script)], 2, "bus_off"),
@@ -146,10 +143,10 @@ def test_a_socket_in_use_or_bad_options_are_clear_errors(start_drive, tmp_path):
             "command line: --bus: is for the interfaces that python-can serves",
         ),
     ):
-        environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[3])}
-        ended = subprocess.run([*command, *arguments], capture_output=True, text=True, env=environment)
-        assert ended.returncode == code, ended.stderr
-        assert words in ended.stderr
+        refused = forked.device(["canopen", "--socket", *arguments], tmp_path)
+        _, said = refused.communicate(PATIENCE_S)
+        assert refused.returncode == code, said
+        assert words in said
     assert not (tmp_path / "x").exists()
 
 
