@@ -8,10 +8,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from hapticd.config import load_config
+from hapticd.figures.style import style
 from hapticd.gap.figures import over_time
 from hapticd.hil.compare import Trace
-from hapticd.hil.missing_effect import Story, find_secret
-from hapticd.reproduce.style import style
+from hapticd.hil.missing_effect import Story, find_hidden_effect
 from hapticd.servo.experiment import read_experiment
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "missing_effect"
@@ -23,7 +23,9 @@ def missing_effect(images: Path) -> None:
     """Live the story on simulated hardware and draw it; takes one or two minutes."""
     model, secret = load_config(EXAMPLE / "model.yaml"), load_config(EXAMPLE / "secret.yaml")
     with tempfile.TemporaryDirectory(prefix="hf-") as folder:
-        story = find_secret(model, secret, read_experiment(EXAMPLE / "first.yaml"), DEFLECTION, Path(folder), say=print)
+        story = find_hidden_effect(
+            model, secret, read_experiment(EXAMPLE / "first.yaml"), DEFLECTION, Path(folder), say=print
+        )
         document = json.loads((Path(folder) / "gap" / "gap.json").read_text())
     print(document["verdict"], document["statement"])
     _release(story, images / "missing-effect-release.png")

@@ -14,7 +14,7 @@ from drivers.interface import (
     new_exchange,
 )
 from drivers.python_driver import PythonDriver
-from drivers.registry import DriverInfo, create, declared_latency, discover
+from drivers.registry import DriverInfo, create, declared_latency, discover, max_rate
 
 __all__ = [
     "DEVICE_FAULT",
@@ -32,5 +32,6 @@ __all__ = [
     "declared_latency",
     "discover",
     "driver_options",
+    "max_rate",
     "new_exchange",
 ]

@@ -12,6 +12,7 @@ bytes (``docs/reference/driver-interface.md`` has the C declaration); the ``X_*`
 from __future__ import annotations
 
 import abc
+import math
 from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
@@ -140,6 +141,22 @@ class Driver(abc.ABC):
             DriverConfigError: the driver refuses its options.
         """
         return cls.latency_s
+
+    @classmethod
+    def max_rate_hz(cls, config: Config) -> float:
+        """Highest servo rate in Hz that the link to the device carries, without opening anything; infinite if not known.
+
+        ``check`` warns of a rate above it, and its advice stays below.
+
+        Raises:
+            DriverConfigError: the driver refuses its options.
+        """
+        return math.inf
+
+    @classmethod
+    def max_rate_reason(cls, config: Config) -> str:
+        """Why it ends there, to follow "servo.rate_hz is 5000 Hz, but "; asked only where :meth:`max_rate_hz` is finite."""
+        return f"driver {config.driver.name} ends near {math.floor(cls.max_rate_hz(config))} Hz"
 
     def check_rate(self, rate_hz: float) -> str | None:
         """Why the open device cannot follow a servo rate in Hz, in words for the user; None when it can.

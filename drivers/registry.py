@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import difflib
+import math
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
 
@@ -31,6 +33,7 @@ class DriverInfo:
     """The class, when it can."""
 
 
+@cache  # a search through every installed package, and asked for at every `check` of a config
 def _entry_points() -> dict[str, EntryPoint]:
     return {entry.name: entry for entry in entry_points(group=GROUP)}
 
@@ -59,20 +62,32 @@ def discover() -> list[DriverInfo]:
 def declared_latency(config: Config) -> tuple[float, str | None]:
     """Declared sample-to-current latency of the config's driver in s, and a doubt in words when it is not known (0 then)."""
     name = config.driver.name
-    for driver in discover():
-        if driver.name == name:
-            if driver.error is not None:
-                return (
-                    0.0,
-                    f"driver {name!r} cannot be loaded ({driver.error}): its latency is not known and is taken as 0",
-                )
-            if driver.driver is None:
-                return driver.latency_s, None
-            try:
-                return driver.driver.declared_latency_s(config), None
-            except DriverConfigError as error:
-                return 0.0, f"{error}: the latency of driver {name!r} is not known and is taken as 0"
-    return 0.0, f"driver {name!r} is not installed: its latency is not known and is taken as 0"
+    try:
+        driver = _class_of(name)
+        if driver is None:
+            return 0.0, f"driver {name!r} is not installed: its latency is not known and is taken as 0"
+        return driver.declared_latency_s(config), None
+    except DriverConfigError as error:
+        return 0.0, f"{error}: the latency of driver {name!r} is not known and is taken as 0"
+    except Exception as error:
+        text = f"{type(error).__name__}: {error}"
+        return 0.0, f"driver {name!r} cannot be loaded ({text}): its latency is not known and is taken as 0"
+
+
+def max_rate(config: Config) -> tuple[float, str]:
+    """Highest servo rate in Hz that the link of the config's driver carries, and why; infinite where it is not known."""
+    try:
+        driver = _class_of(config.driver.name)
+        limit = math.inf if driver is None else driver.max_rate_hz(config)
+        return limit, driver.max_rate_reason(config) if driver and math.isfinite(limit) else ""
+    except Exception:  # `declared_latency` says what is wrong with it
+        return math.inf, ""
+
+
+def _class_of(name: str) -> type[Driver] | None:
+    """The one driver, loaded; None when it is not installed."""
+    entry = _entry_points().get(name)
+    return None if entry is None else _load(entry)
 
 
 def create(config: Config) -> Driver:

@@ -71,6 +71,21 @@ class CanopenDriver(Driver):
         """The option ``latency_s``, or what TPDO, RPDO and processing take at the config's bit rate, s."""
         return Options.parse(driver_options(config)).declared_latency_s()
 
+    @classmethod
+    def max_rate_hz(cls, config: Config) -> float:
+        """What the bit rate carries, Hz."""
+        return Options.parse(driver_options(config)).fastest_rate_hz()
+
+    @classmethod
+    def max_rate_reason(cls, config: Config) -> str:
+        """The bus, and what one tick takes of it."""
+        options = Options.parse(driver_options(config))
+        wire_us = 1e6 * bus_load.tick_bits(options.read_back) / options.bitrate
+        return (
+            f"classic CAN at {1e-6 * options.bitrate:g} Mbit/s ends near {math.floor(options.fastest_rate_hz())} Hz: "
+            f"SYNC, command and replies take {wire_us:.0f} µs on the wire"
+        )
+
     def check_rate(self, rate_hz: float) -> str | None:
         """Why the bus, or the drive's watchdog, does not allow a servo rate in Hz."""
         return self._options.check_rate(rate_hz)

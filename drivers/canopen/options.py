@@ -19,7 +19,7 @@ WIRELESS_INTERFACES: Final = ("unix_seqpacket", "udp_multicast", "virtual")
 _WIRELESS_CHANNELS: Final = ("vcan", "vxcan")
 """The kernel's virtual CAN interfaces, by the names that Linux gives them."""
 _WATCHDOG_MS: Final = (bus_load.GUARDS_PER_WATCHDOG, 60_000)
-_REPLY_SHARE: Final = 0.8
+_REPLY_PART: Final = 0.8
 
 
 @dataclass(frozen=True)
@@ -133,10 +133,10 @@ class Options:
                 f"(a quarter of driver.watchdog_ms = {self.watchdog_ms}), and one period is {1e3 / rate_hz:g} ms; set "
                 f"driver.watchdog_ms to {needed} or more, or servo.rate_hz to {slowest:g} Hz or more"
             )
-        longest = _REPLY_SHARE / rate_hz
+        longest = _REPLY_PART / rate_hz
         if self.reply_timeout_s is not None and self.reply_timeout_s > longest:
             return (
-                f"driver.reply_timeout_s = {self.reply_timeout_s:g} s is more than {_REPLY_SHARE:.0%} of the servo period "
+                f"driver.reply_timeout_s = {self.reply_timeout_s:g} s is more than {_REPLY_PART:.0%} of the servo period "
                 f"({longest:g} s at servo.rate_hz = {rate_hz:g} Hz): the command must still go out in the same period"
             )
         return None

@@ -17,7 +17,7 @@ REPLY_BYTES: Final = SAMPLE_REPLY_LENGTH + OVERHEAD
 COMMAND_BYTES: Final = COMMAND_LENGTH + OVERHEAD
 EXCHANGE_BYTES: Final = SAMPLE_BYTES + REPLY_BYTES + COMMAND_BYTES
 
-LINE_SHARE: Final = 0.8
+LINE_FRACTION: Final = 0.8
 """Share of a servo period that the line may be busy; the rest is for the operating system."""
 REPLY_MARGIN: Final = 1.25
 """The shortest default reply time-out, in wire times of SAMPLE and reply."""
@@ -32,12 +32,12 @@ def wire_s(count: int, baud: int) -> float:
 
 def fastest_rate_hz(baud: int) -> float:
     """The fastest servo rate in Hz that a baud rate carries."""
-    return LINE_SHARE / wire_s(EXCHANGE_BYTES, baud)
+    return LINE_FRACTION / wire_s(EXCHANGE_BYTES, baud)
 
 
 def slowest_baud(rate_hz: float) -> int:
     """The slowest baud rate that carries a servo rate."""
-    return -int(-EXCHANGE_BYTES * _BITS_PER_BYTE * rate_hz // LINE_SHARE)
+    return -int(-EXCHANGE_BYTES * _BITS_PER_BYTE * rate_hz // LINE_FRACTION)
 
 
 def default_latency_s(baud: int) -> float:
@@ -51,7 +51,7 @@ def rate_refusal(rate_hz: float, baud: int, watchdog_ms: int, reply_timeout_s: f
     if rate_hz > fastest_rate_hz(baud):
         return (
             f"an exchange of {EXCHANGE_BYTES} bytes takes {wire_s(EXCHANGE_BYTES, baud) * 1e6:.0f} µs at driver.baud = "
-            f"{baud}, and may take {LINE_SHARE:.0%} of the period of {period * 1e6:.0f} µs: "
+            f"{baud}, and may take {LINE_FRACTION:.0%} of the period of {period * 1e6:.0f} µs: "
             f"at most {int(fastest_rate_hz(baud))} Hz, or at least {slowest_baud(rate_hz)} baud for {rate_hz:g} Hz"
         )
     if watchdog_ms < WATCHDOG_PERIODS * period * 1e3:

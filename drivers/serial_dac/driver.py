@@ -48,6 +48,11 @@ class SerialDacDriver(Driver):
         """Option ``latency_s``, or the wire time of reply and COMMAND at the baud rate."""
         return read_options(config).declared_latency_s
 
+    @classmethod
+    def max_rate_hz(cls, config: Config) -> float:
+        """What the baud rate carries, Hz."""
+        return budget.fastest_rate_hz(read_options(config).baud)
+
     def check_rate(self, rate_hz: float) -> str | None:
         """Whether baud, watchdog and reply time-out admit the rate."""
         options = self._options

@@ -58,11 +58,10 @@ def simulate(
     resolved = config_of(config, settings)
     from hapticd.servo.simulate import simulate as run
 
-    table = excitation
     if isinstance(excitation, str):
         from hapticd.servo.excitation import build
 
-        table = build(resolved, excitation, duration_s=seconds(duration))
+        excitation = build(resolved, excitation, duration_s=seconds(duration))
     blocks: list[NDArray[Any]] = []
     truths: list[NDArray[np.float64]] = []
     result = run(
@@ -72,7 +71,7 @@ def simulate(
         velocity=None if velocity is None else velocity_ticks(velocity, resolved),
         safety=safety,
         seed=seed,
-        excitation=table,
+        excitation=excitation,
         on_rows=blocks.append,
         on_truth=truths.append,
     )

@@ -16,10 +16,13 @@ from hapticd.cli.exits import UsageError
 from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, quantity, register
 from hapticd.cli.options import duration as as_duration
 from hapticd.cli.output import number
+from hapticd.control.endpoints import Endpoints, endpoint_of
 
 if TYPE_CHECKING:
     from hapticd.client import Client
     from hapticd.servo.experiment import Experiment
+
+RELEASE, EXCITE = endpoint_of(Endpoints.release), endpoint_of(Endpoints.excite)
 
 DeflectionOption = Annotated[
     str,
@@ -28,7 +31,7 @@ DeflectionOption = Annotated[
         parser=quantity,
         metavar="TICKS",
         show_default=False,
-        help="Deflection at rest, in coarse ticks; or with a unit: 0.5rad, 30deg, 2mm, 217counts.",
+        help=RELEASE.help_of("deflection") + " Or with a unit: 0.5rad, 30deg, 2mm, 217counts.",
     ),
 ]
 DurationOption = Annotated[
@@ -38,7 +41,7 @@ DurationOption = Annotated[
         parser=as_duration,
         metavar="S",
         show_default=False,
-        help="Recorded time in s, or 500ms, 2min. Default: enough.",
+        help=RELEASE.help_of("duration_s") + " Or with a unit: 500ms, 2min.",
     ),
 ]
 AmplitudeOption = Annotated[
@@ -48,8 +51,7 @@ AmplitudeOption = Annotated[
         parser=quantity,
         metavar="A|RAD|M",
         show_default=False,
-        help="Peak: A for current shapes, rad or m for those that move the spring's origin; or with a unit: "
-        "200mA, 30deg. Default: a safe one.",
+        help=EXCITE.help_of("amplitude") + " Or with a unit: 200mA, 30deg.",
     ),
 ]
 NameArgument = Annotated[
@@ -70,7 +72,7 @@ OutOption = Annotated[
 NoWaitOption = Annotated[bool, typer.Option("--no-wait", help="Return as soon as the experiment has begun.")]
 
 
-def release(
+def _release(
     deflection: DeflectionOption,
     duration: DurationOption = None,
     out: OutOption = None,
@@ -79,20 +81,14 @@ def release(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Release the shaft from rest at a deflection, and record what follows (the paper's Fig. 8).
-
-    The spring's origin is moved so that the shaft, where it stands, is at that deflection; the result reports the
-    deflection really achieved, exact to one raw encoder count. Ctrl-C stops the daemon's rendering.
-
-    Refused where theory says that this motion would not die out (safety.guard): case d of Fig. 8 takes --force.
-    """
+    """Ctrl-C stops the daemon's rendering."""
     keep = _keeper(out, no_wait)
     client = connect(socket)
     begin = partial(client.release, _in_ticks(deflection, client), duration, force)
     return _follow(client, "release", begin, no_wait, as_json, describe_release, keep)
 
 
-def excite(
+def _excite(
     name: NameArgument = "all",
     amplitude: AmplitudeOption = None,
     duration: DurationOption = None,
@@ -103,9 +99,7 @@ def excite(
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Run an identification experiment within the safety limits, and record it.
-
-    The recording is what 'hapticd gap' compares with the simulation. Ctrl-C stops the experiment and the rendering.
+    """Ctrl-C stops the experiment and the rendering.
 
     NAME may be a YAML file with the keys excitation, amplitude, duration_s, low_hz and high_hz (of a chirp), seed, and
     settings: live settings that are in force while it is played and taken back after it.
@@ -307,11 +301,11 @@ def add_to(app: typer.Typer) -> None:
         "hapticd release --deflection 30deg -o wall.arrow",
         "hapticd release --deflection -3 --duration 2 --json",
     )
-    register(app, release, *releases, codes=codes)
+    register(app, _release, *releases, codes=codes, endpoint=Endpoints.release)
     excitations = (
         "hapticd excite --list",
         "hapticd excite",
         "hapticd excite chirp --amplitude 0.2 --duration 10 -o chirp.arrow",
         "hapticd excite gap/next_experiment.yaml",
     )
-    register(app, excite, *excitations, codes=codes)
+    register(app, _excite, *excitations, codes=codes, endpoint=Endpoints.excite)

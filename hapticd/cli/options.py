@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli.exits import MEANING, UsageError
+from hapticd.control.endpoints import Endpoints, endpoint_of
 
 if TYPE_CHECKING:
     from hapticd.client import Client
@@ -34,7 +35,7 @@ JsonOption = Annotated[
 
 ForceOption = Annotated[
     bool,
-    typer.Option("--force", help="Go on although theory says that the motion does not die out; noted in log and run."),
+    typer.Option("--force", help=endpoint_of(Endpoints.start).help_of("force")),
 ]
 
 SettingsOption = Annotated[
@@ -80,9 +81,16 @@ def check_folder(out: Path | None) -> None:
 
 
 def register(
-    app: typer.Typer, function: Callable[..., int], *examples: str, codes: tuple[int, ...], name: str | None = None
+    app: typer.Typer,
+    function: Callable[..., int],
+    *examples: str,
+    codes: tuple[int, ...],
+    name: str | None = None,
+    endpoint: Callable[..., Any] | None = None,
 ) -> None:
     """Add a command whose help is the function's docstring, flowed to the terminal's width, with :func:`epilog` below.
+
+    The help of an endpoint's command is the endpoint's, and below it what the function's docstring adds.
 
     Args:
         app: where to add it.
@@ -90,10 +98,15 @@ def register(
         examples: command lines.
         codes: the exit codes it can end with.
         name: its name, if not the function's.
+        endpoint: method of `Endpoints`, for a command that asks for one.
     """
-    paragraphs = inspect.cleandoc(function.__doc__ or "").split("\n\n")
+    declared = endpoint_of(endpoint) if endpoint else None
+    texts = [declared.description if declared else "", inspect.cleandoc(function.__doc__ or "")]
+    paragraphs = "\n\n".join(filter(None, texts)).split("\n\n")
     text = "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs).replace("[", "\\[")
-    app.command(name, help=text, epilog=epilog(*examples, codes=codes))(function)
+    app.command(name or (declared.name if declared else None), help=text, epilog=epilog(*examples, codes=codes))(
+        function
+    )
 
 
 def epilog(*examples: str, codes: tuple[int, ...]) -> str:

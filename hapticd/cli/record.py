@@ -9,6 +9,7 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.options import JsonOption, SocketOption, connect, epilog, register
+from hapticd.control.endpoints import Endpoints
 
 RunArgument = Annotated[
     Path | None,
@@ -18,17 +19,11 @@ RunArgument = Annotated[
 ]
 
 
-def start(run: RunArgument = None, socket: SocketOption = None, as_json: JsonOption = False) -> int:
-    """Start recording every tick.
-
-    The file is an Arrow IPC stream with the config, versions and host facts in its metadata. An existing file is
-    refused.
-    """
-    return _report(connect(socket).record_start(None if run is None else run.absolute()), as_json)
+def _start(run: RunArgument = None, socket: SocketOption = None, as_json: JsonOption = False) -> int:
+    return _report(connect(socket).record_start(None if run is None else str(run.absolute())), as_json)
 
 
-def stop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
-    """Stop recording and close the file."""
+def _stop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
     return _report(connect(socket).record_stop(), as_json)
 
 
@@ -41,6 +36,21 @@ def add_to(app: typer.Typer) -> None:
     """Add the commands."""
     codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE)
     group = typer.Typer(help="Start and stop recordings.", no_args_is_help=True, rich_markup_mode="rich")
-    register(group, start, "hapticd record start", "hapticd record start wall.arrow", codes=codes)
-    register(group, stop, "hapticd record stop --json", codes=codes)
+    register(
+        group,
+        _start,
+        "hapticd record start",
+        "hapticd record start wall.arrow",
+        codes=codes,
+        name="start",
+        endpoint=Endpoints.record_start,
+    )
+    register(
+        group,
+        _stop,
+        "hapticd record stop --json",
+        codes=codes,
+        name="stop",
+        endpoint=Endpoints.record_stop,
+    )
     app.add_typer(group, name="record", epilog=epilog("hapticd record start", "hapticd record stop", codes=codes))

@@ -13,6 +13,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import JsonOption, SocketOption, connect, positive, register
 from hapticd.cli.output import number
+from hapticd.control.endpoints import Endpoints
 
 if TYPE_CHECKING:
     from hapticd.client import Client
@@ -23,14 +24,10 @@ IntervalOption = Annotated[
 ]
 
 
-def status(
+def _status(
     watch: WatchOption = False, interval: IntervalOption = 0.5, socket: SocketOption = None, as_json: JsonOption = False
 ) -> int:
-    """Show what the daemon is doing: state, fault, timing, operating point, position, recording, experiment.
-
-    Position is counted from the spring's origin, in rad or m and in coarse ticks; velocity (an estimate) is in rad/s or
-    m/s, current in A. The exit code is 1 while a fault is latched.
-    """
+    """The exit code is 1 while a fault is latched."""
     if watch and as_json:
         raise UsageError("--watch is for people; for a program, call 'hapticd status --json' again and again")
     client = connect(socket)
@@ -120,4 +117,4 @@ def add_to(app: typer.Typer) -> None:
         "hapticd status --json | jq .timing.wake_us",
     )
     codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.INTERRUPTED)
-    register(app, status, *examples, codes=codes)
+    register(app, _status, *examples, codes=codes, endpoint=Endpoints.status)

@@ -1,4 +1,4 @@
-"""One method for each endpoint of the control API, and waiting for an experiment.
+"""The control API from outside: `Endpoints` sent to the daemon's socket, and waiting for an experiment.
 
 Each request is a connection of its own: on a Unix socket that costs microseconds, nothing goes stale while nobody asks,
 and one client may be used from several threads.
@@ -17,15 +17,14 @@ from typing import Any
 
 from hapticd.client.errors import DaemonUnreachable, RequestRefused
 from hapticd.config.places import find_socket
-
-JsonDict = dict[str, Any]
+from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict
 
 ANSWER_TIMEOUT_S = 30.0
 """Opening a device or reading a new config can take seconds; everything else is answered in milliseconds."""
 
 
-class Client:
-    """Talks to the daemon on one socket. Every method returns the daemon's JSON reply as a dict.
+class Client(Endpoints):
+    """Talks to the daemon on one socket. Every method of `Endpoints` returns the daemon's JSON reply as a dict.
 
     Args:
         socket_path: the daemon's Unix socket. None looks for it as the command line does: ``$HAPTICD_SOCKET``, the user's
@@ -40,87 +39,6 @@ class Client:
     def __init__(self, socket_path: str | Path | None = None, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
         self.socket_path = find_socket() if socket_path is None else Path(socket_path)
         self.timeout_s = timeout_s
-
-    def status(self) -> JsonDict:
-        """State, fault, timing, operating point, position and recorder."""
-        return self._request("GET", "/status")
-
-    def config(self) -> JsonDict:
-        """The config in force."""
-        return self._request("GET", "/config")
-
-    def metrics(self) -> str:
-        """The daemon's numbers in Prometheus' text format."""
-        connection = _UnixConnection(self.socket_path, self.timeout_s)
-        try:
-            connection.request("GET", "/metrics")
-            return connection.getresponse().read().decode()
-        except (OSError, http.client.HTTPException) as error:
-            raise DaemonUnreachable(self._why_unreachable()) from error
-        finally:
-            connection.close()
-
-    def start(self, force: bool = False) -> JsonDict:
-        """Enable the amplifier and render the spring; `force`, here and below, overrides the stability guard."""
-        return self._request("POST", "/start", _given(force=force or None))
-
-    def stop(self) -> JsonDict:
-        """Zero current, then disable."""
-        return self._request("POST", "/stop")
-
-    def estop(self) -> JsonDict:
-        """Zero current at once, disable, latch a fault."""
-        return self._request("POST", "/estop")
-
-    def clear(self) -> JsonDict:
-        """Clear a latched fault."""
-        return self._request("POST", "/clear")
-
-    def set(self, settings: dict[str, Any], force: bool = False) -> JsonDict:
-        """Change live settings: dotted key to value, a string being read as a YAML scalar."""
-        return self._request("POST", "/set", _given(settings=settings, force=force or None))
-
-    def release(self, deflection: float, duration_s: float | None = None, force: bool = False) -> JsonDict:
-        """Start the Fig. 8 experiment at a deflection in coarse ticks; see :meth:`wait`."""
-        body = _given(deflection=deflection, duration_s=duration_s, force=force or None)
-        return self._request("POST", "/release", body)
-
-    def excite(
-        self,
-        name: str = "all",
-        amplitude: float | None = None,
-        duration_s: float | None = None,
-        force: bool = False,
-        **plan: float | None,
-    ) -> JsonDict:
-        """Start an identification experiment; see :meth:`wait`.
-
-        Args:
-            name: which; ``all`` of them by default.
-            amplitude: peak in A, or rad or m for shapes that move the spring's origin.
-            duration_s: duration in s.
-            force: as in :meth:`start`.
-            plan: ``low_hz``, ``high_hz`` (of a chirp) and ``seed`` (of steps).
-        """
-        body = _given(name=name, amplitude=amplitude, duration_s=duration_s, force=force or None, **plan)
-        return self._request("POST", "/excite", body)
-
-    def experiment(self) -> JsonDict:
-        """The newest experiment and how far it is."""
-        return self._request("GET", "/experiment")
-
-    def record_start(self, path: str | Path | None = None) -> JsonDict:
-        """Start recording, to an absolute path or to a new file in ``record.directory``."""
-        return self._request("POST", "/record/start", _given(path=None if path is None else os.fspath(path)))
-
-    def record_stop(self) -> JsonDict:
-        """Stop recording and close the file."""
-        return self._request("POST", "/record/stop")
-
-    def reload(self, path: str | Path | None = None, force: bool = False) -> JsonDict:
-        """Read the config anew."""
-        body = _given(path=None if path is None else os.fspath(path), force=force or None)
-        return self._request("POST", "/reload", body)
 
     def wait(
         self, experiment: int, progress: Callable[[float], None] | None = None, interval_s: float = 0.1
@@ -147,16 +65,21 @@ class Client:
                 return report
             time.sleep(interval_s)
 
-    def _request(self, method: str, path: str, body: JsonDict | None = None) -> JsonDict:
-        text = None if body is None else json.dumps(body, allow_nan=False)
+    def send(self, endpoint: Endpoint, fields: JsonDict) -> Any:
+        """Ask for an endpoint and return its reply: a dict, or text."""
+        body = json.dumps(fields, allow_nan=False, default=os.fspath) if endpoint.signature.parameters else None
         connection = _UnixConnection(self.socket_path, self.timeout_s)
         try:
             connection.connect()
         except OSError as error:
             raise DaemonUnreachable(self._why_unreachable()) from error
         try:
-            connection.request(method, path, text, {"Content-Type": "application/json", "Connection": "close"})
+            connection.request(
+                endpoint.method, endpoint.path, body, {"Content-Type": "application/json", "Connection": "close"}
+            )
             reply = connection.getresponse()
+            if endpoint.reply == TEXT and reply.status == 200:
+                return reply.read().decode()
             return self._answer(reply.status, reply.read())
         except TimeoutError as error:
             message = f"the daemon on {self.socket_path} accepts requests and does not answer; look at its log"
@@ -203,7 +126,3 @@ class _UnixConnection(http.client.HTTPConnection):
         except BaseException:
             self.sock.close()
             raise
-
-
-def _given(**fields: Any) -> JsonDict:
-    return {name: value for name, value in fields.items() if value is not None}

@@ -10,18 +10,14 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
-from drivers.serial_dac import messages, port
-from drivers.serial_dac.exchange import unwrapped
-from drivers.serial_dac.options import read_options
-from drivers.serial_dac.session import Session
+from drivers.serial_dac import messages
+from hapticd.doctor.board_session import REPLY_S, Board, NoReplyError, opened
 from hapticd.doctor.finding import Finding, Level
 
 if TYPE_CHECKING:
-    from drivers.serial_dac.options import Options
     from hapticd.config import Config
 
 EXCHANGES: Final = 500
@@ -30,11 +26,10 @@ TURN_S: Final = 8.0
 SHOW_S: Final = 0.05
 RAMP_S: Final = 1.0
 RAMP_STEP_S: Final = 0.005
-RAMP_SHARE: Final = 0.05
+RAMP_FRACTION: Final = 0.05
 """Default peak of the ramp, of the continuous current."""
-MOVED_SHARE: Final = 0.125
+MOVED_FRACTION: Final = 0.125
 """Of a turn (or a million counts on a scale): further the ramp does not push."""
-_REPLY_S: Final = 0.25
 _FAULT_NAMES: Final = {
     messages.STATUS_ENCODER_FAULT: "ENCODER_FAULT",
     messages.STATUS_AMPLIFIER_FAULT: "AMPLIFIER_FAULT",
@@ -53,60 +48,6 @@ class Person(Protocol):
 
     def shows(self, counts: int, rate: float, fastest: float) -> None:
         """Show the counter: counts since the beginning, counts per s now, and the largest so far."""
-
-
-class NoReplyError(Exception):
-    """The board did not answer a SAMPLE."""
-
-
-@dataclass
-class Board:
-    """A board in a session of its own: output off, every SAMPLE awaited."""
-
-    session: Session
-    options: Options
-    capabilities: messages.Capabilities
-    seq: int = 0
-    counts: int = 0
-    """Position, wrap removed."""
-
-    def sample(self) -> messages.SampleReply:
-        """One SAMPLE and its reply.
-
-        Raises:
-            NoReplyError: none came. DriverError: the port is gone.
-        """
-        self.seq = (self.seq + 1) & 0xFF
-        self.session.send(messages.sample(self.seq))
-
-        def wanted(payload: bytes) -> messages.SampleReply | None:
-            reply = messages.sample_reply(payload)
-            return reply if reply is not None and reply.seq == self.seq else None
-
-        reply = self.session.receive(wanted, _REPLY_S)
-        if reply is None:
-            raise NoReplyError
-        self.counts = unwrapped(self.counts, reply.count, self.capabilities.counter_bits)
-        return reply
-
-    @property
-    def middle(self) -> int:
-        """The code of zero current."""
-        return 1 << (self.capabilities.dac_bits - 1)
-
-    def code(self, current: float) -> int:
-        """The code of a current in A."""
-        full_scale = self.capabilities.full_scale_ua * 1e-6
-        return min(max(self.middle + round(current / full_scale * self.middle), 0), 2 * self.middle - 1)
-
-    def command(self, code: int, *, enable: bool) -> None:
-        """One COMMAND."""
-        self.session.send(messages.command(self.seq, code, enable=enable))
-
-    def off(self) -> None:
-        """Zero current and disable, twice."""
-        for _ in range(2):
-            self.command(self.middle, enable=False)
 
 
 @dataclass(frozen=True)
@@ -151,34 +92,13 @@ def percentile(values: Sequence[float], fraction: float) -> float | None:
     return sorted(values)[max(0, math.ceil(fraction * len(values)) - 1)] if values else None
 
 
-@contextmanager
-def opened(config: Config) -> Iterator[Board]:
-    """A board with its output off, and off again in the end whatever happens.
-
-    Raises:
-        DriverError: no port, no board, another version.
-    """
-    options = read_options(config)
-    line = port.open_port(options.port, options.baud)
-    try:
-        session = Session(line.fileno(), options.port)
-        board = Board(session, options, session.hello())
-        try:
-            yield board
-        finally:
-            board.off()
-            port.wait_sent(line.fileno(), _REPLY_S)
-    finally:
-        line.close()
-
-
 def bring_up(config: Config, person: Person, current: float | None = None) -> BringUp:
     """Look at the board step by step.
 
     Args:
         config: driver, amplifier and encoder of the rig.
         person: who turns the knob and agrees to currents.
-        current: peak of the ramp, A; None: RAMP_SHARE of the continuous current.
+        current: peak of the ramp, A; None: RAMP_FRACTION of the continuous current.
 
     Raises:
         DriverError: the board cannot be reached at all.
@@ -328,7 +248,7 @@ def watchdog(board: Board, person: Person) -> Finding:
     first = board.sample()
     if not first.status & messages.STATUS_ENABLED:
         return Finding(name, Level.BAD, f"the board does not enable (status {first.status:#04x})")
-    end = time.monotonic() + 2.0 * wanted * 1e-3 + _REPLY_S
+    end = time.monotonic() + 2.0 * wanted * 1e-3 + REPLY_S
     reply = first
     while reply.status & messages.STATUS_ENABLED and time.monotonic() < end:
         reply = board.sample()  # SAMPLEs do not keep it alive
@@ -345,7 +265,7 @@ def ramp(board: Board, config: Config, person: Person, current: float | None) ->
     name = "polarity"
     continuous = config.amplifier.continuous_current
     largest = continuous or board.capabilities.full_scale_ua * 1e-6
-    peak = min(RAMP_SHARE * largest if current is None else current, largest)
+    peak = min(RAMP_FRACTION * largest if current is None else current, largest)
     if not person.agrees(
         f"Raise the current to {peak:.3g} A and back within {RAMP_S:g} s? The shaft may turn; hands off."
     ):
@@ -354,7 +274,7 @@ def ramp(board: Board, config: Config, person: Person, current: float | None) ->
     board.command(board.middle, enable=False)
     board.sample()
     start = board.counts
-    furthest = MOVED_SHARE * (config.encoder.counts_per_rev or 1_000_000)
+    furthest = MOVED_FRACTION * (config.encoder.counts_per_rev or 1_000_000)
     reached = 0.0
     try:
         begin = time.monotonic()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapticd.reproduce.style import new_figure, style
+from hapticd.figures.style import new_figure, style
 from hapticd.servo.timing import bucket_edges
 
 if TYPE_CHECKING:

@@ -49,6 +49,5 @@ EFFECT = Effect(
     ),
     grid=_grid,
     near=("transport_delay",),
-    exact=True,
     in_loop=_in_loop,
 )

@@ -45,6 +45,5 @@ EFFECT = Effect(
     amplitude="a",
     grid=_grid,
     equivalent_to=("constant_bias",),
-    exact=True,
     in_loop=_in_loop,
 )

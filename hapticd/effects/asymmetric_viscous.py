@@ -42,6 +42,7 @@ EFFECT = Effect(
     ),
     amplitude="a",
     grid=_grid,
+    accuracy=1e-3,
     near=("constant_bias",),
     in_loop=_in_loop,
 )

@@ -44,6 +44,5 @@ EFFECT = Effect(
     grid=_grid,
     equivalent_to=("asymmetric_coulomb",),
     near=("gravity", "return_spring", "asymmetric_viscous"),
-    exact=True,
     in_loop=_in_loop,
 )

@@ -48,6 +48,5 @@ EFFECT = Effect(
     amplitude="r",
     grid=_grid,
     near=("stribeck", "load_dependent_friction"),
-    exact=True,
     in_loop=_in_loop,
 )

@@ -36,5 +36,4 @@ EFFECT = Effect(
     ),
     grid=_grid,
     near=("torque_constant_error", "load_dependent_friction"),
-    exact=True,
 )

@@ -43,5 +43,4 @@ EFFECT = Effect(
     ),
     grid=_grid,
     near=("current_saturation", "load_dependent_friction"),
-    exact=True,
 )

@@ -34,5 +34,4 @@ EFFECT = Effect(
     ),
     grid=_grid,
     near=("transport_delay",),
-    exact=True,
 )

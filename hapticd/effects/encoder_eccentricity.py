@@ -41,5 +41,4 @@ EFFECT = Effect(
     amplitude="e",
     grid=_grid,
     near=("gravity", "torque_ripple"),
-    exact=True,
 )

@@ -42,6 +42,7 @@ EFFECT = Effect(
         ),
     ),
     grid=_grid,
+    accuracy=1e-3,
     near=("amplifier_lag", "backlash"),
     contains=("inertia_error",),
     excludes=("backlash",),

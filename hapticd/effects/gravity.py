@@ -44,6 +44,7 @@ EFFECT = Effect(
     ),
     amplitude="m_g_l",
     grid=_grid,
+    accuracy=1e-3,
     near=("constant_bias", "return_spring", "torque_ripple", "encoder_eccentricity"),
     contains=("constant_bias", "return_spring"),
     stiffness=_stiffness,

@@ -61,6 +61,5 @@ EFFECT = Effect(
     ),
     near=("return_spring", "inertia_error", "viscous_friction"),
     contains=("inertia_error", "viscous_friction", "return_spring"),
-    exact=True,
     joint_check=_joint_check,
 )

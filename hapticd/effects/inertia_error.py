@@ -48,6 +48,5 @@ EFFECT = Effect(
     amplitude="r",
     grid=_grid,
     near=("torque_constant_error",),
-    exact=True,
     in_loop=_in_loop,
 )

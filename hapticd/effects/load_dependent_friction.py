@@ -43,5 +43,4 @@ EFFECT = Effect(
     amplitude="kappa",
     grid=_grid,
     near=("torque_constant_error", "coulomb_friction"),
-    exact=True,
 )

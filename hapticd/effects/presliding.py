@@ -64,5 +64,6 @@ EFFECT = Effect(
         ),
     ),
     grid=_grid,
+    accuracy=1e-3,
     near=("backlash", "stribeck"),
 )

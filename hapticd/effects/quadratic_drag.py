@@ -38,5 +38,6 @@ EFFECT = Effect(
     ),
     amplitude="d",
     grid=_grid,
+    accuracy=1e-3,
     near=("stribeck", "viscous_friction"),
 )

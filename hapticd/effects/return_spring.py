@@ -40,6 +40,5 @@ EFFECT = Effect(
     grid=_grid,
     near=("gravity", "hand_impedance", "constant_bias"),
     contains=("constant_bias",),
-    exact=True,
     in_loop=_in_loop,
 )

@@ -166,7 +166,7 @@ class Effect:
         near: effects that only the right experiment tells apart.
         contains: simpler effects that are limits of this one, over any motion or over a small one.
         excludes: effects that a device with this one cannot have.
-        exact: whether it is simulated in closed form, without a step size.
+        accuracy: relative error of its simulation; 0 in closed form. No estimate of its parameters is better than that.
         in_loop: from a loop and all parameters, the numbers of the loop that it changes, at its worst for stability; none
             at all where it can do no harm. Without it the stability criterion leaves the effect out, and says so.
         joint_check: what is wrong with parameters that are each within their bounds.
@@ -195,7 +195,7 @@ class Effect:
     near: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
-    exact: bool = False
+    accuracy: float = 0.0
     in_loop: Callable[[LoopNumbers, Values], Mapping[str, float]] | None = None
     joint_check: Callable[[Values], Iterable[Complaint]] | None = None
     stiffness: Callable[[Values], float] | None = None

@@ -54,6 +54,7 @@ EFFECT = Effect(
     ),
     amplitude="s",
     grid=_grid,
+    accuracy=1e-3,
     near=("quadratic_drag", "presliding", "coulomb_friction"),
     contains=("coulomb_friction",),
     in_loop=_in_loop,

@@ -45,6 +45,7 @@ EFFECT = Effect(
     ),
     amplitude="r",
     grid=_grid,
+    accuracy=1e-3,
     near=("coulomb_friction",),
     contains=("coulomb_friction",),
     in_loop=_in_loop,

@@ -43,6 +43,5 @@ EFFECT = Effect(
     amplitude="r",
     grid=_grid,
     near=("inertia_error",),
-    exact=True,
     in_loop=_in_loop,
 )

@@ -68,6 +68,7 @@ EFFECT = Effect(
         ),
     ),
     amplitude="amplitudes",
+    accuracy=1e-3,
     near=("gravity", "encoder_eccentricity"),
     contains=("gravity",),
     joint_check=_joint_check,

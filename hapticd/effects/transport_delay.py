@@ -39,6 +39,5 @@ EFFECT = Effect(
     ),
     grid=_grid,
     near=("amplifier_lag",),
-    exact=True,
     in_loop=_in_loop,
 )

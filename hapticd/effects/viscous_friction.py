@@ -45,6 +45,5 @@ EFFECT = Effect(
     amplitude="r",
     grid=_grid,
     near=("quadratic_drag", "asymmetric_viscous"),
-    exact=True,
     in_loop=_in_loop,
 )

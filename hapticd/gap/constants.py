@@ -6,9 +6,13 @@ FEWEST_BLOCKS = 20
 """A short recording has shorter blocks, so that each fold of five still has four."""
 FOLDS = 5
 """Parameters that judge a block are estimated without its fold: a fifth of the data."""
-LONGEST_MEMORY_S = 0.05
-"""Largest correlation time of the disturbance torque [s]. A slower one would take the place of friction and of slow
-effects (docs/explanation/gap-statistics.md)."""
+SHORT_MEMORY_S = 0.05
+"""Largest correlation time of the disturbance torque while effects are looked for [s]: a slower one takes the place of
+friction and of slow effects as long as they are not in the model (docs/explanation/gap-statistics.md)."""
+MEMORIES = 60.0
+"""Correlation times that the recordings hold at least when the answer is judged: a slower disturbance is a slow effect."""
+LEAST_WHITE = 1e-3
+"""Share of the torque that is white noise from tick to tick at least: no machine's torque is more reproducible."""
 WINDOW_S = 0.05
 """Duration over which the noise floor of the missing force is stated [s]."""
 LASTING_S = 0.02
@@ -17,13 +21,10 @@ LEVEL = 0.005
 """Probability that nothing missing is given a name, over the whole catalogue."""
 MATERIAL = 0.002
 """Held-out gain, in nats a sample, below which an effect does not matter."""
-SHARE = 0.02
-"""Share of the first effect's gain, and of the missing force's power, that a further effect must bring."""
-SHARE_OF_REST = 0.5
-"""Share of what is still missing that is enough too: beside a strong first effect a second one may be all that is left."""
-SLACK = 0.01
-"""Share of the predicted variance that is process noise, below which nothing is missing: predictions are as good as the
-sensor allows."""
+SHARE = 0.1
+"""Share of what is still missing, in power, that an effect must close to be named."""
+CLOSED = 0.5
+"""Share of the missing force's power that the named effects must close to be all that was found to be missing."""
 FORCE_MARGIN = 0.1
 """Share of the missing force's power by which a law may close less of it than another and still be preferred for its
 likelihood."""

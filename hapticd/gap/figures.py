@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.figures.style import BLUE, GREY, ORANGE, new_figure
 from hapticd.gap.missing import since_reversal
 from hapticd.gap.words import is_linear, unit_of
-from hapticd.reproduce.style import BLUE, GREY, ORANGE, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

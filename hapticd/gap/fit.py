@@ -6,11 +6,12 @@ of the samples' scores (Berndt, Hall, Hall and Hausman 1974), which finite diffe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants
 from hapticd.gap.kernel.filter import CORRELATION, DISTURBANCE, JITTER, NOISE, SENSOR, TICK, WHITE, run_filter
 from hapticd.gap.kernel.linear import sensitivities
@@ -33,6 +34,7 @@ _NEVER = -1e12
 _SCANS = 3
 _POOR = 2
 """Steps in a row that gain nothing before a climb is over: on a curved ridge a single one may."""
+_FALL = 2.0
 _SHORTER = 6
 """Attempts to shorten a step that does not climb."""
 
@@ -46,21 +48,29 @@ class Problem:
         base: device vector of the nominal model.
         torque: what the device's torques are of the order of, N m or N.
         is_linear: metres and newtons.
+        longest_memory_s: largest correlation time of the disturbance torque [s].
     """
 
     series: Series
     base: Floats
     torque: float
     is_linear: bool
+    longest_memory_s: float = field(default_factory=lambda: constants.SHORT_MEMORY_S)
     counter: list[int] = field(default_factory=lambda: [0])
 
     @property
     def noise_bounds(self) -> tuple[Floats, Floats]:
         """Lower and upper bounds of the logarithms of the noise parameters."""
         T, q = self.series.period_s, self.series.resolution
-        longest = max(constants.LONGEST_MEMORY_S, 5.0 * T)
+        longest = max(self.longest_memory_s, 5.0 * T)
         root = np.sqrt(T)
-        lower = [1e-8 * self.torque * root, 0.01 * q, 1e-6 * self.torque, min(3.0 * T, 0.5 * longest), 1e-4 * T]
+        lower = [
+            constants.LEAST_WHITE * self.torque * root,
+            0.01 * q,
+            1e-6 * self.torque,
+            min(3.0 * T, 0.5 * longest),
+            1e-4 * T,
+        ]
         upper = [1e3 * self.torque * root, 1e5 * q, 1e2 * self.torque, longest, 3.0 * T]
         return np.log(lower), np.log(upper)
 
@@ -86,6 +96,7 @@ class Fit:
         out: (n,) of `TICK` at `u`.
         scores: (n, k) derivative of each sample's log probability, where `maximise` or `held_out` has been called.
         slopes: (n, k) derivative of each sample's predicted measurement.
+        spreads: (n, k) derivative of the logarithm of its variance.
     """
 
     def __init__(self, problem: Problem, terms: Sequence[Term], u: Floats) -> None:
@@ -102,6 +113,7 @@ class Fit:
         self.error = 1e-2 * self.scale
         self.scores = np.zeros((0, 0))
         self.slopes = np.zeros((0, 0))
+        self.spreads = np.zeros((0, 0))
         self.log_likelihood, self.out = self.evaluate(self.u)
 
     @property
@@ -167,8 +179,7 @@ class Fit:
     def differentiate(self, only: NDArray[np.bool_] | None = None) -> None:
         """Find scores and slopes at the present coordinates."""
         free = (self._free() if only is None else only).copy()
-        n = self.out.size
-        self.scores, self.slopes = np.zeros((n, self.u.size)), np.zeros((n, self.u.size))
+        self.scores, self.slopes, self.spreads = (np.zeros((self.out.size, self.u.size)) for _ in range(3))
         for number, item in enumerate(self.terms):
             own = self.share(number)
             columns = torque_slopes(item, self.u[own], self.out["x"])
@@ -183,8 +194,7 @@ class Fit:
             u = self.u.copy()
             u[j] += step
             _, out = self.evaluate(u)
-            self.scores[:, j] = (out["log_p"] - self.out["log_p"]) / step
-            self.slopes[:, j] = (out["mean"] - self.out["mean"]) / step
+            self._set_slopes(int(j), out, self.out, step)
 
     def approach(self, first: int, rounds: int) -> Fit:
         """Climb towards the maximum in the coordinates from `first` on, the noise following as a whole; returns itself.
@@ -260,9 +270,23 @@ class Fit:
             np.delete(self.u, np.arange(self.u.size)[self.share(number)]),
         )
 
+    def replaced(self, number: int, item: Term) -> Fit:
+        """The same hypothesis with one of its terms started anew, the rest at the same coordinates."""
+        terms = (*self.terms[:number], item, *self.terms[number + 1 :])
+        u = self.u.copy()
+        u[self.share(number)] = item.start
+        return Fit(self.problem, terms, u)
+
     def with_noise(self, noise: Floats) -> Fit:
         """The same hypothesis at the same coordinates with another noise."""
         return Fit(self.problem, self.terms, np.concatenate([noise, self.u[_NOISES:]]))
+
+    def with_free_memory(self) -> Fit:
+        """The same hypothesis, fitted with a disturbance that may remember as long as the recordings can tell."""
+        longest = max(self.problem.series.duration_s / constants.MEMORIES, self.problem.longest_memory_s)
+        free = self.on(replace(self.problem, longest_memory_s=longest))
+        held_back = self.u[CORRELATION] >= self.upper[CORRELATION] - 1e-9 and self.noise_values()[DISTURBANCE] > 0.0
+        return free.maximise() if held_back else free
 
     def on(self, problem: Problem) -> Fit:
         """The same hypothesis at the same coordinates on other samples."""
@@ -316,21 +340,54 @@ class Fit:
             total += np.where(series.fold == fold, series.per_block(log_p), 0.0)
         return total
 
+    def _secants(self, free: NDArray[np.bool_]) -> None:
+        """Differentiate over the widest steps along which the likelihood falls by no more than `_FALL`.
+
+        With impacts it is rough: its slope at a point says nothing of how far the data let a parameter go.
+        """
+        for j in np.flatnonzero(free):
+            step = 0.1 * self.scale[j]
+            for _ in range(_SHORTER):
+                sides = []
+                for sign in (1.0, -1.0):
+                    u = self.u.copy()
+                    u[j] = np.clip(u[j] + sign * step, self.lower[j], self.upper[j])
+                    sides.append((u[j], *self.evaluate(u)))
+                if self.log_likelihood - max(value for _, value, _ in sides) < _FALL:
+                    break
+                step *= 0.2
+            (upper, _, above), (lower, _, below) = sides
+            self._set_slopes(int(j), above, below, upper - lower)
+
+    def _set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:
+        self.scores[:, j] = (above["log_p"] - below["log_p"]) / step
+        self.slopes[:, j] = (above["mean"] - below["mean"]) / step
+        self.spreads[:, j] = np.log(above["variance"] / below["variance"]) / step
+
     def covariance(self) -> Floats:
-        """Covariance of the coordinates, robust to dependence within blocks, shape (k, k); call `held_out` before."""
+        """Covariance of the coordinates, shape (k, k); call `held_out` before.
+
+        The expected information, of means and of variances, is the bread of the sandwich (White 1982); scores summed over
+        blocks are between, so that it is robust to what the model has wrong about single samples and their dependence. No
+        variance is less than what the model by itself says.
+        """
         free = self._free(self.scores.sum(axis=0))
-        S = self.problem.series.per_block(self.scores[:, free])
-        H = self.scores[:, free].T @ self.scores[:, free]
-        precision = np.where(np.isfinite(self.prior[free]), self.prior[free] ** -2.0, 0.0)
-        diagonal = np.diag(H) + precision + 1e-12 / self.scale[free] ** 2
-        bread = np.linalg.pinv(H + np.diag(precision) + 1e-9 * np.diag(diagonal))
-        # Within blocks scores may add up; they never know less than independent ones would.
-        meat = S.T @ S
-        sandwich = bread @ meat @ bread
-        floor = np.maximum(np.diag(bread) / np.maximum(np.diag(sandwich), 1e-300), 1.0)
-        scale = np.sqrt(floor)
+        if any(CATALOGUE[item.slug].acts_on == "memory" for item in self.terms if item.slug in CATALOGUE):
+            self._secants(free)
+        scores, slopes, spreads = self.scores[:, free], self.slopes[:, free], self.spreads[:, free]
+        A = slopes.T @ (slopes * self.out["information"][:, None])
+        A += 0.5 * spreads.T @ (spreads * self.out["share"][:, None] ** 2)
+        A += np.diag(np.where(np.isfinite(self.prior[free]), self.prior[free] ** -2.0, 0.0))
+        diagonal = np.diag(A) + 1e-12 / self.scale[free] ** 2
+        bread = np.linalg.pinv(A + 1e-9 * np.diag(diagonal), hermitian=True)
+        sums = self.problem.series.per_block(scores)
+        filling = [scores.T @ scores, sums.T @ sums]
+        variances = [np.diag(bread @ part @ bread) for part in filling]
+        robust = bread @ filling[1] @ bread
+        largest = np.maximum(np.maximum(variances[0], variances[1]), np.diag(bread))
+        scale = np.sqrt(largest / np.maximum(variances[1], 1e-300))
         covariance = np.zeros((self.u.size, self.u.size))
-        covariance[np.ix_(free, free)] = sandwich * np.outer(scale, scale)
+        covariance[np.ix_(free, free)] = robust * np.outer(scale, scale)
         return covariance
 
 

@@ -218,12 +218,13 @@ def structure(fit: Fit, found: Missing, count: int = 8) -> list[Structure]:
     return results
 
 
-def better_function(before: Fit, law: Term, found: Missing, count: int = 8) -> str | None:
+def better_function(before: Fit, law: Term, count: int = 8) -> str | None:
     """A coordinate of which a flexible function predicts held-out blocks better than a law that was named, or None.
 
     Args:
-        before: the model without the law, held out. law: started at its estimate. found: missing force of `before`.
+        before: the model without the law, held out. law: started at its estimate.
     """
+    found = missing_force(before)
     own = (before.extended(law).out["mean"] - before.out["mean"])[:, None]
     shift = _held_out_shift(before, own)
     best: tuple[float, str | None] = (constants.MATERIAL * before.out.size, None)

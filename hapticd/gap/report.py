@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 from jinja2 import Environment, PackageLoader, select_autoescape
 from markupsafe import Markup
 
+from hapticd.figures.markup import STYLE
+from hapticd.figures.style import style
 from hapticd.gap import words
 from hapticd.gap.figures import all_figures
-from hapticd.reproduce.markup import STYLE
-from hapticd.reproduce.style import style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

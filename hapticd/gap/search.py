@@ -9,10 +9,10 @@ import numpy as np
 from scipy.stats import t as student
 
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.gap import constants
-from hapticd.gap.candidates import candidates
+from hapticd.gap import constants, grip
+from hapticd.gap.candidates import candidates, scale_of
 from hapticd.gap.fit import Fit
-from hapticd.gap.kernel.filter import SENSOR
+from hapticd.gap.kernel.filter import CORRELATION, DISTURBANCE, WHITE
 from hapticd.gap.missing import MOVES, missing_power
 from hapticd.plant.layout import index_of as word
 
@@ -21,7 +21,6 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from hapticd.gap.candidates import Candidate
     from hapticd.gap.terms import Term
 
     Floats = NDArray[np.float64]
@@ -32,6 +31,7 @@ _PROMISING = 0.05
 _HALF_WAY = 0.25
 _CLOSE = 0.3
 _MOST_FITTED = 4
+_QUIET = 2.0
 _ROUGH = 0.5
 """Nats to which contenders are fitted; the one that is taken is fitted to the end."""
 
@@ -114,10 +114,11 @@ def critical(problem_blocks: int, tried: int) -> float:
     return float(student.isf(constants.LEVEL / max(tried, 1), problem_blocks - 1))
 
 
-def slack(fit: Fit) -> float:
-    """Share of what the encoder shows that process noise makes: 0 where predictions are as good as the sensor allows."""
-    sensor = float(fit.noise_values()[SENSOR]) ** 2 + fit.problem.series.resolution**2 / 12.0
-    return float(np.mean((fit.out["variance"] + fit.problem.series.resolution**2 / 12.0) / sensor - 1.0))
+def is_quiet(fit: Fit) -> bool:
+    """Whether the process noise is about the least that a device has: nothing is missing then."""
+    noise = fit.noise_values()
+    least = np.exp(fit.lower[WHITE])
+    return bool(noise[WHITE] ** 2 + 2.0 * noise[DISTURBANCE] ** 2 * noise[CORRELATION] < (_QUIET * least) ** 2)
 
 
 def search(
@@ -133,13 +134,10 @@ def search(
     Returns:
         The last model.
     """
-    present, whole = first, missing_power(first.fit)
+    present, needed = first, constants.MATERIAL * first.fit.out.size
     for number in range(constants.MOST_EFFECTS):
         progress(number / (constants.MOST_EFFECTS + 1), "trying effects")
-        needed = max(
-            constants.MATERIAL * first.fit.out.size, constants.SHARE * (rounds[0].taken.gain if rounds else 0.0)
-        )
-        if slack(present.fit) < constants.SLACK:
+        if is_quiet(present.fit):
             break
         contenders = compete(present, [slug for slug in slugs if slug not in _settled(rounds)], needed)
         if not contenders:
@@ -147,7 +145,7 @@ def search(
         needed_errors = critical(present.held_out.size, len(slugs))
         if rounds:  # A law at its limit is another law: an answer may be that vague, but it does not grow by it.
             contenders = [contender for contender in contenders if not contender.law.at_bounds(contender.law.start)]
-        contenders = _closing(contenders, present, constants.SHARE * whole, needed_errors)
+        contenders = _closing(contenders, present, needed_errors)
         if not contenders:
             break
         contenders = _simplest_first(contenders)
@@ -161,11 +159,19 @@ def search(
             and other.evidence > constants.TIE
             and evidence(best.judged, other.judged)[1] < constants.TIE
         )
-        best = replace(best, judged=cross_validate(best.judged.fit.maximise(), best.penalty))
+        best = replace(best, judged=cross_validate(_polished(best.judged.fit), best.penalty))
         rounds.append(Round(present, (best, *contenders[1:]), tied))
         _look_back(rounds, len(first.fit.terms), needed_errors, needed)
         present = rounds[-1].taken.judged
     return present
+
+
+def _polished(fit: Fit) -> Fit:
+    """The fit climbed to the end; a grip that was found beside what was still missing is looked for again."""
+    for number, item in enumerate(fit.terms):
+        if item.slug == grip.SLUG:
+            fit = grip.settled(fit, number, scale_of(fit))
+    return fit.maximise()
 
 
 def _look_back(rounds: list[Round], base: int, needed_errors: float, needed: float) -> None:
@@ -186,21 +192,18 @@ def _settled(rounds: Sequence[Round]) -> set[str]:
     return names | {other for name in names for other in (*CATALOGUE[name].equivalent_to, *CATALOGUE[name].excludes)}
 
 
-def _closing(
-    contenders: list[Contender], present: CrossValidated, least: float, needed_errors: float
-) -> list[Contender]:
+def _closing(contenders: list[Contender], present: CrossValidated, needed_errors: float) -> list[Contender]:
     """Those that make the missing force smaller; and of those with evidence only such as do it about as well as the best.
 
     The likelihood of the next count lives at high frequencies, where a recorded current may be late or filtered; the missing
     force is what the device lacks. A law that gains the one without closing the other is none.
     """
     power = missing_power(present.fit)
-    least = min(least, constants.SHARE_OF_REST * power)
     left = {contender.slug: missing_power(contender.judged.fit) for contender in contenders}
     contenders = [
         contender
         for contender in contenders
-        if left[contender.slug] < power - min(least, constants.SHARE_OF_REST * power)
+        if left[contender.slug] < (1.0 - constants.SHARE) * power
         and _keeps_the_drive(contender.judged.fit, present.fit)
     ]
     sure = [left[contender.slug] for contender in contenders if contender.evidence >= needed_errors]
@@ -241,10 +244,7 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
     # A law competes with its limits, however little they promise by themselves.
     limits = {slug for candidate in likely for slug in CATALOGUE[candidate.slug].contains}
     likely += [c for c in found if c.slug in limits and c not in likely]
-    fits: list[tuple[Candidate, Fit]] = []
-    for candidate in likely:
-        fit = present.fit.extended(candidate.term)
-        fits.append((candidate, fit.approach(present.fit.u.size, _FIRST_STEPS)))
+    fits = [(c, present.fit.extended(c.term).approach(present.fit.u.size, _FIRST_STEPS)) for c in likely]
     fits.sort(key=lambda pair: -pair[1].log_likelihood)
     base = present.fit.log_likelihood
     if not fits:

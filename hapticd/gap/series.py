@@ -26,6 +26,8 @@ if TYPE_CHECKING:
 _LOSS = word("dropped_samples.p")
 _DELAY, _TRANSPORT_DELAY, _LAG = word("delay_s"), word("transport_delay.t_d"), word("amplifier_lag.f_a")
 _REMEMBERED = 8
+_FINE = 8
+"""Parts of a step of the plant's in which a lagging current is taken as constant."""
 _ELECTRICAL = tuple(
     word(name)
     for name in (
@@ -125,16 +127,22 @@ class Series:
             in_force(sent, p[_LOSS], command, deviation)
         delay = p[_DELAY] + p[_TRANSPORT_DELAY]
         if np.isfinite(p[_LAG]):
-            parts = substeps_for(p, self.period_s)
-            current = np.empty((time_s.size, parts))
-            electrical(p, time_s, command, np.zeros(time_s.size, dtype=np.uint8), parts, current)
+            fine = np.empty((time_s.size, _FINE * substeps_for(p, self.period_s)))
+            electrical(p, time_s, command, np.zeros(time_s.size, dtype=np.uint8), fine.shape[1], fine)
             spans = np.diff(time_s, append=2.0 * time_s[-1] - time_s[-2])
-            duration = np.repeat(spans[:, None] / parts, parts, axis=1)
-            return duration, current, np.repeat(deviation[:, None], parts, axis=1)
+            return np.repeat(0.5 * spans[:, None], 2, axis=1), _halves(fine), np.repeat(deviation[:, None], 2, axis=1)
         parts = 2 if 0.0 < delay < self.period_s or delay % self.period_s else 1
         duration, current, spread = (np.empty((time_s.size, parts)) for _ in range(3))
         segments(p, time_s, command, deviation, delay, duration, current, spread)
         return duration, current, spread
+
+
+def _halves(fine: Floats) -> Floats:
+    """Two currents, a half of the period each, that move a free mass as the fine ones do, in velocity and in position."""
+    count = fine.shape[1]
+    mean = fine.mean(axis=1)
+    way = fine @ (1.0 - (np.arange(count) + 0.5) / count) / count
+    return np.stack([4.0 * way - mean, 3.0 * mean - 4.0 * way], axis=1)
 
 
 def series_of(recordings: Sequence[Recording]) -> Series:

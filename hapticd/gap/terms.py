@@ -124,7 +124,6 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
                     lower, upper = max(lower, value - _FAR * scale), min(upper, value + _FAR * scale)
                 elif parameter.unit == "s":  # an instant
                     scale = _INSTANT_S
-                    lower, upper = max(lower, value - 3.0 * scale), min(upper, value + 3.0 * scale)
                 elif parameter.unit and value != 0.0 and parameter.unit != "rad":
                     scale = abs(value)
                 else:

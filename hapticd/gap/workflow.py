@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -10,7 +11,7 @@ from scipy.stats import t as student
 
 from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
-from hapticd.gap import constants, missing
+from hapticd.gap import constants, grip, missing
 from hapticd.gap.fit import Fit, Problem, nominal_fit
 from hapticd.gap.kernel.filter import NOISE
 from hapticd.gap.missing import Missing, missing_force
@@ -18,7 +19,7 @@ from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.search import CrossValidated, Round, critical, cross_validate, evidence, search
+from hapticd.gap.search import CrossValidated, Round, critical, cross_validate, evidence, is_quiet, search
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
@@ -146,8 +147,10 @@ def _result(
     slugs: Sequence[str],
     fixed: int,
 ) -> GapResult:
-    models = [first, *(each.taken.judged for each in rounds)]
-    found = [missing_force(judged.fit) for judged in models]
+    # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
+    freed = [fit.with_free_memory() for fit in (first.fit, *(each.taken.judged.fit for each in rounds))]
+    first, last = cross_validate(freed[0]), cross_validate(freed[-1])
+    found = [missing_force(fit) for fit in freed]
     power = [missing.rms**2 for missing in found]
     held = [missing.held_out_rms(first.fit), missing.held_out_rms(last.fit)]
     unit = "N" if model.is_linear else "N m"
@@ -163,12 +166,18 @@ def _result(
     remainder = remainder_of(last.fit, found[-1], power[0])
     beaten = {
         each.taken.slug: coordinate
-        for each, before in zip(rounds, found, strict=False)
-        if (coordinate := missing.better_function(each.before.fit, each.taken.law, before)) is not None
+        for each in rounds
+        if not is_quiet(last.fit)
+        and (coordinate := missing.better_function(each.before.fit, each.taken.law)) is not None
     }
+    slow = [
+        slug
+        for slug, before, after in zip(effects, power, power[1:], strict=False)
+        if after > (1.0 - constants.SHARE) * before
+    ]
     laws = [(last.fit.terms[number], last.fit.share(number)) for number in range(fixed, len(last.fit.terms))]
     at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share]))}
-    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten), numbers, remainder)
+    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten, slow), numbers, remainder)
     series = first.fit.problem.series
     noise = last.fit.noise_values()
     return GapResult(
@@ -191,6 +200,7 @@ def _result(
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
             "at_bounds": at_bounds,
             "predicted_better_by": beaten,
+            "slow_disturbance_instead_of": slow,
             "likelihood_evaluations": first.fit.problem.counter[0],
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),
@@ -212,6 +222,9 @@ def _step(
     u, variance = fit.u[share], np.diag(covariance)[share]
     blocks = fit.problem.series.blocks
     estimates = _estimates(term, u, variance, blocks, is_linear)
+    if term.slug == grip.SLUG:
+        ranges = grip.edge_ranges(fit, fixed + number)
+        estimates |= {name: replace(estimates[name], ci95=ends) for name, ends in ranges.items()}
     same = CATALOGUE[taken.slug].equivalent_to
     ranking = tuple(
         Ranked(
@@ -245,8 +258,10 @@ def _estimates(
     for index, chosen in term.fixed:
         name = WORDS[index].partition(".")[2]
         found[name] = Estimate(chosen, (chosen, chosen), units[name.partition("[")[0]])
+    accuracy = CATALOGUE[term.slug].accuracy
     for coordinate, value, own in zip(term.coordinates, u, variance, strict=True):
-        half = reach * float(np.sqrt(own))
+        model = accuracy if coordinate.is_log else accuracy * abs(value)
+        half = reach * math.hypot(float(np.sqrt(own)), model)
         ends = [min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + half)]
         values = [float(np.exp(v)) if coordinate.is_log else float(v) for v in (value, *ends)]
         unit = units[coordinate.name.partition("[")[0]]

@@ -57,7 +57,7 @@ class Story:
     """The improved model, read from the file that the workflow wrote."""
 
 
-def find_secret(
+def find_hidden_effect(
     model: Config,
     secret: Config,
     first: Experiment,

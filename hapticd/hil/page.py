@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from hapticd.figures.markup import STYLE
+from hapticd.figures.style import BLUE, GREY, ORANGE, new_figure, style
 from hapticd.hil.suite import CaseResult, SuiteResult
 from hapticd.hil.text import suite_text
-from hapticd.reproduce.markup import STYLE
-from hapticd.reproduce.style import BLUE, GREY, ORANGE, new_figure, style
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -50,10 +50,10 @@ _TERMS = 40
 _NEGLIGIBLE = 1e-17
 _HALVINGS = 60
 _PRECISION = 1e-12
-"""Of the instant of a stop or of a breakaway, as a fraction of its phase."""
+"""How exactly the instant of a stop or a breakaway is found, as a fraction of its phase."""
 _BREAKS = 1.0 + 1e-9
-"""Stiction holds a little more than friction takes: a torque that just touches it moves the motor for a time that can be
-told from none."""
+"""Stiction exceeds kinetic friction by this factor. Without it, a torque equal to friction would start motion that lasts
+no time that floating point can resolve."""
 
 
 @njit(_MOTION(_f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)

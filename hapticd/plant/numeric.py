@@ -28,7 +28,7 @@ from hapticd.plant.phases import move
 from hapticd.plant.resolution import substeps_for
 from hapticd.plant.slide import FORCES, Forces, friction_of, pull_on
 from hapticd.plant.spring import propagate_about_rest, springs_together
-from hapticd.plant.two_masses import move_with_coupling, move_with_play
+from hapticd.plant.two_masses import move_with_backlash, move_with_coupling
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -102,7 +102,7 @@ def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curren
     on = _forces(p, time + 0.5 * span, current)
     if p[_GAP] > 0.0:
         load_inertia = shared_inertia(p, p[_GAP_SHARE])
-        move_with_play(p, state, span, on, load_inertia, 0.5 * p[_GAP])
+        move_with_backlash(p, state, span, on, load_inertia, 0.5 * p[_GAP])
         return
     if p[_RESONANCE] < math.inf:
         load_inertia = shared_inertia(p, p[_RESONANCE_SHARE])

@@ -27,11 +27,11 @@ _HALVINGS = 80
 _RESTITUTION = index_of("backlash.restitution")
 _common_velocity = effect_term(backlash.common_velocity)
 _LEAST_REBOUND = 2.0
-"""Half gaps a second: masses that part more slowly stay together, or their rebounds would never end."""
+"""Slowest rebound, in half gaps a second. Slower masses stay together, or the rebounds would never end."""
 _APART = 1e-9
-"""Share of the half gap by which masses that rebound are apart, so that their next contact can be found."""
+"""Masses that rebound start this fraction of the half gap apart, so that their next contact can be found."""
 _AT_ONCE = 1e-6
-"""Share of a step."""
+"""Fraction of a step that counts as no time."""
 
 
 @njit(FORCES(FORCES, _f8, _f8), inline=True)
@@ -54,7 +54,7 @@ def _with_torque(on: Forces, inertia: float, torque: float) -> Forces:
 def _time_of_contact(
     p: NDArray[Any], state: NDArray[Any], latest: float, side: float, half_gap: float, motor: Forces
 ) -> float:
-    """Return when, within a phase in which it happens, the motor reaches one side of the play (regula falsi, Illinois)."""
+    """Return when the motor reaches one side of the play, in a phase in which it does (regula falsi, Illinois)."""
     early, late = 0.0, latest
     gap_early = side * (state[THETA] - state[LOAD_THETA]) - half_gap
     if gap_early >= 0.0:
@@ -83,14 +83,14 @@ def _time_of_contact(
 
 
 @njit(types.void(_a, _a, _f8, FORCES, _f8, _f8), counted=False)
-def move_with_play(
+def move_with_backlash(
     p: NDArray[Any], state: NDArray[Any], span: float, joined: Forces, load_inertia: float, half_gap: float
 ) -> None:
     """Move motor and load, with play between them, through a step of constant action.
 
-    In contact the two move as one for as long as the contact pushes the load; then the load coasts until the motor is at
-    one side of the play again, where an impact keeps the momentum; they part again at the speed of closing times the
-    restitution, or stay together where that is too slow to matter.
+    In contact the two move as one for as long as the contact pushes the load. Then the load coasts until the motor reaches
+    a side of the play. The impact there conserves momentum: they part at the closing speed times the restitution, or stay
+    together where that is too slow to matter.
 
     Args:
         p: device vector.

@@ -11,10 +11,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
+from hapticd.figures.style import save, style
 from hapticd.reproduce import fig_03, fig_04, fig_05, fig_08, fig_09, fig_11, fig_12, maps, table_1, table_2
 from hapticd.reproduce.items import Item, Options, Progress, plain
 from hapticd.reproduce.page import page
-from hapticd.reproduce.style import save, style
 
 #: Name → its builder and its weight in the progress, in the order of the paper.
 BUILDERS: Final[dict[str, tuple[Callable[[Options, Progress], Item], float]]] = {

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from hapticd.figures.style import GREEN, RED, new_figure
 from hapticd.reproduce.items import Comparison, Item, Options, Progress, compare
 from hapticd.reproduce.plane import critical_line, draw_plane
-from hapticd.reproduce.style import GREEN, RED, new_figure
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import region
 from hapticd.stability.sharp import sharp_requirement

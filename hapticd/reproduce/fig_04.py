@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Final, cast
 
 import numpy as np
 
+from hapticd.figures.style import BLUE, GREY, INK, ORANGE, new_figure
 from hapticd.reproduce.items import Comparison, Item, Options, Progress, compare
 from hapticd.reproduce.plane import draw_plane
-from hapticd.reproduce.style import BLUE, GREY, INK, ORANGE, new_figure
 from hapticd.stability.devices import TABLE_II
 from hapticd.stability.numbers import Dimensionless, Scales, physical
 from hapticd.stability.tuning import Parameter, path

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from hapticd.figures.style import new_figure
 from hapticd.reproduce.items import Comparison, Item, Options, Progress, compare
 from hapticd.reproduce.plane import critical_line, draw_plane
-from hapticd.reproduce.style import new_figure
 from hapticd.stability.criterion import xi_ddot_bound
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import region

@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hapticd.figures.style import GREY, INK, RED, new_figure
 from hapticd.reproduce.energy import comparisons
 from hapticd.reproduce.items import Item, Options, Progress, Table
-from hapticd.reproduce.style import GREY, INK, RED, new_figure
 from hapticd.stability.spring_diagrams import SPRINGS, SpringDiagrams, press_and_release, spring_diagrams
 
 if TYPE_CHECKING:

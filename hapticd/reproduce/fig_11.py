@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapticd.figures.style import BLUE, GREY, INK, ORANGE, RED, new_figure
 from hapticd.reproduce.items import Comparison, Item, Options, Progress, Table, compare
-from hapticd.reproduce.style import BLUE, GREY, INK, ORANGE, RED, new_figure
 from hapticd.stability.describing_function import encoder_gain, encoder_gain_small, nyquist
 from hapticd.stability.limit_cycle import LimitCycle, limit_cycles
 from hapticd.stability.numbers import Dimensionless

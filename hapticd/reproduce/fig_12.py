@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hapticd.figures.style import GREY, INK, new_figure
 from hapticd.reproduce import cycles
 from hapticd.reproduce.items import Comparison, Item, Options, Progress, compare
-from hapticd.reproduce.style import GREY, INK, new_figure
 from hapticd.stability.cycle_table import cycle_table
 from hapticd.stability.describing_function import (
     encoder_gain,

@@ -8,8 +8,8 @@ from html import escape
 from pathlib import Path
 from typing import Any, Final
 
+from hapticd.figures.markup import STYLE, text
 from hapticd.reproduce.items import Comparison, Item, Table, show
-from hapticd.reproduce.markup import STYLE, text
 
 # the widest figures fill the page
 _REM_PER_INCH: Final = 6.6

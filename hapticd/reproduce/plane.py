@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticd.reproduce.style import INK, RED, REGION
+from hapticd.figures.style import INK, RED, REGION
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import critical_sigma, region
 from hapticd.stability.storage import FloatArray

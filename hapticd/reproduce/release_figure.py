@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Final
 
+from hapticd.figures.style import BLUE, GREY, INK, new_figure
 from hapticd.reproduce.items import Table
 from hapticd.reproduce.plane import draw_plane
 from hapticd.reproduce.release import Release
-from hapticd.reproduce.style import BLUE, GREY, INK, new_figure
 from hapticd.stability.regions import region
 
 if TYPE_CHECKING:

@@ -10,16 +10,21 @@ import asyncio
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, cast
+from functools import partial
+from inspect import Parameter, Signature
+from typing import Any, Final, Protocol, cast
 
 import uvicorn
 from fastapi import FastAPI
+from pydantic import BaseModel
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 
-from hapticd.service import replies, schemas, socket
-from hapticd.service.control import Control, JsonDict
+from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict, Queue, declared
+from hapticd.control.schemas import ErrorReply, body_of, reply_of
+from hapticd.service import replies, socket
+from hapticd.service.live import LiveStream
 from hapticd.service.metrics import CONTENT_TYPE
 
 log = logging.getLogger("hapticd.api")
@@ -31,25 +36,14 @@ Everyone who may write to the socket may command the motor; its owner, group and
 """
 
 ERRORS: dict[int | str, dict[str, Any]] = {
-    400: {"model": schemas.ErrorReply, "description": "The body is not JSON."},
-    409: {"model": schemas.ErrorReply, "description": "Refused in the daemon's present state."},
-    413: {"model": schemas.ErrorReply, "description": "The body is longer than 64 KiB."},
-    422: {"model": schemas.ErrorReply, "description": "The request or a setting in it is wrong."},
-    502: {"model": schemas.ErrorReply, "description": "The device or its driver failed."},
+    400: {"model": ErrorReply, "description": "The body is not JSON."},
+    409: {"model": ErrorReply, "description": "Refused in the daemon's present state."},
+    413: {"model": ErrorReply, "description": "The body is longer than 64 KiB."},
+    422: {"model": ErrorReply, "description": "The request or a setting in it is wrong."},
+    502: {"model": ErrorReply, "description": "The device or its driver failed."},
 }
 
 STREAM_TYPE = "application/vnd.hapticd.frames"
-
-BODIES: dict[str, type[schemas.Request]] = {
-    "/start": schemas.StartBody,
-    "/clear": schemas.EmptyBody,
-    "/set": schemas.SetBody,
-    "/release": schemas.ReleaseBody,
-    "/excite": schemas.ExciteBody,
-    "/record/start": schemas.RecordBody,
-    "/record/stop": schemas.EmptyBody,
-    "/reload": schemas.ReloadBody,
-}
 
 
 class Executor:
@@ -58,16 +52,16 @@ class Executor:
     def __init__(self, name: str, workers: int) -> None:
         self.pool = ThreadPoolExecutor(workers, thread_name_prefix=f"hapticd-{name}")
 
-    async def run(self, method: Callable[..., JsonDict | bytes], *arguments: Any) -> Response:
-        """Call ``method`` on one of the threads and reply with what it returns; bytes are text as they are."""
+    async def run(self, method: Callable[[], JsonDict | str]) -> Response:
+        """Call ``method`` on one of the threads and reply with what it returns."""
         try:
-            answer = await asyncio.get_running_loop().run_in_executor(self.pool, method, *arguments)
+            answer = await asyncio.get_running_loop().run_in_executor(self.pool, method)
         except replies.ANSWERS:
             raise
         except Exception as error:
             log.exception("request failed")
             raise replies.Internal from error
-        if isinstance(answer, bytes):
+        if isinstance(answer, str):
             return Response(answer, media_type=CONTENT_TYPE)
         return replies.JsonReply(answer)
 
@@ -75,31 +69,53 @@ class Executor:
 class Executors:
     """The executors of one API. Stops have their own, so that nothing slow is ever in front of them."""
 
+    THREADS: Final[dict[Queue, int]] = {"query": 2, "command": 1, "stop": 1, "estop": 2}
+
     def __init__(self) -> None:
-        self.queries = Executor("query", 2)
-        self.commands = Executor("command", 1)
-        self.stops = Executor("stop", 1)
-        self.estops = Executor("estop", 2)
+        self._of = {queue: Executor(queue, workers) for queue, workers in self.THREADS.items()}
+
+    def __getitem__(self, queue: Queue) -> Executor:
+        return self._of[queue]
 
     def close(self) -> None:
         """Let the threads go; what waits is dropped, what runs is not waited for."""
-        for executor in (self.queries, self.commands, self.stops, self.estops):
+        for executor in self._of.values():
             executor.pool.shutdown(wait=False, cancel_futures=True)
 
 
+class Control(Protocol):
+    """The daemon as the API sees it: `Endpoints`, each from any thread, and the rows as they come."""
+
+    live: LiveStream
+
+
 def create_app(control: Control, executors: Executors | None = None) -> FastAPI:
-    """The API of one daemon.
+    """The API of one daemon: a route for each endpoint that is declared, and the stream.
 
     Args:
-        control: the daemon.
+        control: the daemon; has a method for each of `Endpoints`.
         executors: threads to answer on; made here when None.
     """
     executors = executors or Executors()
     app = FastAPI(title="hapticd", version="1", description=DESCRIPTION, docs_url=None, redoc_url=None)
-    replies.install(app, BODIES)
-    _add_queries(app, control, executors)
-    _add_commands(app, control, executors)
-    _add_experiments(app, control, executors)
+    endpoints = declared(Endpoints)
+    replies.install(app, {endpoint.path: body for endpoint in endpoints if (body := body_of(endpoint))})
+    for endpoint in endpoints:
+        app.add_api_route(
+            endpoint.path,
+            _answering(endpoint, control, executors[endpoint.queue]),
+            methods=[endpoint.method],
+            name=endpoint.name,
+            description=endpoint.description,
+            **_documented(endpoint),
+        )
+
+    @app.get("/stream", response_class=StreamingResponse, responses={409: ERRORS[409]})
+    async def stream() -> Response:
+        """Every tick as it comes: binary frames, each with its length in four bytes before it, until the reader leaves."""
+        control.live.refuse_more()
+        return StreamingResponse(control.live.chunks(), media_type=STREAM_TYPE)
+
     return app
 
 
@@ -115,98 +131,31 @@ class _Nobody:
         return None
 
 
-def _documented(model: type[schemas.Reply] | None, *errors: int) -> dict[str, Any]:
-    """Route arguments: the reply's shape is documented, not re-validated, because the daemon made it."""
-    responses = {code: ERRORS[code] for code in errors}
+def _answering(endpoint: Endpoint, control: Control, executor: Executor) -> Callable[..., Awaitable[Response]]:
+    """What FastAPI calls for a request: the body's fields become the arguments of the method."""
+    model = body_of(endpoint)
+
+    async def answer(body: BaseModel | None = None) -> Response:
+        given = {} if body is None else body.model_dump(exclude_unset=True)
+        return await executor.run(partial(getattr(control, endpoint.name), **given))
+
+    # FastAPI reads the body's type off the signature. A body without a field that is needed may be left out.
+    parameters = []
     if model is not None:
+        needed = any(field.is_required() for field in model.model_fields.values())
+        kind, default = Parameter.POSITIONAL_OR_KEYWORD, Parameter.empty if needed else None
+        parameters = [Parameter("body", kind, default=default, annotation=model if needed else model | None)]
+    answer.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
+    return answer
+
+
+def _documented(endpoint: Endpoint) -> dict[str, Any]:
+    """Route arguments: the reply's shape is documented, not re-validated, because the daemon made it."""
+    responses = {code: ERRORS[code] for code in endpoint.errors}
+    if model := reply_of(endpoint):
         responses[200] = {"model": model, "description": "Done."}
-    return {"response_class": replies.JsonReply, "response_model": None, "responses": responses}
-
-
-def _add_queries(app: FastAPI, control: Control, executors: Executors) -> None:
-    @app.get("/status", **_documented(schemas.Status))
-    async def status() -> Response:
-        """State, fault, timing, operating point, position and recorder."""
-        return await executors.queries.run(control.status)
-
-    @app.get("/config", **_documented(None))
-    async def config() -> Response:
-        """The config in force, section by section."""
-        return await executors.queries.run(control.config)
-
-    @app.get("/metrics", response_class=PlainTextResponse)
-    async def metrics() -> Response:
-        """Ticks, misses, lateness, state, faults, recorder and energies, in Prometheus' text format."""
-        return await executors.queries.run(control.metrics)
-
-    @app.get("/stream", response_class=StreamingResponse, responses={409: ERRORS[409]})
-    async def stream() -> Response:
-        """Every tick as it comes: binary frames, each with its length in four bytes before it, until the reader leaves."""
-        control.live.refuse_more()
-        return StreamingResponse(control.live.chunks(), media_type=STREAM_TYPE)
-
-    @app.get("/experiment", **_documented(schemas.Experiment))
-    async def experiment() -> Response:
-        """The newest experiment and how far it is."""
-        return await executors.queries.run(control.experiment)
-
-
-def _add_commands(app: FastAPI, control: Control, executors: Executors) -> None:
-    refusable = _documented(schemas.Status, 400, 409, 413, 422, 502)
-    judged = _documented(schemas.JudgedStatus, 400, 409, 413, 422, 502)
-
-    @app.post("/start", **judged)
-    async def start(body: schemas.StartBody | None = None) -> Response:
-        """Enable the amplifier and render the spring, unless theory says that its motion would not die out."""
-        return await executors.commands.run(control.start, bool(body and body.force))
-
-    @app.post("/stop", **_documented(schemas.Status, 502))
-    async def stop() -> Response:
-        """Zero current, then disable; ends a running experiment. Whatever the body says is ignored."""
-        return await executors.stops.run(control.stop)
-
-    @app.post("/estop", **_documented(schemas.Status))
-    async def estop() -> Response:
-        """Zero current at once, disable, latch a fault. Answered beside all other requests; any body is ignored."""
-        return await executors.estops.run(control.estop)
-
-    @app.post("/clear", **refusable)
-    async def clear(body: schemas.EmptyBody | None = None) -> Response:
-        """Clear a latched fault."""
-        return await executors.commands.run(control.clear)
-
-    @app.post("/set", **_documented(schemas.SetReply, 400, 409, 413, 422))
-    async def change(body: schemas.SetBody) -> Response:
-        """Change live settings, all or none, between two ticks."""
-        return await executors.commands.run(control.set, dict(body.settings), body.force)
-
-    @app.post("/reload", **judged)
-    async def reload(body: schemas.ReloadBody | None = None) -> Response:
-        """Read the config anew; a wrong one leaves the one in force untouched."""
-        return await executors.commands.run(control.reload, body.path if body else None, bool(body and body.force))
-
-    @app.post("/record/start", **_documented(schemas.RecorderStatus, 400, 409, 413, 422))
-    async def record_start(body: schemas.RecordBody | None = None) -> Response:
-        """Start recording every tick."""
-        return await executors.commands.run(control.record_start, body.path if body else None)
-
-    @app.post("/record/stop", **_documented(schemas.RecorderStatus, 400, 409, 413, 422))
-    async def record_stop(body: schemas.EmptyBody | None = None) -> Response:
-        """Stop recording and close the file."""
-        return await executors.commands.run(control.record_stop)
-
-
-def _add_experiments(app: FastAPI, control: Control, executors: Executors) -> None:
-    @app.post("/release", **_documented(schemas.ReleaseReply, 400, 409, 413, 422, 502))
-    async def release(body: schemas.ReleaseBody) -> Response:
-        """Start the Fig. 8 experiment; poll /experiment for its end."""
-        return await executors.commands.run(control.release, float(body.deflection), body.duration_s, body.force)
-
-    @app.post("/excite", **_documented(schemas.JobReply, 400, 409, 413, 422, 502))
-    async def excite(body: schemas.ExciteBody) -> Response:
-        """Start an identification experiment; poll /experiment for its end."""
-        options = body.model_dump(exclude={"name", "force"}, exclude_none=True)
-        return await executors.commands.run(control.excite, body.name, options, body.force)
+    kind = PlainTextResponse if endpoint.reply == TEXT else replies.JsonReply
+    return {"response_class": kind, "response_model": None, "responses": responses}
 
 
 class ApiServer:

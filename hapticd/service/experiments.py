@@ -26,18 +26,13 @@ from hapticd.stability.storage import equivalent_deflection
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from typing import Protocol
 
     from numpy.typing import NDArray
 
     from hapticd.config import Config
+    from hapticd.service.fault_manager import FaultManager
+    from hapticd.service.rendering import Rendering
     from hapticd.service.rig import Rig
-
-    class Admit(Protocol):
-        """Refuses an experiment that begins at rest at a deflection in coarse ticks."""
-
-        def __call__(self, deflection: float, *, release: bool, force: bool) -> None:
-            """Ask the guard, and whether anything else is in the way."""
 
 
 log = logging.getLogger(__name__)
@@ -85,16 +80,12 @@ class Experiments:
     """Begins experiments and knows the newest.
 
     Args:
-        rig: the rig in force.
-        admit: raises when nothing may begin, or not such a motion; what it says is then ``rig.guard``.
-        prepare: switches off, ends what is being recorded and returns a run token.
-        run_loop: takes that token and returns when the loop renders; raises when it does not.
+        rendering: the rig in force, and what begins and ends its motion.
+        faults: nothing begins while one is latched.
     """
 
-    def __init__(
-        self, rig: Callable[[], Rig], admit: Admit, prepare: Callable[[], int], run_loop: Callable[[int], None]
-    ) -> None:
-        self._rig, self._admit, self._prepare, self._run_loop = rig, admit, prepare, run_loop
+    def __init__(self, rendering: Rendering, faults: FaultManager) -> None:
+        self._rendering, self._faults = rendering, faults
         self._newest: Experiment | None = None
 
     def report(self) -> dict[str, Any]:
@@ -111,6 +102,13 @@ class Experiments:
         if newest and newest.state == "running":
             raise Refused("busy", f"experiment {newest.id} ({newest.kind}) is running; 'hapticd stop' ends it")
 
+    def _admit(self, deflection: float, *, release: bool, force: bool) -> None:
+        """Refuse what begins at rest at a deflection in coarse ticks while anything is in the way of it."""
+        self._faults.refuse()
+        self.refuse_running()
+        rig = self._rendering.rig
+        rig.guard = self._rendering.admit(rig.config, deflection, release=release, force=force)
+
     def cancel(self) -> None:
         """End the one that is running, if any, and wait for it."""
         newest = self._newest
@@ -120,11 +118,11 @@ class Experiments:
 
     def release(self, deflection: float, duration_s: float | None, force: bool = False) -> dict[str, Any]:
         """The Fig. 8 experiment: the origin is moved, never the shaft; from rest, at zero current."""
-        rig = self._rig()
+        rig = self._rendering.rig
         decimation = rig.config.encoder.decimation
         refuse_deflection(rig.config, round(deflection * decimation))
         self._admit(round(deflection * decimation) / decimation, release=True, force=force)
-        token = self._prepare()
+        token = self._rendering.switch_off()
         counts = wait_for_rest(rig, token)
         origin = counts - round(deflection * decimation)
         achieved = (counts - origin) / decimation
@@ -147,14 +145,14 @@ class Experiments:
 
     def excite(self, name: str, options: dict[str, Any], force: bool = False) -> dict[str, Any]:
         """Play an identification experiment about the shaft's present position."""
-        rig = self._rig()
+        rig = self._rendering.rig
         table = excitation.build(rig.config, name, **options)
         ticks = table.shape[1]
         if ticks > rig.core.excitation.shape[1]:
             longest = rig.core.excitation.shape[1] / rig.config.servo.rate_hz
             raise excitation.ExcitationError(f"{name} would last too long at this rate: at most {longest:.0f} s")
         self._admit(excited_deflection(rig.config, table), release=False, force=force)
-        token = self._prepare()
+        token = self._rendering.switch_off()
         counts = wait_for_rest(rig, token)
         experiment = Experiment(f"excite {name}", ticks / rig.config.servo.rate_hz)
         rig.core.excitation[:, :ticks] = table
@@ -176,15 +174,15 @@ class Experiments:
         conclude: Callable[[], dict[str, Any]],
     ) -> None:
         try:
-            self._run_loop(token)
+            self._rendering.run(token, self._faults.refuse_new)
         except BaseException:
-            self._rig().recorder.stop()
+            self._rendering.rig.recorder.stop()
             raise
         experiment.begin()
         self._newest = experiment
         experiment.thread = threading.Thread(
             target=run_job,
-            args=(experiment, self._rig(), path, finished, conclude),
+            args=(experiment, self._rendering.rig, path, finished, conclude),
             name="hapticd-experiment",
             daemon=True,
         )

@@ -40,6 +40,12 @@ class FaultLatch:
             cause = f"{self.path} holds a latched fault that cannot be read; look at the machine, then 'hapticd clear'"
             return {"code": "estop", "cause": cause, "help": "docs/faults/estop.md", "number": faults.ESTOP}
 
+    @property
+    def number(self) -> int:
+        """Number of the fault latched before a restart, 0 for none."""
+        fault = self.load()
+        return fault["number"] if fault else 0
+
     def store(self, fault: dict[str, Any]) -> None:
         """Write the fault, whole or not at all."""
         self.path.parent.mkdir(parents=True, exist_ok=True)

@@ -32,7 +32,7 @@ GATHER_S = 0.04
 
 
 class LiveStream:
-    """Hands out frames to readers; satisfies ``Control.live``."""
+    """Hands out frames to readers; the daemon's ``live``."""
 
     def __init__(self) -> None:
         self.watched = False

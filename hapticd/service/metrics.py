@@ -71,11 +71,11 @@ class RigCollector(Collector):
         yield joules
 
 
-def exposition(rig: Rig, status: dict[str, Any], faults: dict[str, int]) -> bytes:
+def exposition(rig: Rig, status: dict[str, Any], faults: dict[str, int]) -> str:
     """The metrics of one moment in Prometheus' text format 0.0.4."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(RigCollector(rig, status, faults))
-    return generate_latest(registry)
+    return generate_latest(registry).decode()
 
 
 def _counter(name: str, text: str, value: float) -> Metric:

@@ -7,7 +7,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from hapticd.config import Config, config_digest
-from hapticd.service.control import JsonDict
+from hapticd.control.endpoints import JsonDict
 from hapticd.servo import atomics
 from hapticd.servo import layout as w
 from hapticd.stability import numbers, regions

@@ -25,7 +25,7 @@ def present(servo: Any) -> tuple[int, float]:
 
 @njit(inline=True, counted=False)
 def write(servo: Any, current: float, ns: int, frac: float, enable: int) -> int:
-    """Put a current on the DAC's grid and hand it to the driver at (ns, frac); returns the driver's word."""
+    """Put a current on the DAC's grid and hand it to the driver at (ns, frac); returns the driver's code."""
     exchange, driver = servo.exchange, servo.driver
     quantised, code = quantise_current(current, servo.params.dac_step, servo.params.dac_max_code)
     exchange.time_ns = ns
@@ -91,8 +91,8 @@ def due_in(servo: Any, number: int) -> float:
 
 
 @njit(counted=False)
-def write_what_is_due(servo: Any) -> int:
-    """Write every waiting command that falls due within this period, at its instant; returns the driver's last word."""
+def write_due(servo: Any) -> int:
+    """Write every waiting command that falls due within this period, at its instant; returns the driver's last code."""
     state, tick = servo.state, servo.tick
     result = 0
     is_silent = True
@@ -102,7 +102,7 @@ def write_what_is_due(servo: Any) -> int:
         command = servo.delayed[state.delayed_tail & _MASK]
         state.delayed_tail += 1
         if state.delayed_tail < state.delayed_head and due_in(servo, state.delayed_tail) <= 0.0:
-            continue  # after missed periods: a later command is overdue too, this one has had its day
+            continue  # after missed periods: a later command is overdue too and replaces this one
         ns, frac = command.due_ns, command.due_frac
         if servo.real_time:
             begin = now_ns(servo.timespec)
@@ -125,7 +125,7 @@ def write_current(servo: Any) -> int:
     """Write the rendered current after T_V: at once, or whatever of the waiting commands falls due in this period.
 
     Returns:
-        The driver's last word.
+        The driver's last return code.
     """
     params, state = servo.params, servo.state
     state.amplifier = ENABLED_WITH_CURRENT
@@ -133,4 +133,4 @@ def write_current(servo: Any) -> int:
         ns, frac = present(servo)
         return write_at(servo, state.requested, ns, frac)
     delay(servo)
-    return write_what_is_due(servo)
+    return write_due(servo)

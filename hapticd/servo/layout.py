@@ -72,7 +72,7 @@ DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT = 0, 1, 2
 STATE = np.dtype(
     [
         ("mode", "i8"),  # OFF, READY, RUNNING, FAULT
-        ("amplifier", "i8"),  # as last told: DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT
+        ("amplifier", "i8"),  # as last commanded: DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT
         ("next_tick", "i8"),
         ("grid_tick", "i8"),  # tick at which the present time grid starts
         ("grid_ns", "i8"),  # and its instant, ns
@@ -116,7 +116,7 @@ TICK = np.dtype(
         ("relative", "i8"),  # counts from the origin
         ("position", "i8"),  # coarse ticks from the origin
         ("force", "f8"),  # rendered, N m or N
-        ("written", "i8"),  # the driver's word for the last write
+        ("written", "i8"),  # the driver's return code for the last write
         ("waited_ns", "i8"),  # slept for commands inside T_V
         ("flags", "i8"),  # FLAG_* bits of its row
     ],

@@ -13,11 +13,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
+from drivers import max_rate
 from hapticd.config import ConfigError, apply_settings
 from hapticd.config.sections import Servo
 from hapticd.stability.assessment import STABLE, Assessment, assess
 from hapticd.stability.boundary import boundary
-from hapticd.stability.cautions import rate_limit
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.devices import HUMAN_OPERATOR
 from hapticd.stability.numbers import Loop
@@ -156,7 +156,7 @@ def _decimation(found: Assessment, aim: Aim) -> Change | None:
 
 def _rate(found: Assessment, aim: Aim) -> Change | None:
     loop, start, present = found.loop, found.start, found.config.servo.rate_hz
-    highest = min(_upper_limit("rate_hz"), rate_limit(found.config))
+    highest = min(_upper_limit("rate_hz"), max_rate(found.config)[0])
     if present >= highest:
         return None
 

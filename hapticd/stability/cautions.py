@@ -4,36 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Final
 
-from drivers.canopen.bus_load import DEFAULT_BITRATE, DEFAULT_WATCHDOG_MS, fastest_rate_hz, tick_bits
+from drivers import max_rate
 from hapticd.config import Config
 from hapticd.stability.criterion import QUANTUM, criterion_margin, sampling_bound_ok, sampling_ratio
 from hapticd.stability.effects import uncounted
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
-
-CAN_DRIVERS: Final = frozenset({"canopen"})
-
-
-def rate_limit(config: Config) -> float:
-    """Highest servo rate in Hz that the driver's bus can carry; infinite where none is known."""
-    if config.driver.name not in CAN_DRIVERS:
-        return math.inf
-    return fastest_rate_hz(*_bus(config))
-
-
-def _bus(config: Config) -> tuple[float, float, bool]:
-    """Bit rate in bit/s, watchdog in ms and TPDO 2 or not of the config's CAN; the default for what is no number."""
-    options = config.driver.options
-    given = [
-        (options.get("bitrate"), float(DEFAULT_BITRATE)),
-        (options.get("watchdog_ms"), float(DEFAULT_WATCHDOG_MS)),
-    ]
-    bitrate, watchdog_ms = (
-        float(value) if isinstance(value, int | float) and value > 0 else default for value, default in given
-    )
-    return bitrate, watchdog_ms, options.get("read_back") is not False
 
 
 def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: float | None) -> tuple[str, ...]:
@@ -78,13 +55,9 @@ def _outside_the_theory(config: Config) -> Iterator[str]:
 
 
 def _interface(config: Config, loop: Loop) -> Iterator[str]:
-    limit, rate = rate_limit(config), config.servo.rate_hz
-    if rate > limit:
-        bitrate, _, read_back = _bus(config)
-        yield (
-            f"servo.rate_hz is {rate:g} Hz, but classic CAN at {1e-6 * bitrate:g} Mbit/s ends near {math.floor(limit)} Hz: "
-            f"SYNC, command and replies take {1e6 * tick_bits(read_back) / bitrate:.0f} µs on the wire"
-        )
+    limit, reason = max_rate(config)
+    if config.servo.rate_hz > limit:
+        yield f"servo.rate_hz is {config.servo.rate_hz:g} Hz, but {reason}"
     amplifier = config.amplifier
     if amplifier.dac_bits and amplifier.dac_full_scale and loop.stiffness > 0.0:
         step = math.ldexp(amplifier.dac_full_scale, 1 - amplifier.dac_bits) * amplifier.torque_constant

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hapticd.config import apply_settings
+from hapticd.figures.style import BLUE, BUZZ, LOCAL, STABLE, UNSTABLE
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, assess
 from hapticd.stability.criterion import xi_ddot_bound
@@ -19,7 +20,6 @@ from hapticd.stability.storage import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-STABLE, LOCAL, BUZZ, UNSTABLE, POINT = "#cfe8cf", "#e4f2d5", "#fdebc8", "#f6d0cc", "#0b5fa5"
 BRIEF = "#d5ebe9"
 _MARKERS: Final = {"spring.stiffness": "D", "servo.rate_hz": ">", "encoder.decimation": "^", "hand.damping": "s"}
 # Beyond this ratio of the point to the plane's corner a linear axis shows nothing of the boundaries.
@@ -50,7 +50,7 @@ def check_figure(found: Assessment, changes: Sequence[Change], path: Path, title
     for change in changes:
         if change.key in targets:
             _arrow(axis, found, change, targets[change.key], beta)
-    axis.plot(found.numbers.beta, found.numbers.sigma, "o", color=POINT, ms=10, label="operating point", zorder=5)
+    axis.plot(found.numbers.beta, found.numbers.sigma, "o", color=BLUE, ms=10, label="operating point", zorder=5)
     axis.set_xlim(beta[0], beta[-1])
     axis.set_ylim(sigma[0], sigma[-1])
     axis.set_xlabel("viscous friction β = b/(KT)")
@@ -72,15 +72,15 @@ def _targets(found: Assessment, changes: Sequence[Change]) -> dict[str, Assessme
 def _arrow(axis: Any, found: Assessment, change: Change, then: Assessment, beta: FloatArray) -> None:
     """The way of the operating point under a change, and where the critical line of the same motion goes with it."""
     x, y = then.numbers.beta, then.numbers.sigma
-    style = {"arrowstyle": "->", "color": POINT, "lw": 1.2}
+    style = {"arrowstyle": "->", "color": BLUE, "lw": 1.2}
     axis.annotate("", (x, y), (found.numbers.beta, found.numbers.sigma), arrowprops=style)
     label = f"{change.key} {change.before:g} → {change.after:g}, with its critical line"
     if found.start is None:
         label = label.removesuffix(", with its critical line")
     else:
         speed = found.start.xi_dot_max(then.loop)
-        axis.plot(beta, [critical_sigma(then.numbers, speed, b) for b in beta], ":", color=POINT, lw=1.0, alpha=0.8)
-    axis.plot(x, y, _MARKERS.get(change.key, "o"), color="white", mec=POINT, ms=7, label=label, zorder=4)
+        axis.plot(beta, [critical_sigma(then.numbers, speed, b) for b in beta], ":", color=BLUE, lw=1.0, alpha=0.8)
+    axis.plot(x, y, _MARKERS.get(change.key, "o"), color="white", mec=BLUE, ms=7, label=label, zorder=4)
 
 
 def _scales(axis: Axes, found: Assessment, targets: list[tuple[float, float]]) -> tuple[FloatArray, FloatArray]:

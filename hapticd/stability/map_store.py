@@ -31,7 +31,7 @@ _REASONS |= {"left": map_kernel.LEFT, "horizon": map_kernel.HORIZON}
 # A study is written whole each time: so many seconds of work, or times the writing itself takes, can be lost to a power
 # cut (nothing to Ctrl-C).
 _SAVE_EVERY_S: Final = 5.0
-_SAVE_SHARE: Final = 20.0
+_SAVE_FACTOR: Final = 20.0
 
 
 class MapFileError(Exception):
@@ -141,7 +141,7 @@ def fill(
                 if path is not None and (begun := time.monotonic()) > due:
                     save(path, maps)
                     ended = time.monotonic()
-                    due, unsaved = ended + max(_SAVE_EVERY_S, _SAVE_SHARE * (ended - begun)), False
+                    due, unsaved = ended + max(_SAVE_EVERY_S, _SAVE_FACTOR * (ended - begun)), False
     finally:
         if path is not None and unsaved:
             save(path, maps)

@@ -176,20 +176,3 @@ class OutcomeTracker:
         if not at_rest and not grew_past_limit and self._rises == 0 and 0 < self._samples < 2 * STRETCHES:
             return "monotone"
         return decide(self._rises > 0, self.tail_peaks(), at_rest, grew_past_limit)
-
-
-def classify(energy: FloatArray, at_rest: bool, grew_past_limit: bool) -> Outcome:
-    """Classify a run from its energies.
-
-    Args:
-        energy: (n,) energy H_T at every sample, in any unit, the initial state first. With a loop delay the theorem
-            compares energies at h + τ_D; at the samples themselves brief rises are possible even where it holds.
-        at_rest: at the end the mass stands still and every force to come, delayed ones included, is held by stiction.
-        grew_past_limit: the run was ended because it left the limit of the simulation.
-
-    Returns:
-        ``monotone``, ``decaying``, ``persistent`` or ``growing``.
-    """
-    tracker = OutcomeTracker()
-    tracker.update(energy)
-    return tracker.outcome(at_rest, grew_past_limit)

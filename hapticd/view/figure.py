@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from matplotlib.figure import Figure
 
-from hapticd.reproduce.style import BLUE, GREY, INK, ORANGE, RED, style
+from hapticd.figures.style import BLUE, GREY, INK, ORANGE, RED, style
 from hapticd.view.compare import Difference, difference
 
 if TYPE_CHECKING:

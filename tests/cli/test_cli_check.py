@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import pytest
 
-from drivers import DriverInfo
-
 from .conftest import Run
 
+BOARDS = {"board": "tests.servo.scripted:Slow", "lost": "no_lab:Board"}
 RIG = ("--set", "amplifier.bandwidth_hz=0", "--set", "amplifier.dac_bits=0", "--set", "encoder.decimation=217")
 SLOW = (*RIG, "--set", "servo.rate_hz=100")
 
@@ -100,16 +100,16 @@ def test_a_file_is_not_mistaken_for_a_device(hapticd: Run, tmp_path: Path) -> No
 
 
 def test_the_drivers_declared_latency_is_added(hapticd: Run, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("drivers.registry.discover", lambda: [DriverInfo("board", "lab.board:Board", "", 2e-4)])
+    entries = {name: EntryPoint(name, value, "hapticd.drivers") for name, value in BOARDS.items()}
+    monkeypatch.setattr("drivers.registry._entry_points", lambda: entries)
     found = hapticd("check", *RIG, "--set", "driver.name=board", "--json").document
-    assert found["tau_d"] == pytest.approx(0.2)
+    assert found["tau_d"] == pytest.approx(10.0)
     missing = hapticd("check", *RIG, "--set", "driver.name=bord", "--json").document
     assert missing["tau_d"] == 0.0
     assert "driver 'bord' is not installed" in missing["warnings"][-1]
-    monkeypatch.setattr(
-        "drivers.registry.discover", lambda: [DriverInfo("board", "x:y", "", 0.0, "ImportError: no lab")]
+    assert "cannot be loaded (ModuleNotFoundError: No module named 'no_lab')" in (
+        hapticd("check", *RIG, "--set", "driver.name=lost").out
     )
-    assert "cannot be loaded (ImportError: no lab)" in hapticd("check", *RIG, "--set", "driver.name=board").out
 
 
 @pytest.mark.parametrize("suffix", ["png", "svg"])

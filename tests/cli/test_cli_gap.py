@@ -81,7 +81,7 @@ def interrupted_in(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
             raise KeyboardInterrupt
         return compete(*words)
 
-    monkeypatch.setattr("hapticd.gap.search.slack", lambda fit: 1.0)
+    monkeypatch.setattr("hapticd.gap.search.is_quiet", lambda fit: False)
     monkeypatch.setattr("hapticd.gap.search.compete", competing)
 
 

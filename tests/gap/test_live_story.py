@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.config import load_config
-from hapticd.hil.missing_effect import Claim, Story, find_secret
+from hapticd.hil.missing_effect import Claim, Story, find_hidden_effect
 from hapticd.servo.experiment import read_experiment
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "missing_effect"
@@ -27,7 +27,7 @@ def story() -> Story:
     # The pseudo-terminal of a busy machine hands samples over milliseconds late, without a stamp: such a play is repeated.
     for _ in range(PLAYS):
         with tempfile.TemporaryDirectory(prefix="hg-") as folder:
-            played = find_secret(model, secret, read_experiment(EXAMPLE / "first.yaml"), 31.3, Path(folder))
+            played = find_hidden_effect(model, secret, read_experiment(EXAMPLE / "first.yaml"), 31.3, Path(folder))
         if played.result.effects[:1] == ("transport_delay",) and _error(played.improved) < 0.5 * _error(played.nominal):
             break
     return played

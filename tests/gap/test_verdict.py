@@ -37,6 +37,11 @@ def test_the_verdict(effects: list[str], tied: list[tuple[str, ...]], remainder:
         assert effect in statement
 
 
+def test_an_answer_that_closes_less_than_half_is_not_the_whole() -> None:
+    most = GapNumbers(3e-4, 2.5e-4, 3.1e-4, 2.4e-4, 2e-6, "N m")
+    assert decide(["gravity"], [()], [], most, CLEAN)[0] == "partly_explained"
+
+
 def test_numbers_before_and_after_are_said() -> None:
     _, statement = decide(["stribeck", "gravity"], [(), ()], [], GAP, CLEAN)
     assert statement == "Missing: stribeck and gravity (missing 0.00031 N m before, 1.2e-05 N m after)."
@@ -54,16 +59,17 @@ def test_what_is_left_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("at_bounds", "beaten", "words"),
+    ("at_bounds", "beaten", "slow", "words"),
     [
-        ({"gravity": ["theta_0"]}, {}, "push theta_0 of gravity to the end of its range"),
-        ({}, {"gravity": "position"}, "A flexible function of the position predicts better than gravity"),
+        ({"gravity": ["theta_0"]}, {}, [], "push theta_0 of gravity to the end of its range"),
+        ({}, {"gravity": "position"}, [], "A flexible function of the position predicts better than gravity"),
+        ({}, {}, ["gravity"], "A slowly changing torque would explain what gravity does as well"),
     ],
 )
 def test_a_doubt_makes_it_a_part_of_the_answer(
-    at_bounds: dict[str, list[str]], beaten: dict[str, str], words: str
+    at_bounds: dict[str, list[str]], beaten: dict[str, str], slow: list[str], words: str
 ) -> None:
-    doubts = doubts_about(at_bounds, beaten)
+    doubts = doubts_about(at_bounds, beaten, slow)
     assert len(doubts) == 1
     verdict, statement = decide(["gravity"], [()], doubts, GAP, CLEAN)
     assert verdict == "partly_explained"
@@ -72,7 +78,7 @@ def test_a_doubt_makes_it_a_part_of_the_answer(
 
 
 def test_without_a_reason_there_is_no_doubt() -> None:
-    assert doubts_about({}, {}) == []
+    assert doubts_about({}, {}, []) == []
 
 
 def test_nothing_missing_names_the_noise_floor() -> None:

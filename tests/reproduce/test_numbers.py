@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 from scipy.integrate import quad
 
+from hapticd.figures.markup import text
 from hapticd.reproduce.energy import MOTION, eq_54
 from hapticd.reproduce.items import compare, show
-from hapticd.reproduce.markup import text
 from hapticd.stability.devices import TABLE_II
 
 from .conftest import Made

@@ -10,8 +10,8 @@ from typing import Any
 
 from hapticd.client import Client
 from hapticd.config import LIVE_KEYS, apply_settings, config_digest, load_config
+from hapticd.control.endpoints import Endpoints, JsonDict
 from hapticd.service.api import ApiServer
-from hapticd.service.control import JsonDict
 from hapticd.service.live import LiveStream
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.socket import bind
@@ -24,8 +24,8 @@ FAULT = {"code": "over_speed", "cause": "speed 401 rad/s is above 400 rad/s", "h
 ADMITTED = {"verdict": "admitted", "reason": "region A: globally stable", "region": "A", "force": False}
 
 
-class FakeControl:
-    """Satisfies ``hapticd.service.control.Control``."""
+class FakeControl(Endpoints):
+    """Overrides every endpoint, as the daemon does."""
 
     def __init__(self) -> None:
         self.live = LiveStream()
@@ -54,8 +54,8 @@ class FakeControl:
         if self.fails_with is not None:
             raise self.fails_with
 
-    def metrics(self) -> bytes:
-        return b"hapticd_ticks_total 1.0\n"
+    def metrics(self) -> str:
+        return "hapticd_ticks_total 1.0\n"
 
     def status(self) -> JsonDict:
         return {
@@ -122,7 +122,7 @@ class FakeControl:
         self.resolved = changed
         return {"applied": settings, "config_digest": config_digest(changed), "guard": None}
 
-    def release(self, deflection: float, duration_s: float | None, force: bool = False) -> JsonDict:
+    def release(self, deflection: float, duration_s: float | None = None, force: bool = False) -> JsonDict:
         self._enter("release", deflection, duration_s, *self._forced(force))
         self._begin("release")
         return {
@@ -133,7 +133,7 @@ class FakeControl:
             "guard": ADMITTED,
         }
 
-    def excite(self, name: str, options: dict[str, Any], force: bool = False) -> JsonDict:
+    def excite(self, name: str = "all", *, force: bool = False, **options: Any) -> JsonDict:
         self._enter("excite", name, options, *self._forced(force))
         excitation.build(self.resolved, name, **options)
         self._begin(name)
@@ -146,7 +146,7 @@ class FakeControl:
             self.job = {**self.job, "state": state, "progress": progress, "result": result}
         return self.job
 
-    def record_start(self, path: str | None) -> JsonDict:
+    def record_start(self, path: str | None = None) -> JsonDict:
         self._enter("record_start", path)
         return {"path": path or "/r/run.arrow", "rows": 0, "dropped": 0}
 
@@ -154,7 +154,7 @@ class FakeControl:
         self._enter("record_stop")
         raise Refused("recording", "nothing is being recorded")
 
-    def reload(self, path: str | None, force: bool = False) -> JsonDict:
+    def reload(self, path: str | None = None, force: bool = False) -> JsonDict:
         self._enter("reload", path, *self._forced(force))
         if path is not None:
             self.resolved = load_config(path)

@@ -1,5 +1,6 @@
 """The control API over its real socket: every endpoint, and stops that nothing stands in front of."""
 
+import inspect
 import threading
 import time
 from collections.abc import Iterator
@@ -10,8 +11,9 @@ import httpx
 import pytest
 
 from hapticd.client import Client, DaemonUnreachable, RequestRefused
+from hapticd.control.endpoints import Endpoints, declared
 from hapticd.service.api import ApiServer
-from hapticd.service.control import Control
+from hapticd.service.daemon import Daemon
 from hapticd.service.socket import SocketError, bind
 from tests.polling import PATIENCE_S, wait_until
 
@@ -29,9 +31,11 @@ def client(control: FakeControl, tmp_path: Path) -> Iterator[Client]:
         yield client
 
 
-def test_the_stand_in_is_a_control(control: FakeControl) -> None:
-    typed: Control = control
-    assert typed.status()["state"] == "off"
+@pytest.mark.parametrize("owner", [Daemon, FakeControl])
+def test_every_endpoint_is_overridden_with_its_arguments(owner: type) -> None:
+    for endpoint in declared(Endpoints):
+        own = inspect.signature(vars(owner)[endpoint.name])
+        own.bind(None, **dict.fromkeys(endpoint.signature.parameters))
 
 
 def test_every_endpoint_reaches_its_method_with_its_arguments(client: Client, control: FakeControl) -> None:

@@ -7,8 +7,9 @@ from typing import Any
 
 import pytest
 
+from hapticd.control.endpoints import Endpoints, declared
+from hapticd.control.schemas import body_of
 from hapticd.service.api import create_app
-from hapticd.service.schemas import Request
 
 from .fake_control import FakeControl
 
@@ -62,7 +63,7 @@ def test_every_endpoint_is_described_and_says_how_it_fails(document: dict[str, A
 
 
 def test_every_field_of_every_body_is_described() -> None:
-    bodies = [body for base in (Request, *Request.__subclasses__()) for body in base.__subclasses__()]
+    bodies = [body for endpoint in declared(Endpoints) if (body := body_of(endpoint))]
     assert len(bodies) == 8
     for body in bodies:
         assert body.__doc__

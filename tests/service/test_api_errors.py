@@ -78,7 +78,7 @@ WRONG = [
         422,
         "request",
         "missing field 'deflection'; "
-        "unknown field 'deflction'; did you mean 'deflection'? (fields: force, deflection, duration_s)",
+        "unknown field 'deflction'; did you mean 'deflection'? (fields: deflection, duration_s, force)",
     ),
     (
         "POST",
@@ -111,7 +111,7 @@ WRONG = [
         '{"name": "chirp", "frequency": 3}',
         422,
         "request",
-        "unknown field 'frequency' (fields: force, name, amplitude, duration_s, low_hz, high_hz, seed)",
+        "unknown field 'frequency' (fields: name, amplitude, duration_s, low_hz, high_hz, seed, force)",
     ),
     ("POST", "/set", "{}", 422, "request", "missing field 'settings'"),
     (

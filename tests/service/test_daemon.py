@@ -317,9 +317,9 @@ def test_a_driver_that_cannot_be_opened_leaves_nothing_behind(monkeypatch: pytes
 
 def test_excite_plays_records_and_ends_off(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with daemon_on(monkeypatch, tmp_path) as (daemon, _):
-        reply = daemon.excite("chirp", {"amplitude": 0.3, "duration_s": 1.0})
+        reply = daemon.excite("chirp", amplitude=0.3, duration_s=1.0)
         with pytest.raises(Refused, match=r"is running; 'hapticd stop' ends it"):
-            daemon.excite("chirp", {})
+            daemon.excite("chirp")
         wait_until(lambda: daemon.experiment()["state"] != "running", "the end of the experiment")
         assert daemon.experiment()["state"] == "done"
         assert daemon.status()["state"] == "off"
@@ -329,9 +329,9 @@ def test_excite_plays_records_and_ends_off(monkeypatch: pytest.MonkeyPatch, tmp_
         with pytest.raises(
             ExcitationError, match=r"amplitude = 3: must be at most 2 A \(amplifier.continuous_current\)"
         ):
-            daemon.excite("chirp", {"amplitude": 3.0})
+            daemon.excite("chirp", amplitude=3.0)
         with pytest.raises(ExcitationError, match=r"'chrip' is unknown"):
-            daemon.excite("chrip", {})
+            daemon.excite("chrip")
 
 
 def test_stop_aborts_an_experiment(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

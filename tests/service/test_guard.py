@@ -47,7 +47,7 @@ def test_a_spring_that_would_shake_is_not_rendered(monkeypatch: pytest.MonkeyPat
             daemon.start()
         assert refusal.value.code == "unstable"
         assert daemon.status()["state"] == "off"
-        for begin in (lambda: daemon.release(3.3, 1.0), lambda: daemon.excite("chirp", {"amplitude": 0.1})):
+        for begin in (lambda: daemon.release(3.3, 1.0), lambda: daemon.excite("chirp", amplitude=0.1)):
             with pytest.raises(Refused, match="region C"):
                 begin()
         assert {on for _, on in list(device.commands)} == {False}

@@ -13,8 +13,8 @@ from tests.service.daemons import daemon_on, state_home, wait_for_state
 __all__ = ["state_home"]
 
 
-def values(text: bytes) -> dict[tuple[str, tuple[tuple[str, str], ...]], float]:
-    families = text_string_to_metric_families(text.decode())
+def values(text: str) -> dict[tuple[str, tuple[tuple[str, str], ...]], float]:
+    families = text_string_to_metric_families(text)
     return {(s.name, tuple(sorted(s.labels.items()))): s.value for family in families for s in family.samples}
 
 

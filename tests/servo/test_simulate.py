@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import threading
+from importlib.metadata import EntryPoint
 from typing import Any
 
 import numpy as np
 import pytest
 
-from drivers import DriverInfo
 from hapticd.servo.simulate import simulate
 from tests.servo.scripted import config
+
+SLOW = "tests.servo.scripted:Slow"
 
 CASES = {
     "a": ({"servo": {"rate_hz": 1000}, "encoder": {"decimation": 217}}, 20.3, 3.0, "monotone"),
@@ -123,8 +125,9 @@ def test_the_loopback_stands_in_for_any_driver_with_its_declared_latency(monkeyp
     report = simulate(absent, 3.0, deflection=2.3).report
     assert report["final"]["position_ticks"] == pytest.approx(-0.9322, abs=5e-5)
     assert report["warnings"] == ["driver 'board' is not installed: its latency is not known and is taken as 0"]
-    slow = [DriverInfo("board", "test", "", 0.01)]
-    monkeypatch.setattr("drivers.registry.discover", lambda: slow)
+    monkeypatch.setattr(
+        "drivers.registry._entry_points", lambda: {"board": EntryPoint("board", SLOW, "hapticd.drivers")}
+    )
     late = simulate(absent, 60.0, deflection=2.3).report
     assert late["outcome"] == "growing"
     assert not any("latency" in warning for warning in late["warnings"])

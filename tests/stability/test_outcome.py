@@ -8,12 +8,19 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hapticd.stability.numbers import Dimensionless, Loop
-from hapticd.stability.outcome import STRETCHES, OutcomeTracker, classify, energy_rises
+from hapticd.stability.outcome import STRETCHES, Outcome, OutcomeTracker, energy_rises
 
 from .motion import simulate
 
 time = np.arange(20_000.0)
 ripple = 0.01 * np.sin(0.37 * time)
+
+
+def classify(energy: np.ndarray, at_rest: bool, grew_past_limit: bool) -> Outcome:
+    """What a run with these energies at its samples is called, all taken in at once."""
+    tracker = OutcomeTracker()
+    tracker.update(energy)
+    return tracker.outcome(at_rest, grew_past_limit)
 
 
 @pytest.mark.parametrize(

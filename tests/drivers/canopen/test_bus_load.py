@@ -11,7 +11,6 @@ import drivers
 from drivers.canopen import bus_load
 from drivers.interface import PROCESSING_S
 from hapticd.config import parse_config
-from hapticd.stability.cautions import rate_limit
 
 
 def stuffed_bits(bits: list[int]) -> int:
@@ -70,6 +69,6 @@ def test_only_what_has_a_wire_declares_its_time(interface: str, channel: str, wi
 
 def test_check_knows_the_limit_of_the_config() -> None:
     config = parse_config({"driver": {"name": "canopen", "bitrate": 500_000, "watchdog_ms": 40}}, "test")
-    assert rate_limit(config) == bus_load.fastest_rate_hz(500_000, 40)
+    assert drivers.max_rate(config)[0] == bus_load.fastest_rate_hz(500_000, 40)
     without = parse_config({"driver": {"name": "canopen", "read_back": False}}, "test")
-    assert rate_limit(without) == bus_load.fastest_rate_hz(read_back=False)
+    assert drivers.max_rate(without)[0] == bus_load.fastest_rate_hz(read_back=False)

@@ -1,11 +1,9 @@
-"""One look for all figures: light paper, few inks, the colours of ``hapticd check`` for the regions."""
+"""One look for all figures: light paper, few inks, one colour for each region."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-
-from hapticd.stability.check_figure import BUZZ, LOCAL, POINT, STABLE, UNSTABLE
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -14,8 +12,10 @@ INK: Final = "#1b1b1b"
 GREY: Final = "#8c8c8c"
 RED: Final = "#8a1c12"
 GREEN: Final = "#2e7d32"
-BLUE: Final = POINT
+BLUE: Final = "#0b5fa5"
 ORANGE: Final = "#c7761b"
+
+STABLE, LOCAL, BUZZ, UNSTABLE = "#cfe8cf", "#e4f2d5", "#fdebc8", "#f6d0cc"
 
 #: Region → its colour.
 REGION: Final = {

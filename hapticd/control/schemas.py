@@ -6,25 +6,13 @@ are described here for the document and sent as the daemon made them.
 
 from __future__ import annotations
 
-import math
-from typing import Annotated, Any, Literal
+from functools import cache
+from inspect import Parameter
+from typing import Any, Literal
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PlainValidator, StringConstraints
-from pydantic_core import PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Field, create_model
 
-LONGEST_DURATION_S = 3600.0
-
-
-def _scalar(value: Any) -> Any:
-    """One setting: what a YAML scalar can be; a union would report one error for each of its members."""
-    if isinstance(value, float) and not math.isfinite(value):
-        raise PydanticCustomError("finite_number", "input should be a finite number")
-    if value is not None and not isinstance(value, bool | int | float | str):
-        raise PydanticCustomError("scalar", "input should be a number, text, true, false or null")
-    return value
-
-
-Setting = Annotated[Any, PlainValidator(_scalar, json_schema_input_type=bool | int | float | str | None)]
+from hapticd.control.endpoints import TEXT, Endpoint
 
 
 class Request(BaseModel):
@@ -33,81 +21,26 @@ class Request(BaseModel):
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False, strict=True)
 
 
-class EmptyBody(Request):
-    """No fields; the body may also be left out."""
+@cache
+def body_of(endpoint: Endpoint) -> type[Request] | None:
+    """The model of an endpoint's body, its fields being the parameters of the method; None where no body is looked at."""
+    if not endpoint.reads_body:
+        return None
+    fields: dict[str, Any] = {
+        name: (parameter.annotation, Field(_default(parameter), description=endpoint.help_of(name)))
+        for name, parameter in endpoint.signature.parameters.items()
+    }
+    name = "".join(part.title() for part in endpoint.name.split("_")) + "Body"
+    return create_model(name, __base__=Request, __doc__=f"Body of {endpoint.path}.", **fields)
 
 
-class Forcible(Request):
-    """What the stability guard may refuse."""
-
-    force: bool = Field(
-        False, description="Go on although theory says that the motion does not die out; noted in the log and the run."
-    )
+def reply_of(endpoint: Endpoint) -> type[Reply] | None:
+    """The model of an endpoint's reply; None where it has none."""
+    return None if endpoint.reply in (None, TEXT) else globals()[str(endpoint.reply)]
 
 
-class StartBody(Forcible):
-    """No further fields; the body may also be left out."""
-
-
-class SetBody(Forcible):
-    """Live settings, applied all together between two ticks, or not at all."""
-
-    settings: Annotated[dict[str, Setting], Field(min_length=1, max_length=200)] = Field(
-        description="Dotted key to value, e.g. {'servo.rate_hz': 500}. A string is read as a YAML scalar.",
-        examples=[{"servo.rate_hz": 500, "encoder.decimation": 217}],
-    )
-
-
-class ReleaseBody(Forcible):
-    """The Fig. 8 experiment: the spring's origin is moved so that the shaft is at rest at a deflection."""
-
-    deflection: float = Field(ge=-1e9, le=1e9, description="Coarse ticks; positive: shaft above the origin.")
-    duration_s: float | None = Field(
-        None, gt=0, le=LONGEST_DURATION_S, description="Recorded time in s; left out, the daemon chooses."
-    )
-
-
-class ExciteBody(Forcible):
-    """An identification experiment within the safety limits."""
-
-    name: str = Field("all", description="Which experiment.", examples=["all", "chirp"])
-    amplitude: float | None = Field(
-        None, gt=0, description="Peak: A, or rad or m for shapes that move the spring's origin."
-    )
-    duration_s: float | None = Field(
-        None, gt=0, le=LONGEST_DURATION_S, description="Duration in s; left out, the daemon chooses."
-    )
-    low_hz: float | None = Field(None, gt=0, description="Where a chirp begins, Hz; left out, the daemon chooses.")
-    high_hz: float | None = Field(None, gt=0, description="Where a chirp ends, Hz; left out, the daemon chooses.")
-    seed: int | None = Field(None, ge=0, le=2**53, description="Seed of what is random in a shape; 1 if left out.")
-
-
-def _absolute(path: str) -> str:
-    if not path.startswith("/"):
-        raise PydanticCustomError("absolute", "the daemon has a working directory of its own: give an absolute path")
-    return path
-
-
-AbsolutePath = Annotated[str, StringConstraints(max_length=4096), AfterValidator(_absolute)]
-
-
-class RecordBody(Request):
-    """Where to record."""
-
-    path: AbsolutePath | None = Field(
-        None, description="Absolute path of a new run file; left out, a new file in record.directory."
-    )
-
-
-class ReloadBody(Forcible):
-    """Which config to read."""
-
-    path: str | None = Field(
-        None,
-        min_length=1,
-        max_length=4096,
-        description="Absolute path or preset name; left out, where the config came from.",
-    )
+def _default(parameter: Parameter) -> Any:
+    return ... if parameter.default is Parameter.empty else parameter.default
 
 
 class ErrorDetail(BaseModel):

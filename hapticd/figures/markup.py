@@ -1,4 +1,4 @@
-"""Pieces of the page: its style, and text with subscripts and code."""
+"""Pieces of an HTML page: its style, and text with subscripts and code."""
 
 from __future__ import annotations
 

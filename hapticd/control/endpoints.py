@@ -1,0 +1,335 @@
+"""Every endpoint of the control API, declared once: a method's signature is the body, its docstring the help.
+
+`hapticd.service.api` makes the routes and their checks from it, `hapticd.client` its methods, `hapticd.cli` the help of the
+commands, and ``docs/reference/openapi.json`` follows. The daemon overrides every method (`hapticd.service.daemon`).
+
+Plain standard library, so that ``hapticd --help`` stays quick: pydantic is imported when a body is checked.
+"""
+
+import functools
+import inspect
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Any, Final, Literal, ParamSpec, TypeVar, cast
+
+from annotated_types import Ge, Gt, Le, Len
+
+JsonDict = dict[str, Any]
+Queue = Literal["query", "command", "stop", "estop"]
+P = ParamSpec("P")
+R = TypeVar("R")
+
+LONGEST_DURATION_S: Final = 3600.0
+TEXT: Final = "text"
+"""Reply of an endpoint that answers with plain text."""
+_MARK: Final = "__endpoint__"
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """One path of the API.
+
+    Attributes:
+        name: of the method, here, of the daemon and of the client.
+        method: of HTTP. path: of HTTP.
+        reply: name of its model in `hapticd.control.schemas`, `TEXT`, or None for a dict without a model.
+        queue: the executor that answers it. Stops never wait behind anything else.
+        errors: HTTP codes that it may answer with, besides 200.
+        signature: of the method, without ``self``: the fields of the body.
+        description: the docstring, without ``Args`` and what follows.
+    """
+
+    name: str
+    method: Literal["GET", "POST"]
+    path: str
+    reply: str | None
+    queue: Queue
+    errors: tuple[int, ...]
+    signature: inspect.Signature
+    description: str
+
+    @property
+    def reads_body(self) -> bool:
+        """Whether a body is looked at. That of a stop never is: a stop is not refused for its form."""
+        return self.queue == "command"
+
+    def help_of(self, parameter: str) -> str:
+        """What a parameter means: the text in its annotation."""
+        metadata = self.signature.parameters[parameter].annotation.__metadata__
+        return next(text for text in metadata if isinstance(text, str))
+
+
+def endpoint(
+    method: Literal["GET", "POST"],
+    path: str,
+    reply: str | None = None,
+    *,
+    queue: Queue | None = None,
+    device: bool = False,
+) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Declare the endpoint whose name, body and help are the method's name, signature and docstring.
+
+    Args:
+        method, path: of HTTP.
+        reply: see `Endpoint`.
+        queue: the executor; by default that of queries for GET, that of commands for POST.
+        device: it reaches the device, which may fail.
+    """
+
+    def declare(function: Callable[P, R]) -> Callable[P, R]:
+        signature = inspect.signature(function, eval_str=True)
+        fields = signature.replace(parameters=list(signature.parameters.values())[1:])
+        executor: Queue = queue or ("query" if method == "GET" else "command")
+        errors = {"query": (), "command": (400, 409, 413, 422), "stop": (502,), "estop": (502,)}[executor]
+        text = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.cleandoc(function.__doc__ or ""))[0]
+        declared = Endpoint(
+            function.__name__, method, path, reply, executor, errors + ((502,) if device else ()), fields, text
+        )
+
+        @functools.wraps(function)
+        def call(self: Any, *arguments: Any, **keywords: Any) -> Any:
+            given = fields.bind(*arguments, **keywords).arguments
+            changed = {name: value for name, value in given.items() if value != fields.parameters[name].default}
+            return self.send(declared, changed)
+
+        setattr(call, _MARK, declared)
+        return cast(Callable[P, R], call)
+
+    return declare
+
+
+def endpoint_of(method: Callable[..., Any]) -> Endpoint:
+    """The declaration behind a method of :class:`Endpoints`."""
+    found: Endpoint = getattr(method, _MARK)
+    return found
+
+
+def declared(owner: type) -> list[Endpoint]:
+    """The endpoints of a class, in the order of its text."""
+    return [endpoint_of(value) for value in vars(owner).values() if hasattr(value, _MARK)]
+
+
+class Rule:
+    """A check of one value that its type does not make; pydantic asks for it by the names of the two methods.
+
+    Args:
+        check: takes the value and returns it; raises ValueError with what would be right.
+        json_type: JSON Schema of what it takes, if not that of the type.
+    """
+
+    def __init__(self, check: Callable[[Any], Any], json_type: JsonDict | None = None) -> None:
+        self.check, self.json_type = check, json_type
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import PydanticCustomError, core_schema
+
+        def checked(value: Any) -> Any:
+            try:
+                return self.check(value)
+            except ValueError as error:
+                raise PydanticCustomError("rule", str(error)) from None
+
+        return core_schema.no_info_after_validator_function(checked, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> JsonDict:
+        return self.json_type or handler(schema)
+
+
+def _scalar(value: Any) -> Any:
+    """What a YAML scalar can be."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("input should be a finite number")
+    if value is not None and not isinstance(value, bool | int | float | str):
+        raise ValueError("input should be a number, text, true, false or null")
+    return value
+
+
+def _absolute(path: str | None) -> str | None:
+    if path is not None and not path.startswith("/"):
+        raise ValueError("the daemon has a working directory of its own: give an absolute path")
+    return path
+
+
+_SCALARS: Final = {"anyOf": [{"type": name} for name in ("boolean", "integer", "number", "string", "null")]}
+Setting = Annotated[Any, Rule(_scalar, _SCALARS)]
+PathText = Annotated[str, Len(1, 4096)]
+Positive = Annotated[float, Gt(0)]
+Seconds = Annotated[float, Gt(0), Le(LONGEST_DURATION_S)]
+Force = Annotated[bool, "Go on although theory says that the motion does not die out; noted in log and run."]
+
+
+class Endpoints:
+    """What the daemon can be asked. Every method may be called from any thread and returns what JSON can hold.
+
+    A subclass either overrides them all (the daemon) or has ``send(endpoint, fields)``, which every method calls with the
+    arguments that are not the default (the client).
+    """
+
+    @endpoint("GET", "/status", "Status")
+    def status(self) -> JsonDict:
+        """Show what the daemon is doing: state, fault, timing, operating point, position, recording, experiment.
+
+        Position is counted from the spring's origin, in rad or m and in coarse ticks; velocity (an estimate) is in rad/s or
+        m/s, current in A.
+        """
+
+    @endpoint("GET", "/config")
+    def config(self) -> JsonDict:
+        """Show the config in force, section by section."""
+
+    @endpoint("GET", "/metrics", TEXT)
+    def metrics(self) -> str:
+        """Show the daemon's metrics in Prometheus' text format."""
+
+    @endpoint("GET", "/experiment", "Experiment")
+    def experiment(self) -> JsonDict:
+        """Show the newest experiment and how far it is.
+
+        The result of one that a fault ended carries the fault's code as ``fault``.
+        """
+
+    @endpoint("POST", "/start", "JudgedStatus", device=True)
+    def start(self, force: Force = False) -> JsonDict:
+        """Enable the amplifier and render the spring.
+
+        Refused while a fault is latched: look at 'hapticd status', repair the cause, then 'hapticd clear'. Refused, too,
+        where theory says that the motion from where the shaft stands would not die out, with what would help (safety.guard).
+
+        Raises:
+            Refused: code ``fault``, ``busy`` or ``unstable``.
+            DriverFailure: the device cannot be enabled.
+        """
+
+    @endpoint("POST", "/stop", "Status", queue="stop")
+    def stop(self) -> JsonDict:
+        """Zero current, then disable the amplifier.
+
+        Ends a running experiment. The daemon keeps ticking and can be started again.
+        """
+
+    @endpoint("POST", "/estop", "Status", queue="estop")
+    def estop(self) -> JsonDict:
+        """Zero current at once, disable the amplifier and latch a fault.
+
+        This is a software stop, not a safety-rated one. 'hapticd clear' releases it.
+        """
+
+    @endpoint("POST", "/clear", "Status", device=True)
+    def clear(self) -> JsonDict:
+        """Clear a latched fault.
+
+        A fault stays latched, also across a restart of the daemon, until it is cleared here.
+
+        Raises:
+            Refused: its cause is still there.
+        """
+
+    @endpoint("POST", "/set", "SetReply")
+    def set(
+        self,
+        settings: Annotated[
+            dict[str, Setting],
+            Len(1, 200),
+            "Dotted key to value, as {'servo.rate_hz': 500, 'encoder.decimation': 217}; text is read as a YAML scalar.",
+        ],
+        force: Force = False,
+    ) -> JsonDict:
+        """Change settings while the daemon runs: all of them together between two ticks, or none.
+
+        Live are servo.rate_hz (Hz), servo.overrun.*, spring.* (stiffness in N m/rad or N/m, origin in rad or m),
+        encoder.decimation, dither.* (amplitude in coarse ticks or A, frequency_hz), delay.* (s) and safety.*;
+        every other key needs a restart. Changes are not written to the config file.
+
+        Settings with which theory sees no motion die out are refused, with what would help (safety.guard); nothing changes.
+
+        Raises:
+            ConfigError: unknown key or bad value.
+            Refused: code ``restart_needed`` or ``unstable``.
+        """
+
+    @endpoint("POST", "/reload", "JudgedStatus", device=True)
+    def reload(
+        self,
+        path: Annotated[
+            PathText | None, "Absolute path or preset name. Default: the file that the daemon was started with."
+        ] = None,
+        force: Force = False,
+    ) -> JsonDict:
+        """Read the config anew and put it into force.
+
+        A wrong config is refused and the one in force stays; so is one with which theory sees no motion die out.
+
+        Raises:
+            ConfigError: the config is wrong.
+            Refused: code ``restart_needed`` or ``unstable``.
+        """
+
+    @endpoint("POST", "/release", "ReleaseReply", device=True)
+    def release(
+        self,
+        deflection: Annotated[float, Ge(-1e9), Le(1e9), "Deflection at rest, in coarse ticks."],
+        duration_s: Annotated[Seconds | None, "Recorded time in s. Default: enough."] = None,
+        force: Force = False,
+    ) -> JsonDict:
+        """Release the shaft from rest at a deflection, and record what follows (the paper's Fig. 8).
+
+        The spring's origin is moved so that the shaft, where it stands, is at that deflection; the result reports the
+        deflection really achieved, exact to one raw encoder count.
+
+        Refused where theory says that this motion would not die out (safety.guard): case d of Fig. 8 takes --force.
+
+        Raises:
+            Refused: not in a state that allows it, or another experiment is running.
+        """
+
+    @endpoint("POST", "/excite", "JobReply", device=True)
+    def excite(
+        self,
+        name: Annotated[str, "Which experiment."] = "all",
+        *,
+        amplitude: Annotated[
+            Positive | None,
+            "Peak: A for current shapes, rad or m for those that move the spring's origin. Default: a safe one.",
+        ] = None,
+        duration_s: Annotated[Seconds | None, "Recorded time in s. Default: enough."] = None,
+        low_hz: Annotated[Positive | None, "Where a chirp begins, Hz. Default: the daemon chooses."] = None,
+        high_hz: Annotated[Positive | None, "Where a chirp ends, Hz. Default: the daemon chooses."] = None,
+        seed: Annotated[
+            Annotated[int, Ge(0), Le(2**53)] | None, "Seed of what is random in a shape. Default: 1."
+        ] = None,
+        force: Force = False,
+    ) -> JsonDict:
+        """Run an identification experiment within the safety limits, and record it.
+
+        The recording is what 'hapticd gap' compares with the simulation.
+
+        Raises:
+            ExcitationError: unknown name, or beyond a limit of the config.
+            Refused: not in a state that allows it, or another experiment is running.
+        """
+
+    @endpoint("POST", "/record/start", "RecorderStatus")
+    def record_start(
+        self,
+        path: Annotated[
+            PathText | None, Rule(_absolute), "Absolute path of a new run file. Default: a new one in record.directory."
+        ] = None,
+    ) -> JsonDict:
+        """Start recording every tick.
+
+        The file is an Arrow IPC stream with the config, versions and host facts in its metadata. An existing file is
+        refused.
+
+        Raises:
+            Refused: already recording, or the file exists.
+        """
+
+    @endpoint("POST", "/record/stop", "RecorderStatus")
+    def record_stop(self) -> JsonDict:
+        """Stop recording and close the file.
+
+        Raises:
+            Refused: nothing is being recorded.
+        """

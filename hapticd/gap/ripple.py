@@ -1,0 +1,91 @@
+"""Orders of a torque ripple as a candidate, by matching pursuit through the linearised filter."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.gap import constants
+from hapticd.gap.kernel.linear import sensitivities
+from hapticd.gap.score import Candidate, Score
+from hapticd.gap.terms import term
+
+if TYPE_CHECKING:
+    from hapticd.effects.spec import Scale
+
+SLUG = "torque_ripple"
+_PURSUITS = 3
+_HIGHEST_ORDER = 90
+_MOST_ORDERS = 8
+_LEAST_ORDER_GAIN = 10.0
+_ORDER_SHARE = 0.02
+
+
+def first_orders(space: Score, scale: Scale) -> list[Candidate]:
+    """Orders of a ripple. Those found first take noise away that hid others: looked for again until they stay."""
+    found = _pursued(space, scale)
+    present = space.present
+    for _ in range(_PURSUITS):
+        if found is None or found.promise < constants.MATERIAL * present.out.size:
+            break
+        fit = present.extended(found.term).approach(present.u.size, 2)
+        quiet = present.with_noise(fit.noise)
+        quiet.differentiate()
+        again = _pursued(Score(quiet), scale)
+        if again is None or again.term.fixed == found.term.fixed:
+            break
+        found = replace(again, promise=max(found.promise, fit.log_likelihood - present.log_likelihood))
+    return [] if found is None else [found]
+
+
+def _pursued(space: Score, scale: Scale) -> Candidate | None:
+    """Orders by matching pursuit; an order needs two wavelengths of travel, or it is any smooth function of position."""
+    turn = 2.0 * math.pi
+    unit = turn / scale.travel if scale.is_linear else 1.0
+    lowest = max(2, math.ceil(2.0 * turn / scale.travel / unit))
+    highest = min(_HIGHEST_ORDER, int(0.25 * turn / scale.resolution / unit))
+    if highest < lowest:
+        return None
+    orders = unit * np.arange(lowest, highest + 1)
+    x = space.present.out["x"]
+    count = orders.size
+    angle = orders * x[:, None]
+    D = sensitivities(space.present.out, np.concatenate([np.sin(angle), np.cos(angle)], axis=1))
+    g, H = space.reduced(D)
+    del D, angle
+    apart = 0.99 * turn
+    chosen: list[int] = []
+    total = 0.0
+    while len(chosen) < _MOST_ORDERS:
+        held = [*chosen, *(k + count for k in chosen)]
+        rest_g, rest_H = g, H
+        if held:
+            solved = np.linalg.solve(H[np.ix_(held, held)], H[held])
+            rest_g, rest_H = g - solved.T @ g[held], H - H[:, held] @ solved
+        gains = np.zeros(count)
+        for k in range(count):
+            # Two orders that are less than a wavelength apart over the travel are one smooth function of the position.
+            if all(abs(orders[k] - orders[other]) * scale.travel >= apart for other in chosen):
+                pair = np.ix_([k, k + count], [k, k + count])
+                own = rest_H[pair] + 1e-6 * H[k, k] * np.eye(2)
+                gains[k] = 0.5 * rest_g[[k, k + count]] @ np.linalg.solve(own, rest_g[[k, k + count]])
+        k = int(np.argmax(gains))
+        if gains[k] < max(_LEAST_ORDER_GAIN, _ORDER_SHARE * total):
+            break
+        chosen.append(k)
+        total += float(gains[k])
+    if not chosen:
+        return None
+    held = [*chosen, *(k + count for k in chosen)]
+    sizes = np.linalg.solve(H[np.ix_(held, held)], g[held])
+    sines, cosines = sizes[: len(chosen)], sizes[len(chosen) :]
+    values = {
+        "orders": [float(orders[k]) for k in chosen],
+        "amplitudes": [float(a) for a in np.maximum(np.hypot(sines, cosines), 1e-9 * scale.torque)],
+        "phases": [float(a) for a in np.arctan2(cosines, sines)],
+    }
+    item = term(SLUG, values, ("orders",), 0.1)
+    return Candidate(SLUG, item, total, len(chosen) * math.log(count))

@@ -1,0 +1,76 @@
+"""What an effect promises from a start: a score test along the difference that it makes to the predictions.
+
+That difference is a direction; along it the likelihood is a parabola whose top is the promise of the start (Rao 1948). Where
+the effect is linear in one of its parameters the top says how large it should be.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.effects.catalogue import CATALOGUE
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.gap.fit import Fit
+    from hapticd.gap.terms import Term
+
+    Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An effect and where its fit starts.
+
+    Attributes:
+        slug: the effect. term: with its start.
+        promise: log-likelihood that it promises, nats. penalty: logarithm of the number of discrete choices made for it.
+    """
+
+    slug: str
+    term: Term
+    promise: float
+    penalty: float = 0.0
+
+
+class Score:
+    """Scores of a model's predictions, without what its own coordinates can explain."""
+
+    def __init__(self, present: Fit, share: float = 1.0) -> None:
+        self.present = present
+        self.score, self.information = present.out["score"], present.out["information"]
+        self.weight = 1.0 / share
+        self.own = present.own_slopes
+        H = (self.own * self.information[:, None]).T @ self.own
+        self.inverse = np.linalg.pinv(H) if self.own.size else np.zeros((0, 0))
+
+    def reduced(self, directions: Floats) -> tuple[Floats, Floats]:
+        """Gradient (k,) and information (k, k) of directions of the prediction, shape (n, k)."""
+        weighted = directions * self.information[:, None]
+        g = directions.T @ self.score
+        H = weighted.T @ directions
+        if self.own.size:
+            cross = weighted.T @ self.own
+            g = g - cross @ (self.inverse @ (self.own.T @ self.score))
+            H = H - cross @ self.inverse @ cross.T
+        return g, H
+
+    def along(self, item: Term) -> Candidate:
+        """What a term promises, started as well as its direction says."""
+        present = self.present
+        fit = present.extended(item)
+        value, out = fit.log_likelihood, fit.out
+        g, H = self.reduced((out["mean"] - present.out["mean"])[:, None])
+        factor = float(g[0] / max(H[0, 0], 1e-300))
+        amplitude = CATALOGUE[item.slug].amplitude
+        if not amplitude:
+            step = min(max(factor, 0.0), 1.0)
+            promise = step * float(g[0]) - 0.5 * step * step * float(H[0, 0])
+            return Candidate(item.slug, item, self.weight * max(promise, value - present.log_likelihood))
+        if item.coordinates[0].is_log and factor <= 0.0:
+            return Candidate(item.slug, item, 0.0)
+        return Candidate(item.slug, item.scaled(amplitude, factor), self.weight * 0.5 * factor * float(g[0]))

@@ -1,0 +1,56 @@
+"""A hand's grip: where it begins and ends, and how large it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.gap.disturbance import Coloured
+from hapticd.gap import grip
+from hapticd.gap.candidates import scale_of
+from hapticd.gap.fit import nominal_fit
+from hapticd.gap.score import Score
+from hapticd.gap.terms import parameters_of_term
+from hapticd.gap.workflow import problem_of
+
+SECONDS = 12.0
+HAND = {"m_h": 1.2e-5, "b_h": 8e-5, "k_h": 3e-3, "on_s": 4.6, "off_s": 8.3, "rest": 0.5}
+"""As heavy and as stiff as the device: pushed by it, inertia and stiffness hide one another."""
+
+
+@pytest.mark.parametrize("coloured", [None, Coloured(0.05, 0.2)])
+def test_interval_and_sizes_are_found(hidden: Callable[..., Any], coloured: Coloured | None) -> None:
+    recording, model = hidden([{"name": grip.SLUG, **HAND}], 3, SECONDS, coloured)
+    present = nominal_fit(problem_of([recording], model))
+    present.differentiate()
+    scale = scale_of(present)
+    (first,) = grip.first_grip(Score(present), scale)
+    fit = grip.settled(present.extended(first.term), 0, scale).maximise()
+    found = parameters_of_term(fit.terms[0], fit.u[fit.share(0)])
+    for name, (earliest, latest) in grip.edge_ranges(fit, 0).items():
+        assert earliest - 0.05 <= HAND[name] <= latest + 0.05
+        assert latest - earliest < 0.6
+        assert earliest <= found[name] <= latest
+    for name in ("m_h", "b_h", "k_h", "rest"):
+        assert found[name] == pytest.approx(HAND[name], rel=0.01 if coloured is None else 0.15), name
+
+
+def test_there_is_no_grip_over_two_recordings(hidden: Callable[..., Any]) -> None:
+    """The plant's time starts anew with each."""
+    recording, model = hidden([], 3, 4.0)
+    present = nominal_fit(problem_of([recording, recording], model))
+    present.differentiate()
+    assert grip.first_grip(Score(present), scale_of(present)) == []
+
+
+def test_a_grip_on_nothing_promises_little(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([], 3, SECONDS, Coloured(0.05, 0.05))
+    present = nominal_fit(problem_of([recording], model))
+    present.differentiate()
+    (first,) = grip.first_grip(Score(present), scale_of(present))
+    settled = grip.settled(present.extended(first.term), 0, scale_of(present))
+    assert settled.log_likelihood - present.log_likelihood < 0.01 * present.out.size
+    assert np.isfinite(settled.log_likelihood)
