@@ -18,6 +18,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 TESTS = Path(__file__).parent
 WALL_CLOCK = (
+    "docs/test_notebooks.py",
     "doctor/test_board.py",
     "drivers/canopen/test_bring_up.py",
     "drivers/canopen/test_callback.py",

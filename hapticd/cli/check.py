@@ -10,7 +10,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.energy import check_figure_name
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SettingsOption, finite, register, resolve_config
+from hapticd.cli.options import JsonOption, SettingsOption, motion_of, quantity, register, resolve_config
 
 if TYPE_CHECKING:
     from hapticd.stability.devices import Device
@@ -25,23 +25,25 @@ SourceArgument = Annotated[
     ),
 ]
 VelocityOption = Annotated[
-    float | None,
+    str | None,
     typer.Option(
         "--velocity",
-        parser=finite,
+        parser=quantity,
         metavar="TICKS_PER_PERIOD",
         show_default=False,
-        help="Ask about a motion that passes the spring's origin at this velocity, in coarse ticks per servo period.",
+        help="Ask about a motion that passes the spring's origin at this velocity, in coarse ticks per servo period; or "
+        "with a unit: 2rad/s, 90deg/s, 100rpm.",
     ),
 ]
 DeflectionOption = Annotated[
-    float | None,
+    str | None,
     typer.Option(
         "--deflection",
-        parser=finite,
+        parser=quantity,
         metavar="TICKS",
         show_default=False,
-        help="Ask about a release at rest from this deflection, in coarse ticks from the spring's origin.",
+        help="Ask about a release at rest from this deflection, in coarse ticks from the spring's origin; or with a unit: "
+        "0.5rad, 30deg, 2mm, 217counts.",
     ),
 ]
 FigureOption = Annotated[
@@ -79,6 +81,7 @@ def check(
     check_figure_name(out)
     name, device = _named(source)
     config = resolve_config(name, assignments)
+    ticks, ticks_per_period = motion_of(config, deflection, velocity)
     from drivers import declared_latency
     from hapticd.stability.advice import advise
     from hapticd.stability.assessment import assess
@@ -88,14 +91,14 @@ def check(
     latency, doubt = declared_latency(config)
     doubts = [doubt] if doubt else []
     try:
-        found = assess(config, velocity=velocity, deflection=deflection, latency_s=latency)
+        found = assess(config, velocity=ticks_per_period, deflection=ticks, latency_s=latency)
     except ValueError as error:
         raise UsageError(str(error)) from error
     changes = advise(found)
     document = found.document
     document["warnings"] += doubts
     document["changes"] = [change.document for change in changes]
-    judgement = judge(config, latency, deflection=deflection, velocity=velocity, release=True)
+    judgement = judge(config, latency, deflection=ticks, velocity=ticks_per_period, release=True)
     document["guard"] = judgement.document
     if device is not None:
         document["table_ii"] = _table_ii(device)

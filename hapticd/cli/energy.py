@@ -11,10 +11,8 @@ from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import JsonOption, register
 from hapticd.cli.output import number
+from hapticd.cli.run_argument import RunArgument
 
-RunArgument = Annotated[
-    Path, typer.Argument(metavar="RUN", show_default=False, help="Run file (.arrow), or an export (.csv, .parquet).")
-]
 FigureOption = Annotated[
     Path | None,
     typer.Option(
@@ -48,10 +46,12 @@ def energy(run: RunArgument, out: FigureOption = None, config: ModelOption = Non
     encoder edge, and against the corrected ones, which hold.
     """
     check_figure_name(out)
+    from hapticd.client import find_run
     from hapticd.config import load_config
     from hapticd.record import read_run
     from hapticd.stability.run_energy import run_energy
 
+    run = find_run(run)
     recorded = read_run(run)
     found = run_energy(recorded, load_config(config) if config else None)
     report = {"run": run, **found.report}

@@ -22,6 +22,7 @@ from hapticd.cli.options import (
     register,
     resolve_config,
 )
+from hapticd.cli.run_argument import run_argument
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
 
 RunsArgument = Annotated[
     list[Path] | None,
-    typer.Argument(metavar="[RUN]...", show_default=False, help="Recordings of one device: native, .csv or .parquet."),
+    run_argument("Recordings of one device, native, .csv or .parquet", metavar="[RUN]..."),
 ]
 ModelOption = Annotated[
     str | None,
@@ -98,6 +99,7 @@ def gap(
         raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
     if excite and not live:
         raise UsageError("--excite goes with --live")
+    from hapticd.client import find_run
     from hapticd.effects.catalogue import BROKEN, CATALOGUE
     from hapticd.gap import find_gap
     from hapticd.gap.outputs import write_outputs
@@ -124,7 +126,7 @@ def gap(
     if live:
         result = _live(socket, excite, model, assignments, analyse)
     else:
-        result = _recorded(runs or [], model, assignments, analyse)
+        result = _recorded([find_run(run) for run in runs or ()], model, assignments, analyse)
     output.emit(document, as_json, describe(document, out))
     for warning in document["warnings"] if live else ():
         output.note(f"warning: {warning}")

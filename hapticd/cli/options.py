@@ -134,6 +134,38 @@ def finite(text: str) -> float:
     return value
 
 
+def quantity(text: str) -> str:
+    """A finite number with or without a unit (`hapticd.config.units`), as it was written: its size depends on the config.
+
+    Raises:
+        typer.BadParameter: it does not begin with a finite number.
+    """
+    from hapticd.config.units import UnitError, split
+
+    try:
+        split(text)
+    except UnitError as error:
+        raise typer.BadParameter(str(error)) from None
+    return text
+
+
+def duration(text: str) -> float:
+    """A duration above zero, in s; a bare number is one.
+
+    Raises:
+        typer.BadParameter: it is none.
+    """
+    from hapticd.config.units import UnitError, seconds
+
+    try:
+        value = seconds(text)
+    except UnitError as error:
+        raise typer.BadParameter(str(error)) from None
+    if value <= 0:
+        raise typer.BadParameter(f"{text!r} is not above zero")
+    return value
+
+
 def positive(text: str) -> float:
     """A finite number above zero.
 
@@ -177,6 +209,20 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
     return apply_settings(config, settings, source="command line") if settings else config
 
 
+def motion_of(config: Config, deflection: str | None, velocity: str | None) -> tuple[float | None, float | None]:
+    """``--deflection`` in coarse ticks and ``--velocity`` in coarse ticks per period, whatever their units were.
+
+    Raises:
+        UnitError: an unknown unit, or one of the other kind of device.
+    """
+    from hapticd.config.units import deflection_ticks, velocity_ticks
+
+    return (
+        None if deflection is None else deflection_ticks(deflection, config),
+        None if velocity is None else velocity_ticks(velocity, config),
+    )
+
+
 def guarded(text: str, answer: Mapping[str, Any]) -> str:
     """The text of an answer, and under it the guard's sentence where it has one."""
     guard = answer.get("guard")
@@ -188,11 +234,9 @@ def connect(socket: Path | None) -> Client:
     from hapticd.client import Client, DaemonUnreachable
 
     if socket is None:
-        from hapticd.config import load_config, places
+        from hapticd.config import places
 
-        socket = Path(load_config(None).api.socket)
-        if not socket.exists() and places.service_socket().exists():
-            socket = places.service_socket()
+        socket = places.find_socket()
         if reason := places.foreign(socket.parent):
             raise DaemonUnreachable(f"{reason}; nothing is sent to whoever answers there")
     return Client(socket)

@@ -56,6 +56,19 @@ def _own_folder(place: Path) -> Path:
     return place / f"hapticd-{os.getuid()}"
 
 
+def service_directory() -> Path:
+    """Where ``hapticd.service`` records."""
+    return Path("/var/lib/hapticd/runs")
+
+
+def find_socket() -> Path:
+    """The socket to look for a daemon on: ``$HAPTICD_SOCKET``, else the user's own, else the service's if it is there."""
+    if given := os.environ.get("HAPTICD_SOCKET"):
+        return Path(given)
+    own, service = Path(default_socket()), service_socket()
+    return service if service.exists() and not own.exists() else own
+
+
 def default_directory() -> str:
     """Run files: ``$STATE_DIRECTORY/runs`` in a service, else ``$XDG_STATE_HOME/hapticd/runs``."""
     if state := _absolute("STATE_DIRECTORY"):

@@ -4,6 +4,7 @@ from hapticd.record.errors import RecordingError, RunFileError
 from hapticd.record.export import export
 from hapticd.record.importing import Imported, import_run
 from hapticd.record.importing_map import ImportMap, load_map, parse_map
+from hapticd.record.importing_mcap import import_mcap
 from hapticd.record.metadata import host_facts, run_metadata, versions
 from hapticd.record.reader import Run, read_run
 from hapticd.record.recorder import Recorder
@@ -25,6 +26,7 @@ __all__ = [
     "Verdict",
     "export",
     "host_facts",
+    "import_mcap",
     "import_run",
     "load_map",
     "parse_map",

@@ -10,7 +10,7 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,10 @@ from hapticd.record.errors import RunFileError
 from hapticd.record.metadata import decode_metadata
 from hapticd.record.schema import COLUMNS, ROW
 from hapticd.record.stream import Damage, Stream, brief, read_stream
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 CSV_METADATA_LINE = "# hapticd "
 _NEEDED = (("time_s",), ("encoder_counts", "position"), ("current_command_A", "force"))
@@ -62,9 +66,21 @@ class Run:
         """Number of rows."""
         return len(next(iter(self.columns.values()), ()))
 
+    def to_pandas(self) -> pd.DataFrame:
+        """The rows as a DataFrame over ``time_s``; ``.attrs["units"]`` has the unit of each column."""
+        from hapticd.record.tables import to_pandas
+
+        return to_pandas(self.columns, self.units, str(self.path))
+
+    def to_xarray(self) -> xr.Dataset:
+        """The rows as a Dataset over ``time_s``, each variable with ``units``; needs ``hapticd[xarray]``."""
+        from hapticd.record.tables import to_xarray
+
+        return to_xarray(self.columns, self.units, {"run": str(self.path), **self.metadata})
+
 
 def read_run(path: str | Path, *, salvage: bool = False) -> Run:
-    """Read a run file: ``.csv``, ``.parquet``, anything else as a native Arrow stream.
+    """Read a run file: ``.csv``, ``.parquet``, ``.mcap``, anything else as a native Arrow stream.
 
     Args:
         path: the file.
@@ -179,6 +195,12 @@ def read_parquet(path: Path) -> Any:
         raise RunFileError(f"{path} is not a Parquet file: {brief(error)}") from None
 
 
+def _read_mcap(path: Path) -> Any:
+    from hapticd.record.mcap import read_mcap
+
+    return read_mcap(path)
+
+
 def _read_csv(path: Path) -> Any:
     import pyarrow as pa
     import pyarrow.csv as pacsv
@@ -204,7 +226,7 @@ def _read_csv(path: Path) -> Any:
     return table.replace_schema_metadata(stored or None)
 
 
-_TABLES = {".csv": _read_csv, ".parquet": read_parquet}
+_TABLES = {".csv": _read_csv, ".parquet": read_parquet, ".mcap": _read_mcap}
 
 
 def _check_names(path: Path, names: list[str]) -> None:
