@@ -70,6 +70,8 @@ class FakeControl(Endpoints):
             "current": 0.5,
             "current_measured": None,
             "force": 0.01,
+            "passivity": {"mode": "off"}
+            | dict.fromkeys(("put_out_J", "generated_J", "excess_J", "dissipated_J", "current")),
             "encoder_counts": 12,
             "origin_counts": 0,
             "settings_epoch": 0,
