@@ -8,9 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.energy import check_figure_name
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SettingsOption, motion_of, quantity, register, resolve_config
+from hapticd.cli.options import (
+    JsonOption,
+    SettingsOption,
+    check_figure_name,
+    motion_of,
+    output_option,
+    quantity_option,
+    register,
+    resolve_config,
+)
 
 if TYPE_CHECKING:
     from hapticd.stability.devices import Device
@@ -26,34 +34,26 @@ SourceArgument = Annotated[
 ]
 VelocityOption = Annotated[
     str | None,
-    typer.Option(
+    quantity_option(
         "--velocity",
-        parser=quantity,
-        metavar="TICKS_PER_PERIOD",
-        show_default=False,
-        help="Ask about a motion that passes the spring's origin at this velocity, in coarse ticks per servo period; or "
+        "TICKS_PER_PERIOD",
+        "Ask about a motion that passes the spring's origin at this velocity, in coarse ticks per servo period; or "
         "with a unit: 2rad/s, 90deg/s, 100rpm.",
     ),
 ]
 DeflectionOption = Annotated[
     str | None,
-    typer.Option(
+    quantity_option(
         "--deflection",
-        parser=quantity,
-        metavar="TICKS",
-        show_default=False,
-        help="Ask about a release at rest from this deflection, in coarse ticks from the spring's origin; or with a unit: "
+        "TICKS",
+        "Ask about a release at rest from this deflection, in coarse ticks from the spring's origin; or with a unit: "
         "0.5rad, 30deg, 2mm, 217counts.",
     ),
 ]
 FigureOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FIG",
-        show_default=False,
-        help="Draw the operating point, the critical lines and the regions into this file (.png, .svg or .pdf).",
+    output_option(
+        "FIG", "Draw the operating point, the critical lines and the regions into this file (.png, .svg or .pdf)."
     ),
 ]
 

@@ -13,8 +13,17 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, quantity, register
-from hapticd.cli.options import duration as as_duration
+from hapticd.cli.options import (
+    ForceOption,
+    JsonOption,
+    SocketOption,
+    connect,
+    duration_option,
+    guarded,
+    output_option,
+    quantity_option,
+    register,
+)
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints, endpoint_of
 
@@ -26,33 +35,17 @@ RELEASE, EXCITE = endpoint_of(Endpoints.release), endpoint_of(Endpoints.excite)
 
 DeflectionOption = Annotated[
     str,
-    typer.Option(
-        "--deflection",
-        parser=quantity,
-        metavar="TICKS",
-        show_default=False,
-        help=RELEASE.help_of("deflection") + " Or with a unit: 0.5rad, 30deg, 2mm, 217counts.",
+    quantity_option(
+        "--deflection", "TICKS", RELEASE.help_of("deflection") + " Or with a unit: 0.5rad, 30deg, 2mm, 217counts."
     ),
 ]
 DurationOption = Annotated[
     float | None,
-    typer.Option(
-        "--duration",
-        parser=as_duration,
-        metavar="S",
-        show_default=False,
-        help=RELEASE.help_of("duration_s") + " Or with a unit: 500ms, 2min.",
-    ),
+    duration_option(RELEASE.help_of("duration_s") + " Or with a unit: 500ms, 2min."),
 ]
 AmplitudeOption = Annotated[
     str | None,
-    typer.Option(
-        "--amplitude",
-        parser=quantity,
-        metavar="A|RAD|M",
-        show_default=False,
-        help=EXCITE.help_of("amplitude") + " Or with a unit: 200mA, 30deg.",
-    ),
+    quantity_option("--amplitude", "A|RAD|M", EXCITE.help_of("amplitude") + " Or with a unit: 200mA, 30deg."),
 ]
 NameArgument = Annotated[
     str,
@@ -61,12 +54,8 @@ NameArgument = Annotated[
 ListOption = Annotated[bool, typer.Option("--list", help="List the experiments and exit; needs no daemon.")]
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="RUN",
-        show_default=False,
-        help="Copy the recording to this file (.arrow) when it is over. It stays in record.directory, too.",
+    output_option(
+        "RUN", "Copy the recording to this file (.arrow) when it is over. It stays in record.directory, too."
     ),
 ]
 NoWaitOption = Annotated[bool, typer.Option("--no-wait", help="Return as soon as the experiment has begun.")]

@@ -10,7 +10,7 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.options import JsonOption, output_option, register
 from hapticd.cli.run_argument import RunArgument
 
 
@@ -31,9 +31,7 @@ FormatOption = Annotated[
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o", "--output", metavar="FILE", show_default=False, help="File to write. Default: RUN with the new suffix."
-    ),
+    output_option("FILE", "File to write. Default: RUN with the new suffix."),
 ]
 SalvageOption = Annotated[
     bool, typer.Option("--salvage", help="Export what is left of a damaged RUN; its events say what is not.")

@@ -9,7 +9,7 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.options import JsonOption, output_option, register
 
 if TYPE_CHECKING:
     from hapticd.record import Imported
@@ -31,9 +31,7 @@ MapOption = Annotated[
         help="What the columns are, with their units; every key is in docs/reference/import-map.md. An .mcap needs none.",
     ),
 ]
-OutOption = Annotated[
-    Path, typer.Option("-o", "--output", metavar="RUN", show_default=False, help="Run file to write (.arrow).")
-]
+OutOption = Annotated[Path, output_option("RUN", "Run file to write (.arrow).")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace RUN if it exists.")]
 
 

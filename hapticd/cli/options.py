@@ -59,10 +59,37 @@ ConfigArgument = Annotated[
 ]
 
 
+ModelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--config",
+        metavar="CONFIG",
+        show_default=False,
+        help="Config (file or preset) for a file that carries none; a run's own config always goes first.",
+    ),
+]
+
+FIGURES = frozenset({".png", ".svg", ".pdf"})
+
+
+def output_option(metavar: str, text: str) -> Any:
+    """``-o`` of a command that writes one file."""
+    return typer.Option("-o", "--output", metavar=metavar, show_default=False, help=text)
+
+
 def folder_option(holds: str) -> Any:
     """``-o DIR`` of a command that writes several files; :func:`check_folder` looks at what was given."""
-    text = f"Folder for {holds}; made if missing."
-    return typer.Option("-o", "--output", metavar="DIR", show_default=False, help=text)
+    return output_option("DIR", f"Folder for {holds}; made if missing.")
+
+
+def quantity_option(flag: str, metavar: str, text: str) -> Any:
+    """A :func:`quantity` with or without a unit."""
+    return typer.Option(flag, parser=quantity, metavar=metavar, show_default=False, help=text)
+
+
+def duration_option(text: str) -> Any:
+    """``--duration``, see :func:`duration`."""
+    return typer.Option("--duration", parser=duration, metavar="S", show_default=False, help=text)
 
 
 def only_option(what: str) -> Any:
@@ -78,6 +105,20 @@ def check_folder(out: Path | None) -> None:
     """
     if out is not None and out.exists() and not out.is_dir():
         raise UsageError(f"{out} is a file; -o takes a folder")
+
+
+def check_figure_name(out: Path | None) -> None:
+    """Refuse a figure in a format that cannot be drawn, before any work is done.
+
+    Raises:
+        UsageError: another suffix than `FIGURES`, or no such folder.
+    """
+    if out is None:
+        return
+    if out.suffix.lower() not in FIGURES:
+        raise UsageError(f"{out}: a figure is a {', '.join(sorted(FIGURES))} file")
+    if not out.parent.is_dir():
+        raise UsageError(f"{out}: there is no folder {out.parent}")
 
 
 def register(

@@ -8,10 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.energy import check_figure_name
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, register
-from hapticd.cli.options import duration as as_duration
+from hapticd.cli.options import JsonOption, ModelOption, check_figure_name, duration_option, output_option, register
 from hapticd.cli.output import number
 from hapticd.cli.run_argument import RunArgument, run_argument
 
@@ -22,12 +20,9 @@ SecondArgument = Annotated[
 ]
 FigureOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FIG",
-        show_default=False,
-        help="File to draw into (.png, .svg or .pdf), replaced if it exists. Default: RUN's name with .png, in this folder.",
+    output_option(
+        "FIG",
+        "File to draw into (.png, .svg or .pdf), replaced if it exists. Default: RUN's name with .png, in this folder.",
     ),
 ]
 OnlyOption = Annotated[
@@ -42,22 +37,7 @@ OnlyOption = Annotated[
 ]
 DurationOption = Annotated[
     float | None,
-    typer.Option(
-        "--duration",
-        parser=as_duration,
-        metavar="S",
-        show_default=False,
-        help="Only the first seconds after the spring was rendered.",
-    ),
-]
-ModelOption = Annotated[
-    str | None,
-    typer.Option(
-        "--config",
-        metavar="CONFIG",
-        show_default=False,
-        help="Config (file or preset) for a file that carries none; a run's own config always goes first.",
-    ),
+    duration_option("Only the first seconds after the spring was rendered."),
 ]
 OpenOption = Annotated[bool, typer.Option("--open", help="Show the figure with the desktop's viewer.")]
 

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, check_folder, register
+from hapticd.cli.options import JsonOption, check_folder, output_option, register
 
 FolderArgument = Annotated[
     Path | None,
@@ -21,9 +21,7 @@ FolderArgument = Annotated[
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o", "--output", metavar="DIR", show_default=False, help="Folder for the runs. Default: the dead daemon's own."
-    ),
+    output_option("DIR", "Folder for the runs. Default: the dead daemon's own."),
 ]
 
 

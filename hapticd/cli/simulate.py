@@ -18,12 +18,13 @@ from hapticd.cli.options import (
     ConfigArgument,
     JsonOption,
     SettingsOption,
+    duration_option,
     motion_of,
-    quantity,
+    output_option,
+    quantity_option,
     register,
     resolve_config,
 )
-from hapticd.cli.options import duration as as_duration
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -36,41 +37,29 @@ _EXPORTED = (".csv", ".parquet", ".mat")
 
 DurationOption = Annotated[
     float,
-    typer.Option(
-        "--duration", parser=as_duration, metavar="S", show_default=False, help="Simulated time in s, or 500ms, 2min."
-    ),
+    duration_option("Simulated time in s, or 500ms, 2min."),
 ]
 DeflectionOption = Annotated[
     str | None,
-    typer.Option(
+    quantity_option(
         "--deflection",
-        parser=quantity,
-        metavar="TICKS",
-        show_default=False,
-        help="Begin at rest at exactly this deflection from the spring's origin, in coarse ticks; or with a unit: "
+        "TICKS",
+        "Begin at rest at exactly this deflection from the spring's origin, in coarse ticks; or with a unit: "
         "0.5rad, 30deg, 2mm, 217counts.",
     ),
 ]
 VelocityOption = Annotated[
     str | None,
-    typer.Option(
+    quantity_option(
         "--velocity",
-        parser=quantity,
-        metavar="TICKS_PER_PERIOD",
-        show_default=False,
-        help="Begin at the origin with this velocity, in coarse ticks per servo period; or with a unit: 2rad/s, "
+        "TICKS_PER_PERIOD",
+        "Begin at the origin with this velocity, in coarse ticks per servo period; or with a unit: 2rad/s, "
         "90deg/s, 100rpm.",
     ),
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="RUN",
-        show_default=False,
-        help="Write every tick to this run file, replacing it if it exists.",
-    ),
+    output_option("RUN", "Write every tick to this run file, replacing it if it exists."),
 ]
 SafetyOption = Annotated[
     bool,
