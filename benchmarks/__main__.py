@@ -18,6 +18,7 @@ NAMES = (
     "lateness",
     "flood",
     "tick",
+    "tick_features",
     "guard",
     "simulate",
     "plant_propagation",

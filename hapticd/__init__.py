@@ -1,1 +1,91 @@
-"""hapticd: a real-time 1-DOF haptic controller daemon that carries the science of stable haptic rendering."""
+"""Stable haptic rendering on one degree of freedom, in real time: the daemon's packages, and their use from Python.
+
+>>> import hapticd
+>>> hapticd.check("re35", deflection="30deg").verdict
+'stable'
+
+A name is imported when it is first used, so that ``import hapticd`` loads nothing else.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from hapticd.api.runs import load, plot
+    from hapticd.api.simulation import simulate
+    from hapticd.api.sweeping import sweep
+    from hapticd.api.theory import Check, check
+    from hapticd.client import Client
+    from hapticd.config import Config, ConfigError, load_config
+    from hapticd.gap.call import gap
+    from hapticd.identify.call import identify
+    from hapticd.record import Run
+
+_WHERE: Final = {
+    "Check": "hapticd.api.theory",
+    "Client": "hapticd.client",
+    "Config": "hapticd.config",
+    "ConfigError": "hapticd.config",
+    "Run": "hapticd.record",
+    "check": "hapticd.api.theory",
+    "load": "hapticd.api.runs",
+    "load_config": "hapticd.config",
+    "plot": "hapticd.api.runs",
+    "simulate": "hapticd.api.simulation",
+    "sweep": "hapticd.api.sweeping",
+}
+"""Public name → module. A package of that name (``gap``, ``identify``) is no entry: it is called (`callable_package`)."""
+
+__all__ = [
+    "Check",
+    "Client",
+    "Config",
+    "ConfigError",
+    "Run",
+    "check",
+    "gap",
+    "identify",
+    "load",
+    "load_config",
+    "plot",
+    "simulate",
+    "sweep",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name on first use."""
+    if name in __all__:
+        _refuse_strangers()
+    if name in _WHERE:
+        found = getattr(importlib.import_module(_WHERE[name]), name)
+    elif name in __all__:
+        found = importlib.import_module(f"hapticd.{name}")
+    else:
+        raise AttributeError(f"module 'hapticd' has no attribute {name!r}")
+    globals()[name] = found
+    return found
+
+
+def _refuse_strangers() -> None:
+    """Refuse to go on where a package of somebody else's has the name of one that is installed with hapticd.
+
+    Raises:
+        ImportError: with both places.
+    """
+    beside = Path(__file__).parents[1]
+    found = importlib.util.find_spec("drivers")
+    origin = Path(found.origin).parents[1] if found is not None and found.origin else None
+    if origin is not None and origin.resolve() != beside.resolve():
+        raise ImportError(
+            f"another package named 'drivers' in {origin} stands before hapticd's own in {beside}: "
+            "start Python in another folder, or give yours another name"
+        )
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

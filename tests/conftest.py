@@ -18,6 +18,7 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
 
 TESTS = Path(__file__).parent
 WALL_CLOCK = (
+    "docs/test_notebooks.py",
     "doctor/test_board.py",
     "drivers/canopen/test_bring_up.py",
     "drivers/canopen/test_callback.py",
@@ -30,14 +31,15 @@ WALL_CLOCK = (
     "drivers/test_seqpacket_bus.py",
     "gap/test_live_story.py",
     "hil/test_hil.py",
+    "hil/test_passivity.py",
     "record/test_crash.py",
-    "record/test_history.py",
     "record/test_recorder.py",
     "scope/test_command.py",
     "scope/test_page.py",
     "scope/test_relay.py",
     "scope/test_scripts.py",
     "scope/test_tutorial.py",
+    "service/test_access.py",
     "service/test_api.py",
     "service/test_banner.py",
     "service/test_daemon.py",

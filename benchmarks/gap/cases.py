@@ -100,12 +100,8 @@ def _parquet(recording: Recording) -> bytes:
 
 
 def _native(recording: Recording) -> bytes:
-    import pyarrow as pa
-
     from hapticd.config import parse_config
-    from hapticd.record import run_metadata
-    from hapticd.record.arrow import arrow_schema, rows_to_batch
-    from hapticd.record.metadata import complete_metadata
+    from hapticd.record import RunWriter, run_metadata
     from hapticd.record.schema import FLAG_EXCITATION, FLAG_RUNNING, empty_rows
 
     played = {**recording.nominal, "spring": {"stiffness": recording.stiffness}}
@@ -121,8 +117,8 @@ def _native(recording: Recording) -> bytes:
     rows["wake_late_ns"] = np.rint(recording.lateness_s * 1e9)
     rows["exec_ns"] = 12_000
     rows["flags"] = FLAG_RUNNING | FLAG_EXCITATION
-    schema = arrow_schema(complete_metadata(run_metadata(config)))
-    sink = io.BytesIO()
-    with pa.ipc.new_stream(sink, schema) as stream:
-        stream.write_batch(rows_to_batch(rows, schema))
-    return sink.getvalue()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "run.arrow"
+        with RunWriter(path, run_metadata(config)) as writer:
+            writer.write(rows)
+        return path.read_bytes()

@@ -8,9 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.energy import check_figure_name
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SettingsOption, finite, register, resolve_config
+from hapticd.cli.options import (
+    JsonOption,
+    SettingsOption,
+    check_figure_name,
+    motion_of,
+    output_option,
+    quantity_option,
+    register,
+    resolve_config,
+)
 
 if TYPE_CHECKING:
     from hapticd.stability.devices import Device
@@ -25,33 +33,27 @@ SourceArgument = Annotated[
     ),
 ]
 VelocityOption = Annotated[
-    float | None,
-    typer.Option(
+    str | None,
+    quantity_option(
         "--velocity",
-        parser=finite,
-        metavar="TICKS_PER_PERIOD",
-        show_default=False,
-        help="Ask about a motion that passes the spring's origin at this velocity, in coarse ticks per servo period.",
+        "TICKS_PER_PERIOD",
+        "Ask about a motion that passes the spring's origin at this velocity, in coarse ticks per servo period; or "
+        "with a unit: 2rad/s, 90deg/s, 100rpm.",
     ),
 ]
 DeflectionOption = Annotated[
-    float | None,
-    typer.Option(
+    str | None,
+    quantity_option(
         "--deflection",
-        parser=finite,
-        metavar="TICKS",
-        show_default=False,
-        help="Ask about a release at rest from this deflection, in coarse ticks from the spring's origin.",
+        "TICKS",
+        "Ask about a release at rest from this deflection, in coarse ticks from the spring's origin; or with a unit: "
+        "0.5rad, 30deg, 2mm, 217counts.",
     ),
 ]
 FigureOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FIG",
-        show_default=False,
-        help="Draw the operating point, the critical lines and the regions into this file (.png, .svg or .pdf).",
+    output_option(
+        "FIG", "Draw the operating point, the critical lines and the regions into this file (.png, .svg or .pdf)."
     ),
 ]
 
@@ -82,6 +84,7 @@ def check(
     check_figure_name(out)
     name, device = _named(source)
     config = resolve_config(name, assignments)
+    ticks, ticks_per_period = motion_of(config, deflection, velocity)
     from drivers import declared_latency
     from hapticd.stability.advice import advise
     from hapticd.stability.assessment import assess
@@ -92,14 +95,14 @@ def check(
     latency, doubt = declared_latency(config)
     doubts = [doubt] if doubt else []
     try:
-        found = assess(config, velocity=velocity, deflection=deflection, latency_s=latency)
+        found = assess(config, velocity=ticks_per_period, deflection=ticks, latency_s=latency)
     except ValueError as error:
         raise UsageError(str(error)) from error
     changes = advise(found)
     document = found.document
     document["warnings"] += doubts
     document["changes"] = [change.document for change in changes]
-    judgement = judge(config, latency, deflection=deflection, velocity=velocity, release=True)
+    judgement = judge(config, latency, deflection=ticks, velocity=ticks_per_period, release=True)
     document["guard"] = judgement.document
     sure = confidence(found)
     if sure is not None:
@@ -118,7 +121,9 @@ def check(
     text = report(found, changes, title, None if assignments else device)
     if sure is not None:
         unit = "N/m" if config.is_linear else "N m/rad"
-        text += f"\n\nwith plant.uncertainty: {sure.words};\nstiffness up to {sure.stiffness_max:.3g} {unit} with 95 %"
+        text += f"\n\nwith plant.uncertainty: {sure.words}"
+        if sure.stiffness_max is not None:
+            text += f";\nstiffness up to {sure.stiffness_max:.3g} {unit} with 95 %"
     if judgement.verdict in ("refused", "warned"):
         text += f"\n\nsafety.guard: the daemon {_ANSWERS[judgement.verdict]}"
     text += "".join(f"\n\nwarning: {doubt}" for doubt in doubts) + (f"\n\nfigure: {out}" if out else "")

@@ -8,33 +8,14 @@ from typing import Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.options import JsonOption, ModelOption, check_figure_name, output_option, register
 from hapticd.cli.output import number
+from hapticd.cli.run_argument import RunArgument
 
-RunArgument = Annotated[
-    Path, typer.Argument(metavar="RUN", show_default=False, help="Run file (.arrow), or an export (.csv, .parquet).")
-]
 FigureOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FIG",
-        show_default=False,
-        help="Draw the ledger into this file (.png, .svg or .pdf), replacing it if it exists.",
-    ),
+    output_option("FIG", "Draw the ledger into this file (.png, .svg or .pdf), replacing it if it exists."),
 ]
-ModelOption = Annotated[
-    str | None,
-    typer.Option(
-        "--config",
-        metavar="CONFIG",
-        show_default=False,
-        help="Config (file or preset) for a file that carries none; a run's own config always goes first.",
-    ),
-]
-FIGURES = frozenset({".png", ".svg", ".pdf"})
 
 
 def energy(run: RunArgument, out: FigureOption = None, config: ModelOption = None, as_json: JsonOption = False) -> int:
@@ -48,10 +29,12 @@ def energy(run: RunArgument, out: FigureOption = None, config: ModelOption = Non
     encoder edge, and against the corrected ones, which hold.
     """
     check_figure_name(out)
+    from hapticd.client import find_run
     from hapticd.config import load_config
     from hapticd.record import read_run
     from hapticd.stability.run_energy import run_energy
 
+    run = find_run(run)
     recorded = read_run(run)
     found = run_energy(recorded, load_config(config) if config else None)
     report = {"run": run, **found.report}
@@ -64,20 +47,6 @@ def energy(run: RunArgument, out: FigureOption = None, config: ModelOption = Non
         output.note(note)
     output.emit(report, as_json, describe(report))
     return exits.DONE
-
-
-def check_figure_name(out: Path | None) -> None:
-    """Refuse a figure in a format that cannot be drawn, before any work is done.
-
-    Raises:
-        UsageError: another suffix than `FIGURES`, or no such folder.
-    """
-    if out is None:
-        return
-    if out.suffix.lower() not in FIGURES:
-        raise UsageError(f"{out}: a figure is a {', '.join(sorted(FIGURES))} file")
-    if not out.parent.is_dir():
-        raise UsageError(f"{out}: there is no folder {out.parent}")
 
 
 def describe(report: dict[str, Any]) -> str:

@@ -86,6 +86,7 @@ _KNOWN: Final[tuple[tuple[str, str, Callable[[Any], Failure]], ...]] = (
     ("hapticd.client", "RequestRefused", _refused),
     ("hapticd.client", "DaemonUnreachable", _plain(UNREACHABLE, "unreachable")),
     ("hapticd.config", "ConfigError", _config),
+    ("hapticd.config.units", "UnitError", _plain(USAGE, "usage")),
     ("hapticd.service.socket", "SocketError", _plain(USAGE, "socket")),
     ("hapticd.service.refusals", "DriverFailure", _plain(DEVICE, "driver")),
     ("hapticd.service.refusals", "Refused", lambda error: Failure(NO, error.code, error.message)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import shutil
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
@@ -11,7 +13,17 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, finite, guarded, positive, register
+from hapticd.cli.options import (
+    ForceOption,
+    JsonOption,
+    SocketOption,
+    connect,
+    duration_option,
+    guarded,
+    output_option,
+    quantity_option,
+    register,
+)
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints, endpoint_of
 
@@ -22,52 +34,54 @@ if TYPE_CHECKING:
 RELEASE, EXCITE = endpoint_of(Endpoints.release), endpoint_of(Endpoints.excite)
 
 DeflectionOption = Annotated[
-    float,
-    typer.Option(
-        "--deflection", parser=finite, metavar="TICKS", show_default=False, help=RELEASE.help_of("deflection")
+    str,
+    quantity_option(
+        "--deflection", "TICKS", RELEASE.help_of("deflection") + " Or with a unit: 0.5rad, 30deg, 2mm, 217counts."
     ),
 ]
 DurationOption = Annotated[
     float | None,
-    typer.Option("--duration", parser=positive, metavar="S", show_default=False, help=RELEASE.help_of("duration_s")),
+    duration_option(RELEASE.help_of("duration_s") + " Or with a unit: 500ms, 2min."),
 ]
 AmplitudeOption = Annotated[
-    float | None,
-    typer.Option(
-        "--amplitude",
-        parser=positive,
-        metavar="A|RAD|M",
-        show_default=False,
-        help=EXCITE.help_of("amplitude"),
-    ),
+    str | None,
+    quantity_option("--amplitude", "A|RAD|M", EXCITE.help_of("amplitude") + " Or with a unit: 200mA, 30deg."),
 ]
 NameArgument = Annotated[
     str,
     typer.Argument(metavar="NAME", help="Which experiment; --list names them. Or a file, as 'hapticd gap' writes it."),
 ]
 ListOption = Annotated[bool, typer.Option("--list", help="List the experiments and exit; needs no daemon.")]
+OutOption = Annotated[
+    Path | None,
+    output_option(
+        "RUN", "Copy the recording to this file (.arrow) when it is over. It stays in record.directory, too."
+    ),
+]
 NoWaitOption = Annotated[bool, typer.Option("--no-wait", help="Return as soon as the experiment has begun.")]
 
 
 def _release(
     deflection: DeflectionOption,
     duration: DurationOption = None,
+    out: OutOption = None,
     no_wait: NoWaitOption = False,
     force: ForceOption = False,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Ctrl-C stops the daemon's rendering."""
+    keep = _keeper(out, no_wait)
     client = connect(socket)
-    return _follow(
-        client, "release", lambda: client.release(deflection, duration, force), no_wait, as_json, describe_release
-    )
+    begin = partial(client.release, _in_ticks(deflection, client), duration, force)
+    return _follow(client, "release", begin, no_wait, as_json, describe_release, keep)
 
 
 def _excite(
     name: NameArgument = "all",
     amplitude: AmplitudeOption = None,
     duration: DurationOption = None,
+    out: OutOption = None,
     show_list: ListOption = False,
     no_wait: NoWaitOption = False,
     force: ForceOption = False,
@@ -84,13 +98,49 @@ def _excite(
         return exits.DONE
     from hapticd.client import settings_for_a_while
 
-    experiment = experiment_named(name, amplitude, duration)
+    client = connect(socket)
+    experiment = experiment_named(name, _peak(name, amplitude, client), duration)
     if no_wait and experiment.settings:
         raise UsageError(f"{name}: --no-wait cannot be kept, its settings must be taken back at the end")
-    client = connect(socket)
+    keep = _keeper(out, no_wait)
     with settings_for_a_while(client, experiment.settings, force):
         begin = partial(client.excite, experiment.excitation, force=force, **experiment.plan())
-        return _follow(client, experiment.excitation, begin, no_wait, as_json, _text)
+        return _follow(client, experiment.excitation, begin, no_wait, as_json, _text, keep)
+
+
+def _in_ticks(deflection: str, client: Client) -> float:
+    """A deflection in coarse ticks of the config in force; the daemon is asked for it where there is a unit."""
+    from hapticd.config import parse_config
+    from hapticd.config.units import deflection_ticks, split
+
+    value, unit = split(deflection)
+    if not unit:
+        return value
+    return deflection_ticks(deflection, parse_config(client.config(), "the daemon's config"))
+
+
+def _peak(name: str, amplitude: str | None, client: Client) -> float | None:
+    """An amplitude in A, or in rad or m where the experiment moves the spring's origin.
+
+    Raises:
+        UsageError: not above zero, or with a unit for experiments of both kinds.
+        UnitError: a unit that this experiment cannot have.
+    """
+    if amplitude is None:
+        return None
+    from hapticd.config import parse_config, units
+
+    peak, unit = units.split(amplitude)
+    if peak <= 0:
+        raise UsageError(f"--amplitude {amplitude} is not above zero")
+    if not unit:
+        return peak
+    from hapticd.servo.excitation import ALL, SHAPES
+
+    if name == ALL:
+        raise UsageError(f"--amplitude {amplitude}: '{ALL}' has amplitudes of several kinds; name one experiment")
+    moves = name in SHAPES and SHAPES[name].moves_origin
+    return units.amplitude(amplitude, parse_config(client.config(), "the daemon's config"), moves_origin=moves)
 
 
 def experiment_named(name: str, amplitude: float | None = None, duration_s: float | None = None) -> Experiment:
@@ -135,6 +185,7 @@ def _follow(
     no_wait: bool,
     as_json: bool,
     text: Callable[[dict[str, Any]], str],
+    keep: Callable[[dict[str, Any]], dict[str, Any]],
 ) -> int:
     """Begin a job, wait for its end, and report it."""
     from hapticd.client import stop_on_interrupt
@@ -147,10 +198,46 @@ def _follow(
         with output.progress_bar(name) as progress:
             report = client.wait(job["experiment"], progress)
     answer = {**job, "state": report["state"], "result": report["result"]}
+    answer = keep(answer)
     output.emit(answer, as_json, text(answer))
     if (report["result"] or {}).get("fault"):
         return exits.FAULT
     return exits.DONE if report["state"] == "done" else exits.NO
+
+
+def _keeper(out: Path | None, no_wait: bool) -> Callable[[dict[str, Any]], dict[str, Any]]:
+    """What puts the recording where ``-o`` wants it and names it in the answer; refuses before anything moves.
+
+    A copy, because the daemon may be somebody else's and not see this folder.
+
+    Raises:
+        UsageError: the file exists, its folder does not, or nobody would wait for the recording's end.
+    """
+    if out is None:
+        return lambda answer: answer
+    if no_wait:
+        raise UsageError(f"-o {out}: --no-wait returns before the recording is over; leave one of them out")
+    if out.exists():
+        raise UsageError(f"{out} exists: a recording never overwrites a file")
+    if not out.parent.is_dir():
+        raise UsageError(f"{out}: there is no folder {out.parent}")
+    if out.suffix.lower() in (".csv", ".parquet", ".mat", ".mcap"):
+        raise UsageError(f"{out}: a run file is an Arrow stream; 'hapticd export @last' writes {out.suffix}")
+
+    def keep(answer: dict[str, Any]) -> dict[str, Any]:
+        source = Path((answer["result"] or {}).get("run") or answer["run"])
+        part = out.with_name(f".{out.name}.{os.getpid()}.part")
+        try:
+            shutil.copyfile(source, part)
+            part.replace(out)
+        except OSError as error:
+            output.note(f"the recording is {source}; it cannot be copied to {out}: {error.strerror or error}")
+            return answer
+        finally:
+            part.unlink(missing_ok=True)
+        return {**answer, "copy": str(out)}
+
+    return keep
 
 
 def describe_release(answer: dict[str, Any]) -> str:
@@ -171,6 +258,8 @@ def describe_release(answer: dict[str, Any]) -> str:
         lines.append(f"oscillation  {ticks} ticks ({counts} counts) peak to peak{rate}")
     lines += [f"{key:<11}  {found[key]}" for key in ("fault", "error") if found.get(key)]
     lines.append(f"recorded     {number(answer['duration_s'], 4)} s in {answer['run']}")
+    if copy := answer.get("copy"):
+        lines.append(f"copied to    {copy}")
     if answer.get("state", "done") != "done":
         lines.append(f"experiment   {answer['experiment']} {answer['state']}")
     return guarded("\n".join(lines), answer)
@@ -196,12 +285,16 @@ def _flat(answer: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 def add_to(app: typer.Typer) -> None:
     """Add the commands."""
     codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED)
-    releases = ("hapticd release --deflection 20.3", "hapticd release --deflection -3 --duration 2 --json")
+    releases = (
+        "hapticd release --deflection 20.3",
+        "hapticd release --deflection 30deg -o wall.arrow",
+        "hapticd release --deflection -3 --duration 2 --json",
+    )
     register(app, _release, *releases, codes=codes, endpoint=Endpoints.release)
     excitations = (
         "hapticd excite --list",
         "hapticd excite",
-        "hapticd excite chirp --amplitude 0.2 --duration 10",
+        "hapticd excite chirp --amplitude 0.2 --duration 10 -o chirp.arrow",
         "hapticd excite gap/next_experiment.yaml",
     )
     register(app, _excite, *excitations, codes=codes, endpoint=Endpoints.excite)

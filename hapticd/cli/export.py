@@ -10,7 +10,8 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.options import JsonOption, output_option, register
+from hapticd.cli.run_argument import RunArgument
 
 
 class Format(StrEnum):
@@ -19,43 +20,72 @@ class Format(StrEnum):
     CSV = "csv"
     PARQUET = "parquet"
     MAT = "mat"
+    MCAP = "mcap"
 
 
-RunArgument = Annotated[Path, typer.Argument(metavar="RUN", show_default=False, help="Run file to export.")]
 FormatOption = Annotated[
-    Format, typer.Option("--to", show_default=False, help="Format: csv, parquet or mat (MATLAB 5).")
+    Format,
+    typer.Option(
+        "--to", show_default=False, help="Format: csv, parquet, mat (MATLAB 5) or mcap (PlotJuggler, Foxglove)."
+    ),
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o", "--output", metavar="FILE", show_default=False, help="File to write. Default: RUN with the new suffix."
-    ),
+    output_option("FILE", "File to write. Default: RUN with the new suffix."),
+]
+SalvageOption = Annotated[
+    bool, typer.Option("--salvage", help="Export what is left of a damaged RUN; its events say what is not.")
 ]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace FILE if it exists.")]
 
 
 def export(
-    run: RunArgument, to: FormatOption, out: OutOption = None, force: ForceOption = False, as_json: JsonOption = False
+    run: RunArgument,
+    to: FormatOption,
+    out: OutOption = None,
+    force: ForceOption = False,
+    salvage: SalvageOption = False,
+    as_json: JsonOption = False,
 ) -> int:
-    """Write a recording as csv, parquet or mat, with the columns and units of the run file.
+    """Write a recording as csv, parquet, mat or mcap, with the columns and units of the run file.
 
-    A run file that was cut short (power, SIGKILL) is exported up to its last whole batch, with a warning.
+    An mcap file has one channel, /hapticd/tick, of CDR messages with a ROS 2 definition; config and provenance are in its
+    Metadata. PlotJuggler and Foxglove open it without ROS; the answer names a PlotJuggler layout for it. 'hapticd import'
+    reads it back.
+
+    A run file that was cut short (power, SIGKILL) is exported up to its last whole batch, with a warning. One whose values
+    do not match their checksums is refused without --salvage.
     """
+    from hapticd.client import find_run
+
+    run = find_run(run)
     if out is not None and out.exists() and out.samefile(run):
         raise UsageError(f"{out} is the run file itself: choose another name with -o")
     from hapticd import record
 
-    data = record.read_run(run)
+    data = record.read_run(run, salvage=salvage)
     written = record.export(data, to.value, out, force=force)
     rows = len(next(iter(data.columns.values()), ()))
     if data.truncated:
         output.note(f"{run} was cut short; exported up to its last whole batch")
+    for damage in data.damage:
+        output.note(f"{run} is damaged: {damage} are left out")
     document = {"run": run, "output": written, "format": to.value, "rows": rows, "truncated": data.truncated}
-    output.emit(document, as_json, f"{written}: {rows} rows")
+    text = f"{written}: {rows} rows"
+    if to is Format.MCAP:
+        from hapticd.record.mcap import LAYOUT
+
+        document["layout"] = LAYOUT
+        text += f"\nplotjuggler --layout {LAYOUT} --datafile {written}"
+    output.emit(document, as_json, text)
     return exits.DONE
 
 
 def add_to(app: typer.Typer) -> None:
     """Add the command."""
-    examples = ("hapticd export run.arrow --to csv", "hapticd export run.arrow --to mat -o wall.mat --force")
+    examples = (
+        "hapticd export @last --to csv",
+        "hapticd export run.arrow --to mcap",
+        "hapticd export run.arrow --to mat -o wall.mat --force",
+    )
     register(app, export, *examples, codes=(exits.DONE, exits.USAGE))

@@ -10,24 +10,24 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
+from hapticd.cli.nominal_model import model_of_daemon, model_of_run
 from hapticd.cli.options import (
     JsonOption,
     SettingsOption,
     SocketOption,
     connect,
-    parse_settings,
+    output_option,
     positive,
     register,
-    resolve_config,
 )
+from hapticd.cli.run_argument import run_argument
 
 if TYPE_CHECKING:
-    from hapticd.config import Config
     from hapticd.gap.recording import Recording
 
 RunsArgument = Annotated[
     list[Path] | None,
-    typer.Argument(metavar="[RUN]...", show_default=False, help="Recordings of one device: native, .csv or .parquet."),
+    run_argument("Recordings of one device, native, .csv or .parquet", metavar="[RUN]..."),
 ]
 ModelOption = Annotated[
     str | None,
@@ -41,12 +41,8 @@ ModelOption = Annotated[
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="CONFIG",
-        show_default=False,
-        help="Write the config with the plant that was found; comments stay. May be the file of --model.",
+    output_option(
+        "CONFIG", "Write the config with the plant that was found; comments stay. May be the file of --model."
     ),
 ]
 InertiaOption = Annotated[
@@ -95,8 +91,7 @@ def identify(
         raise UsageError("--keep-spring goes with --live")
     if out is not None and out.exists() and (model is None or not Path(model).exists() or not out.samefile(model)):
         raise UsageError(f"{out} exists; choose another name, or update it with --model {out}")
-    if assignments and model is None and not live:
-        raise UsageError("--set changes the model of --model; name one")
+    from hapticd.client import find_run
     from hapticd.identify import identify as identify_device
     from hapticd.identify import load_any
     from hapticd.identify.config_file import text_of, with_plant
@@ -107,11 +102,12 @@ def identify(
         from hapticd.identify.live import record_live
 
         client = connect(socket)
-        nominal = _daemons(client.config(), assignments) if model is None else resolve_config(model, assignments)
+        nominal = model_of_daemon(client, model, assignments)
         recordings = record_live(client, nominal, output.note, output.progress_bar, keep_spring=keep_spring)
     else:
-        nominal = _model((runs or [])[0], model, assignments)
-        recordings = [load_any(path, nominal) for path in runs or []]
+        paths = [find_run(run) for run in runs or ()]
+        nominal = model_of_run(paths[0], model, assignments)
+        recordings = [load_any(path, nominal) for path in paths]
     with output.progress_bar("identify") as bar:
         found = identify_device(recordings, nominal, known_inertia=known_inertia, progress=bar)
     document = {**found.document, "config": out}
@@ -125,26 +121,6 @@ def identify(
     for warning in found.warnings:
         output.note(f"warning: {warning}")
     return exits.DONE
-
-
-def _daemons(document: dict[str, object], assignments: list[str] | None) -> Config:
-    from hapticd.config import apply_settings, parse_config
-
-    config = parse_config(document, "the daemon's config")
-    return apply_settings(config, parse_settings(assignments)) if assignments else config
-
-
-def _model(run: Path, model: str | None, assignments: list[str] | None) -> Config:
-    """The model: the one named, or the one that the first recording carries."""
-    if model is not None:
-        return resolve_config(model, assignments)
-    from hapticd.config import parse_config
-    from hapticd.record import read_run
-
-    stored = read_run(run).metadata.get("config")
-    if not stored:
-        raise UsageError(f"{run} carries no config; name one with --model: encoder and torque constant are needed")
-    return parse_config(stored, f"config of {run.name}")
 
 
 def add_to(app: typer.Typer) -> None:

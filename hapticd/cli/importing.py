@@ -8,40 +8,57 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import JsonOption, output_option, register
 
 if TYPE_CHECKING:
     from hapticd.record import Imported
 
 FileArgument = Annotated[
-    Path, typer.Argument(metavar="FILE", show_default=False, help="Measured data: .csv, .mat, .npy or .parquet.")
+    Path,
+    typer.Argument(
+        metavar="FILE",
+        show_default=False,
+        help="Measured data: .csv, .mat, .npy or .parquet; or a run that was exported as .mcap.",
+    ),
 ]
 MapOption = Annotated[
-    Path,
+    Path | None,
     typer.Option(
         "--map",
         metavar="MAP.yaml",
         show_default=False,
-        help="What the columns are, with their units; every key is in docs/reference/import-map.md.",
+        help="What the columns are, with their units; every key is in docs/reference/import-map.md. An .mcap needs none.",
     ),
 ]
-OutOption = Annotated[
-    Path, typer.Option("-o", "--output", metavar="RUN", show_default=False, help="Run file to write (.arrow).")
-]
+OutOption = Annotated[Path, output_option("RUN", "Run file to write (.arrow).")]
 ForceOption = Annotated[bool, typer.Option("--force", help="Replace RUN if it exists.")]
 
 
 def import_data(
-    file: FileArgument, mapping: MapOption, out: OutOption, force: ForceOption = False, as_json: JsonOption = False
+    file: FileArgument,
+    out: OutOption,
+    mapping: MapOption = None,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
 ) -> int:
     """Bring in measured data from elsewhere as a run that gap, energy and export read.
 
     The map says which column is the time (or the rate), the position (counts, angle or length), and the command (current
     or force), each with its unit; and whether the device is rotary or linear. Time stamps keep their jitter.
-    """
-    from hapticd.record import import_run, load_map
 
-    done = import_run(file, load_map(mapping), out, force=force)
+    An .mcap that 'hapticd export' wrote becomes the run that it was, bit for bit.
+    """
+    from hapticd.record import import_mcap, import_run, load_map
+
+    if file.suffix.lower() == ".mcap":
+        if mapping is not None:
+            raise UsageError(f"{file} describes itself: leave --map out")
+        done = import_mcap(file, out, force=force)
+    else:
+        if mapping is None:
+            raise UsageError(f"{file} does not say what its columns are: give --map")
+        done = import_run(file, load_map(mapping), out, force=force)
     for warning in done.warnings:
         output.note(f"{file}: {warning}")
     document = {
@@ -72,5 +89,8 @@ def _describe(done: Imported) -> str:
 
 def add_to(app: typer.Typer) -> None:
     """Add the command."""
-    example = "hapticd import measured.csv --map columns.yaml -o measured.arrow"
-    register(app, import_data, example, codes=(exits.DONE, exits.USAGE), name="import")
+    examples = (
+        "hapticd import measured.csv --map columns.yaml -o measured.arrow",
+        "hapticd import run.mcap -o run.arrow",
+    )
+    register(app, import_data, *examples, codes=(exits.DONE, exits.USAGE), name="import")

@@ -9,7 +9,16 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, finite, positive, register, resolve_config
+from hapticd.cli.options import (
+    ConfigArgument,
+    JsonOption,
+    SettingsOption,
+    finite,
+    output_option,
+    positive,
+    register,
+    resolve_config,
+)
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -26,9 +35,7 @@ SecondsOption = Annotated[
 ]
 FigureOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o", "--output", metavar="FILE", show_default=False, help="Draw the lateness into this .png, .svg or .pdf."
-    ),
+    output_option("FILE", "Draw the lateness into this .png, .svg or .pdf."),
 ]
 
 

@@ -29,14 +29,18 @@ from hapticd.cli import (
     map,  # noqa: A004 - named as the command
     metrics,
     output,
+    plot,
     record,
+    recover,
     reproduce,
     run,
+    runs,
     scope,
     settings,
     simulate,
     state,
     status,
+    verify,
 )
 from hapticd.cli.options import epilog
 
@@ -64,6 +68,10 @@ GROUPS = (
     settings,
     experiments,
     record,
+    verify,
+    recover,
+    runs,
+    plot,
     export,
     importing,
     metrics,

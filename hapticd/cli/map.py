@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hapticd.cli import exits, output
+from hapticd.cli import exits, map_studies, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, finite, positive, register
+from hapticd.cli.options import JsonOption, SettingsOption, finite, positive, register
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
 _FIGURE_FORMATS = ("png", "svg", "pdf")
 _LISTED = 10
+_DEFAULT = Path("maps.npz")
 
 MuOption = Annotated[float, typer.Option("--mu", parser=positive, metavar="MU", help="Inertia m/(K T^2).")]
 DelayOption = Annotated[
@@ -89,6 +90,23 @@ DaskOption = Annotated[
         help="Compute on the workers of this Dask cluster instead, e.g. tcp://host:8786 (needs the optional extra 'dask').",
     ),
 ]
+ZWidthOption = Annotated[
+    str | None,
+    typer.Option(
+        "--zwidth",
+        metavar="CONFIG|DEVICE",
+        show_default=False,
+        help="Instead: the Z-width of this device, the (B, K) plane of virtual damping and stiffness, with and without "
+        "ticks and Coulomb friction.",
+    ),
+]
+PassivityOption = Annotated[
+    bool,
+    typer.Option(
+        "--passivity",
+        help="Instead: which points of these maps the passivity controller makes stable, and what it costs.",
+    ),
+]
 ForceOption = Annotated[bool, typer.Option("--force", help="Begin anew and replace FILE, whatever it holds.")]
 
 
@@ -101,12 +119,15 @@ def region_map(
     beta_max: BetaMaxOption = None,
     sigma_count: SigmaCountOption = 21,
     sigma_max: SigmaMaxOption = 3.0,
-    out: OutOption = Path("maps.npz"),
+    out: OutOption = _DEFAULT,
     figure: FigureOption = None,
     no_figure: NoFigureOption = False,
     jobs: JobsOption = None,
     dask: DaskOption = None,
     force: ForceOption = False,
+    zwidth: ZWidthOption = None,
+    passivity: PassivityOption = False,
+    assignments: SettingsOption = None,
     as_json: JsonOption = False,
 ) -> int:
     """Simulate a grid of friction values and compare what becomes of the motion with what the theory promises.
@@ -117,11 +138,21 @@ def region_map(
 
     Ctrl-C keeps what is finished; the same command again goes on from there. Exit code 1 means that some point
     contradicts its region; the points are listed.
+
+    With --zwidth or --passivity only a figure is written (-o FILE as .png, or --figure), and the answer is printed.
     """
+    if zwidth is not None and passivity:
+        raise UsageError("--zwidth and --passivity exclude each other")
+    if assignments and zwidth is None:
+        raise UsageError("--set changes the config of --zwidth; the maps have none")
+    if (zwidth is not None or passivity) and dask is not None:
+        raise UsageError("--dask is for the maps; --zwidth and --passivity take seconds and are computed here")
     if figure is not None and no_figure:
         raise UsageError("--figure and --no-figure exclude each other")
     if jobs is not None and dask is not None:
         raise UsageError("--jobs is for this machine; how many workers a Dask cluster has is the cluster's affair")
+    if out == _DEFAULT and (zwidth is not None or passivity):
+        out = Path("zwidth" if zwidth is not None else "passivity")
     if not out.suffix and not out.is_dir():
         out = out.with_suffix(".npz")
     picture = None if no_figure else figure or out.with_suffix(".png")
@@ -129,6 +160,10 @@ def region_map(
         raise UsageError(f"{picture}: a figure is one of {', '.join(_FIGURE_FORMATS)}")
     if out.is_dir() or not out.parent.is_dir():
         raise UsageError(f"{out} cannot be written: it is a folder or its folder does not exist")
+    if zwidth is not None:
+        if velocity is not None and (len(velocity) > 1 or velocity[0] <= 0.0):
+            raise UsageError("--zwidth takes one --velocity, above 0 ticks per period")
+        return map_studies.zwidth(zwidth, assignments, (velocity or [10.0])[0], picture, jobs, as_json)
     from hapticd.stability import map_report, map_store
     from hapticd.stability.map_engines import ClusterError
     from hapticd.stability.maps import Study
@@ -144,6 +179,8 @@ def region_map(
             sigma_max=sigma_max,
             periods=periods,
         )
+        if passivity:
+            return map_studies.passivity(study, picture, jobs, as_json)
         maps = map_store.begin(out, study, force=force)
     except ValueError as error:
         raise UsageError(str(error)) from None
@@ -220,6 +257,8 @@ def add_to(app: typer.Typer) -> None:
     examples = (
         "hapticd map                                        Fig. 6 and 7 of the paper",
         "hapticd map --tau-d 0.5 --velocity 2 -o half.npz --figure half.svg",
+        "hapticd map --zwidth re35 -o zwidth",
+        "hapticd map --passivity --periods 20000 -o passivity",
         "hapticd map --beta-count 340 --sigma-count 210 --dask tcp://cluster:8786 -o fine.npz",
     )
     codes = (exits.DONE, exits.NO, exits.USAGE, exits.INTERRUPTED)

@@ -8,16 +8,13 @@ from typing import Annotated
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, SocketOption, connect, register
+from hapticd.cli.options import JsonOption, SocketOption, connect, output_option, register
 
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE.prom",
-        show_default=False,
-        help="Replace this file, all at once, for node_exporter's textfile collector. Written without a daemon as well, "
+    output_option(
+        "FILE.prom",
+        "Replace this file, all at once, for node_exporter's textfile collector. Written without a daemon as well, "
         "with hapticd_up 0 in it.",
     ),
 ]

@@ -59,10 +59,37 @@ ConfigArgument = Annotated[
 ]
 
 
+ModelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--config",
+        metavar="CONFIG",
+        show_default=False,
+        help="Config (file or preset) for a file that carries none; a run's own config always goes first.",
+    ),
+]
+
+FIGURES = frozenset({".png", ".svg", ".pdf"})
+
+
+def output_option(metavar: str, text: str) -> Any:
+    """``-o`` of a command that writes one file."""
+    return typer.Option("-o", "--output", metavar=metavar, show_default=False, help=text)
+
+
 def folder_option(holds: str) -> Any:
     """``-o DIR`` of a command that writes several files; :func:`check_folder` looks at what was given."""
-    text = f"Folder for {holds}; made if missing."
-    return typer.Option("-o", "--output", metavar="DIR", show_default=False, help=text)
+    return output_option("DIR", f"Folder for {holds}; made if missing.")
+
+
+def quantity_option(flag: str, metavar: str, text: str) -> Any:
+    """A :func:`quantity` with or without a unit."""
+    return typer.Option(flag, parser=quantity, metavar=metavar, show_default=False, help=text)
+
+
+def duration_option(text: str) -> Any:
+    """``--duration``, see :func:`duration`."""
+    return typer.Option("--duration", parser=duration, metavar="S", show_default=False, help=text)
 
 
 def only_option(what: str) -> Any:
@@ -78,6 +105,20 @@ def check_folder(out: Path | None) -> None:
     """
     if out is not None and out.exists() and not out.is_dir():
         raise UsageError(f"{out} is a file; -o takes a folder")
+
+
+def check_figure_name(out: Path | None) -> None:
+    """Refuse a figure in a format that cannot be drawn, before any work is done.
+
+    Raises:
+        UsageError: another suffix than `FIGURES`, or no such folder.
+    """
+    if out is None:
+        return
+    if out.suffix.lower() not in FIGURES:
+        raise UsageError(f"{out}: a figure is a {', '.join(sorted(FIGURES))} file")
+    if not out.parent.is_dir():
+        raise UsageError(f"{out}: there is no folder {out.parent}")
 
 
 def register(
@@ -134,6 +175,38 @@ def finite(text: str) -> float:
     return value
 
 
+def quantity(text: str) -> str:
+    """A finite number with or without a unit (`hapticd.config.units`), as it was written: its size depends on the config.
+
+    Raises:
+        typer.BadParameter: it does not begin with a finite number.
+    """
+    from hapticd.config.units import UnitError, split
+
+    try:
+        split(text)
+    except UnitError as error:
+        raise typer.BadParameter(str(error)) from None
+    return text
+
+
+def duration(text: str) -> float:
+    """A duration above zero, in s; a bare number is one.
+
+    Raises:
+        typer.BadParameter: it is none.
+    """
+    from hapticd.config.units import UnitError, seconds
+
+    try:
+        value = seconds(text)
+    except UnitError as error:
+        raise typer.BadParameter(str(error)) from None
+    if value <= 0:
+        raise typer.BadParameter(f"{text!r} is not above zero")
+    return value
+
+
 def positive(text: str) -> float:
     """A finite number above zero.
 
@@ -177,6 +250,20 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
     return apply_settings(config, settings, source="command line") if settings else config
 
 
+def motion_of(config: Config, deflection: str | None, velocity: str | None) -> tuple[float | None, float | None]:
+    """``--deflection`` in coarse ticks and ``--velocity`` in coarse ticks per period, whatever their units were.
+
+    Raises:
+        UnitError: an unknown unit, or one of the other kind of device.
+    """
+    from hapticd.config.units import deflection_ticks, velocity_ticks
+
+    return (
+        None if deflection is None else deflection_ticks(deflection, config),
+        None if velocity is None else velocity_ticks(velocity, config),
+    )
+
+
 def guarded(text: str, answer: Mapping[str, Any]) -> str:
     """The text of an answer, and under it the guard's sentence where it has one."""
     guard = answer.get("guard")
@@ -185,12 +272,12 @@ def guarded(text: str, answer: Mapping[str, Any]) -> str:
 
 def connect(socket: Path | None) -> Client:
     """A client of the daemon that ``--socket`` or ``HAPTICD_SOCKET`` names, else of the user's own, else of the service."""
-    from hapticd.client import Client
+    from hapticd.client import Client, DaemonUnreachable
 
     if socket is None:
-        from hapticd.config import load_config, places
+        from hapticd.config import places
 
-        socket = Path(load_config(None).api.socket)
-        if not socket.exists() and places.service_socket().exists():
-            socket = places.service_socket()
+        socket = places.find_socket()
+        if reason := places.foreign(socket.parent):
+            raise DaemonUnreachable(f"{reason}; nothing is sent to whoever answers there")
     return Client(socket)

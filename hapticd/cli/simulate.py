@@ -14,7 +14,17 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, finite, positive, register, resolve_config
+from hapticd.cli.options import (
+    ConfigArgument,
+    JsonOption,
+    SettingsOption,
+    duration_option,
+    motion_of,
+    output_option,
+    quantity_option,
+    register,
+    resolve_config,
+)
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -26,37 +36,30 @@ _MANY_TICKS = 3e9
 _EXPORTED = (".csv", ".parquet", ".mat")
 
 DurationOption = Annotated[
-    float, typer.Option("--duration", parser=positive, metavar="S", show_default=False, help="Simulated time in s.")
+    float,
+    duration_option("Simulated time in s, or 500ms, 2min."),
 ]
 DeflectionOption = Annotated[
-    float | None,
-    typer.Option(
+    str | None,
+    quantity_option(
         "--deflection",
-        parser=finite,
-        metavar="TICKS",
-        show_default=False,
-        help="Begin at rest at this deflection from the spring's origin, in coarse ticks, exactly.",
+        "TICKS",
+        "Begin at rest at exactly this deflection from the spring's origin, in coarse ticks; or with a unit: "
+        "0.5rad, 30deg, 2mm, 217counts.",
     ),
 ]
 VelocityOption = Annotated[
-    float | None,
-    typer.Option(
+    str | None,
+    quantity_option(
         "--velocity",
-        parser=finite,
-        metavar="TICKS_PER_PERIOD",
-        show_default=False,
-        help="Begin at the origin with this velocity, in coarse ticks per servo period.",
+        "TICKS_PER_PERIOD",
+        "Begin at the origin with this velocity, in coarse ticks per servo period; or with a unit: 2rad/s, "
+        "90deg/s, 100rpm.",
     ),
 ]
 OutOption = Annotated[
     Path | None,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="RUN",
-        show_default=False,
-        help="Write every tick to this run file, replacing it if it exists.",
-    ),
+    output_option("RUN", "Write every tick to this run file, replacing it if it exists."),
 ]
 SafetyOption = Annotated[
     bool,
@@ -103,15 +106,16 @@ def simulate(
     if deflection is not None and velocity is not None:
         raise UsageError("--deflection and --velocity exclude each other: a run begins at rest or at the origin")
     resolved = resolve_config(config, assignments)
+    ticks, ticks_per_period = motion_of(resolved, deflection, velocity)
     if round(duration * resolved.servo.rate_hz) < 1:
         raise UsageError(f"--duration {duration:g} s is shorter than one servo period ({resolved.period:g} s)")
     if duration > _LONGEST_S:
         raise UsageError(
             f"--duration {duration:g} s is too long: the loop counts nanoseconds in 64 bits, at most {_LONGEST_S:.3g} s"
         )
-    if (ticks := duration * resolved.servo.rate_hz) > _MANY_TICKS:
+    if (periods := duration * resolved.servo.rate_hz) > _MANY_TICKS:
         output.note(
-            f"{ticks:.3g} ticks: at some 10 million a second this takes {ticks / 3.6e10:.2g} hours; Ctrl-C ends it"
+            f"{periods:.3g} ticks: at some 10 million a second this takes {periods / 3.6e10:.2g} hours; Ctrl-C ends it"
         )
     if out is not None and out.suffix.lower() in _EXPORTED:
         raise UsageError(
@@ -124,8 +128,8 @@ def simulate(
         result = run(
             resolved,
             duration,
-            deflection=deflection,
-            velocity=velocity,
+            deflection=ticks,
+            velocity=ticks_per_period,
             safety=safety,
             seed=seed,
             energies=not no_energies,
@@ -193,6 +197,7 @@ def add_to(app: typer.Typer) -> None:
     """Add the command."""
     examples = (
         "hapticd simulate --duration 1 --deflection 20.3 --set encoder.decimation=217",
+        "hapticd simulate --duration 500ms --deflection 30deg",
         "hapticd simulate rig.yaml --duration 10 --velocity 5 -o run.arrow --json",
     )
     register(app, simulate, *examples, codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED))

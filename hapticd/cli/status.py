@@ -66,6 +66,8 @@ def describe(report: dict[str, Any], socket: Path) -> str:
         ("energy", _energy(report["energy"])),
         ("recording", _recorder(report["recorder"])),
     ]
+    if (passivity := report["passivity"])["mode"] != "off":
+        rows.insert(-1, ("passivity", _passivity(passivity)))
     experiment = report.get("experiment") or {"state": "idle"}
     if experiment["state"] != "idle":
         rows.append(
@@ -77,6 +79,14 @@ def describe(report: dict[str, Any], socket: Path) -> str:
 def _energy(energy: dict[str, Any]) -> str:
     parts = (f"{name} {number(energy[f'{name}_J'])} J" for name in ("stored", "dissipated", "generated"))
     return f"{'   '.join(parts)}   ({energy['estimate']}, since the start)"
+
+
+def _passivity(passivity: dict[str, Any]) -> str:
+    parts = (f"{name.replace('_', ' ')} {number(passivity[f'{name}_J'])} J" for name in ("put_out", "generated"))
+    text = f"{'   '.join(parts)}   (observed, since the start)"
+    if passivity["mode"] == "control":
+        text += f"   dissipated {number(passivity['dissipated_J'])} J   adds {number(passivity['current'])} A"
+    return text
 
 
 def _percentiles(found: dict[str, Any]) -> str:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hapticd.client.errors import DaemonUnreachable, RequestRefused
+from hapticd.config.places import find_socket
 from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict
 
 ANSWER_TIMEOUT_S = 30.0
@@ -26,7 +27,8 @@ class Client(Endpoints):
     """Talks to the daemon on one socket. Every method of `Endpoints` returns the daemon's JSON reply as a dict.
 
     Args:
-        socket_path: the daemon's Unix socket.
+        socket_path: the daemon's Unix socket. None looks for it as the command line does: ``$HAPTICD_SOCKET``, the user's
+            own daemon, the service.
         timeout_s: how long to wait for an answer, s.
 
     Raises:
@@ -34,8 +36,8 @@ class Client(Endpoints):
         RequestRefused: from every method, when the daemon says no.
     """
 
-    def __init__(self, socket_path: str | Path, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
-        self.socket_path = Path(socket_path)
+    def __init__(self, socket_path: str | Path | None = None, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
+        self.socket_path = find_socket() if socket_path is None else Path(socket_path)
         self.timeout_s = timeout_s
 
     def wait(

@@ -21,6 +21,7 @@ def cross_findings(
     """What is wrong between keys that are each valid on their own."""
     yield from _origin(spring, encoder)
     yield from _dither(dither, servo, amplifier)
+    yield from _velocity(spring, servo)
     yield from _current(amplifier)
     yield from _lag(amplifier, servo)
 
@@ -50,6 +51,16 @@ def _dither(dither: Dither, servo: Servo, amplifier: Amplifier) -> Iterator[Find
         message = f"must be at most {peak:.6g} A, amplifier.peak_current"
         involves = frozenset({"dither.target", "dither.amplitude", "amplifier.peak_current"})
         yield Finding("dither.amplitude", dither.amplitude, message, peak, involves=involves)
+
+
+def _velocity(spring: Spring, servo: Servo) -> Iterator[Finding]:
+    nyquist = servo.rate_hz / 2
+    if spring.damping and spring.velocity_estimate == "low_pass" and spring.velocity_cutoff_hz >= nyquist:
+        message = f"must be below {nyquist:.6g} Hz, half of servo.rate_hz"
+        involves = frozenset(
+            {"spring.damping", "spring.velocity_estimate", "spring.velocity_cutoff_hz", "servo.rate_hz"}
+        )
+        yield Finding("spring.velocity_cutoff_hz", spring.velocity_cutoff_hz, message, nyquist, involves=involves)
 
 
 def _current(amplifier: Amplifier) -> Iterator[Finding]:

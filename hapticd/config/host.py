@@ -81,6 +81,10 @@ def _path(value: str) -> str:
         raise PydanticCustomError("message", "no such user's home directory") from None
 
 
+def _path_or_none(value: str | None) -> str | None:
+    return None if value is None else _path(value)
+
+
 def _socket_path(value: str) -> str:
     path = _path(value)
     size = len(path.encode(errors="surrogateescape"))
@@ -107,6 +111,11 @@ class Record(Section):
         default_directory,
         "Where run files go; null: $STATE_DIRECTORY/runs in a service, else $XDG_STATE_HOME/hapticd/runs",
     )
+    flight_directory: Annotated[Text | None, AfterValidator(_path_or_none)] = quantity(
+        None,
+        "Where the flight recorder lies, which outlives a crash; null: in memory ($RUNTIME_DIRECTORY, $XDG_RUNTIME_DIR, "
+        "/dev/shm). On a disk it may outlive a power cut, too, but the servo thread may wait for the disk",
+    )
     enabled: Flag = quantity(
         True, "Record every run from start to stop; false: only on request (`hapticd record start`), and on a fault"
     )
@@ -121,4 +130,9 @@ class Api(Section):
         "written, else /tmp/hapticd-$UID/hapticd.sock",
     )
     mode: Annotated[str, BeforeValidator(_mode)] = quantity("0660", "Permissions of the socket, octal, in quotes")
-    group: Text | None = quantity(None, "Group that owns the socket; null: the daemon's own")
+    group: Text | None = quantity(None, "Group that owns the socket and may command the motor; null: the daemon's own")
+    watch_group: Text | None = quantity(
+        None,
+        "Group that may only look: status, config, metrics, stream; null: whoever may write to the socket has control. "
+        "Where it is set, the kernel tells the daemon each caller's groups, and mode is 0666",
+    )

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import os
+import stat
 import tempfile
 from pathlib import Path
 
 _SERVICE_RUNTIME = Path("/run/hapticd")
+_TEMPORARY = Path("/tmp")  # noqa: S108 - for a folder of each user, see `foreign`
+_SHARED_MEMORY = Path("/dev/shm")  # noqa: S108 - the same
 
 
 def default_socket() -> str:
@@ -15,12 +18,55 @@ def default_socket() -> str:
         return str(runtime / "hapticd.sock")
     if os.access(_SERVICE_RUNTIME, os.W_OK):
         return str(service_socket())
-    return f"/tmp/hapticd-{os.getuid()}/hapticd.sock"
+    return str(_own_folder(_TEMPORARY) / "hapticd.sock")
 
 
 def service_socket() -> Path:
     """Where ``hapticd.service`` listens."""
     return _SERVICE_RUNTIME / "hapticd.sock"
+
+
+def memory_folder() -> Path:
+    """This user's folder in ``/dev/shm``."""
+    return _own_folder(_SHARED_MEMORY)
+
+
+def foreign(directory: Path) -> str | None:
+    """Why this user's folder in ``/tmp`` or ``/dev/shm`` must not be used; None: it is his, or not there, or another folder.
+
+    Everybody may write there, so that somebody else may have made it first, and would replace what we put into it.
+    """
+    if directory not in (_own_folder(_TEMPORARY), _own_folder(_SHARED_MEMORY)):
+        return None
+    try:
+        found = directory.lstat()
+    except FileNotFoundError:
+        return None
+    if not stat.S_ISDIR(found.st_mode):
+        return f"{directory} is not a directory"
+    if found.st_uid != os.getuid():
+        return f"{directory} belongs to uid {found.st_uid}, not to uid {os.getuid()}: have it removed"
+    if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        mode = stat.S_IMODE(found.st_mode)
+        return f"others may write to {directory} (mode {mode:04o}): remove it, or 'chmod go-w {directory}'"
+    return None
+
+
+def _own_folder(place: Path) -> Path:
+    return place / f"hapticd-{os.getuid()}"
+
+
+def service_directory() -> Path:
+    """Where ``hapticd.service`` records."""
+    return Path("/var/lib/hapticd/runs")
+
+
+def find_socket() -> Path:
+    """The socket to look for a daemon on: ``$HAPTICD_SOCKET``, else the user's own, else the service's if it is there."""
+    if given := os.environ.get("HAPTICD_SOCKET"):
+        return Path(given)
+    own, service = Path(default_socket()), service_socket()
+    return service if service.exists() and not own.exists() else own
 
 
 def default_directory() -> str:

@@ -12,6 +12,7 @@ from pathlib import Path
 import yaml
 from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
+from hapticd.config.opening import open_regular
 from hapticd.config.problems import ConfigError, Problem
 from hapticd.config.text import shown
 
@@ -45,7 +46,7 @@ def read_text(path: Path, name: str) -> str:
         ConfigError: missing, a directory, unreadable, too large or not text.
     """
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             data = stream.read(_MAX_BYTES + 1)
     except FileNotFoundError:
         raise _failure(name, "no such file") from None

@@ -28,6 +28,7 @@ from hapticd.config.fields import (
 from hapticd.config.problems import NO_VALUE, Finding
 
 INT64_MAX = 2**63 - 1
+MOST_VELOCITY_PERIODS = 1000
 _ROUNDED = 1e-3
 """Correlations are written with few digits."""
 
@@ -59,6 +60,18 @@ class Spring(Section):
     """The rendered virtual spring (eq. 2)."""
 
     stiffness: Number = quantity(0.012, "Stiffness K", "N m/rad", linear="N/m", ge=0)
+    damping: Number = quantity(0.0, "Virtual damping B, beside the spring", "N m s/rad", linear="N s/m", ge=0)
+    velocity_estimate: Literal["difference", "low_pass"] = quantity(
+        "difference",
+        "How the damping knows the velocity: difference: of the coarse positions over velocity_periods; low_pass: of the "
+        "last two, through a first-order low-pass of velocity_cutoff_hz",
+    )
+    velocity_periods: Whole = quantity(
+        1, "Servo periods over which the difference is taken", "periods", ge=1, le=MOST_VELOCITY_PERIODS
+    )
+    velocity_cutoff_hz: Number = quantity(
+        100.0, "Cut-off of the low-pass; below half the servo rate", "Hz", gt=0, le=10_000
+    )
     origin: Number = quantity(
         0.0, "Position of the spring's origin, snapped to a raw encoder count", "rad", linear="m", ge=-1e6, le=1e6
     )
@@ -270,4 +283,9 @@ class Safety(Section):
         "refuse",
         "What becomes of a spring whose motion, says the theory, does not die out: refuse: not rendered unless forced; "
         "warn: rendered, and said; off: not looked at",
+    )
+    passivity: Literal["off", "observe", "control"] = quantity(
+        "off",
+        "Passivity in the time domain: off: not looked at; observe: the loop books the energy that the rendered spring puts "
+        "out; control: it also adds the damping that dissipates what the spring had not stored",
     )

@@ -24,6 +24,12 @@ R = TypeVar("R")
 LONGEST_DURATION_S: Final = 3600.0
 TEXT: Final = "text"
 """Reply of an endpoint that answers with plain text."""
+_ERRORS: Final[dict[Queue, tuple[int, ...]]] = {
+    "query": (),
+    "command": (400, 403, 409, 413, 422),
+    "stop": (403, 502),
+    "estop": (403, 502),
+}
 _MARK: Final = "__endpoint__"
 
 
@@ -37,6 +43,8 @@ class Endpoint:
         reply: name of its model in `hapticd.control.schemas`, `TEXT`, or None for a dict without a model.
         queue: the executor that answers it. Stops never wait behind anything else.
         errors: HTTP codes that it may answer with, besides 200.
+        asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user. The server says
+            so, from what the kernel tells it; it is no field of the body.
         signature: of the method, without ``self``: the fields of the body.
         description: the docstring, without ``Args`` and what follows.
     """
@@ -47,6 +55,7 @@ class Endpoint:
     reply: str | None
     queue: Queue
     errors: tuple[int, ...]
+    asks_trust: bool
     signature: inspect.Signature
     description: str
 
@@ -68,6 +77,7 @@ def endpoint(
     *,
     queue: Queue | None = None,
     device: bool = False,
+    asks_trust: bool = False,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Declare the endpoint whose name, body and help are the method's name, signature and docstring.
 
@@ -76,16 +86,25 @@ def endpoint(
         reply: see `Endpoint`.
         queue: the executor; by default that of queries for GET, that of commands for POST.
         device: it reaches the device, which may fail.
+        asks_trust: see `Endpoint`.
     """
 
     def declare(function: Callable[P, R]) -> Callable[P, R]:
         signature = inspect.signature(function, eval_str=True)
         fields = signature.replace(parameters=list(signature.parameters.values())[1:])
         executor: Queue = queue or ("query" if method == "GET" else "command")
-        errors = {"query": (), "command": (400, 409, 413, 422), "stop": (502,), "estop": (502,)}[executor]
+        errors = _ERRORS[executor]
         text = re.split(r"\n\n(?:Args|Returns|Raises):", inspect.cleandoc(function.__doc__ or ""))[0]
         declared = Endpoint(
-            function.__name__, method, path, reply, executor, errors + ((502,) if device else ()), fields, text
+            function.__name__,
+            method,
+            path,
+            reply,
+            executor,
+            errors + ((502,) if device else ()),
+            asks_trust,
+            fields,
+            text,
         )
 
         @functools.wraps(function)
@@ -310,7 +329,7 @@ class Endpoints:
             Refused: not in a state that allows it, or another experiment is running.
         """
 
-    @endpoint("POST", "/record/start", "RecorderStatus")
+    @endpoint("POST", "/record/start", "RecorderStatus", asks_trust=True)
     def record_start(
         self,
         path: Annotated[
@@ -320,10 +339,10 @@ class Endpoints:
         """Start recording every tick.
 
         The file is an Arrow IPC stream with the config, versions and host facts in its metadata. An existing file is
-        refused.
+        refused; so is one outside record.directory, unless the caller is the user of a daemon that is no service.
 
         Raises:
-            Refused: already recording, or the file exists.
+            Refused: already recording, the file exists, or (code ``outside``) it is outside ``record.directory``.
         """
 
     @endpoint("POST", "/record/stop", "RecorderStatus")

@@ -134,6 +134,17 @@ class Energy(Reply):
     unexplained_J: float
 
 
+class Passivity(Reply):
+    """What the passivity observer has booked since the last start, from counts and currents; null where it is off."""
+
+    mode: Literal["off", "observe", "control"]
+    put_out_J: float | None = Field(description="Work of the current sent, J.")
+    generated_J: float | None = Field(description="Of it what the spring had not stored, J.")
+    excess_J: float | None = Field(description="Of that what is still to be dissipated, J.")
+    dissipated_J: float | None = Field(description="Dissipated by the controller, J.")
+    current: float | None = Field(description="That the controller adds now, A.")
+
+
 class Guard(Reply):
     """What the stability guard says."""
 
@@ -159,6 +170,7 @@ class Status(Reply):
     force: float | None = Field(description="Rendered by the spring, N m or N.")
     units: dict[str, str] = Field(description="Units of position, velocity, current and force.")
     energy: Energy
+    passivity: Passivity
     recorder: RecorderStatus
     experiment: Experiment | None
 

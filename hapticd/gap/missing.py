@@ -160,6 +160,9 @@ def explainable(fit: Fit, found: Missing, count: int = 8) -> float:
     left = 0.0
     for k in range(constants.FOLDS):
         H, g = sum(gram) - gram[k], sum(cross) - cross[k]
+        if not np.any(H):  # the shaft moved in this fold alone: nothing to learn from
+            left += float(np.sum(target[fold == k] ** 2))
+            continue
         H = H + 1e-3 * np.diag(np.diag(H)) + 1e-12 * np.trace(H) * np.eye(H.shape[0])
         left += float(np.sum((target[fold == k] - design[fold == k] @ np.linalg.solve(H, g)) ** 2))
     return max(1.0 - left / total, 0.0)

@@ -60,8 +60,8 @@ def slower_case(case: Case, rate_hz: float) -> Case:
 def slower_rig(config: Config, from_hz: float, rate_hz: float) -> Config:
     """A rig that is at ``rate_hz`` what the config's is at ``from_hz``: the same μ, β, σ, τ_D (Table I) and limits.
 
-    With s = T'/T: inertia s² m, viscous friction s b, amplifier lag s T_A; speeds become slower by s. The delay of the
-    driver is the device's own, and stays.
+    With s = T'/T: inertia s² m, viscous friction s b, virtual damping s B with its cut-off f/s, amplifier lag s T_A; speeds
+    become slower by s. The delay of the driver is the device's own, and stays.
 
     Raises:
         HilError: the plant has effects, whose parameters have no such rule.
@@ -70,9 +70,13 @@ def slower_rig(config: Config, from_hz: float, rate_hz: float) -> Config:
         raise HilError("plant.effects: cannot be brought to another rate; leave them out for --device firmware")
     s = from_hz / rate_hz
     plant, hand, amplifier, safety = config.plant, config.hand, config.amplifier, config.safety
+    spring = config.spring
     return config.model_copy(
         update={
             "servo": config.servo.model_copy(update={"rate_hz": rate_hz}),
+            "spring": spring.model_copy(
+                update={"damping": s * spring.damping, "velocity_cutoff_hz": spring.velocity_cutoff_hz / s}
+            ),
             "delay": config.delay.model_copy(update={"computation_s": s * config.delay.computation_s}),
             "plant": plant.model_copy(update={"inertia": s * s * plant.inertia, "viscous": s * plant.viscous}),
             "hand": hand.model_copy(update={"inertia": s * s * hand.inertia, "damping": s * hand.damping}),

@@ -32,18 +32,23 @@ if TYPE_CHECKING:
 
 FITTED = ("inertia", "viscous", "coulomb", "bias", "delay_s")
 """What is fitted, in the order of every vector and matrix here."""
+_BIAS = FITTED.index("bias")
 _OWN_ELEMENTS = ("delay_s", "transport_delay.t_d", "constant_bias.tau_0")
 """Elements of the device vector that the fit takes over from the model."""
 _FARTHEST = 100.0
 """Factor by which a parameter may leave its start."""
 _LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS = 0.02, 10.0
 _SCANNED_PERIODS = np.arange(0.1, 6.0, 0.2)
+_SCANNED_ERRORS = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
+"""Distances in standard errors at which another bias is tried."""
 _SHAKE, _SHAKEN_STEPS = 1.2, 8
 """Logarithm of the factor to the disturbance; most steps under it."""
 _POOR_STEP = 0.1
 """Gain of a step that is the last one, nats."""
 _MARGIN = 1e-6
 """Distance from the bounds at which the covariance is found, in scales of each coordinate."""
+_ROUGHLY = 0.5
+"""Gain of a step that ends a climb, nats, as long as another start may be likelier."""
 _THINNED = 4
 """The first fit takes every fourth block."""
 
@@ -91,16 +96,19 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     problem = replace(problem, base=base)
     terms = _terms(start, problem.torque, problem.series.period_s)
     thinned = replace(problem, series=_thinned(problem.series))
-    first = Fit(thinned, terms, first_noise(thinned, terms))
-    _scan_starts(first, start)
-    _scan_delay(first)
-    fit = _inside(_shaken(first.maximise(40).on(problem).maximise()))
+    begun = Fit(thinned, terms, first_noise(thinned, terms))
+    found = max((_climbed(fit) for fit in (begun, _likeliest(begun, start.at_delays))), key=_likelihood)
+    whole = found.on(problem.with_free_memory())
+    _scan_bias(whole)
+    fit = _inside(_shaken(whole.maximise(tolerance=_ROUGHLY)).maximise())
     fit.differentiate()
     values = fit.u[-len(FITTED) :].copy()
     values[0] = np.exp(values[0])
     slopes = _slopes(values)
     covariance = fit.covariance()[-len(FITTED) :, -len(FITTED) :] * np.outer(slopes, slopes)
-    return BaseFit(values, covariance, fit)
+    wider = np.ones(len(FITTED))
+    wider[_BIAS] = max(1.0, _least_error_of_bias(fit) / np.sqrt(covariance[_BIAS, _BIAS]))
+    return BaseFit(values, covariance * np.outer(wider, wider), fit)
 
 
 def _inside(fit: Fit) -> Fit:
@@ -119,11 +127,26 @@ def _slopes(values: Floats) -> Floats:
     return slopes
 
 
-def _scan_starts(fit: Fit, start: Balance) -> None:
-    """Go to the likeliest start. In a slow motion, least squares hardly tell a delay, and inertia and friction follow it."""
-    noises = fit.noise.size
-    for values in start.at_delays:
-        fit.move(np.concatenate([fit.u[:noises], [np.log(values[0])], values[1:]]))
+def _likeliest(fit: Fit, at_delays: Floats) -> Fit:
+    """The same noise with the likeliest of the balances at all delays.
+
+    In a slow motion, least squares hardly tell a delay, and inertia and friction follow it. Where a disturbance is strong,
+    the likeliest balance may be the wrong one, as long as the noise is not fitted: so it is one of two starts.
+    """
+    noise = fit.noise
+    fit = fit.on(fit.problem)
+    for values in at_delays:
+        fit.move(np.concatenate([noise, [np.log(values[0])], values[1:]]))
+    return fit
+
+
+def _climbed(fit: Fit) -> Fit:
+    _scan_delay(fit)
+    return fit.maximise(40, _ROUGHLY)
+
+
+def _likelihood(fit: Fit) -> float:
+    return fit.log_likelihood
 
 
 def _scan_delay(fit: Fit) -> None:
@@ -132,6 +155,26 @@ def _scan_delay(fit: Fit) -> None:
         u = fit.u.copy()
         u[-1] = periods * fit.problem.series.period_s
         fit.move(u)
+
+
+def _least_error_of_bias(fit: Fit) -> float:
+    """Standard error of the bias if the torque itself could be seen all the time (Cramér–Rao), N m or N.
+
+    A bias is not told from the mean of the disturbance, a Gauss–Markov process of variance s² and correlation time τ: over
+    a time T no unbiased estimate of a mean has a smaller variance than 2 s² τ / (T + 2τ).
+    """
+    _, _, rms, memory_s, _ = fit.noise_values()
+    return float(rms * np.sqrt(2.0 * memory_s / (fit.problem.series.duration_s + 2.0 * memory_s)))
+
+
+def _scan_bias(fit: Fit) -> None:
+    """Line search over the biases that the mean of the disturbance may hide: the likelihood has maxima among them."""
+    centre, error = fit.u[_BIAS - len(FITTED)], _least_error_of_bias(fit)
+    for errors in _SCANNED_ERRORS:
+        for side in (1.0, -1.0):
+            u = fit.u.copy()
+            u[_BIAS - len(FITTED)] = centre + side * errors * error
+            fit.move(u)
 
 
 def _shaken(fit: Fit) -> Fit:
@@ -144,8 +187,11 @@ def _shaken(fit: Fit) -> Fit:
     noise = fit.noise.copy()
     noise[DISTURBANCE] += _SHAKE
     other = fit.with_noise(noise)
+    _scan_bias(other)
     _climb(other)
-    other = other.with_noise(fit.noise).maximise()
+    other = other.with_noise(fit.noise)
+    _scan_bias(other)
+    other.maximise(tolerance=_ROUGHLY)
     return other if other.log_likelihood > fit.log_likelihood else fit
 
 

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
 
     from hapticd.config import Config
     from hapticd.gap.recording import Recording
+    from hapticd.record import Run
 
 REPLACED = ("inertia_error", "viscous_friction", "coulomb_friction", "constant_bias", "transport_delay")
 """Effects of the model that correct what is fitted here: the fit takes their place."""
@@ -47,7 +48,15 @@ def load_any(path: str | Path, model: Config) -> Recording:
     Raises:
         RunFileError, ConfigError, RecordingError: as `hapticd.gap.data.load_recording`.
     """
-    run = read_run(path)
+    return readable(read_run(path), model)
+
+
+def readable(run: Run, model: Config) -> Recording:
+    """A run as `identify` takes it, whatever the plant of the model is.
+
+    Raises:
+        ConfigError, RecordingError: as `hapticd.gap.data.recording_of`.
+    """
     # The checks compare with the plant, which is what is not known; a plant without mass or friction passes them.
     recording = recording_of(run, _with_plant(model, *(_LIGHT * np.array([1.0, 0.0, 0.0]))))
     return replace(recording, warnings=run.warnings)
@@ -154,7 +163,10 @@ def _result(found: BaseFit, recordings: Sequence[Recording], model: Config, star
     declared = model.amplifier.delay + declared_latency(model)[0]
     noise = found.fit.noise_values()
     return Identified(
-        **{name: estimates[name] for name in ("inertia", "viscous", "coulomb", "bias")},
+        inertia=estimates["inertia"],
+        viscous=estimates["viscous"],
+        coulomb=estimates["coulomb"],
+        bias=estimates["bias"],
         delay=estimates["delay_s"],
         sign=start.sign,
         deviations=spread[index] * found.reach / float(norm.isf(0.025)),

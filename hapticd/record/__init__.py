@@ -4,11 +4,13 @@ from hapticd.record.errors import RecordingError, RunFileError
 from hapticd.record.export import export
 from hapticd.record.importing import Imported, import_run
 from hapticd.record.importing_map import ImportMap, load_map, parse_map
+from hapticd.record.importing_mcap import import_mcap
 from hapticd.record.metadata import host_facts, run_metadata, versions
 from hapticd.record.reader import Run, read_run
 from hapticd.record.recorder import Recorder
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, ROW
 from hapticd.record.summary import summary
+from hapticd.record.verify import Verdict, verify
 from hapticd.record.writer import RunWriter
 
 __all__ = [
@@ -21,13 +23,16 @@ __all__ = [
     "Run",
     "RunFileError",
     "RunWriter",
+    "Verdict",
     "export",
     "host_facts",
+    "import_mcap",
     "import_run",
     "load_map",
     "parse_map",
     "read_run",
     "run_metadata",
     "summary",
+    "verify",
     "versions",
 ]

@@ -9,11 +9,11 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hapticd.record.metadata import encode_metadata
 from hapticd.record.schema import COLUMNS, ROW, Rows
-
-END_OF_STREAM = b"\xff\xff\xff\xff\x00\x00\x00\x00"
+from hapticd.record.stream import METADATA_CHECK, metadata_checksum
 
 _NAMES = ROW.names or ()
 _IS_FLOAT = tuple(ROW[name].kind == "f" for name in _NAMES)
@@ -37,14 +37,19 @@ def arrow_schema(metadata: Mapping[str, Any]) -> Any:
         )
         for column in COLUMNS
     ]
-    return pa.schema(fields, metadata=encode_metadata(metadata))
+    schema = pa.schema(fields, metadata=encode_metadata(metadata))
+    return schema.with_metadata({**schema.metadata, METADATA_CHECK: metadata_checksum(schema)})
 
 
-def rows_to_batch(rows: Rows, schema: Any) -> Any:
-    """``pyarrow.RecordBatch`` of the rows: one transposing copy of the block, then views of it."""
+def rows_to_block(rows: Rows) -> NDArray[np.int64]:
+    """The rows column by column, shape (columns, n), each value as its eight bytes: one transposing copy."""
+    return np.ascontiguousarray(rows).view(np.int64).reshape(rows.size, len(_NAMES)).T.copy()
+
+
+def block_to_batch(block: NDArray[np.int64], schema: Any) -> Any:
+    """``pyarrow.RecordBatch`` of views of a block."""
     import pyarrow as pa
 
-    block = np.ascontiguousarray(rows).view(np.int64).reshape(rows.size, len(_NAMES)).T.copy()
     columns = [
         pa.array(line.view(np.float64) if is_float else line) for line, is_float in zip(block, _IS_FLOAT, strict=True)
     ]

@@ -1,7 +1,8 @@
-"""Export a run to CSV, Parquet or MATLAB, metadata included.
+"""Export a run to CSV, Parquet, MATLAB or MCAP, metadata included.
 
 Each format keeps the run in one file that describes itself: CSV has the metadata in leading ``#`` lines, Parquet in its
-schema, MAT in a struct ``hapticd``. The file appears whole under its name or not at all.
+schema, MAT in a struct ``hapticd``, MCAP in a Metadata record (`hapticd.record.mcap`). The file appears whole under its name
+or not at all.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ def export(run: Run, to: str, out: str | Path | None = None, *, force: bool = Fa
 
     Args:
         run: what `reader.read_run` gave.
-        to: ``csv``, ``parquet`` or ``mat``.
+        to: ``csv``, ``parquet``, ``mat`` or ``mcap``.
         out: the file; None: the run's own name with the format's suffix.
         force: replace a file that exists.
 
@@ -59,7 +60,8 @@ def export(run: Run, to: str, out: str | Path | None = None, *, force: bool = Fa
 
 
 def _metadata(run: Run) -> dict[str, Any]:
-    return {**run.metadata, "units": run.units, "events": run.events, "truncated": run.truncated}
+    lost = [{"event": "damaged", "first_row": part.first_row, "end_row": part.end_row} for part in run.damage]
+    return {**run.metadata, "units": run.units, "events": run.events + lost, "truncated": run.truncated}
 
 
 def _table(run: Run) -> Any:
@@ -100,6 +102,12 @@ def _write_mat(run: Run, file: BinaryIO) -> None:
     savemat(stream, contents, long_field_names=True, oned_as="column", do_compression=True)
 
 
+def _write_mcap(run: Run, file: BinaryIO) -> None:
+    from hapticd.record.mcap import write_mcap
+
+    write_mcap(run.columns, run.units, _metadata(run), file)
+
+
 def _legal_names(names: list[str]) -> dict[str, str]:
     """MATLAB names (a letter, then letters, digits, ``_``; at most 63) for the given ones, all different."""
     legal: dict[str, str] = {}
@@ -131,4 +139,5 @@ _WRITERS: dict[str, Callable[[Run, BinaryIO], None]] = {
     "csv": _write_csv,
     "parquet": _write_parquet,
     "mat": _write_mat,
+    "mcap": _write_mcap,
 }

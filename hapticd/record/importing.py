@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config import Config, load_config
+from hapticd.config.units import CURRENT_UNITS, TIME_UNITS
 from hapticd.record.errors import RunFileError
-from hapticd.record.importing_map import COUNT, CURRENT_UNITS, TIME_UNITS, ImportMap, Signal
+from hapticd.record.importing_map import COUNT, ImportMap, Signal
 from hapticd.record.importing_sources import Source, read_source
 from hapticd.record.metadata import run_metadata
 from hapticd.record.reader import time_warnings

@@ -14,23 +14,11 @@ from hapticd.config.nearest import nearest_key
 from hapticd.config.problems import ConfigError, Problem
 from hapticd.config.reading import read_text, read_yaml
 from hapticd.config.text import shown
+from hapticd.config.units import ANGLE_UNITS, CURRENT_UNITS, FORCE_UNITS, LENGTH_UNITS, TIME_UNITS, TORQUE_UNITS
 
 Reference = StrictStr | StrictInt
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0}
-ANGLE_UNITS = {
-    "rad": 1.0,
-    "mrad": 1e-3,
-    "deg": 0.017453292519943295,
-    "rev": 6.283185307179586,
-    "arcmin": 2.908882086657216e-4,
-    "arcsec": 4.84813681109536e-6,
-}
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": 0.0254}
 COUNT = "count"
-CURRENT_UNITS = {"A": 1.0, "mA": 1e-3, "uA": 1e-6}
-TORQUE_UNITS = {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6, "N cm": 1e-2}
-FORCE_UNITS = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 
 
 class _Part(BaseModel):

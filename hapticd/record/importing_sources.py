@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config.nearest import nearest_name
+from hapticd.config.opening import open_regular
 from hapticd.config.text import decimal_comma
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
-from hapticd.record.reader import delimiter_hint
+from hapticd.record.reader import delimiter_hint, read_parquet
 
 _MATLAB_PRIVATE = ("__header__", "__version__", "__globals__")
 
@@ -99,8 +100,12 @@ def read_source(path: Path, mapping: ImportMap) -> Source:
         raise RunFileError(
             f"{path}: cannot import {path.suffix or 'a file without a suffix'}; {', '.join(_READERS)} can"
         )
-    if not path.is_file():
-        raise RunFileError(f"cannot read {path}: {'is not a file' if path.exists() else 'no such file'}")
+    try:
+        open_regular(path).close()
+    except FileNotFoundError:
+        raise RunFileError(f"cannot read {path}: no such file") from None
+    except OSError as error:
+        raise RunFileError(f"cannot read {path}: {error.strerror}") from error
     try:
         return reader(path, mapping)
     except OSError as error:
@@ -138,13 +143,7 @@ def _csv(path: Path, mapping: ImportMap) -> Source:
 
 
 def _parquet(path: Path, mapping: ImportMap) -> Source:
-    import pyarrow as pa
-    import pyarrow.parquet as pq
-
-    try:
-        return _from_table(path, pq.read_table(path, partitioning=None), named=True)
-    except pa.ArrowException as error:
-        raise RunFileError(f"{path} is not a Parquet file: {str(error).splitlines()[0].rpartition(': ')[2]}") from None
+    return _from_table(path, read_parquet(path), named=True)
 
 
 def _from_table(path: Path, table: Any, *, named: bool) -> Source:
@@ -155,7 +154,8 @@ def _from_table(path: Path, table: Any, *, named: bool) -> Source:
 
 def _npy(path: Path, mapping: ImportMap) -> Source:
     try:
-        data = np.load(path, allow_pickle=False)
+        # Mapped, not read: a header that claims more than the file holds is an error here, and no memory.
+        data = np.load(path, allow_pickle=False, mmap_mode="r")
     except EOFError:
         raise RunFileError(f"{path} is empty") from None
     except ValueError as error:

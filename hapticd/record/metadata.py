@@ -20,7 +20,9 @@ from typing import Any
 
 import numpy as np
 
-FORMAT_VERSION = 1
+from hapticd.record.stream import METADATA_CHECK
+
+FORMAT_VERSION = 2
 _PREFIX = b"hapticd."
 _PACKAGES = ("hapticd", "numpy", "numba", "llvmlite", "scipy", "pyarrow", "pydantic")
 _MODEL_SECTIONS = ("plant", "amplifier", "encoder", "hand")
@@ -130,7 +132,7 @@ def decode_metadata(stored: Mapping[bytes, bytes] | None) -> dict[str, Any]:
     """Inverse of `encode_metadata`; foreign keys are left out, a value that is not JSON is given as text."""
     metadata: dict[str, Any] = {}
     for key, raw in (stored or {}).items():
-        if key.startswith(_PREFIX):
+        if key.startswith(_PREFIX) and key != METADATA_CHECK:
             text = raw.decode(errors="replace")
             try:
                 metadata[key.removeprefix(_PREFIX).decode(errors="replace")] = json.loads(text)

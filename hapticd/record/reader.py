@@ -6,25 +6,33 @@ The least a run needs is time, a position and a command: `time_s`; `encoder_coun
 
 from __future__ import annotations
 
-import json
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.record.arrow import END_OF_STREAM
+from hapticd.config.opening import open_regular
 from hapticd.record.errors import RunFileError
 from hapticd.record.metadata import decode_metadata
 from hapticd.record.schema import COLUMNS, ROW
+from hapticd.record.stream import Damage, Stream, brief, read_stream
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
 
 CSV_METADATA_LINE = "# hapticd "
 _NEEDED = (("time_s",), ("encoder_counts", "position"), ("current_command_A", "force"))
 _ELSEWHERE = (".mat", ".npy", ".npz", ".xlsx", ".xls", ".txt", ".tsv", ".h5", ".hdf5")
 _IMPORT = "'hapticd import' brings in files with other names, units and formats"
 _LARGEST = 2.0**63
+_LEAST_PARQUET_LIMIT = 1 << 28
+_PARQUET_GROWTH = 200
+_PARQUET_ROWS = 1 << 16
 _DELIMITERS = ((";", ";"), ("\t", "\\t"), ("|", "|"), (" ", " "))
 _FLOATS = [name for name in ROW.names or () if ROW[name].kind == "f"] + ["position", "force"]
 
@@ -41,6 +49,7 @@ class Run:
         events: what was noted during the run, each with the ``row`` before which it happened.
         truncated: the recording was not ended properly (killed, disk full); the rows are those up to the cut.
         warnings: what a reader should know before trusting the run, in words.
+        damage: rows that did not match their checksum and were left out (``salvage``).
     """
 
     path: Path
@@ -50,31 +59,54 @@ class Run:
     events: list[dict[str, Any]] = field(default_factory=list)
     truncated: bool = False
     warnings: tuple[str, ...] = ()
+    damage: tuple[Damage, ...] = ()
 
     @property
     def rows(self) -> int:
         """Number of rows."""
         return len(next(iter(self.columns.values()), ()))
 
+    def to_pandas(self) -> pd.DataFrame:
+        """The rows as a DataFrame over ``time_s``; ``.attrs["units"]`` has the unit of each column."""
+        from hapticd.record.tables import to_pandas
 
-def read_run(path: str | Path) -> Run:
-    """Read a run file: ``.csv``, ``.parquet``, anything else as a native Arrow stream.
+        return to_pandas(self.columns, self.units, str(self.path))
+
+    def to_xarray(self) -> xr.Dataset:
+        """The rows as a Dataset over ``time_s``, each variable with ``units``; needs ``hapticd[xarray]``."""
+        from hapticd.record.tables import to_xarray
+
+        return to_xarray(self.columns, self.units, {"run": str(self.path), **self.metadata})
+
+
+def read_run(path: str | Path, *, salvage: bool = False) -> Run:
+    """Read a run file: ``.csv``, ``.parquet``, ``.mcap``, anything else as a native Arrow stream.
+
+    Args:
+        path: the file.
+        salvage: read what is left of a native file that is damaged, with the damage in `Run.damage` and in words.
 
     Raises:
-        RunFileError: the file is missing, empty or no run file, lacks a column, or a known column holds something else.
+        RunFileError: the file is missing, empty, damaged or no run file, lacks a column, or a known column holds something
+            else.
     """
     path = Path(path)
-    try:
-        with path.open("rb") as file:
-            head = file.read(8)
-    except OSError as error:
-        raise RunFileError(f"cannot read {path}: {error.strerror}") from error
-    if not head:
+    if not _regular_size(path):
         raise RunFileError(f"{path} is empty: its recording ended before anything was written")
     if path.suffix.lower() in _ELSEWHERE:
         raise RunFileError(f"{path} is not a run file; {_IMPORT}")
-    readers = {".csv": _read_csv, ".parquet": _read_parquet}
-    table, events, whole = readers.get(path.suffix.lower(), _read_stream)(path)
+    damaged: list[str] = []
+    damage: tuple[Damage, ...] = ()
+    if path.suffix.lower() in _TABLES:
+        table, events, whole = _TABLES[path.suffix.lower()](path), [], True
+    else:
+        stream = native_stream(path)
+        table, events, whole, damage = _table(path, stream), stream.events, stream.whole, tuple(stream.damage)
+        damaged = damage_words(stream)
+    if damaged and not salvage:
+        raise RunFileError(
+            f"{path} is damaged: {'; '.join(damaged)}; 'hapticd export {path} --to parquet --salvage' keeps the rest"
+        )
 
     try:
         names = [str(name) for name in table.column_names]
@@ -93,46 +125,83 @@ def read_run(path: str | Path) -> Run:
     events = metadata.pop("events", []) or events
     truncated = bool(metadata.pop("truncated", False)) or not whole
     warnings = [f"{path.name} was not ended properly; its rows end with the last whole batch"] if truncated else []
+    warnings += [f"{path.name} is damaged: {words}" for words in damaged]
     warnings += time_warnings(columns["time_s"])
-    return Run(path, columns, metadata, units or exported_units, events, truncated, tuple(warnings))
+    return Run(path, columns, metadata, units or exported_units, events, truncated, tuple(warnings), damage)
 
 
-def _read_stream(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
+def native_stream(path: Path) -> Stream:
+    """The batches of a native run file.
+
+    Raises:
+        RunFileError: it cannot be read, or is none.
+    """
+    try:
+        return read_stream(path, path.read_bytes())
+    except OSError as error:
+        raise RunFileError(f"cannot read {path}: {error.strerror}") from error
+
+
+def damage_words(stream: Stream) -> list[str]:
+    """What is damaged, in words; nothing for a file that is as it was written, or cut at its end."""
+    words = [f"{damage} do not match their checksum" for damage in stream.damage]
+    if stream.metadata_damaged:
+        words.append("its description (config, units, names) does not match its checksum")
+    return words
+
+
+def _table(path: Path, stream: Stream) -> Any:
     import pyarrow as pa
 
-    batches: list[Any] = []
-    events: list[dict[str, Any]] = []
-    with pa.OSFile(str(path)) as source:
-        try:
-            stream = pa.ipc.open_stream(source)
-        except (pa.ArrowException, OSError) as error:
-            raise RunFileError(f"{path} is not a run file (no Arrow stream: {_brief(error)})") from None
-        try:
-            while True:
-                batch, notes = stream.read_next_batch_with_custom_metadata()
-                batch.validate()
-                batches.append(batch)
-                if notes and b"hapticd.events" in notes:
-                    events += json.loads(notes[b"hapticd.events"])
-        except StopIteration:
-            source.seek(max(source.size() - len(END_OF_STREAM), 0))
-            whole = source.read() == END_OF_STREAM
-        except (pa.ArrowException, OSError, ValueError):
-            whole = False
-    return pa.Table.from_batches(batches, stream.schema), events, whole
+    try:
+        return pa.Table.from_batches(stream.batches, stream.schema)
+    except (pa.ArrowException, ValueError) as error:
+        raise RunFileError(f"{path} is damaged: {brief(error)}") from None
 
 
-def _read_parquet(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
+def _regular_size(path: Path) -> int:
+    """Size of a regular file, in bytes.
+
+    Raises:
+        RunFileError: it is none, or cannot be read.
+    """
+    try:
+        with open_regular(path) as file:
+            return os.fstat(file.fileno()).st_size
+    except OSError as error:
+        raise RunFileError(f"cannot read {path}: {error.strerror}") from error
+
+
+def read_parquet(path: Path) -> Any:
+    """A ``pyarrow.Table``, as far as it is not absurdly larger than its file: a few bytes can claim gigabytes.
+
+    Raises:
+        RunFileError: it is no Parquet file, or too large.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    limit = max(_LEAST_PARQUET_LIMIT, _PARQUET_GROWTH * path.stat().st_size)
+    batches, size = [], 0
     try:
-        return pq.read_table(path, partitioning=None), [], True
-    except (pa.ArrowException, OSError) as error:
-        raise RunFileError(f"{path} is not a Parquet file: {_brief(error)}") from None
+        with pq.ParquetFile(path) as file:
+            for batch in file.iter_batches(batch_size=_PARQUET_ROWS):
+                batches.append(batch)
+                size += batch.nbytes
+                if size > limit:
+                    raise RunFileError(f"{path} unpacks to more than {limit >> 20} MiB; this is not a recording")
+            return pa.Table.from_batches(batches, file.schema_arrow)
+    except (pa.ArrowException, OSError, ValueError) as error:
+        raise RunFileError(f"{path} is not a Parquet file: {brief(error)}") from None
 
 
-def _read_csv(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
+def _read_mcap(path: Path) -> Any:
+    from hapticd.record.mcap import read_mcap
+
+    return read_mcap(path)
+
+
+def _read_csv(path: Path) -> Any:
     import pyarrow as pa
     import pyarrow.csv as pacsv
 
@@ -152,9 +221,12 @@ def _read_csv(path: Path) -> tuple[Any, list[dict[str, Any]], bool]:
             convert_options=pacsv.ConvertOptions(column_types=dict.fromkeys(_FLOATS, pa.float64())),
         )
     except (pa.ArrowException, OSError) as error:
-        raise RunFileError(f"{path} is not a readable CSV file: {_brief(error)}") from None
+        raise RunFileError(f"{path} is not a readable CSV file: {brief(error)}") from None
     table = table.rename_columns([name.strip() for name in table.column_names])
-    return table.replace_schema_metadata(stored or None), [], True
+    return table.replace_schema_metadata(stored or None)
+
+
+_TABLES = {".csv": _read_csv, ".parquet": read_parquet, ".mcap": _read_mcap}
 
 
 def _check_names(path: Path, names: list[str]) -> None:
@@ -214,7 +286,3 @@ def time_warnings(time_s: NDArray[Any]) -> list[str]:
     if (back := np.flatnonzero(np.diff(time_s) <= 0)).size:
         found.append(f"time_s does not rise at {back.size} place(s), first at row {back[0] + 1}")
     return found
-
-
-def _brief(error: Exception) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__

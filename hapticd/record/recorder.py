@@ -1,8 +1,9 @@
-"""The recorder: one thread that empties the servo's ring into the run file and into the rolling history.
+"""The recorder: one thread that empties the servo's ring into the run file.
 
-The servo thread never waits for it: all it shares with the servo is the ring behind ``drain``. Every use of the ring,
-the history and the writer is under one lock, so the ring keeps a single consumer also when a request starts or stops a
-recording. `status` takes no lock: it answers while the disk hangs.
+The servo thread never waits for it: all it shares with the servo is the ring behind ``drain``. Every use of the ring
+and the writer is under one lock, so the ring keeps a single consumer also when a request starts or stops a recording.
+`status` and `dump_past` take no lock: they answer while the disk hangs. What comes meanwhile waits in the ring; rows that
+find no room there are lost, and the run says which. A second thread has the disk take the run every second.
 """
 
 from __future__ import annotations
@@ -11,18 +12,23 @@ import contextlib
 import importlib
 import logging
 import threading
+import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hapticd.record.errors import RecordingError
 from hapticd.record.files import open_new_run
-from hapticd.record.history import History
+from hapticd.record.flight import PAST_S
 from hapticd.record.metadata import utc_now
-from hapticd.record.schema import Rows
+from hapticd.record.schema import FLAG_DROPPED, Rows
 from hapticd.record.writer import RunWriter
 
 POLL_S = 0.02
+SYNC_S = 1.0
+_STALL_S = 1.0
 _LOCK_TIMEOUT_S = 5.0
 _DUMP_ROWS = 4096
 
@@ -36,7 +42,7 @@ class Recorder:
         drain: takes the rows that wait in the ring when it is called, at most the ring's size, in portions, of which there
             is at least one, be it empty; called by one thread at a time.
         dropped: rows the ring had to drop since the servo loop began.
-        rate_hz: the servo rate now, Hz.
+        past: copies the rows of the last so many seconds, whether drained or not; called from any thread.
         metadata: what describes a run begun now; see `metadata.run_metadata`.
         directory: where runs without a path of their own go.
     """
@@ -45,13 +51,12 @@ class Recorder:
         self,
         drain: Callable[[], Iterable[Rows]],
         dropped: Callable[[], int],
-        rate_hz: Callable[[], float],
+        past: Callable[[float], Rows],
         metadata: Callable[[], Mapping[str, Any]],
         directory: str | Path,
     ) -> None:
         self.directory = Path(directory)
-        self._drain, self._dropped, self._rate_hz, self._metadata = drain, dropped, rate_hz, metadata
-        self._history = History()
+        self._drain, self._dropped, self._past, self._metadata = drain, dropped, past, metadata
         self._writer: RunWriter | None = None
         self._path: Path | None = None
         self._state = "off"
@@ -60,12 +65,16 @@ class Recorder:
         self._rows_before = 0
         self._dropped_before = 0
         self._dropped_here = 0
+        self._last_tick: int | None = None
+        self._writing_since: float | None = None
         self._lock = threading.Lock()
         self._ending = threading.Event()
         # Loaded now, so that the first fault does not wait for it.
         importlib.import_module("pyarrow")
         self._thread = threading.Thread(target=self._run, name="hapticd-recorder", daemon=True)
         self._thread.start()
+        self._syncing = threading.Thread(target=self._sync, name="hapticd-sync", daemon=True)
+        self._syncing.start()
 
     def start(self, path: str | Path | None = None, label: str = "") -> Path:
         """Begin a recording; its first row is the first that the ring gives from now on.
@@ -82,9 +91,10 @@ class Recorder:
             if self._writer is not None:
                 raise RecordingError(f"already recording to {self._writer.path}; stop that first")
             writer = RunWriter(path, described) if path else open_new_run(self.directory, "run", label, described)
-            self._pull()  # what came while the file was made belongs to the history, not to this recording
+            self._pull()  # what came while the file was made does not belong to this recording
             self._dropped_before, self._dropped_here = self._dropped(), 0
             self._rows_before += self._rows
+            self._last_tick = None
             self._error, self._rows, self._path, self._state = None, 0, writer.path, "recording"
             self._writer = writer
             return writer.path
@@ -112,16 +122,14 @@ class Recorder:
             if self._writer is not None:
                 self._writer.annotate({"utc": utc_now(), **event})
 
-    def dump_history(self, label: str) -> Path:
+    def dump_past(self, label: str) -> Path:
         """Write the last 10 s before now to ``fault-<UTC time>-<label>.arrow``, in the calling thread.
 
         Raises:
             RecordingError: the file or its folder cannot be made, or the disk is full.
         """
+        rows = self._past(PAST_S)
         described = self._described("fault", label)
-        with self._exclusive():
-            self._pull()
-            rows = self._history.snapshot()
         with open_new_run(self.directory, "fault", label, described) as writer:
             for start in range(0, rows.size, _DUMP_ROWS):
                 writer.write(rows[start : start + _DUMP_ROWS])
@@ -133,9 +141,10 @@ class Recorder:
 
         Returns:
             ``state`` (``off``, ``recording``, ``failed``), ``path`` (None when off), ``rows`` and ``dropped`` (of this
-            or the last recording), ``dropped_total`` (since the servo loop began), ``history_rows``, ``error`` (None or
-            text).
+            or the last recording), ``dropped_total`` (since the servo loop began), ``stalled_s`` (how long the disk has
+            not answered, s), ``error`` (None or text).
         """
+        since = self._writing_since
         return {
             "state": self._state,
             "path": None if self._state == "off" else str(self._path),
@@ -143,7 +152,7 @@ class Recorder:
             "rows_total": self._rows_before + self._rows,
             "dropped": self._dropped_here,
             "dropped_total": self._dropped(),
-            "history_rows": self._history.rows,
+            "stalled_s": 0.0 if since is None else time.monotonic() - since,
             "error": self._error,
         }
 
@@ -158,6 +167,7 @@ class Recorder:
         finally:
             self._ending.set()
             self._thread.join(_LOCK_TIMEOUT_S)
+            self._syncing.join(_LOCK_TIMEOUT_S)
 
     def _described(self, kind: str, label: str) -> dict[str, Any]:
         return {**self._metadata(), "kind": kind, "label": label}
@@ -180,25 +190,55 @@ class Recorder:
         """Take what the ring holds, once: the time is bounded by the ring's size, however fast the producer is."""
         try:
             for rows in self._drain():
-                self._history.add(rows, self._rate_hz())
                 self._record(rows)
         except Exception as error:
-            # Whatever broke, the thread lives on: it serves the next recording and the next fault.
+            # Whatever broke, the thread lives on: it serves the next recording.
             self._fail(f"recording stopped: {type(error).__name__}: {error}")
 
     def _record(self, rows: Rows) -> None:
         if self._writer is None:
             return
+        self._dropped_here = self._dropped() - self._dropped_before
+        self._writing_since = began = time.monotonic()
         try:
-            dropped = self._dropped() - self._dropped_before
-            if dropped > self._dropped_here:
-                self._writer.annotate({"event": "dropped", "utc": utc_now(), "rows": dropped - self._dropped_here})
-                self._dropped_here = dropped
-            self._writer.write(rows)
+            written = 0
+            for first in np.flatnonzero(rows["flags"] & FLAG_DROPPED).tolist():
+                self._writer.write(rows[written:first])
+                self._note_lost(rows, first)
+                written = first
+            self._writer.write(rows[written:])
             self._rows = self._writer.rows
+            if rows.size:
+                self._last_tick = int(rows["tick"][-1])
+            if (stalled := time.monotonic() - began) > _STALL_S:
+                self._note_stall(stalled)
         except RecordingError as error:
             self._rows = self._writer.rows_written
             self._fail(str(error))
+        finally:
+            self._writing_since = None
+
+    def _note_lost(self, rows: Rows, first: int) -> None:
+        """Say between which ticks rows found no room in the ring."""
+        assert self._writer is not None
+        before = int(rows["tick"][first - 1]) if first else self._last_tick
+        if before is not None:
+            tick = int(rows["tick"][first])
+            lost = {"rows": tick - before - 1, "after_tick": before, "before_tick": tick}
+            self._writer.annotate({"event": "dropped", "utc": utc_now(), **lost})
+            log.error("%d rows were lost between the ticks %d and %d", tick - before - 1, before, tick)
+
+    def _note_stall(self, stalled_s: float) -> None:
+        assert self._writer is not None
+        self._writer.annotate({"event": "stalled", "utc": utc_now(), "seconds": stalled_s})
+        log.warning("the disk did not answer for %.1f s; rows waited in memory", stalled_s)
+
+    def _sync(self) -> None:
+        """Have the disk take what was written: a power cut then costs little more than a second."""
+        while not self._ending.wait(SYNC_S):
+            writer = self._writer
+            if writer is not None:
+                writer.sync()
 
     def _close(self) -> None:
         """End the file with its counts; what fails on the way is in `status`, and the file is closed all the same."""

@@ -38,6 +38,7 @@ FLAG_EXCITATION = 16
 FLAG_FAULT = 32
 FLAG_HELD = 64
 FLAG_SATURATED = 128
+FLAG_DROPPED = 256
 
 FLAG_MEANINGS = {
     FLAG_RUNNING: "the spring is rendered (state running)",
@@ -48,6 +49,7 @@ FLAG_MEANINGS = {
     FLAG_FAULT: "a fault is latched",
     FLAG_HELD: "the previous command was held",
     FLAG_SATURATED: "the converter was at the end of its range",
+    FLAG_DROPPED: "rows before this one were lost: the recorder had no room for them",
 }
 
 

@@ -1,7 +1,8 @@
 """Write rows to an Arrow IPC stream that stays readable whatever ends the process.
 
 Batches are encoded in memory and handed to the kernel whole, at least every `FLUSH_S` seconds: what the kernel has, a
-SIGKILL cannot take back. A batch that does not fit on the disk is cut off again, so the file ends on a whole batch.
+SIGKILL cannot take back, and `RunWriter.sync` has the disk take it. A batch that does not fit on the disk is cut off again,
+so the file ends on a whole batch. Checksums: `hapticd.record.stream`.
 """
 
 from __future__ import annotations
@@ -19,13 +20,16 @@ from typing import Any
 
 import numpy as np
 
-from hapticd.record.arrow import END_OF_STREAM, arrow_schema, rows_to_batch
+from hapticd.record.arrow import arrow_schema, block_to_batch, rows_to_block
 from hapticd.record.errors import RecordingError, RunExistsError
 from hapticd.record.metadata import complete_metadata, to_plain
 from hapticd.record.schema import Rows, check_rows, empty_rows
+from hapticd.record.stream import CHECK, END_OF_STREAM, EVENTS, FIRST_ROW, TOTAL, checksum
 
 FLUSH_S = 0.1
 BATCH_ROWS = 1024
+_NO_DISK = {errno.EINVAL, errno.EROFS, errno.EBADF}
+"""Of a file that cannot be synced (a pipe), and of one that was closed meanwhile."""
 _DISK_FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 
 
@@ -55,6 +59,7 @@ class RunWriter:
         self._size = 0
         self._open = True
         self._failure: RecordingError | None = None
+        self._sync_error: OSError | None = None
         try:
             self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
         except FileExistsError:
@@ -120,6 +125,14 @@ class RunWriter:
             self._pending, self._pending_rows = [], 0
             self._write_batch(rows)
 
+    def sync(self) -> None:
+        """Have the disk take what the kernel has, from any thread; may wait for the disk. An error ends the recording."""
+        try:
+            os.fdatasync(self._fd)
+        except OSError as error:
+            if self._open and error.errno not in _NO_DISK:
+                self._sync_error = error
+
     def close(self, *, complete: bool = True) -> None:
         """Write what is pending, the end mark (if ``complete``) and sync to the disk. A second call does nothing.
 
@@ -132,6 +145,7 @@ class RunWriter:
             if self._failure is None:
                 self.flush()
                 if complete:
+                    self._write_batch(empty_rows(), {TOTAL: b"%d" % self.rows_written})
                     self._staging.write(END_OF_STREAM)
                     self._write_staged()
                 if stat.S_ISREG(os.fstat(self._fd).st_mode):
@@ -143,15 +157,24 @@ class RunWriter:
             os.close(self._fd)
 
     def _check_open(self) -> None:
+        if self._sync_error is not None and self._failure is None:
+            # The kernel tells it once, and forgets it.
+            cause = f"the disk failed ({self._sync_error.strerror})"
+            lost = f"up to {self.rows_written} rows in {self.path} may not have reached it"
+            self._failure = RecordingError(f"recording stopped: {cause}; {lost}")
         if self._failure is not None:
             raise self._failure
         if not self._open:
             raise RecordingError(f"{self.path} is closed")
 
-    def _write_batch(self, rows: Rows) -> None:
-        notes = {"hapticd.events": json.dumps(self._events, allow_nan=False)} if self._events else None
+    def _write_batch(self, rows: Rows, more: Mapping[bytes, bytes] | None = None) -> None:
+        notes = {FIRST_ROW: b"%d" % self.rows_written, **(more or {})}
+        if self._events:
+            notes[EVENTS] = json.dumps(self._events, allow_nan=False).encode()
         self._events = []
-        self._encoder.write_batch(rows_to_batch(rows, self._schema), custom_metadata=notes)
+        block = rows_to_block(rows)
+        notes[CHECK] = checksum(notes, block)
+        self._encoder.write_batch(block_to_batch(block, self._schema), custom_metadata=notes)
         self._write_staged()
         self.rows_written += rows.size
 

@@ -92,7 +92,7 @@ class Names:
         Raises:
             ValueError: a further origin is not ``http://host[:port]`` or ``https://host[:port]``.
         """
-        names = {*_LOOPBACK, f"[{host}]" if ":" in host else host} - {"0.0.0.0", "[::]"}
+        names = {*_LOOPBACK, f"[{host}]" if ":" in host else host} - {"0.0.0.0", "[::]"}  # noqa: S104 - taken out, not bound
         origins = {f"http://{name}:{port}" for name in names}
         for origin in more_origins:
             parts = urlsplit(origin)

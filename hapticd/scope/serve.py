@@ -76,7 +76,7 @@ def serve(
         port = listening.getsockname()[1]
         names = Names.of(host, port, origins)
         access = Access(control_token=None) if view_only else Access()
-        shown = f"[{host}]" if ":" in host else "127.0.0.1" if host == "0.0.0.0" else host
+        shown = f"[{host}]" if ":" in host else "127.0.0.1" if host == "0.0.0.0" else host  # noqa: S104 - what is shown
         base = f"http://{shown}:{port}/#"
         control = None if access.control_token is None else f"{base}{access.control_token}"
         announce(Addresses(control, f"{base}{access.view_token}"))

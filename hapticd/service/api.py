@@ -24,6 +24,7 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict, Queue, declared
 from hapticd.control.schemas import ErrorReply, body_of, reply_of
 from hapticd.service import replies, socket
+from hapticd.service.access import CALLER, Access, Caller, CallerProtocol, Rules
 from hapticd.service.live import LiveStream
 from hapticd.service.metrics import CONTENT_TYPE
 
@@ -31,12 +32,14 @@ log = logging.getLogger("hapticd.api")
 
 DESCRIPTION = """Control of a running hapticd daemon over its Unix socket.
 
-Everyone who may write to the socket may command the motor; its owner, group and mode are the access control.
+Everyone who may write to the socket may command the motor, unless `api.watch_group` is set: then members of `api.group` may,
+and members of `api.watch_group` may use the GET methods alone. The kernel says who a caller is.
 `/estop` is a software stop, not a safety-rated one.
 """
 
 ERRORS: dict[int | str, dict[str, Any]] = {
     400: {"model": ErrorReply, "description": "The body is not JSON."},
+    403: {"model": ErrorReply, "description": "The caller may only watch."},
     409: {"model": ErrorReply, "description": "Refused in the daemon's present state."},
     413: {"model": ErrorReply, "description": "The body is longer than 64 KiB."},
     422: {"model": ErrorReply, "description": "The request or a setting in it is wrong."},
@@ -47,9 +50,16 @@ STREAM_TYPE = "application/vnd.hapticd.frames"
 
 
 class Executor:
-    """One queue of requests with its own threads."""
+    """One queue of requests with its own threads.
 
-    def __init__(self, name: str, workers: int) -> None:
+    Args:
+        name: of its threads.
+        workers: how many.
+        told: whether the log says who asks for what.
+    """
+
+    def __init__(self, name: str, workers: int, *, told: bool = True) -> None:
+        self._told = told
         self.pool = ThreadPoolExecutor(workers, thread_name_prefix=f"hapticd-{name}")
 
     async def run(self, method: Callable[[], JsonDict | str]) -> Response:
@@ -89,17 +99,20 @@ class Control(Protocol):
     live: LiveStream
 
 
-def create_app(control: Control, executors: Executors | None = None) -> FastAPI:
+def create_app(control: Control, executors: Executors | None = None, rules: Rules | None = None) -> FastAPI:
     """The API of one daemon: a route for each endpoint that is declared, and the stream.
 
     Args:
         control: the daemon; has a method for each of `Endpoints`.
         executors: threads to answer on; made here when None.
+        rules: who may ask for what; None: whoever is let in by the socket's permissions, for everything.
+        rules: who may ask for what; None: whoever is let in by the socket's permissions, for everything.
     """
     executors = executors or Executors()
     app = FastAPI(title="hapticd", version="1", description=DESCRIPTION, docs_url=None, redoc_url=None)
     endpoints = declared(Endpoints)
     replies.install(app, {endpoint.path: body for endpoint in endpoints if (body := body_of(endpoint))})
+    app.add_middleware(Access, rules=rules or Rules())
     for endpoint in endpoints:
         app.add_api_route(
             endpoint.path,
@@ -137,7 +150,11 @@ def _answering(endpoint: Endpoint, control: Control, executor: Executor) -> Call
 
     async def answer(body: BaseModel | None = None) -> Response:
         given = {} if body is None else body.model_dump(exclude_unset=True)
-        return await executor.run(partial(getattr(control, endpoint.name), **given))
+        caller = CALLER.get()
+        if endpoint.asks_trust:
+            given["trusted"] = caller is not None and caller.is_own_user
+        method = partial(getattr(control, endpoint.name), **given)
+        return await executor.run(method if endpoint.queue == "query" else partial(_told, endpoint, caller, method))
 
     # FastAPI reads the body's type off the signature. A body without a field that is needed may be left out.
     parameters = []
@@ -147,6 +164,24 @@ def _answering(endpoint: Endpoint, control: Control, executor: Executor) -> Call
         parameters = [Parameter("body", kind, default=default, annotation=model if needed else model | None)]
     answer.__signature__ = Signature(parameters)  # type: ignore[attr-defined]
     return answer
+
+
+def _told(endpoint: Endpoint, caller: Caller | None, method: partial[JsonDict]) -> JsonDict:
+    """Carry out a command; the log says who asked for it, but never before a stop: a user's name may be slow to find."""
+
+    def tell() -> None:
+        if caller is not None:
+            fields = {"uid": caller.uid, "pid": caller.pid, "request": endpoint.name}
+            arguments = ", ".join(f"{name}={value!r}" for name, value in method.keywords.items())
+            log.info("%s: %s(%s)", caller, endpoint.name, arguments, extra={"journal": fields})
+
+    if endpoint.queue == "command":
+        tell()
+        return method()
+    try:
+        return method()
+    finally:
+        tell()
 
 
 def _documented(endpoint: Endpoint) -> dict[str, Any]:
@@ -165,17 +200,18 @@ class ApiServer:
         control: the daemon.
         bound: the socket from :func:`hapticd.service.socket.bind`; bound before the device is opened, so that the daemon
             that has the socket is alone with the device. Closed by :meth:`stop`.
+        rules: who may ask for what.
     """
 
     STOP_TIMEOUT_S = 5.0
 
-    def __init__(self, control: Control, bound: socket.BoundSocket) -> None:
+    def __init__(self, control: Control, bound: socket.BoundSocket, rules: Rules | None = None) -> None:
         self._bound = bound
         self._control = control
         self._executors = Executors()
         settings = uvicorn.Config(
-            create_app(control, self._executors),
-            http="h11",
+            create_app(control, self._executors, rules),
+            http=CallerProtocol,
             ws="none",
             lifespan="off",
             loop="asyncio",

@@ -10,6 +10,7 @@ import contextlib
 import logging
 import threading
 import time
+from pathlib import Path
 from typing import Any
 
 import drivers
@@ -20,7 +21,7 @@ from hapticd.record import RecordingError
 from hapticd.service import metrics, report
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_manager import FaultManager
-from hapticd.service.latch import FaultLatch
+from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.live import LiveStream
 from hapticd.service.notify import Notifier, TickWatchdog
 from hapticd.service.refusals import DriverFailure, Refused
@@ -29,8 +30,7 @@ from hapticd.service.rig import Rig
 from hapticd.service.settings import changed_keys, is_live
 from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
-from hapticd.stability.guard import judge
-from hapticd.stability.numbers import from_config
+from hapticd.stability.guard import judge, same_loop
 
 log = logging.getLogger(__name__)
 
@@ -59,7 +59,8 @@ class Daemon(Endpoints):
         self._estops = 0
         self._ending = threading.Event()
         self.live = LiveStream()
-        self._rendering = Rendering(Rig(config, latch.number, self.live))
+        self._name = latch.name
+        self._rendering = Rendering(Rig(config, latch.number, self.live, self._name))
         self._faults = FaultManager(latch, self._rendering)
         self._experiments = Experiments(self._rendering, self._faults)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self.rig.core.load(atomics.TICKS))
@@ -164,9 +165,11 @@ class Daemon(Endpoints):
         """The newest experiment."""
         return self._experiments.report()
 
-    def record_start(self, path: str | None = None) -> JsonDict:
+    def record_start(self, path: str | None = None, *, trusted: bool = False) -> JsonDict:
         """Record to a path or to a new file of the run directory."""
         with self._lock:
+            if path is not None and not (trusted and not is_service()):
+                refuse_outside(Path(path), self.rig.recorder.directory)
             try:
                 self.rig.recorder.start(path, "record")
             except RecordingError as error:
@@ -255,8 +258,7 @@ class Daemon(Endpoints):
         """Judge live settings: with the shaft where it is if the spring is rendered. None: the theory sees no change."""
         rig = self.rig
         latency_s, rendered = rig.driver.latency_s, rig.state in (w.READY, w.RUNNING)
-        same_point = from_config(rig.config, latency_s) == from_config(config, latency_s)
-        if same_point and not (rendered and moves_origin):
+        if same_loop(rig.config, config, latency_s) and not (rendered and moves_origin):
             return None
         origin = config.origin_counts if moves_origin else rig.origin_counts
         rig.guard = self._rendering.admit(config, deflection_of(rig, config, origin) if rendered else None, force=force)
@@ -279,13 +281,13 @@ class Daemon(Endpoints):
         old, estops = self.rig, self._estops
         old.close()
         try:
-            self._rendering.rig = Rig(config, old.fault_number, self.live)
+            self._rendering.rig = Rig(config, old.fault_number, self.live, self._name)
         except Exception as error:
             log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
             with self._faults.lock:
                 self._faults.latch(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
                 try:
-                    self._rendering.rig = Rig(old.config, faults.RELOAD_FAILED, self.live)
+                    self._rendering.rig = Rig(old.config, faults.RELOAD_FAILED, self.live, self._name)
                 except Exception:
                     log.critical("the old configuration failed too; the daemon ends", exc_info=True)
                     self.dead = True
@@ -293,6 +295,20 @@ class Daemon(Endpoints):
         if self._estops != estops:
             self.rig.core.store(atomics.ESTOP, self._estops)
         return judgement
+
+
+def refuse_outside(path: Path, directory: Path) -> None:
+    """Refuse a recording outside the directory that the config names, whatever links lead out of it.
+
+    Raises:
+        Refused: with both.
+    """
+    if not path.parent.resolve().is_relative_to(directory.resolve()):
+        raise Refused(
+            "outside",
+            f"{path} is outside record.directory {directory}; only the daemon's own user may record elsewhere, and nobody "
+            "with a daemon that is a service",
+        )
 
 
 def deflection_of(rig: Rig, config: Config, origin_counts: int) -> float:

@@ -126,7 +126,7 @@ class FaultManager:
     def _keep_past(self, code: str) -> None:
         time.sleep(0.1)
         try:
-            path = self._rendering.rig.recorder.dump_history(code)
+            path = self._rendering.rig.recorder.dump_past(code)
             log.info("the 10 s before the fault are in %s", path)
         except RecordingError as error:
             log.error("the 10 s before the fault could not be kept: %s", error)

@@ -5,6 +5,7 @@ Without a terminal the same facts go to the log: the banner once, then one line 
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import signal
 import threading
@@ -20,13 +21,15 @@ from rich.text import Text
 
 from drivers import DriverConfigError
 from hapticd.config import ConfigError
+from hapticd.service.access import Rules
 from hapticd.service.api import ApiServer
 from hapticd.service.daemon import Daemon
+from hapticd.service.flight import crash_log, flight_directory, recover
 from hapticd.service.journal import JournalHandler, stderr_is_journal
 from hapticd.service.latch import FaultLatch
 from hapticd.service.notify import Notifier
 from hapticd.service.refusals import DriverFailure, Refused
-from hapticd.service.socket import bind
+from hapticd.service.socket import bind, group_id
 from hapticd.stability import regions
 
 if TYPE_CHECKING:
@@ -63,7 +66,7 @@ def banner(daemon: Daemon, socket: Path, source: str, *, starting: bool = False)
         f"τ_D {_number(point['tau_d'])}",
         f"            region {point['region']}: {meaning}",
     ]
-    for grant in rig.servo.grants:
+    for grant in rig.grants:
         lines.append(f"real time   {'yes' if grant.granted else 'NO '} {grant.name}: {grant.detail}")
         if not grant.granted:
             lines.append(f"            to get it: {grant.fix}")
@@ -187,17 +190,27 @@ def run_foreground(
         "starting (the first start compiles the servo loop, about ten seconds) …", style="dim", highlight=False
     )
     # The socket first: whoever has it is alone with the device.
-    bound = bind(path, int(config.api.mode, 8), config.api.group)
+    rules = Rules()
+    mode = int(config.api.mode, 8)
+    if config.api.watch_group is not None:
+        # Everybody gets as far as the check of the caller's groups; a file has but one group.
+        watch = group_id(config.api.watch_group, "api.watch_group")
+        rules, mode = Rules(group_id(config.api.group, "api.group"), watch), 0o666
+    bound = bind(path, mode, config.api.group)
+    latch = FaultLatch(path)
+    _recover(config, latch.name)
     try:
-        daemon = Daemon(config, source, FaultLatch(path), notifier)
+        daemon = Daemon(config, source, latch, notifier)
     except DriverConfigError as error:
         bound.close()
         raise DriverConfigError(f"{source}: {error}" if source else str(error)) from error
     except BaseException:
         bound.close()
         raise
-    server = ApiServer(daemon, bound)
+    server = ApiServer(daemon, bound, rules)
+    crash = contextlib.ExitStack()
     try:
+        crash.enter_context(crash_log(config, latch.name))
         server.start()
         for line in banner(daemon, path, source or "re35 (built in)", starting=autostart):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -213,10 +226,18 @@ def run_foreground(
         daemon.disable()
         server.stop()
         daemon.shutdown()
+        crash.close()
     status = daemon.status()
     for line in summary(status):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
     return EXIT_FAULT if status["fault"] else EXIT_OK
+
+
+def _recover(config: Config, name: str) -> None:
+    """Keep what a daemon that was killed on this socket has left."""
+    directory = flight_directory(config)
+    for found in recover(directory, name) if directory else ():
+        log.warning("%s; its last %d rows are in %s", found.reason, found.rows, found.run)
 
 
 def _log_to(console: Console) -> None:

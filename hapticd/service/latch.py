@@ -18,12 +18,22 @@ def state_directory() -> Path:
     return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local/state") / "hapticd"
 
 
+def is_service() -> bool:
+    """Whether systemd runs the daemon, with a state directory of its own."""
+    return bool(os.environ.get("STATE_DIRECTORY"))
+
+
+def daemon_name(socket: Path) -> str:
+    """Name of a daemon for its own files, told apart by the path of its socket."""
+    return f"{socket.stem}-{hashlib.sha256(os.fsencode(socket.absolute())).hexdigest()[:8]}"
+
+
 class FaultLatch:
-    """One file for one daemon, told apart by the path of its socket."""
+    """One file for one daemon."""
 
     def __init__(self, socket: Path) -> None:
-        name = hashlib.sha256(os.fsencode(socket.absolute())).hexdigest()[:8]
-        self.path = state_directory() / f"fault-{socket.stem}-{name}.json"
+        self.name = daemon_name(socket)
+        self.path = state_directory() / f"fault-{self.name}.json"
 
     def load(self) -> dict[str, Any] | None:
         """The fault latched before a restart: ``code``, ``cause``, ``help``, ``number``; None when there is none.

@@ -69,6 +69,15 @@ class RigCollector(Collector):
         for kind in ("stored", "dissipated", "generated", "unexplained"):
             joules.add_metric([kind], energy[f"{kind}_J"])
         yield joules
+        passivity = GaugeMetricFamily(
+            "hapticd_passivity_joules",
+            "Energies since the last start as the passivity observer books them; none where it is off",
+            labels=["kind"],
+        )
+        for kind in ("put_out", "generated", "excess", "dissipated"):
+            if (value := status["passivity"][f"{kind}_J"]) is not None:
+                passivity.add_metric([kind], value)
+        yield passivity
 
 
 def exposition(rig: Rig, status: dict[str, Any], faults: dict[str, int]) -> str:

@@ -39,12 +39,19 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "latency_s": rig.driver.latency_s,
         "units": _units(config),
         "energy": rig.energy.status(),
+        "passivity": _passivity(rig),
         "exchanges_missed": rig.core.load(atomics.MISSED_EXCHANGES),
         "commands_clamped": rig.core.load(atomics.CLAMPED),
-        "realtime": [asdict(grant) for grant in rig.servo.grants],
+        "realtime": [asdict(grant) for grant in rig.grants],
         "recorder": recorder,
         "experiment": experiment,
     }
+
+
+def _passivity(rig: Rig) -> JsonDict:
+    """What the passivity observer books since the start; null where it is off."""
+    mode = rig.config.safety.passivity
+    return {"mode": mode, **(rig.core.passivity() if mode != "off" else dict.fromkeys(rig.core.passivity()))}
 
 
 def _operating_point(rig: Rig) -> JsonDict:

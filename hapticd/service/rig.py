@@ -13,11 +13,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 import drivers
 from hapticd.config import config_digest
 from hapticd.record import Recorder, run_metadata
 from hapticd.record.frames import Context
 from hapticd.record.schema import Rows
+from hapticd.service.flight import open_ring
 from hapticd.servo import atomics
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, parameters
@@ -27,7 +30,9 @@ from hapticd.stability.energy_estimate import EnergyEstimate
 if TYPE_CHECKING:
     from drivers.interface import Driver
     from hapticd.config import Config
+    from hapticd.record.flight import FlightRing
     from hapticd.service.live import LiveStream
+    from hapticd.servo.realtime import Grant
 
 log = logging.getLogger(__name__)
 
@@ -41,13 +46,14 @@ class Rig:
         config: the configuration in force.
         latched_fault: fault number from before a restart, or 0.
         live: who looks at the rows while they come; None: nobody can.
+        name: of this daemon, for its flight recorder; empty: it has none.
 
     Raises:
         DriverError: the device cannot be opened.
         RealtimeError: real time is required and refused.
     """
 
-    def __init__(self, config: Config, latched_fault: int = 0, live: LiveStream | None = None) -> None:
+    def __init__(self, config: Config, latched_fault: int = 0, live: LiveStream | None = None, name: str = "") -> None:
         self.config = config
         self.request = Request()
         self.driver: Driver = drivers.create(config)
@@ -56,7 +62,11 @@ class Rig:
         except BaseException:
             self.driver.close()
             raise
-        self.servo = ServoThread(config, self.driver, parameters(config, self.request), latched_fault)
+        self.flight: FlightRing | None = None
+        self.flight_grant: Grant | None = None
+        if name:
+            self.flight, self.flight_grant = open_ring(config, name)
+        self.servo = ServoThread(config, self.driver, self._parameters(), latched_fault, self.flight)
         self.core = self.servo.core
         self._asking = threading.Lock()
         self._halts = 0
@@ -70,10 +80,12 @@ class Rig:
         # Before the servo: once that runs, nothing slow may stand between it and the supervisor's heartbeat.
         self.energy = EnergyEstimate(config, self.driver.latency_s, self.origin_counts)
         self._energy_settings = (config, self.origin_counts)
+        self._described: Any = None
+        self._describe()
         self.recorder = Recorder(
             self._drain,
             self.core.dropped,
-            lambda: self.config.servo.rate_hz,
+            self.core.past,
             self._metadata,
             Path(config.record.directory),
         )
@@ -82,10 +94,16 @@ class Rig:
         except BaseException:
             self.recorder.shutdown()
             self.driver.close()
+            if self.flight is not None:
+                self.flight.remove()
             raise
+
+    def _parameters(self) -> np.void:
+        return parameters(self.config, self.request, latency_s=self.driver.latency_s)
 
     def _drain(self) -> Iterator[Rows]:
         """Rows for the recorder; on their way the energies are booked, to within one portion of a changed setting."""
+        self._describe()
         for rows in self.core.portions():
             settings = (self.config, self.origin_counts)
             if settings != self._energy_settings:
@@ -94,6 +112,12 @@ class Rig:
             self.energy.update(rows)
             self._show(rows)
             yield rows
+
+    def _describe(self) -> None:
+        """Tell the flight recorder what a run would say of itself now, if that has changed."""
+        if self.flight is not None and self._described != (now := (self.config, self.origin_counts, self.guard)):
+            self._described = now
+            self.flight.describe(self._metadata())
 
     def _show(self, rows: Rows) -> None:
         """Hand the rows to those who look, if any does; rows that the ring dropped keep their place in the numbering."""
@@ -114,6 +138,11 @@ class Rig:
             origin_counts=self.origin_counts,
             guard=self.guard,
         )
+
+    @property
+    def grants(self) -> list[Grant]:
+        """What was asked of the machine, and what of it was had."""
+        return self.servo.grants + ([] if self.flight_grant is None else [self.flight_grant])
 
     @property
     def origin_counts(self) -> int:
@@ -178,7 +207,7 @@ class Rig:
         if config is not None:
             self.config = config
         self.request = replace(self.request, **changes)
-        self.core.publish(parameters(self.config, self.request))
+        self.core.publish(self._parameters())
 
     def wait_ticks(self, ticks: int) -> bool:
         """Wait until the loop has done that many more ticks; False when it does not."""
@@ -200,7 +229,8 @@ class Rig:
 
     def close(self) -> None:
         """Zero current, amplifier off, thread and recording ended, device released; whatever fails on the way is logged."""
-        if not self.servo.stop():
+        ended = self.servo.stop()
+        if not ended:
             log.error(
                 "the servo thread does not answer; the driver is closed under it so that the device sees no command"
             )
@@ -209,3 +239,5 @@ class Rig:
         except Exception:
             log.exception("closing the driver failed")
         self.recorder.shutdown()
+        if self.flight is not None and ended:
+            self.flight.remove()

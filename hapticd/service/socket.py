@@ -18,6 +18,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from hapticd.config import places
+
 MAX_PATH_BYTES = 107
 """``sun_path`` holds 108 bytes, the last one a zero."""
 
@@ -66,12 +68,16 @@ def bind(path: Path, mode: int = 0o660, group: str | None = None) -> BoundSocket
             f"socket path {path} is {len(os.fsencode(path))} bytes long; a Unix socket's path is at most "
             f"{MAX_PATH_BYTES} bytes: choose a shorter one with --socket or api.socket"
         )
-    group_id = _group_id(group)
+    owner = group_id(group, "api.group") if group is not None else None
     try:
         path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+        if reason := places.foreign(path.parent):
+            raise SocketError(
+                f"cannot create the control socket {path}: {reason}, or choose another socket with --socket"
+            )
         with _directory_lock(path.parent):
             _make_room(path)
-            return _listen(path, mode, group_id)
+            return _listen(path, mode, owner)
     except FileExistsError as error:
         raise SocketError(f"cannot create the control socket {path}: {path.parent} is not a directory") from error
     except OSError as error:
@@ -125,7 +131,7 @@ def _answers(path: Path) -> bool:
     return True
 
 
-def _listen(path: Path, mode: int, group_id: int | None) -> BoundSocket:
+def _listen(path: Path, mode: int, owner: int | None) -> BoundSocket:
     server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
     made = False
     try:
@@ -133,8 +139,8 @@ def _listen(path: Path, mode: int, group_id: int | None) -> BoundSocket:
         # changing the umask, which belongs to the whole process and its other threads.
         server.bind(os.fspath(path))
         made = True
-        if group_id is not None:
-            os.chown(path, -1, group_id)
+        if owner is not None:
+            os.chown(path, -1, owner)
         path.chmod(mode)
         server.listen(BACKLOG)
         found = path.lstat()
@@ -146,12 +152,21 @@ def _listen(path: Path, mode: int, group_id: int | None) -> BoundSocket:
     return BoundSocket(server, path, found.st_dev, found.st_ino)
 
 
-def _group_id(group: str | None) -> int | None:
+def group_id(group: str | None, key: str) -> int:
+    """Number of a group by name or number; None: the process's own.
+
+    Args:
+        group: the group.
+        key: where it stands in the config, for messages.
+
+    Raises:
+        SocketError: there is none of that name.
+    """
     if group is None:
-        return None
+        return os.getegid()
     if group.isdecimal():
         return int(group)
     try:
         return grp.getgrnam(group).gr_gid
     except KeyError:
-        raise SocketError(f"api.group = {group!r}: no such group on this machine") from None
+        raise SocketError(f"{key} = {group!r}: no such group on this machine") from None

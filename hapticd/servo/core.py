@@ -7,6 +7,7 @@ One :class:`ServoCore` belongs to one driver. Its compiled loop runs in a thread
 from __future__ import annotations
 
 import math
+from bisect import bisect_right
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ from hapticd.servo.clock import grid_instant
 from hapticd.servo.layout import PARAMS, SERVO
 from hapticd.servo.loop import run
 from hapticd.servo.timing import quantiles_us
+from hapticd.stability.damping import passive_viscous
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,6 +31,8 @@ if TYPE_CHECKING:
 
     from drivers.interface import Driver
     from hapticd.config import Config
+    from hapticd.config.sections import Spring
+    from hapticd.record.flight import FlightRing
 
 
 PORTION_ROWS = 1024
@@ -81,8 +85,20 @@ def i2t_limit(config: Config) -> float:
     return float((peak**2 - amplifier.continuous_current**2) * (amplifier.peak_time_s or 0.0))
 
 
-def parameters(config: Config, request: Request, *, safety: bool = True) -> np.void:
-    """One whole parameter set for the mailbox: a new `PARAMS` record, units as its comments say."""
+def velocity_keep(spring: Spring, period_s: float) -> float:
+    """Share of the velocity estimate that one period leaves: e^(−2π f T) of the low-pass, 0 of the plain difference."""
+    if spring.velocity_estimate == "difference":
+        return 0.0
+    return math.exp(-2.0 * math.pi * spring.velocity_cutoff_hz * period_s)
+
+
+def parameters(config: Config, request: Request, *, safety: bool = True, latency_s: float = 0.0) -> np.void:
+    """One whole parameter set for the mailbox: a new `PARAMS` record, units as its comments say.
+
+    Args:
+        config: the configuration in force. request: what the supervisor wants besides.
+        safety: False for no trips and no clamp. latency_s: the driver's declared latency, for the passivity controller.
+    """
     p: np.void = np.zeros(1, PARAMS)[0]
     raw = config.raw_resolution
     amplifier, dither, limits, spring = config.amplifier, config.dither, config.safety, config.spring
@@ -91,6 +107,11 @@ def parameters(config: Config, request: Request, *, safety: bool = True) -> np.v
     p["clear"] = request.clear
     p["force_per_tick"] = spring.stiffness * config.resolution
     p["bias"] = 0.5 if spring.half_tick_bias else 0.0
+    p["damping"] = spring.damping * raw
+    p["velocity_periods"] = spring.velocity_periods if spring.velocity_estimate == "difference" else 1
+    p["velocity_keep"] = velocity_keep(spring, config.period)
+    p["passivity"] = layout.PASSIVITY_MODES[limits.passivity]
+    p["passivity_stiffest"] = 2.0 * passive_viscous(config, latency_s) / config.period
     p["side"] = layout.SIDES[spring.side]
     p["origin"] = config.origin_counts if request.origin_counts is None else request.origin_counts
     p["decimation"] = config.encoder.decimation
@@ -135,17 +156,24 @@ class ServoCore:
     Args:
         driver: an open driver; kept alive by this object.
         ring_rows: rows the ring holds, a power of two (131072 rows are 13 s at 10 kHz).
+        flight: a file whose memory is ring and shared words, so that they outlive the process; None: memory of our own.
         keep_truth: keep the simulated device's true state beside each row.
         excitation_rows: longest excitation in ticks.
     """
 
     def __init__(
-        self, driver: Driver, *, ring_rows: int = 131072, keep_truth: bool = False, excitation_rows: int = 1 << 20
+        self,
+        driver: Driver,
+        *,
+        ring_rows: int = 131072,
+        flight: FlightRing | None = None,
+        keep_truth: bool = False,
+        excitation_rows: int = 1 << 20,
     ) -> None:
         self.driver = driver
         self.memory = np.zeros(1, SERVO)
-        self.shared = np.zeros(atomics.SIZE, np.int64)
-        self.ring = np.zeros(ring_rows, ROW)
+        self.shared = np.zeros(atomics.SIZE, np.int64) if flight is None else flight.words
+        self.ring = np.zeros(ring_rows, ROW) if flight is None else flight.rows
         self.truth = np.zeros((ring_rows if keep_truth else 0, 2))
         self.excitation = np.zeros((2, excitation_rows))
         for block in (self.memory, self.ring, self.truth, self.excitation):
@@ -212,6 +240,22 @@ class ServoCore:
             if tail + len(taken) == head:
                 return
 
+    def past(self, seconds: float) -> NDArray[Any]:
+        """Copy of the rows of the last ``seconds``, taken or not, oldest first; from any thread, beside the loop."""
+        size = len(self.ring)
+        head = self.load(atomics.RING_HEAD)
+        # The slot after the newest row may be half written by now.
+        oldest = max(0, head - size + 1)
+        if head == oldest:
+            return self.ring[:0].copy()
+        mask, times = size - 1, self.ring["time_s"]
+        since = float(times[(head - 1) & mask]) - seconds
+        first = bisect_right(range(oldest, head), since, key=lambda row: float(times[row & mask])) + oldest
+        begin, end = first & mask, head & mask
+        rows = _copied(self.ring[begin:end]) if begin < end else _copied(self.ring[begin:], self.ring[:end])
+        overwritten = self.load(atomics.RING_HEAD) - size + 1 - first
+        return rows[max(0, overwritten) :]
+
     def drain_with_truth(self, *, copy: bool = True) -> tuple[NDArray[Any], NDArray[np.float64]]:
         """Rows that are waiting and the simulated device's true (position, velocity) beside them.
 
@@ -242,6 +286,13 @@ class ServoCore:
     def dropped(self) -> int:
         """Rows lost because nobody drained the ring."""
         return int(self.shared[atomics.DROPPED])
+
+    def passivity(self) -> dict[str, float]:
+        """What the passivity observer has booked since the start: energies in J, and the controller's current in A."""
+        energies = {
+            f"{name}_J": float(self.snapshot[name]) for name in ("put_out", "generated", "excess", "dissipated")
+        }
+        return {**energies, "current": float(self.snapshot["passivity_current"])}
 
     def timing(self) -> dict[str, Any]:
         """``ticks``, ``missed`` and the quantiles ``wake_us`` and ``exec_us`` since the start."""

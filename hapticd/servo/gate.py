@@ -14,6 +14,7 @@ from drivers.interface import STATUS_ENABLED
 from hapticd.jit import atomic_load, atomic_store, njit
 from hapticd.servo import atomics, faults
 from hapticd.servo.layout import FAULT, FAULT_ON_OVERRUN, OFF, READY, RUNNING
+from hapticd.servo.passivity import forget_energy
 
 
 @njit(inline=True, counted=False)
@@ -99,6 +100,8 @@ def forget_motion(servo: Any) -> None:
     state.delayed_head = 0
     state.delayed_tail = 0
     state.speed = 0.0
+    state.velocity_samples = 0
+    forget_energy(servo)
 
 
 @njit(inline=True, counted=False)

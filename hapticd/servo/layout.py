@@ -27,6 +27,9 @@ SIDES = {"both": BOTH_SIDES, "positive": POSITIVE_SIDE, "negative": NEGATIVE_SID
 SKIP, HOLD, FAULT_ON_OVERRUN = 0, 1, 2
 OVERRUN_POLICIES = {"skip": SKIP, "hold": HOLD, "fault": FAULT_ON_OVERRUN}
 
+PASSIVITY_OFF, PASSIVITY_OBSERVE, PASSIVITY_CONTROL = 0, 1, 2
+PASSIVITY_MODES = {"off": PASSIVITY_OFF, "observe": PASSIVITY_OBSERVE, "control": PASSIVITY_CONTROL}
+
 PARAMS = np.dtype(
     [
         ("period_ns", "f8"),  # ns
@@ -34,6 +37,14 @@ PARAMS = np.dtype(
         ("clear", "i8"),  # a fault is cleared when this number changes
         ("force_per_tick", "f8"),  # K Δ, N m or N
         ("bias", "f8"),  # ½ or 0, ticks
+        ("damping", "f8"),  # B a count, N m or N for one count/s
+        ("velocity_periods", "i8"),  # over which positions are differenced
+        ("velocity_keep", "f8"),  # share of the velocity estimate that a period leaves; 0 for the plain difference
+        ("passivity", "i8"),  # PASSIVITY_OFF, PASSIVITY_OBSERVE, PASSIVITY_CONTROL
+        (
+            "passivity_stiffest",
+            "f8",
+        ),  # α T: largest damping force of its controller for the way of a period, N m/rad or N/m
         ("side", "i8"),  # on which the spring acts: BOTH_SIDES, POSITIVE_SIDE, NEGATIVE_SIDE
         ("origin", "i8"),  # of the spring, counts
         ("decimation", "i8"),  # counts in a coarse tick
@@ -86,6 +97,21 @@ STATE = np.dtype(
         ("counts", "i8"),  # of the last good sample
         ("counts_ns", "i8"),  # and when it came, ns
         ("speed", "f8"),  # counts/s
+        ("velocity", "f8"),  # of the coarse position as the damping knows it, counts/s
+        ("velocity_tick", "i8"),  # for which it was estimated
+        ("velocity_period_ns", "f8"),  # servo period since its history began, ns
+        ("velocity_samples", "i8"),  # put into its history
+        ("observes", "?"),  # whether the passivity observer knows where the period at hand began
+        ("observed_tick", "i8"),  # the tick before it
+        ("observed_counts", "i8"),  # the counts there
+        ("observed_potential", "f8"),  # and the spring's potential, J,
+        ("observed_set", "i8"),  # by this parameter set
+        ("moved", "f8"),  # in that period, rad or m
+        ("put_out", "f8"),  # work of the current sent, J
+        ("generated", "f8"),  # of it what the spring had not stored, J
+        ("excess", "f8"),  # of that what has to be dissipated again, J
+        ("dissipated", "f8"),  # by the controller, J
+        ("passivity_current", "f8"),  # that the controller added, A
         ("missed_in_a_row", "i8"),  # exchanges
         ("overruns_in_a_row", "i8"),  # late ticks
         ("i2t", "f8"),  # A² s above the continuous current
@@ -99,6 +125,7 @@ STATE = np.dtype(
         ("excitation_start", "i8"),  # tick
         ("delayed_head", "i8"),  # commands put into T_V
         ("delayed_tail", "i8"),  # commands taken out
+        ("dropped", "i8"),  # rows that had found no room when the last row was recorded
     ],
     align=True,
 )
@@ -132,6 +159,11 @@ SNAPSHOT = np.dtype(
         ("current_measured", "f8"),  # A; not a number where the device has none
         ("force", "f8"),  # N m or N
         ("i2t", "f8"),  # A² s above the continuous current
+        ("put_out", "f8"),  # passivity observer, J: work of the current sent,
+        ("generated", "f8"),  # of it what the spring had not stored,
+        ("excess", "f8"),  # of that what is still to be dissipated,
+        ("dissipated", "f8"),  # by the passivity controller
+        ("passivity_current", "f8"),  # that it adds, A
         ("fault_value", "f8"),  # what tripped the fault
         ("fault_limit", "f8"),  # and the limit that it crossed
     ],
@@ -163,6 +195,12 @@ COMMAND = np.dtype(
 MOST_DELAYED = 32768
 """Commands that can wait inside T_V; a power of two. One second at 20 kHz fits."""
 
+SAMPLE = np.dtype([("counts", "i8"), ("tick", "i8")], align=True)
+"""A position that the damping remembers: counts, and the tick in which they were read."""
+
+MOST_SAMPLES = 1024
+"""Samples remembered; a power of two above `MOST_VELOCITY_PERIODS`."""
+
 SERVO = np.dtype(
     [
         ("real_time", "?"),  # the monotonic clock, or virtual time
@@ -177,6 +215,7 @@ SERVO = np.dtype(
         ("late_histogram", ("i8", BUCKETS)),  # ns, see `hapticd.servo.timing`
         ("exec_histogram", ("i8", BUCKETS)),  # ns
         ("delayed", (COMMAND, MOST_DELAYED)),
+        ("samples", (SAMPLE, MOST_SAMPLES)),
     ],
     align=True,
 )

@@ -12,12 +12,20 @@ from typing import Any
 import numba
 
 from hapticd.jit import atomic_load, atomic_store, call_driver, fence_acquire, njit
-from hapticd.record.schema import FLAG_FAULT, FLAG_MISSED_EXCHANGE, FLAG_MISSED_PERIOD, FLAG_RUNNING, ROW
+from hapticd.record.schema import (
+    FLAG_DROPPED,
+    FLAG_FAULT,
+    FLAG_MISSED_EXCHANGE,
+    FLAG_MISSED_PERIOD,
+    FLAG_RUNNING,
+    ROW,
+)
 from hapticd.servo import atomics
 from hapticd.servo.clock import grid_instant, now_ns, sleep_until
 from hapticd.servo.command import leave, write_current, write_zero
 from hapticd.servo.gate import check_exchange, check_load, step_mode, take_counts
-from hapticd.servo.layout import FAULT, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
+from hapticd.servo.layout import FAULT, PASSIVITY_OFF, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
+from hapticd.servo.passivity import show_energy
 from hapticd.servo.render import coarse_ticks, render
 from hapticd.servo.timing import count
 
@@ -142,6 +150,8 @@ def show(servo: Any, shared: Any) -> None:
     snapshot.current = state.current
     snapshot.current_measured = servo.exchange.current_measured
     snapshot.force = servo.tick.force
+    if servo.params.passivity != PASSIVITY_OFF:
+        show_energy(servo)
     shared[atomics.COUNTS] = state.counts
 
 
@@ -154,6 +164,9 @@ def record(servo: Any, shared: Any, ring: Any, truth: Any, spent_ns: int) -> Non
     if head - atomic_load(shared, atomics.RING_TAIL) > mask:
         shared[atomics.DROPPED] += 1
         return
+    if shared[atomics.DROPPED] != state.dropped:
+        state.dropped = shared[atomics.DROPPED]
+        tick.flags |= FLAG_DROPPED
     row = ring[head & mask]
     row.tick = tick.number
     row.time_s = ((tick.ns - state.start_ns) + tick.frac) * 1e-9

@@ -93,8 +93,9 @@ def name_thread(name: str) -> None:
 
 
 def block_signals() -> None:
-    """No signal is ever handled in the calling thread."""
-    signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals())
+    """No signal is handled in the calling thread but those that its own code raises, which end the process."""
+    own = {signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
+    signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals() - own)
 
 
 class CpuLatencyRequest:

@@ -73,6 +73,7 @@ def simulate(
     energies: bool = True,
     excitation: NDArray[np.float64] | None = None,
     on_rows: Callable[[NDArray[Any]], None] | None = None,
+    on_truth: Callable[[NDArray[np.float64]], None] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> SimulationResult:
     """Simulate ``duration_s`` of the running loop on the config's own plant model.
@@ -88,6 +89,7 @@ def simulate(
         excitation: table of an identification experiment (:func:`hapticd.servo.excitation.build`), played from the start;
             shape (2, ticks of the table).
         on_rows: called with every block of rows, in order.
+        on_truth: called with the true (position, velocity) at those rows, (n, 2), rad or m and per s.
         progress: called with the fraction done.
 
     Raises:
@@ -115,7 +117,7 @@ def simulate(
     core.excitation[:] = table
     played = Request(state=layout.RUNNING, excitation_id=1, excitation_length=table.shape[1])
     request = Request(state=layout.RUNNING) if excitation is None else played
-    core.publish(parameters(config, request, safety=safety))
+    core.publish(parameters(config, request, safety=safety, latency_s=latency_s))
     core.begin(0, layout.RUNNING)
 
     inertia = config.plant.inertia + config.hand.inertia
@@ -129,7 +131,7 @@ def simulate(
         count = min(_CHUNK, ticks - done)
         begin = time.perf_counter()
         reason = core.run(real_time=False, ticks=count)
-        rows, truth = core.drain_with_truth(copy=on_rows is not None)
+        rows, truth = core.drain_with_truth(copy=on_rows is not None or on_truth is not None)
         if tracker is not None:
             _energies(truth, origin, resolution, period, mu, kappa, stored)
             tracker.update(stored[: len(truth)])
@@ -138,6 +140,8 @@ def simulate(
         done += len(rows)
         if on_rows is not None:
             on_rows(rows)
+        if on_truth is not None:
+            on_truth(truth)
         if progress is not None:
             progress(done / ticks)
     final_ns, final_frac = core.next_instant()
@@ -165,6 +169,8 @@ def simulate(
         "warnings": warnings,
         "fault": _fault(core, config, number) if number else None,
     }
+    if config.safety.passivity != "off":
+        report["passivity"] = core.passivity()
     return SimulationResult(report, position, speed)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import TYPE_CHECKING
@@ -26,9 +27,18 @@ if TYPE_CHECKING:
 
     from drivers.interface import Driver
     from hapticd.config import Config
+    from hapticd.record.flight import FlightRing
 
 _WARM_UP_TICKS = 64
 _FIRST_TICK_AFTER_NS = 20_000_000
+_HOLD_S = 30.0
+_LEAST_RING_ROWS = 1 << 18
+"""13 s at the highest rate, to which a running loop may be set."""
+
+
+def ring_rows(rate_hz: float) -> int:
+    """Rows of the ring, a power of two: at this rate it holds 30 s of a disk that does not answer."""
+    return int(max(_LEAST_RING_ROWS, 1 << math.ceil(math.log2(_HOLD_S * rate_hz))))
 
 
 class ServoThread:
@@ -39,10 +49,18 @@ class ServoThread:
         driver: an open driver.
         params: first parameter set.
         latched_fault: fault number from before a restart, or 0.
+        flight: as for :class:`ServoCore`.
     """
 
-    def __init__(self, config: Config, driver: Driver, params: np.void, latched_fault: int = 0) -> None:
-        self.core = ServoCore(driver)
+    def __init__(
+        self,
+        config: Config,
+        driver: Driver,
+        params: np.void,
+        latched_fault: int = 0,
+        flight: FlightRing | None = None,
+    ) -> None:
+        self.core = ServoCore(driver, ring_rows=ring_rows(config.servo.rate_hz), flight=flight)
         self.grants: list[Grant] = []
         self._config = config
         self._params = params

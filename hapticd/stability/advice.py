@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from drivers import max_rate
-from hapticd.config import ConfigError, apply_settings
+from hapticd.config import Config, ConfigError, apply_settings
 from hapticd.config.sections import Servo
 from hapticd.stability.assessment import STABLE, Assessment, assess
 from hapticd.stability.boundary import boundary
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.devices import HUMAN_OPERATOR
-from hapticd.stability.numbers import Loop
+from hapticd.stability.numbers import Loop, loop_from_config
 from hapticd.stability.regions import region
 from hapticd.stability.tuning import Start, grip_damping
 
@@ -29,6 +29,8 @@ _SCANNED: Final = 5000
 _DIGITS: Final = range(2, 15)
 #: How far rounding may move a value, as a fraction of it.
 _SLACK: Final = 0.03
+#: What a virtual damping that does not hold is tried to be multiplied with, the nearest first.
+_DAMPING_FACTORS: Final = (0.8, 1.25, 0.6, 1.6, 0.4, 2.5, 0.25, 4.0, 0.1, 10.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -80,9 +82,9 @@ def advise(found: Assessment, aim: Aim = STABLE) -> list[Change]:
         found: what the theory says.
         aim: the regions to move to.
     """
-    if found.proven or found.region in aim:
+    if found.verdict == "stable" if found.damped else found.proven or found.region in aim:
         return []
-    searches = (_stiffness, _decimation, _rate, _delay, _motion)
+    searches = (_stiffness, _damping, _decimation, _rate, _delay, _motion)
     changes = [search(found, aim) for search in searches]
     changes.sort(key=lambda change: change.size if change else math.inf)
     return [change for change in [*changes, _grip(found, aim)] if change is not None]
@@ -118,6 +120,8 @@ def _apply(found: Assessment, aim: Aim, key: str, before: float, after: float, u
     except ConfigError:
         return None
     then = assess(config, latency_s=found.latency_s)
+    if found.damped is not None:
+        return _verified(found, config, key, before, after, unit)
     xi_dot_max = None if found.start is None else found.start.xi_dot_max(then.loop)
     where = region(then.numbers, xi_dot_max)
     if where not in aim:
@@ -125,9 +129,37 @@ def _apply(found: Assessment, aim: Aim, key: str, before: float, after: float, u
     return Change(key, before, after, unit, where, criterion_margin(then.numbers, xi_dot_max))
 
 
+def _verified(found: Assessment, config: Config, key: str, before: float, after: float, unit: str) -> Change | None:
+    """The change of a loop with damping, for which no region speaks: if the exact loop then dies out."""
+    deflection, velocity = found.deflection, found.velocity
+    if found.start is not None:
+        scales = loop_from_config(config, found.latency_s).scales
+        deflection = None if deflection is None else float(scales.position_to_xi(found.start.deflection))
+        velocity = None if velocity is None else float(scales.velocity_to_xi_dot(found.start.velocity))
+    then = assess(config, deflection=deflection, velocity=velocity, latency_s=found.latency_s)
+    if then.verdict != "stable":
+        return None
+    return Change(key, before, after, unit, then.region, criterion_margin(then.numbers, then.xi_dot_max))
+
+
+def _damping(found: Assessment, aim: Aim) -> Change | None:
+    """The nearest other virtual damping with which the exact loop dies out, of a coarse scale."""
+    present = found.config.spring.damping
+    if found.damped is None:
+        return None
+    unit = "N s/m" if found.config.is_linear else "N m s/rad"
+    for factor in _DAMPING_FACTORS:
+        after = float(f"{present * factor:.3g}")
+        if change := _apply(found, aim, "spring.damping", present, after, unit):
+            return change
+    return None
+
+
 def _stiffness(found: Assessment, aim: Aim) -> Change | None:
     loop, start = found.loop, found.start
     K = loop.stiffness
+    if K == 0.0:
+        return None
 
     def safe(stiffness: float) -> bool:
         return _safe(replace(loop, stiffness=stiffness), start, aim)
@@ -194,6 +226,8 @@ def _delay(found: Assessment, aim: Aim) -> Change | None:
 
 def _motion(found: Assessment, aim: Aim) -> Change | None:
     """A gentler motion: a release from less far, or a lower velocity."""
+    if found.damped is not None:
+        return None
     key = "velocity" if found.velocity is not None else "deflection"
     asked = found.velocity if found.velocity is not None else found.deflection
     if not asked:

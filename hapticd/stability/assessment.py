@@ -15,6 +15,7 @@ import numpy as np
 from hapticd.config import Config
 from hapticd.stability.cautions import cautions, proof_applies
 from hapticd.stability.criterion import Criterion, criterion_margin, sampling_bound_ok, velocity_limit
+from hapticd.stability.damped import Damped, damped
 from hapticd.stability.limit_cycle import LimitCycle, predicted_cycle, settled_cycle
 from hapticd.stability.locked_cycle import LockedCycle, locked_cycles
 from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
@@ -66,6 +67,8 @@ class Assessment:
         stiffness_passive, stiffness_dissipating: largest K; None where there is none to name.
         cycle: the self-sustained oscillation that the motion ends in (describing function); None if it ends in none.
         locked: the cycles below one tick that the sampled loop can really lock into, if it ends in a cycle.
+        damped: what holds with the virtual damping; None without any. Region, limits and margins are then those of the
+            spring alone, and there is no cycle.
         warnings: what the theory leaves out here, in words.
     """
 
@@ -85,6 +88,7 @@ class Assessment:
     stiffness_dissipating: float | None
     cycle: LimitCycle | None
     locked: tuple[LockedCycle, ...]
+    damped: Damped | None
     warnings: tuple[str, ...]
 
     @property
@@ -114,6 +118,7 @@ class Assessment:
                 "frequency_hz": self.cycle and hertz(self.cycle.omega),
                 "locked": [{"amplitude_ticks": c.amplitude, "frequency_hz": hertz(c.omega)} for c in self.locked],
             },
+            "damping": self.damped and self.damped.document(self.loop.scales),
             "sampling_bound_ok": math.isinf(n.mu) or sampling_bound_ok(n),
             "warnings": list(self.warnings),
         }
@@ -152,8 +157,15 @@ def assess(
         raise ValueError(f"a motion of {xi_dot_max:g} ticks per period is beyond anything that can be worked out")
     where = region(numbers, xi_dot_max)
     # with delay it can hold where the paper's (19) does not: that charges the acceleration in full even at top speed
-    proven = xi_dot_max is not None and proof_applies(config) and criterion_margin(numbers, xi_dot_max, "sharp") >= 0.0
-    cycle = _cycle(numbers, deflection, velocity)
+    with_damping = None
+    if config.spring.damping > 0.0:
+        with_damping = damped(config, loop, xi_dot_max, deflection, velocity)
+    margin = -math.inf if xi_dot_max is None else criterion_margin(numbers, xi_dot_max, "sharp")
+    if with_damping is not None:
+        margin = -math.inf if with_damping.margin is None else with_damping.margin
+    proven = proof_applies(config) and margin >= 0.0
+    cycle = None if with_damping else _cycle(numbers, deflection, velocity)
+    verdict: Verdict = VERDICTS[where] if with_damping is None else with_damping.verdict
     return Assessment(
         config=config,
         latency_s=latency_s,
@@ -165,12 +177,13 @@ def assess(
         xi_dot_max=xi_dot_max,
         region=where,
         proven=proven,
-        verdict="stable" if proven else VERDICTS[where],
+        verdict="stable" if proven else verdict,
         velocity_limit=velocity_limit(numbers),
         stiffness_passive=stiffness_max_passive(loop, start=start),
         stiffness_dissipating=None if start is None else stiffness_max_dissipating(loop, start),
         cycle=cycle,
         locked=() if cycle is None or numbers.mu > _LOCKED_UP_TO else tuple(locked_cycles(numbers)),
+        damped=with_damping,
         warnings=cautions(config, loop, xi_dot_max, deflection),
     )
 

@@ -22,7 +22,8 @@ from numba import from_dtype, types
 from numpy.typing import NDArray
 
 from hapticd.jit import njit
-from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_MISSED_PERIOD, FLAG_RUNNING, ROW, Rows
+from hapticd.record.schema import FLAG_EXCITATION, FLAG_MISSED_EXCHANGE, FLAG_MISSED_PERIOD, FLAG_RUNNING, ROW, Rows
+from hapticd.stability.passivity import spring_potential
 from hapticd.stability.segments import move_with_stiffness
 from hapticd.stability.storage import FloatArray
 
@@ -36,11 +37,13 @@ if TYPE_CHECKING:
 
 (
     S_POSITION, S_VELOCITY, S_TIME, S_FORCE, S_VISCOUS, S_COULOMB, S_GENERATED, S_UNEXPLAINED, S_SETTINGS, S_START,
-    S_STORED, S_SEEN, S_RUNNING, S_TICK, S_COUNTS, S_HEAD, S_TAIL, S_ACTING, S_BEGAN, S_ROWS, STATE_WORDS,
-) = range(21)  # fmt: skip
+    S_STORED, S_SEEN, S_RUNNING, S_TICK, S_COUNTS, S_HEAD, S_TAIL, S_ACTING, S_BEGAN, S_ROWS, S_CURRENT, S_EXCITED,
+    S_PUT_OUT, S_OBSERVED, STATE_WORDS,
+) = range(25)  # fmt: skip
 
-#: Columns of a row's energies, all since the start: stored, viscous, coulomb, generated, unexplained; and the position.
-O_STORED, O_VISCOUS, O_COULOMB, O_GENERATED, O_UNEXPLAINED, O_POSITION, OUTPUTS = range(7)
+#: Columns of a row's energies, all since the start: stored, viscous, coulomb, generated, unexplained; and the position;
+#: and what the passivity observer books from counts and currents alone: put out by the current, generated.
+O_STORED, O_VISCOUS, O_COULOMB, O_GENERATED, O_UNEXPLAINED, O_POSITION, O_PUT_OUT, O_OBSERVED, OUTPUTS = range(9)
 #: Columns of the places visited while the force of a row acted: at its start and end, the extremes.
 L_START, L_END, L_LOW, L_HIGH, PLACES = range(5)
 
@@ -85,15 +88,6 @@ def replay_parameters(config: Config, latency_s: float = 0.0, origin_counts: int
 def replay_state() -> FloatArray:
     """A kernel's memory before the first row: state, then the queue of commands on their way."""
     return np.zeros(STATE_WORDS + 3 * QUEUE_LENGTH)
-
-
-@njit(_f8(_f8, _f8, _f8), inline=True)
-def spring_potential(xi: float, bias: float, side: float) -> float:
-    """Potential of the rendered spring at ξ ticks in KΔ²: (34), for a wall or without the half-tick bias its like."""
-    if xi * side < 0.0:
-        return 0.0
-    n = np.floor(xi)
-    return float(0.5 * n * (n - 1.0) + n * (xi - n) + bias * xi)
 
 
 @njit(_f8(_F, _f8), inline=True)
@@ -178,6 +172,15 @@ def _correct(p: NDArray[np.float64], s: NDArray[np.float64], counts: float, dt: 
     s[S_UNEXPLAINED] += stored_energy(p, s) - before + viscous + coulomb - generated
 
 
+@njit(types.void(_F, _F, _f8), inline=True)
+def _observe(p: NDArray[np.float64], s: NDArray[np.float64], counts: float) -> None:
+    """What `hapticd.servo.passivity` books for the period before a row."""
+    before, now = (s[S_COUNTS] + 0.5) * p[P_RAW], (counts + 0.5) * p[P_RAW]
+    work = s[S_CURRENT] * p[P_TORQUE_CONSTANT] * (now - before)
+    s[S_PUT_OUT] += work
+    s[S_OBSERVED] += work + _potential(p, now) - _potential(p, before)
+
+
 @njit(types.void(_F, _F, _f8, _f8))
 def _begin_anew(p: NDArray[np.float64], s: NDArray[np.float64], counts: float, now: float) -> None:
     """Place the model in the middle of the count that was read: at the first row, and where rows are lost.
@@ -223,15 +226,19 @@ def replay(
             _advance_through_commands(p, s, now, places)
             if row.flags & FLAG_MISSED_EXCHANGE == 0:
                 _correct(p, s, counts, dt)
+            if s[S_RUNNING] != 0.0 and s[S_EXCITED] == 0.0:
+                _observe(p, s, counts)
         s[S_TICK], s[S_COUNTS], s[S_SEEN] = float(row.tick), counts, 1.0
 
         running = row.flags & FLAG_RUNNING != 0
         if running and s[S_RUNNING] == 0.0:
             s[S_VISCOUS : S_SETTINGS + 1] = 0.0
+            s[S_PUT_OUT : S_OBSERVED + 1] = 0.0
             s[S_START] = stored_energy(p, s)
         s[S_RUNNING] = 1.0 if running else 0.0
         if running:
             s[S_STORED] = stored_energy(p, s)
+        s[S_CURRENT], s[S_EXCITED] = row.current_command_A, float(row.flags & FLAG_EXCITATION)
 
         if s[S_HEAD] - s[S_TAIL] < QUEUE_LENGTH:
             slot = STATE_WORDS + 3 * (int(s[S_HEAD]) & _MASK)
@@ -245,3 +252,4 @@ def replay(
             out[k, O_STORED], out[k, O_VISCOUS], out[k, O_COULOMB] = s[S_STORED], s[S_VISCOUS], s[S_COULOMB]
             out[k, O_GENERATED], out[k, O_UNEXPLAINED] = s[S_GENERATED], s[S_UNEXPLAINED] + s[S_SETTINGS]
             out[k, O_POSITION] = s[S_POSITION]
+            out[k, O_PUT_OUT], out[k, O_OBSERVED] = s[S_PUT_OUT], s[S_OBSERVED]

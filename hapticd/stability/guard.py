@@ -4,6 +4,8 @@ A motion that the theory does not see die out is refused: C; D, which is a motio
 energy may rise before it falls; B where its oscillation reaches one tick. What the sharp criterion proves is admitted
 whatever its region. Without a motion, ``D|E`` and ``F1|F2`` are admitted: slow motions die out there, and every later
 motion is judged again when it begins.
+
+With virtual damping no region decides: the exact loop is run, and admitted is what dies out or stays below one tick.
 """
 
 from __future__ import annotations
@@ -18,9 +20,9 @@ from hapticd.stability.advice import advise
 from hapticd.stability.assessment import Assessment, assess
 from hapticd.stability.criterion import velocity_limit
 from hapticd.stability.limit_cycle import predicted_cycle
-from hapticd.stability.numbers import Loop, loop_from_config
+from hapticd.stability.numbers import Loop, from_config, loop_from_config
 from hapticd.stability.regions import MEANING, region
-from hapticd.stability.report import advice_text, number
+from hapticd.stability.report import advice_text, exactly, number
 from hapticd.stability.tuning import Start
 
 Policy = Literal["refuse", "warn", "off"]
@@ -31,6 +33,7 @@ CALM: Final = frozenset({"A", "E", "F1", "F1|F2"})
 #: Regions in which it takes more than the region to say that a motion dies out.
 _DOUBTFUL: Final = frozenset({"B", "C", "D", "F2"})
 _ONE_TICK: Final = 1.0
+_DAMPING_KEYS: Final = ("damping", "velocity_estimate", "velocity_periods", "velocity_cutoff_hz")
 #: What the region's meaning does not say of a motion that is not admitted.
 _MORE: Final = {
     "B": "; here they may reach one tick and more",
@@ -92,12 +95,18 @@ def judge(
     motion = _motion(deflection, velocity)
     try:
         where = _region(loop, deflection, velocity)
-        if where not in _DOUBTFUL or loop.stiffness == 0.0:
+        if config.spring.damping == 0.0 and (where not in _DOUBTFUL or loop.stiffness == 0.0):
             return Judgement("admitted", _reason(loop, config.is_linear, where, motion), where)
         found = assess(config, deflection=deflection, velocity=velocity, latency_s=latency_s)
     except ValueError as error:
         return Judgement(_verdict(policy, force), str(error), None, _NO_HELP)
     reason = _reason(loop, config.is_linear, where, motion)
+    if found.damped is not None:
+        reason = f"without its damping {reason}. {exactly(found)}"
+        if found.proven or found.damped.oscillation < _ONE_TICK:
+            return Judgement("admitted", reason, where)
+        changes = [change for change in advise(found) if release or "." in change.key]
+        return Judgement(_verdict(policy, force), reason, where, advice_text(found, changes) if changes else _NO_HELP)
     if found.proven:
         return Judgement("admitted", f"{reason}; yet the sharp criterion proves that this motion loses energy", where)
     if where == "B" and _largest_cycle(found) < _ONE_TICK:
@@ -105,6 +114,13 @@ def judge(
     changes = [change for change in advise(found, CALM) if release or "." in change.key]
     help_text = advice_text(found, changes) if changes else _NO_HELP
     return Judgement(_verdict(policy, force), f"{reason}{_MORE.get(where, '')}", where, help_text)
+
+
+def same_loop(old: Config, new: Config, latency_s: float) -> bool:
+    """Whether the theory sees no difference between two configurations."""
+    if from_config(old, latency_s) != from_config(new, latency_s):
+        return False
+    return all(getattr(old.spring, key) == getattr(new.spring, key) for key in _DAMPING_KEYS)
 
 
 def _verdict(policy: Policy, force: bool) -> Verdict:

@@ -84,13 +84,13 @@ def _panel(axes: Axes, maps: Maps, delay: int, velocity: int) -> None:
     shade = np.where(maps.done[delay, velocity], maps.points["outcome"][delay, velocity], len(OUTCOMES))
     colours = ListedColormap([*SHADES.values(), _NOT_DONE])
     axes.pcolormesh(
-        _edges(beta), _edges(sigma), shade.T, cmap=colours, vmin=-0.5, vmax=len(OUTCOMES) + 0.5, rasterized=True
+        edges(beta), edges(sigma), shade.T, cmap=colours, vmin=-0.5, vmax=len(OUTCOMES) + 0.5, rasterized=True
     )
-    lines = boundaries(study.mu, tau_d, study.velocities[velocity], np.linspace(0.0, _edges(beta)[-1], 301))
+    lines = boundaries(study.mu, tau_d, study.velocities[velocity], np.linspace(0.0, edges(beta)[-1], 301))
     for name, line in lines.items():
         axes.plot(line[:, 0], line[:, 1], color=_LINE, lw=1.4 if name == "critical" else 0.9)
-    axes.set_xlim(0.0, _edges(beta)[-1])
-    axes.set_ylim(0.0, _edges(sigma)[-1])
+    axes.set_xlim(0.0, edges(beta)[-1])
+    axes.set_ylim(0.0, edges(sigma)[-1])
     names = regions_of(maps, delay, velocity)
     for name in sorted(set(names.ravel().tolist())):
         i, j = np.argwhere(names == name).mean(axis=0)
@@ -99,7 +99,7 @@ def _panel(axes: Axes, maps: Maps, delay: int, velocity: int) -> None:
         axes.text(*place, name, color=_LINE, weight="bold", ha="center", va="center", fontsize=9, bbox=box)
 
 
-def _edges(centres: FloatArray) -> FloatArray:
+def edges(centres: FloatArray) -> FloatArray:
     """Borders of the cells around evenly spaced centres, the first of which lies one step from zero."""
     step = centres[0]
     return np.asarray(np.append(centres - 0.5 * step, centres[-1] + 0.5 * step))

@@ -42,6 +42,7 @@ WHY: Final[dict[str, str]] = {
 
 _LABELS: Final = {
     "spring.stiffness": "a softer spring",
+    "spring.damping": "another virtual damping",
     "encoder.decimation": "finer ticks",
     "servo.rate_hz": "a faster servo",
     "delay.computation_s": "a shorter computation",
@@ -80,6 +81,8 @@ def report(found: Assessment, changes: Sequence[Change], name: str, device: Devi
 
 def _why(found: Assessment) -> str:
     text = f"Region {found.region}: {MEANING[found.region]}. {WHY[found.region]}"
+    if found.damped is not None:
+        return f"Without its virtual damping: region {found.region}: {MEANING[found.region]}. {exactly(found)}."
     if found.proven and VERDICTS[found.region] != "stable":
         text += (
             " But that is the paper's criterion, and here it is too strict: the sharp one, which is proven, holds, and "
@@ -88,6 +91,26 @@ def _why(found: Assessment) -> str:
     elif found.region == "C" and found.cycle is not None:
         text += " From this motion the describing function expects no growth but the small limit cycle below."
     return text
+
+
+_BECAME: Final = {"persistent": "goes on", "growing": "grows"}
+
+
+def exactly(found: Assessment) -> str:
+    """What the exact loop with its damping does, in one sentence without its stop."""
+    damped = found.damped
+    assert damped is not None
+    if found.proven:
+        return "With it, the sharp criterion proves that this motion loses energy all the time"
+    parts = []
+    for run in damped.runs:
+        how = f"at rest from {run.xi:g} ticks" if run.xi else f"at {run.xi_dot:g} ticks per period"
+        became = "dies out" if run.dies_out else _BECAME[run.outcome]
+        if run.outcome == "persistent":
+            hertz = float(found.loop.scales.omega_to_hz(run.omega))
+            became += f" with {number(run.amplitude)} ticks at {number(hertz)} Hz"
+        parts.append(f"a motion {how} {became}")
+    return f"No theorem covers it with the damping; simulated exactly, {', '.join(parts)}"
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -147,6 +170,8 @@ def _numbers(found: Assessment) -> Iterator[str]:
     known = [f"{number(K)} {stiffness_unit} {label}" for label, K in limits if K is not None]
     if known:
         yield f"stiffness up to   {', '.join(known)} (now {shortest(found.loop.stiffness)})"
+    if found.damped is not None:
+        yield from _damping(found, stiffness_unit)
     if found.cycle is not None:
         hertz = float(scales.omega_to_hz(found.cycle.omega))
         amplitude = number(found.cycle.amplitude)
@@ -159,6 +184,24 @@ def _numbers(found: Assessment) -> Iterator[str]:
             f"{number(fast.amplitude)} at {number(high)} Hz"
         )
         yield f"                  to {number(slow.amplitude)} at {number(low)} Hz"
+
+
+def _damping(found: Assessment, stiffness_unit: str) -> Iterator[str]:
+    damped, spring = found.damped, found.config.spring
+    assert damped is not None
+    unit = stiffness_unit.replace("N m/rad", "N m s/rad").replace("N/m", "N s/m")
+    estimate = f"difference over {spring.velocity_periods}"
+    if spring.velocity_estimate == "low_pass":
+        estimate = f"low-pass of {number(spring.velocity_cutoff_hz)} Hz"
+    yield "                  (all of this of the spring without its damping)"
+    yield f"virtual damping   β_v = {number(damped.damper.beta_v)}, velocity by {estimate}"
+    answer = "holds" if damped.passive else "does not hold"
+    yield (
+        f"passive           b ≥ K(T/2 + T_D) + γB (Colgate and Schenkel) {answer}: {number(damped.passive_least)} {unit}, "
+        f"of {number(damped.viscous)}"
+    )
+    if damped.margin is not None:
+        yield f"margin            sharp {number(damped.margin, 2)} ticks of force, the damping counted as an error"
 
 
 def advice_text(found: Assessment, changes: Sequence[Change]) -> str:

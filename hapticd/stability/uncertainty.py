@@ -6,12 +6,15 @@ The torque constant has no part in it: μ, β and σ are ratios of what it scale
 
 K_max at 95 % is the largest stiffness that at most 5 % of the draws do not admit. For one device the margin has one change
 of sign in K (`hapticd.stability.tuning`), so it is the 5 % quantile of the largest stiffnesses.
+
+With virtual damping no criterion covers the loop: then fewer draws are judged by the exact loop, passivity by Colgate and
+Schenkel's bound, and no largest stiffness is named.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
@@ -20,11 +23,14 @@ from scipy.stats import qmc
 from hapticd.stability.assessment import STABLE, Assessment
 from hapticd.stability.cautions import proof_applies
 from hapticd.stability.criterion import coulomb_margin, criterion_margin, viscous_margin
+from hapticd.stability.damped import damped
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 from hapticd.stability.tuning import Start, stiffness_max_dissipating, stiffness_max_stable
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -32,6 +38,8 @@ if TYPE_CHECKING:
 PARAMETERS: Final = ("inertia", "viscous", "coulomb", "delay")
 LEVEL: Final = 0.95
 _LOG2_DRAWS: Final = 10
+_LOG2_DRAWS_DAMPED: Final = 7
+"""Each of them runs the exact loop."""
 _SEED: Final = 1
 _PASSIVE: Final = frozenset({"A", "F1"})
 _LEAST_SHARE: Final = 0.02
@@ -47,7 +55,7 @@ class Confidence:
         passive: probability that energy falls all the time; None where delay makes that a question of the motion.
         decides: the parameter whose error moves the margin most; None where nothing does.
         shares: of the margin's variance that each parameter explains, with what it is correlated with.
-        stiffness_max: largest K that is stable with a probability of `LEVEL`.
+        stiffness_max: largest K that is stable with a probability of `LEVEL`; None with virtual damping.
         beta, sigma: (n,) operating points of the draws.
     """
 
@@ -55,7 +63,7 @@ class Confidence:
     passive: float | None
     decides: str | None
     shares: dict[str, float]
-    stiffness_max: float
+    stiffness_max: float | None
     beta: Floats
     sigma: Floats
 
@@ -73,13 +81,22 @@ class Confidence:
     @property
     def words(self) -> str:
         """One or two sentences."""
-        text = f"stable with a probability of {_percent(self.stable)}"
+        text = f"stable with a probability of {self._percent(self.stable)}"
         if self.passive is not None:
-            text += f", passive with {_percent(self.passive)}"
+            text += f", passive with {self._percent(self.passive)}"
         if self.decides is not None:
             what = {"viscous": "viscous friction", "coulomb": "Coulomb friction"}.get(self.decides, self.decides)
             text += f"; the {what} decides ({100 * self.shares[self.decides]:.0f} % of what is uncertain)"
         return text
+
+    def _percent(self, probability: float) -> str:
+        """In words that never claim certainty."""
+        draws = self.beta.size
+        if probability > 1.0 - 1.0 / draws:
+            return f"more than {100.0 * (1.0 - 1.0 / draws):.1f} %"
+        if probability < 1.0 / draws:
+            return f"less than {100.0 / draws:.1f} %"
+        return f"{100.0 * probability:.1f} %"
 
 
 def confidence(found: Assessment) -> Confidence | None:
@@ -92,13 +109,45 @@ def confidence(found: Assessment) -> Confidence | None:
     if not uncertainty.is_known or found.loop.stiffness == 0.0:
         return None
     deviations = np.array([uncertainty.inertia, uncertainty.viscous, uncertainty.coulomb, uncertainty.delay_s])
-    normal = _normals(np.asarray(uncertainty.matrix))
+    draws = _LOG2_DRAWS if found.damped is None else _LOG2_DRAWS_DAMPED
+    normal = _normals(np.asarray(uncertainty.matrix), draws)
     loops = [_moved(found, errors) for errors in normal * deviations]
-    regions = [region(loop.numbers, None if found.start is None else found.start.xi_dot_max(loop)) for loop in loops]
-    proof = found.start is not None and proof_applies(found.config)
+    judged = _of_spring(found, loops) if found.damped is None else _with_damping(found, loops)
+    varying = deviations > 0.0
+    shares = {
+        name: float(np.corrcoef(judged.margins, errors)[0, 1] ** 2) if vary and np.ptp(judged.margins) > 0.0 else 0.0
+        for name, errors, vary in zip(PARAMETERS, normal.T, varying, strict=True)
+    }
+    first = max(shares, key=lambda name: shares[name])
+    numbers = [loop.numbers for loop in loops]
+    return Confidence(
+        stable=float(np.mean(judged.stable)),
+        passive=None if judged.passive is None else float(np.mean(judged.passive)),
+        decides=first if shares[first] > _LEAST_SHARE else None,
+        shares=shares,
+        stiffness_max=judged.stiffness_max,
+        beta=np.array([n.beta for n in numbers]),
+        sigma=np.array([n.sigma for n in numbers]),
+    )
+
+
+class _Judged(NamedTuple):
+    """The draws: which are stable, which passive, and a number that tells how clearly."""
+
+    stable: NDArray[np.bool_]
+    passive: NDArray[np.bool_] | None
+    margins: Floats
+    stiffness_max: float | None
+
+
+def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
+    """By the paper's regions and criterion."""
+    start = found.start
+    regions = [region(loop.numbers, None if start is None else start.xi_dot_max(loop)) for loop in loops]
+    proof = proof_applies(found.config)
     stable = np.array(
         [
-            where in STABLE or (proof and found.start is not None and _is_proven(loop, found.start))
+            where in STABLE or (proof and start is not None and _is_proven(loop, start))
             for where, loop in zip(regions, loops, strict=True)
         ]
     )
@@ -106,28 +155,29 @@ def confidence(found: Assessment) -> Confidence | None:
     asks = "F1|F2" in regions
     # What is open is what a parameter can decide.
     of_passivity = not asks and _is_open(passive) and not _is_open(stable)
-    margins = np.array([_margin(loop, found.start, passive=of_passivity) for loop in loops])
-    varying = deviations > 0.0
-    shares = {
-        name: float(np.corrcoef(margins, errors)[0, 1] ** 2) if vary and np.ptp(margins) > 0.0 else 0.0
-        for name, errors, vary in zip(PARAMETERS, normal.T, varying, strict=True)
-    }
-    first = max(shares, key=lambda name: shares[name])
-    numbers = [loop.numbers for loop in loops]
-    return Confidence(
-        stable=float(np.mean(stable)),
-        passive=None if asks else float(np.mean(passive)),
-        decides=first if shares[first] > _LEAST_SHARE else None,
-        shares=shares,
-        stiffness_max=float(np.quantile([_largest(loop, found.start) for loop in loops], 1.0 - LEVEL, method="lower")),
-        beta=np.array([n.beta for n in numbers]),
-        sigma=np.array([n.sigma for n in numbers]),
-    )
+    margins = np.array([_margin(loop, start, passive=of_passivity) for loop in loops])
+    largest = float(np.quantile([_largest(loop, start) for loop in loops], 1.0 - LEVEL, method="lower"))
+    return _Judged(stable, None if asks else passive, margins, largest)
 
 
-def _normals(correlation: Floats) -> Floats:
-    """Correlated standard normal draws, shape (n, 4)."""
-    uniform = qmc.Sobol(len(PARAMETERS), seed=_SEED).random_base2(_LOG2_DRAWS)
+def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
+    """By what `check` itself goes by there: proof or exact loop, and Colgate and Schenkel's bound."""
+    start = found.start
+    judged = [
+        damped(found.config, loop, None if start is None else start.xi_dot_max(loop), found.deflection, found.velocity)
+        for loop in loops
+    ]
+    proof = proof_applies(found.config)
+    proven = [proof and one.margin is not None and one.margin >= 0.0 for one in judged]
+    stable = np.array([sure or one.verdict == "stable" for one, sure in zip(judged, proven, strict=True)])
+    passive = np.array([one.passive for one in judged])
+    open_answer = passive if _is_open(passive) and not _is_open(stable) else stable
+    return _Judged(stable, passive, open_answer.astype(float), None)
+
+
+def _normals(correlation: Floats, log2_draws: int) -> Floats:
+    """Correlated standard normal draws, shape (2^log2_draws, 4)."""
+    uniform = qmc.Sobol(len(PARAMETERS), seed=_SEED).random_base2(log2_draws)
     values, vectors = np.linalg.eigh(correlation)
     root = vectors * np.sqrt(np.clip(values, 0.0, None))
     return np.asarray(ndtri(np.clip(uniform, 1e-9, 1.0 - 1e-9)) @ root.T)
@@ -168,13 +218,3 @@ def _margin(loop: Loop, start: Start | None, *, passive: bool) -> float:
 def _largest(loop: Loop, start: Start | None) -> float:
     """Largest K of one draw: for the motion, or, without one, for every motion."""
     return stiffness_max_stable(loop) if start is None else stiffness_max_dissipating(loop, start)
-
-
-def _percent(probability: float) -> str:
-    """In words that never claim certainty."""
-    draws = 2**_LOG2_DRAWS
-    if probability > 1.0 - 1.0 / draws:
-        return f"more than {100.0 * (1.0 - 1.0 / draws):.1f} %"
-    if probability < 1.0 / draws:
-        return f"less than {100.0 / draws:.1f} %"
-    return f"{100.0 * probability:.1f} %"

@@ -10,7 +10,7 @@ import pytest
 from hapticd.client import Client
 from hapticd.service.refusals import DriverFailure, Refused
 
-from ..service.fake_control import ADMITTED, FAULT, FakeControl
+from ..service.fake_control import ADMITTED, FAULT, FakeControl, serve
 from .conftest import Run
 
 JSON_COMMANDS = [
@@ -206,7 +206,7 @@ def test_paths_are_made_absolute_before_they_are_sent(
     assert daemon("reload", "rig.yaml").code == 0
     assert daemon("reload", "phantom").code == 0
     assert control.calls == [
-        ("record_start", str(tmp_path / "wall.arrow")),
+        ("record_start", str(tmp_path / "wall.arrow"), "trusted"),
         ("reload", str(tmp_path / "rig.yaml")),
         ("reload", "phantom"),
     ]
@@ -297,6 +297,21 @@ def test_socket_option_beats_the_variable(daemon: Run, tmp_path: Path) -> None:
 def test_socket_defaults_to_that_of_the_config(hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert str(tmp_path / "hapticd.sock") in hapticd("status").err
+
+
+def test_nothing_is_sent_to_a_socket_in_a_folder_that_others_may_change(
+    hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("XDG_RUNTIME_DIR", raising=False)
+    monkeypatch.setattr("hapticd.config.places._SERVICE_RUNTIME", tmp_path / "missing")
+    monkeypatch.setattr("hapticd.config.places._TEMPORARY", tmp_path)
+    own = tmp_path / f"hapticd-{os.getuid()}"
+    with serve(FakeControl(), own / "hapticd.sock"):
+        assert hapticd("status").code == 0
+        own.chmod(0o777)
+        outcome = hapticd("status")
+        assert (outcome.code, f"others may write to {own}" in outcome.err) == (3, True)
+        own.chmod(0o755)
 
 
 def test_daemon_that_hangs_exits_3(daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch) -> None:

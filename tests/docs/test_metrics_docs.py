@@ -26,7 +26,7 @@ FROM_NODE_EXPORTER = {"node_textfile_mtime_seconds"}
 @pytest.fixture
 def samples(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, set[str]]:
     """Every sample's name and the names of its labels, as node_exporter gets them."""
-    with daemon_on(monkeypatch, tmp_path) as (daemon, _devices):
+    with daemon_on(monkeypatch, tmp_path, safety={"passivity": "observe"}) as (daemon, _devices):
         text = textfile.labelled(daemon.metrics() + textfile.up(True), "left")
     found: dict[str, set[str]] = {}
     for family in text_string_to_metric_families(text):

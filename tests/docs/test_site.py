@@ -22,6 +22,7 @@ def build(root: Path, site: Path) -> subprocess.CompletedProcess[str]:
 def source(tmp_path: Path) -> Path:
     shutil.copy(ROOT / "mkdocs.yml", tmp_path)
     shutil.copytree(ROOT / "docs", tmp_path / "docs")
+    (tmp_path / "hapticd").symlink_to(ROOT / "hapticd")  # the API page is made from the docstrings
     return tmp_path
 
 

@@ -137,8 +137,8 @@ def test_inverted_encoder_turns_the_direction_round() -> None:
 
 
 def test_a_board_that_falls_silent(tmp_path: Path) -> None:
-    with running_board(tmp_path, "faults: [{kind: silent, at_s: 0.3}]") as device:
-        found = bring_up(config(device.link), Person(does=True))
+    with running_board(tmp_path, "{faults: [{kind: silent, at_s: 0.0, from: enabled}]}") as device:
+        found = bring_up(config(device.link), Person(does=False))
     assert "a SAMPLE was not answered within 250 ms" in text(found, "answers")
     assert not found.fit
 

@@ -20,7 +20,7 @@ def until_killed(folder: Path, clock: Path) -> None:
     with clock.open("r+b") as file:
         newest = mmap.mmap(file.fileno(), 8)
     ring = Ring()
-    recorder = Recorder(ring.drain, lambda: 0, lambda: 1e4, dict, folder)
+    recorder = Recorder(ring.drain, lambda: 0, ring.past, dict, folder)
     path = recorder.start()
     while True:
         time.sleep(0.001)
@@ -36,17 +36,16 @@ def until_full(folder: Path, limit: int | None) -> None:
     if limit is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     ring = Ring()
-    recorder = Recorder(ring.drain, lambda: 0, lambda: ring.rate_hz, dict, folder)
+    recorder = Recorder(ring.drain, lambda: 0, ring.past, dict, folder)
     path = recorder.start()
     while recorder.status()["state"] == "recording":
         ring.push(200)
         time.sleep(0.01)
     failed = recorder.status()
-    held = failed["history_rows"]
     ring.push(500)
-    wait_until(lambda: recorder.status()["history_rows"] > held or not ring.chunks)
+    wait_until(lambda: not ring.chunks)
     try:
-        recorder.dump_history("over_speed")
+        recorder.dump_past("over_speed")
         dump = "written"
     except RecordingError as error:
         dump = str(error)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from hapticd.record.schema import Rows, empty_rows
+from hapticd.record.schema import FLAG_DROPPED, Rows, empty_rows
 
 CONFIG = {"servo": {"rate_hz": 1000.0}, "plant": {"inertia": 6.28e-6}, "encoder": {"counts_per_rev": 8192}}
 
@@ -35,6 +35,8 @@ class Ring:
         self.made = 0
         self.lost = 0
         self.rate_hz = 1000.0
+        self.newest = empty_rows()
+        self.full = False
         self.inside = 0
         self.most_inside = 0
         self.broken: Exception | None = None
@@ -44,8 +46,23 @@ class Ring:
         if at is not None:
             rows["time_s"] = at
         with self.lock:
+            if self.full:
+                rows["flags"][0] |= FLAG_DROPPED
+                self.full = False
             self.chunks.append(rows)
+            self.newest = np.concatenate([self.newest, rows])[-20_000:]
             self.made += count
+
+    def lose(self, count: int) -> None:
+        """Rows that find no room."""
+        with self.lock:
+            self.made += count
+            self.lost += count
+            self.full = True
+
+    def past(self, seconds: float) -> Rows:
+        with self.lock:
+            return self.newest[self.newest["time_s"] > (self.made - 1) / self.rate_hz - seconds]
 
     def drain(self) -> Iterator[Rows]:
         with self.lock:

@@ -51,7 +51,7 @@ def test_host_facts_survive_a_machine_that_tells_nothing(monkeypatch: pytest.Mon
 def test_run_metadata_names_the_model_and_the_kind_of_device() -> None:
     rotary = run_metadata(CONFIG, config_digest="abc")
     assert rotary["model"] == {"plant": CONFIG["plant"], "encoder": CONFIG["encoder"]}
-    assert (rotary["linear"], rotary["config_digest"], rotary["format_version"]) == (False, "abc", 1)
+    assert (rotary["linear"], rotary["config_digest"], rotary["format_version"]) == (False, "abc", 2)
     assert run_metadata({"encoder": {"counts_per_metre": 1e5}})["linear"] is True
     assert run_metadata(CONFIG, model={"plant": {}}, linear=True)["model"] == {"plant": {}}
 

@@ -93,7 +93,7 @@ def test_files_that_are_no_runs_are_named_with_the_reason(tmp_path: Path) -> Non
             (tmp_path / name).write_bytes(content)
         with pytest.raises(RunFileError, match=message):
             read_run(tmp_path / name)
-    with pytest.raises(RunFileError, match="Is a directory"):
+    with pytest.raises(RunFileError, match="it is a folder, not a file"):
         read_run(tmp_path)
 
 

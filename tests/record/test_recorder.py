@@ -112,11 +112,11 @@ def test_a_folder_that_cannot_be_made_is_named(ring: Ring, tmp_path: Path) -> No
         (tmp_path / "file", r"record\.directory .*/file is not a folder"),
         (tmp_path / "file" / "below", r"cannot make record\.directory .*/file/below: Not a directory"),
     ]:
-        made = Recorder(ring.drain, lambda: 0, lambda: 1000.0, dict, directory)
+        made = Recorder(ring.drain, lambda: 0, ring.past, dict, directory)
         with pytest.raises(RecordingError, match=message):
             made.start()
         with pytest.raises(RecordingError, match=message):
-            made.dump_history("over_speed")
+            made.dump_past("over_speed")
         assert made.status()["state"] == "off"
         made.shutdown()
 
@@ -127,14 +127,15 @@ def test_dropped_rows_are_counted_per_recording_and_noted_where_they_were_lost(r
     ring.push(10)
     wait_until(lambda: recorder.status()["rows"] == 10)
     assert recorder.status()["dropped"] == 0
-    ring.lost = 8
+    ring.lose(3)
     wait_until(lambda: recorder.status()["dropped"] == 3)
     ring.push(10)
     recorder.stop()
     assert recorder.status()["dropped"] == 3
     assert recorder.status()["dropped_total"] == 8
     noted = [event for event in read_run(path).events if event["event"] == "dropped"]
-    assert [(event["row"], event["rows"]) for event in noted] == [(10, 3)]
+    keys = ("row", "rows", "after_tick", "before_tick")
+    assert [tuple(event[key] for key in keys) for event in noted] == [(10, 3, 9, 13)]
 
 
 def test_changes_made_while_recording_are_in_the_file(recorder: Recorder, ring: Ring) -> None:
@@ -149,7 +150,7 @@ def test_changes_made_while_recording_are_in_the_file(recorder: Recorder, ring: 
 
 def test_the_seconds_before_a_fault_are_kept_without_a_recording(recorder: Recorder, ring: Ring) -> None:
     ring.push(15_000)
-    path = recorder.dump_history("over_speed")
+    path = recorder.dump_past("over_speed")
     assert re.fullmatch(r"fault-\d{8}T\d{6}\.\d{3}Z-over_speed\.arrow", path.name)
     run = read_run(path)
     assert np.array_equal(run.columns["tick"], np.arange(5000, 15_000))
@@ -160,7 +161,7 @@ def test_the_seconds_before_a_fault_are_kept_without_a_recording(recorder: Recor
 def test_a_fault_while_recording_leaves_the_recording_alone(recorder: Recorder, ring: Ring) -> None:
     recording = recorder.start()
     ring.push(100)
-    dumps = [recorder.dump_history("excursion") for _ in range(3)]
+    dumps = [recorder.dump_past("excursion") for _ in range(3)]
     ring.push(100)
     recorder.stop()
     assert len({recording, *dumps}) == 4
@@ -169,7 +170,7 @@ def test_a_fault_while_recording_leaves_the_recording_alone(recorder: Recorder, 
 
 
 def test_a_fault_before_any_row_still_leaves_a_readable_file(recorder: Recorder) -> None:
-    assert read_run(recorder.dump_history("driver_lost")).rows == 0
+    assert read_run(recorder.dump_past("driver_lost")).rows == 0
 
 
 def test_a_broken_ring_stops_the_recording_and_the_thread_lives_on(
@@ -203,7 +204,7 @@ def test_status_answers_while_the_disk_hangs(recorder: Recorder, monkeypatch: py
 
 
 def test_the_thread_is_named_and_ends_with_shutdown(ring: Ring, tmp_path: Path) -> None:
-    made = Recorder(ring.drain, lambda: 0, lambda: 1000.0, dict, tmp_path)
+    made = Recorder(ring.drain, lambda: 0, ring.past, dict, tmp_path)
     assert "hapticd-recorder" in {thread.name for thread in threading.enumerate()}
     path = made.start()
     ring.push(3)

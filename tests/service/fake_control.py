@@ -70,6 +70,8 @@ class FakeControl(Endpoints):
             "current": 0.5,
             "current_measured": None,
             "force": 0.01,
+            "passivity": {"mode": "off"}
+            | dict.fromkeys(("put_out_J", "generated_J", "excess_J", "dissipated_J", "current")),
             "encoder_counts": 12,
             "origin_counts": 0,
             "settings_epoch": 0,
@@ -146,8 +148,8 @@ class FakeControl(Endpoints):
             self.job = {**self.job, "state": state, "progress": progress, "result": result}
         return self.job
 
-    def record_start(self, path: str | None = None) -> JsonDict:
-        self._enter("record_start", path)
+    def record_start(self, path: str | None = None, *, trusted: bool = False) -> JsonDict:
+        self._enter("record_start", path, *(("trusted",) if trusted else ()))
         return {"path": path or "/r/run.arrow", "rows": 0, "dropped": 0}
 
     def record_stop(self) -> JsonDict:

@@ -37,7 +37,7 @@ def test_coarse_ticks_floor_towards_minus_infinity(counts: int, decimation: int)
 )
 def test_spring_is_equation_2(relative: int, decimation: int, bias: bool, side: str) -> None:
     cfg = config(spring={"half_tick_bias": bias, "side": side}, encoder={"decimation": decimation})
-    force, current = spring(parameters(cfg, Request()), relative, 0.0, 0.0)
+    force, current = spring(parameters(cfg, Request()), relative, 0.0, 0.0, 0.0)
     tick = math.floor(relative / decimation)
     expected = -0.012 * decimation * RAW * (tick + (0.5 if bias else 0.0))
     if (side == "positive" and tick < 0) or (side == "negative" and tick >= 0):
@@ -48,7 +48,7 @@ def test_spring_is_equation_2(relative: int, decimation: int, bias: bool, side: 
 
 def test_bias_keeps_the_spring_from_ever_being_zero() -> None:
     params = parameters(config(encoder={"decimation": 217}), Request())
-    forces = [spring(params, relative, 0.0, 0.0)[0] for relative in range(-2000, 2000)]
+    forces = [spring(params, relative, 0.0, 0.0, 0.0)[0] for relative in range(-2000, 2000)]
     assert min(abs(force) for force in forces) == pytest.approx(0.5 * 0.012 * 217 * RAW, rel=1e-13)
 
 

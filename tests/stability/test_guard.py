@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from hapticd.config import Config, parse_config
-from hapticd.stability.guard import judge
+from hapticd.servo.simulate import simulate
+from hapticd.stability.guard import judge, same_loop
 from hapticd.stability.regions import region
 
 RUNAWAY = {"encoder": {"decimation": 217}, "spring": {"stiffness": 0.5}}
@@ -90,6 +91,37 @@ def test_policies_and_force(guard: str, force: bool, verdict: str) -> None:
 
 def test_force_says_nothing_of_a_spring_that_needs_none() -> None:
     assert judge(config(), 0.0, deflection=20.3, force=True).verdict == "admitted"
+
+
+CASE_D: dict[str, Any] = {**SLOW, "spring": {"damping": 3e-4}}
+
+
+def test_with_damping_the_exact_loop_decides() -> None:
+    """Case d of Fig. 8 grows; with a damper it dies out, and with too much of one it shakes."""
+    assert judge(config(**SLOW), 0.0, deflection=10.3).verdict == "refused"
+    calm = judge(config(**CASE_D), 0.0, deflection=10.3)
+    assert (calm.verdict, calm.region) == ("admitted", "D")
+    assert "a motion at rest from 10.3 ticks dies out" in calm.reason
+    shaking = judge(config(**SLOW, spring={"damping": 3e-3}), 0.0, deflection=10.3, release=True)
+    assert shaking.verdict == "refused"
+    assert "spring.damping       0.003 →" in shaking.help
+    ideal = {"dac_bits": 0}  # a converter's end would end the growth
+    assert (
+        simulate(config(**SLOW, amplifier=ideal, spring={"damping": 3e-3}), 1.0, deflection=10.3).report["outcome"]
+        == "growing"
+    )
+
+
+def test_damping_without_a_spring_is_looked_at() -> None:
+    assert judge(config(spring={"stiffness": 0.0, "damping": 1e-4}), 0.0).verdict == "admitted"
+    assert judge(config(spring={"stiffness": 0.0, "damping": 0.05}), 0.0).verdict == "refused"
+
+
+@pytest.mark.parametrize("key", ["damping", "velocity_periods", "stiffness"])
+def test_a_change_of_the_damper_is_a_change_of_the_loop(key: str) -> None:
+    old = config(spring={"damping": 1e-4})
+    assert same_loop(old, config(spring={"damping": 1e-4}), 0.0)
+    assert not same_loop(old, config(spring={"damping": 1e-4, key: 2}), 0.0)
 
 
 def test_no_spring_is_no_danger() -> None:

@@ -65,6 +65,20 @@ def test_correlated_errors_count() -> None:
     assert together.stiffness_max > alone.stiffness_max > against.stiffness_max
 
 
+def test_with_virtual_damping_the_exact_loop_and_the_passivity_bound_are_asked() -> None:
+    """b > K(T/2 + T_D) + B is closed; twice that damping buzzes or grows in no draw of so narrow an uncertainty."""
+    B, s = 2e-6, 1e-6
+    data = {"spring": {"stiffness": 0.01, "damping": B}, "plant": {"uncertainty": {"viscous": s}}}
+    found = assess(parse_config(data, "damped"), deflection=10.0)
+    sure = confidence(found)
+    assert sure is not None
+    assert found.damped is not None
+    b = found.config.plant.viscous
+    assert sure.passive == pytest.approx(float(norm.sf(np.log(found.damped.passive_least / b) / (s / b))), abs=0.02)
+    assert sure.stiffness_max is None
+    assert sure.stable >= 0.99
+
+
 def test_impossible_correlations_are_refused() -> None:
     correlation = {"inertia_viscous": 0.9, "inertia_coulomb": 0.9, "viscous_coulomb": -0.9}
     with pytest.raises(ConfigError, match="no errors can be correlated like this"):

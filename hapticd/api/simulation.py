@@ -1,0 +1,98 @@
+"""The servo loop and the plant in virtual time, as a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hapticd.config import config_digest
+from hapticd.config.sources import ConfigSource, config_of
+from hapticd.config.units import deflection_ticks, seconds, velocity_ticks
+from hapticd.record import Run, run_metadata
+from hapticd.record.schema import COLUMNS, ROW
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def simulate(
+    config: ConfigSource = None,
+    duration: float | str = 1.0,
+    *,
+    deflection: float | str | None = None,
+    velocity: float | str | None = None,
+    settings: Mapping[str, Any] | None = None,
+    safety: bool = False,
+    seed: int | None = None,
+    excitation: str | NDArray[np.float64] | None = None,
+) -> Run:
+    """Simulate the running loop on the config's own device: the same machine code as in the daemon, exact between two ticks.
+
+    Args:
+        config: a `Config`, nested mappings, a file, a preset's name; None for the simulated RE35 testbed.
+        duration: virtual time, s; or text with a unit, ``"500ms"``.
+        deflection: begin at rest at this deflection from the spring's origin, in coarse ticks; or ``"30deg"``, ``"2mm"``.
+        velocity: begin at the origin with this velocity, in coarse ticks per period; or ``"2rad/s"``, ``"60rpm"``.
+        settings: dotted key to value, applied to the config.
+        safety: apply the config's safety trips, as the daemon does.
+        seed: of everything random; ``dither.seed`` by default.
+        excitation: an identification experiment of this duration, by its name in ``hapticd excite --list``; or its table,
+            shape (2, rows), as `hapticd.servo.excitation.build` makes it.
+
+    Returns:
+        Every tick as a recording has it, and beside it ``true_position`` (rad or m from the encoder's zero) and
+        ``true_velocity`` of the simulated device at that tick. ``metadata["simulation"]`` holds the outcome (monotone,
+        decaying, persistent, growing), the state at the end, and the fault if there was one.
+
+    Raises:
+        ConfigError: anything wrong in the config.
+        UnitError: a unit that does not fit.
+        ValueError: both a deflection and a velocity, or a duration shorter than one period.
+        ExcitationError: no such experiment, or one beyond a limit of the config.
+    """
+    if deflection is not None and velocity is not None:
+        raise ValueError("a run begins with a deflection or with a velocity, not with both")
+    resolved = config_of(config, settings)
+    from hapticd.servo.simulate import simulate as run
+
+    if isinstance(excitation, str):
+        from hapticd.servo.excitation import build
+
+        excitation = build(resolved, excitation, duration_s=seconds(duration))
+    blocks: list[NDArray[Any]] = []
+    truths: list[NDArray[np.float64]] = []
+    result = run(
+        resolved,
+        seconds(duration),
+        deflection=None if deflection is None else deflection_ticks(deflection, resolved),
+        velocity=None if velocity is None else velocity_ticks(velocity, resolved),
+        safety=safety,
+        seed=seed,
+        excitation=excitation,
+        on_rows=blocks.append,
+        on_truth=truths.append,
+    )
+    rows, truth = np.concatenate(blocks), np.concatenate(truths)
+    columns = {name: np.ascontiguousarray(rows[name]) for name in ROW.names or ()}
+    columns |= {"true_position": truth[:, 0].copy(), "true_velocity": truth[:, 1].copy()}
+    unit = "m" if resolved.is_linear else "rad"
+    units = {column.name: column.unit_for(linear=resolved.is_linear) for column in COLUMNS}
+    metadata = run_metadata(
+        resolved.model_dump(mode="json"),
+        linear=resolved.is_linear,
+        config_digest=config_digest(resolved),
+        source="simulate",
+        origin_counts=resolved.origin_counts,
+        seed=seed,
+        simulation=result.report,
+    )
+    return Run(
+        path=Path("simulation"),
+        columns=columns,
+        metadata=metadata,
+        units={**units, "true_position": unit, "true_velocity": f"{unit}/s"},
+        warnings=tuple(result.report["warnings"]),
+    )

@@ -1,0 +1,175 @@
+"""One row for every combination of settings: the theory's numbers, and if asked what the simulation did."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from hapticd.config import Config, apply_settings
+from hapticd.config.sources import ConfigSource, config_of
+from hapticd.config.units import deflection_ticks, seconds, velocity_ticks
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    Evaluate = Callable[[Config], Mapping[str, Any]]
+
+MOTION = ("deflection", "velocity")
+"""What can be swept beside the settings of the config."""
+_THEORY = ("mu", "beta", "sigma", "tau_d", "region", "verdict", "proven", "xi_dot_max", "velocity_limit")
+_UNITS = {
+    "sigma": "coarse tick",
+    "tau_d": "period",
+    "xi_dot_max": "coarse tick/period",
+    "velocity_limit": "coarse tick/period",
+    "final_position_ticks": "coarse tick",
+    "final_velocity_ticks_per_period": "coarse tick/period",
+    "peak_current_A": "A",
+}
+
+
+@dataclass(frozen=True)
+class _Point:
+    """One combination, ready to be computed anywhere."""
+
+    config: Config
+    deflection: float | None
+    velocity: float | None
+    duration: float | None
+    function: Evaluate | None
+
+
+def sweep(
+    config: ConfigSource = None,
+    values: Mapping[str, Iterable[Any]] | None = None,
+    *,
+    deflection: float | str | None = None,
+    velocity: float | str | None = None,
+    duration: float | str | None = None,
+    function: Evaluate | None = None,
+    settings: Mapping[str, Any] | None = None,
+    client: Any = None,
+    jobs: int | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> pd.DataFrame:
+    """Compute every combination of some settings, side by side on the cores of this machine or on a Dask cluster.
+
+    Args:
+        config: what the settings are applied to; as for `hapticd.check`.
+        values: dotted key to the values it takes, e.g. ``{"spring.stiffness": [0.01, 0.02], "servo.rate_hz": [500, 1000]}``;
+            also ``deflection`` and ``velocity``. The last key runs fastest.
+        deflection: release at rest from here, in coarse ticks or with a unit, at every combination.
+        velocity: pass the origin with this velocity, in coarse ticks per period or with a unit.
+        duration: simulate so long, s or with a unit; None asks the theory only.
+        function: what else to compute of each config: takes it, returns name to value for further columns. A cluster's
+            workers must be able to import or unpickle it.
+        settings: dotted key to value, the same in every combination.
+        client: a ``distributed.Client``, whose workers compute; they need hapticd. None for this machine.
+        jobs: processes on this machine; one a core by default, 1 stays in this one.
+        progress: told the fraction done.
+
+    Returns:
+        A row a combination, in order: the swept values; ``mu beta sigma tau_d region verdict proven xi_dot_max
+        velocity_limit`` of `hapticd.check`; with a duration ``outcome final_position_ticks
+        final_velocity_ticks_per_period at_rest peak_current_A fault`` of `hapticd.simulate`; what ``function`` returned.
+        Units are in ``.attrs["units"]``.
+
+    Raises:
+        ConfigError: an unknown key or a wrong value, before anything is computed.
+        UnitError: a unit that does not fit.
+        ValueError: nothing to sweep, a key without values, or both a deflection and a velocity.
+    """
+    import pandas as pd
+
+    base = config_of(config, settings)
+    axes = {key: list(given) for key, given in (values or {}).items()}
+    if not axes or not all(axes.values()):
+        empty = next((key for key, given in axes.items() if not given), None)
+        raise ValueError(f"{empty} has no values to take" if empty else "nothing to sweep: give {key: values}")
+    combinations = [dict(zip(axes, chosen, strict=True)) for chosen in itertools.product(*axes.values())]
+    length = None if duration is None else seconds(duration)
+    given = {"deflection": deflection, "velocity": velocity}
+    points = [_point(base, chosen, given, length, function) for chosen in combinations]
+    rows: list[dict[str, Any]] = []
+    for found in _computed(points, client, jobs):
+        rows.append({**combinations[len(rows)], **found})
+        if progress is not None:
+            progress(len(rows) / len(points))
+    frame = pd.DataFrame(rows)
+    frame.attrs["units"] = {**{key: _unit(key, base) for key in axes}, **_UNITS}
+    return frame
+
+
+def _unit(key: str, config: Config) -> str:
+    from hapticd.config import unit_of
+
+    if key in MOTION:
+        return "coarse tick" if key == "deflection" else "coarse tick/period"
+    return unit_of(key, linear=config.is_linear)
+
+
+def _point(
+    base: Config,
+    chosen: Mapping[str, Any],
+    given: Mapping[str, float | str | None],
+    duration: float | None,
+    function: Evaluate | None,
+) -> _Point:
+    motion = {**given, **{key: chosen[key] for key in MOTION if key in chosen}}
+    if motion["deflection"] is not None and motion["velocity"] is not None:
+        raise ValueError("a motion begins with a deflection or with a velocity, not with both")
+    changed = {key: value for key, value in chosen.items() if key not in MOTION}
+    config = apply_settings(base, changed, source="sweep") if changed else base
+    ticks, speed = motion["deflection"], motion["velocity"]
+    return _Point(
+        config,
+        None if ticks is None else float(deflection_ticks(ticks, config)),
+        None if speed is None else float(velocity_ticks(speed, config)),
+        duration,
+        function,
+    )
+
+
+def _computed(points: Sequence[_Point], client: Any, jobs: int | None) -> Iterator[dict[str, Any]]:
+    """The answers in the order of the points."""
+    jobs = jobs or len(os.sched_getaffinity(0))
+    if client is not None:
+        # pure=False: the same points may be asked again with another version of the code
+        futures = client.map(compute, list(points), pure=False)
+        try:
+            for future in futures:
+                yield future.result()
+        finally:
+            client.cancel(futures)
+    elif jobs == 1 or len(points) == 1:
+        yield from map(compute, points)
+    else:
+        from joblib import Parallel, delayed
+
+        yield from Parallel(n_jobs=jobs, return_as="generator")(delayed(compute)(point) for point in points)
+
+
+def compute(point: _Point) -> dict[str, Any]:
+    """One row of a sweep, without the swept values."""
+    from drivers import declared_latency
+    from hapticd.stability.assessment import assess
+
+    latency = declared_latency(point.config)[0]
+    theory = assess(point.config, deflection=point.deflection, velocity=point.velocity, latency_s=latency).document
+    row = {key: theory[key] for key in _THEORY}
+    if point.duration is not None:
+        from hapticd.servo.simulate import simulate
+
+        found = simulate(point.config, point.duration, deflection=point.deflection, velocity=point.velocity).report
+        row |= {
+            "outcome": found["outcome"],
+            "final_position_ticks": found["final"]["position_ticks"],
+            "final_velocity_ticks_per_period": found["final"]["velocity_ticks_per_period"],
+            "at_rest": found["at_rest"],
+            "peak_current_A": found["peak_current_A"],
+            "fault": found["fault"] and found["fault"]["code"],
+        }
+    return row | dict(point.function(point.config)) if point.function is not None else row

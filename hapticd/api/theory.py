@@ -1,0 +1,88 @@
+"""What theory says of a config before anything moves."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from hapticd.config.sources import ConfigSource, config_of
+from hapticd.config.units import deflection_ticks, velocity_ticks
+from hapticd.stability.advice import Change, advise
+from hapticd.stability.assessment import Assessment, assess
+from hapticd.stability.guard import Judgement, judge
+from hapticd.stability.report import report
+from hapticd.stability.uncertainty import Confidence, confidence
+
+
+@dataclass(frozen=True)
+class Check:
+    """What theory says; ``print`` shows it as ``hapticd check`` does.
+
+    Attributes:
+        assessment: operating point, bounds, margins, limit cycle. changes: each alone makes an unstable motion stable.
+        guard: what the daemon's stability guard would do. warnings: what the theory leaves out here.
+        confidence: how sure the answer is, by ``plant.uncertainty``; None where the config has none.
+    """
+
+    assessment: Assessment
+    changes: tuple[Change, ...]
+    guard: Judgement
+    warnings: tuple[str, ...]
+    confidence: Confidence | None
+
+    @property
+    def verdict(self) -> str:
+        """``stable``, ``depends`` (on the speed), ``buzzes`` or ``unstable``."""
+        return self.assessment.verdict
+
+    @property
+    def region(self) -> str:
+        """Region of the paper's Fig. 3, or Fig. 5 with a delay."""
+        return self.assessment.region
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The keys of ``hapticd check --json``; numbers may be infinite."""
+        sure = {} if self.confidence is None else {"probability": self.confidence.document}
+        return self.assessment.document | {
+            "warnings": list(self.warnings),
+            "changes": [change.document for change in self.changes],
+            "guard": self.guard.document,
+            **sure,
+        }
+
+    def __str__(self) -> str:
+        return report(self.assessment, self.changes, "config", None)
+
+
+def check(
+    config: ConfigSource = None,
+    *,
+    deflection: float | str | None = None,
+    velocity: float | str | None = None,
+    settings: Mapping[str, Any] | None = None,
+) -> Check:
+    """Ask the theory whether a spring is stable, why, and what would help.
+
+    Args:
+        config: a `Config`, nested mappings, a file, a preset's name; None for the simulated RE35 testbed.
+        deflection: ask about a release at rest from here, in coarse ticks; or ``"30deg"``, ``"2mm"``.
+        velocity: ask about a motion through the origin at this speed, in coarse ticks per period; or ``"60rpm"``.
+        settings: dotted key to value, applied to the config.
+
+    Raises:
+        ConfigError: anything wrong in the config.
+        UnitError: a unit that does not fit.
+        ValueError: both a deflection and a velocity, or numbers beyond what floating point can hold.
+    """
+    from drivers import declared_latency
+
+    resolved = config_of(config, settings)
+    ticks = None if deflection is None else deflection_ticks(deflection, resolved)
+    speed = None if velocity is None else velocity_ticks(velocity, resolved)
+    latency, doubt = declared_latency(resolved)
+    found = assess(resolved, deflection=ticks, velocity=speed, latency_s=latency)
+    judgement = judge(resolved, latency, deflection=ticks, velocity=speed, release=True)
+    warnings = (*found.warnings, doubt) if doubt else found.warnings
+    return Check(found, tuple(advise(found)), judgement, warnings, confidence(found))

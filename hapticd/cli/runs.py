@@ -1,0 +1,90 @@
+"""``hapticd runs``: the list of recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import JsonOption, SocketOption, register
+from hapticd.cli.output import number
+
+if TYPE_CHECKING:
+    from hapticd.record.listing import Listed
+
+FolderArgument = Annotated[
+    list[Path] | None,
+    typer.Argument(
+        metavar="[DIR]...",
+        show_default=False,
+        help="Folders to list. Default: where the running daemon records, your own recordings, the service's.",
+    ),
+]
+NumberOption = Annotated[
+    int, typer.Option("-n", "--number", min=1, metavar="N", help="How many to list, the newest first.")
+]
+AllOption = Annotated[bool, typer.Option("--all", help="List all of them.")]
+
+
+def runs(
+    folders: FolderArgument = None,
+    limit: NumberOption = 20,
+    show_all: AllOption = False,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """List recordings, the newest first: @last, @last~1 and so on, wherever a run is asked for.
+
+    Each with its time, length, rows, size and kind. A recording that was not ended properly (power, SIGKILL, or still being
+    written) is marked; it is readable up to its last whole batch. What was kept of the seconds before a fault is listed,
+    too, and is no @last.
+    """
+    from hapticd.client import recording_folders
+    from hapticd.record.listing import last_runs, listed, run_paths
+
+    for folder in folders or ():
+        if not folder.is_dir():
+            raise UsageError(f"{folder} is not a folder")
+    places = list(folders) if folders else recording_folders(socket)
+    paths = run_paths(places)
+    found = [listed(path) for path in (paths if show_all else paths[:limit])]
+    names = {path: "@last" if at == 0 else f"@last~{at}" for at, path in enumerate(last_runs(paths))}
+    shown = [{"name": names.get(each.path), **asdict(each)} for each in found]
+    document = {"folders": places, "total": len(paths), "runs": shown}
+    output.emit(document, as_json, describe(found, names, places, len(paths)))
+    return exits.DONE
+
+
+def describe(found: Sequence[Listed], names: Mapping[Path, str], places: Sequence[Path], total: int) -> str:
+    """A line for each recording, under the folder that it is in."""
+    if not found:
+        return f"no recordings in {' or '.join(map(str, places))}"
+    lines = [_line(names.get(each.path, ""), each) for each in found]
+    if total > len(found):
+        lines.append(f"and {total - len(found)} more; --all lists them")
+    several = dict.fromkeys(each.path.parent for each in found)
+    return "\n".join([*lines, f"in {' and '.join(map(str, several))}"])
+
+
+def _line(name: str, each: Listed) -> str:
+    when = f"{each.modified.astimezone():%Y-%m-%d %H:%M:%S}"
+    if each.error is not None:
+        return f"{name:9} {when}  {each.path.name}  ({each.error})"
+    length = "-" if each.duration_s is None else f"{number(each.duration_s)} s"
+    cut = "" if each.whole else "  (not ended properly, or still being written)"
+    return f"{name:9} {when}  {length:>10} {each.rows:>9} rows {_size(each.size):>8}  {each.path.name}{cut}"
+
+
+def _size(size: int) -> str:
+    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = ("hapticd runs", "hapticd runs /mnt/lab/runs --all --json")
+    register(app, runs, *examples, codes=(exits.DONE, exits.USAGE))

@@ -1,0 +1,59 @@
+"""``hapticd verify``: whether a run file is as it was written."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.options import JsonOption, register
+
+if TYPE_CHECKING:
+    from hapticd.record import Verdict
+
+RunArgument = Annotated[Path, typer.Argument(metavar="RUN", show_default=False, help="Run file (.arrow).")]
+
+
+def verify(run: RunArgument, as_json: JsonOption = False) -> int:
+    """Compare every checksum of a run file, and name the rows that do not match theirs.
+
+    Run files of version 1 have no checksums; that they can be read is all that is said of them.
+    """
+    from hapticd import record
+
+    verdict = record.verify(run)
+    document = {
+        "run": run,
+        "version": verdict.version,
+        "checked": verdict.checked,
+        "intact": verdict.intact,
+        "rows": verdict.rows,
+        "truncated": verdict.truncated,
+        "damage": [asdict(part) for part in verdict.damage],
+        "metadata_damaged": verdict.metadata_damaged,
+    }
+    output.emit(document, as_json, _text(verdict))
+    return exits.DONE if verdict.intact else exits.NO
+
+
+def _text(verdict: Verdict) -> str:
+    lines = [f"{verdict.path} is damaged: {words}" for words in verdict.words]
+    if lines:
+        lines.append(f"{verdict.rows} rows are left: 'hapticd export {verdict.path} --to parquet --salvage' keeps them")
+    elif verdict.checked:
+        lines.append(f"{verdict.path}: {verdict.rows} rows, all as they were written")
+    else:
+        without = f"a file of version {verdict.version} has no checksums"
+        lines.append(f"{verdict.path}: {verdict.rows} rows can be read; {without}")
+    if verdict.truncated:
+        lines.append("the recording was not ended properly; its rows end with the last whole batch")
+    return "\n".join(lines)
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = ("hapticd verify run.arrow", "hapticd verify run.arrow --json")
+    register(app, verify, *examples, codes=(exits.DONE, exits.NO, exits.USAGE))

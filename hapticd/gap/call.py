@@ -1,0 +1,86 @@
+"""The gap workflow as one call: ``hapticd.gap``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hapticd.client import find_run
+from hapticd.config import ConfigError, Problem, parse_config
+from hapticd.config.sources import ConfigSource, config_of
+from hapticd.gap.data import recording_of
+from hapticd.gap.workflow import find_gap
+from hapticd.record import Run, read_run
+
+if TYPE_CHECKING:
+    from hapticd.gap.result import GapResult
+
+    Recorded = str | PathLike[str] | Run
+
+
+def gap(
+    runs: Recorded | Sequence[Recorded],
+    model: ConfigSource = None,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    refit_base: bool = False,
+    effects: Sequence[str] | None = None,
+    out: str | PathLike[str] | None = None,
+    progress: Callable[[float, str], None] | None = None,
+) -> GapResult:
+    """Find where model and measurement disagree, name what is missing, and show the gap shrink.
+
+    Args:
+        runs: one recording or several of one device: a file, ``"@last"``, a `hapticd.Run`.
+        model: the nominal model, as for `hapticd.check`; by default the config that the first recording carries.
+        settings: dotted key to value, applied to the model.
+        refit_base: fit inertia and friction of the model as well.
+        effects: consider only these effects of the catalogue.
+        out: folder for report.html, model.yaml and gap.json, made if missing.
+        progress: told the fraction done and what is being done.
+
+    Returns:
+        ``verdict``, ``statement``, ``steps`` (the effects named, in order, with intervals), and the gap in numbers.
+
+    Raises:
+        RunFileError: a recording cannot be read.
+        RecordingError: nothing can be concluded from one.
+        ConfigError: no model, or anything wrong in it.
+        ValueError: no recording, or an unknown effect.
+    """
+    recorded = runs_of(runs)
+    nominal = config_of(model if model is not None else own_model(recorded[0]), settings)
+    recordings = [recording_of(run, nominal) for run in recorded]
+    result = find_gap(recordings, nominal, refit_base=refit_base, candidates=effects, progress=progress)
+    if out is not None:
+        from hapticd.gap.outputs import write_outputs
+
+        write_outputs(result, recordings, nominal, Path(out))
+    return result
+
+
+def runs_of(runs: Recorded | Sequence[Recorded]) -> list[Run]:
+    """One recording or several, read.
+
+    Raises:
+        RunFileError: one cannot be read.
+        ValueError: there is none.
+    """
+    several = [runs] if isinstance(runs, str | PathLike | Run) else list(runs)
+    if not several:
+        raise ValueError("no recording: give at least one run")
+    return [run if isinstance(run, Run) else read_run(find_run(run)) for run in several]
+
+
+def own_model(run: Run) -> ConfigSource:
+    """The config that a recording carries.
+
+    Raises:
+        ConfigError: it carries none.
+    """
+    stored = run.metadata.get("config")
+    if not stored:
+        raise ConfigError([Problem(str(run.path), "", None, "carries no config; give the nominal model")])
+    return parse_config(stored, f"config of {run.path.name}")

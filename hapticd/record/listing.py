@@ -1,0 +1,132 @@
+"""Recordings in folders: the list of them, and ``@last``.
+
+A run file tells its rows only batch by batch, so counting them reads every batch's header, never its rows.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from hapticd.record.errors import RunFileError
+from hapticd.record.metadata import decode_metadata
+from hapticd.record.stream import END_OF_STREAM
+
+SUFFIX = ".arrow"
+LAST = "@last"
+FAULT = "fault-"
+"""How the recorder names the seconds before a fault; ``@last`` means a run."""
+_LAST = re.compile(r"@last(?:~(\d+))?")
+
+
+@dataclass(frozen=True)
+class Listed:
+    """One recording as a list shows it.
+
+    Attributes:
+        path: the file. modified: when it was last written to. size: bytes.
+        kind: ``run``, ``history``, … as the recorder calls it; None where the file does not say.
+        label: what was recorded. rows, duration_s: None where it cannot be read.
+        whole: it was ended properly.
+        error: why it cannot be read, in words.
+    """
+
+    path: Path
+    modified: datetime
+    size: int
+    kind: str | None = None
+    label: str | None = None
+    rows: int | None = None
+    duration_s: float | None = None
+    whole: bool = False
+    error: str | None = None
+
+
+def run_paths(folders: Iterable[Path]) -> list[Path]:
+    """Run files of some folders, the newest first; what is not there or may not be read is passed over."""
+    found: dict[Path, int] = {}
+    for folder in folders:
+        try:
+            entries = [path for path in folder.iterdir() if path.suffix == SUFFIX and not path.name.startswith(".")]
+        except OSError:
+            continue
+        for path in entries:
+            try:
+                found[path] = path.stat().st_mtime_ns
+            except OSError:  # removed meanwhile
+                continue
+    # Two files of one instant: the recorder's names rise with time.
+    return sorted(found, key=lambda path: (found[path], path.name), reverse=True)
+
+
+def last_runs(paths: Iterable[Path]) -> list[Path]:
+    """What ``@last``, ``@last~1`` and so on stand for, of :func:`run_paths`: runs, not what was kept before a fault."""
+    return [path for path in paths if not path.name.startswith(FAULT)]
+
+
+def resolve_run(name: str | Path, folders: Sequence[Path]) -> Path:
+    """The file that a run's name stands for.
+
+    Args:
+        name: a path; ``@last``, the newest run, and ``@last~1``, the one before it; or the bare name of a recording.
+        folders: where recordings are.
+
+    Raises:
+        RunFileError: there are not so many recordings.
+    """
+    text = str(name)
+    if text.startswith("@") and not Path(text).exists():
+        wanted = _LAST.fullmatch(text)
+        if wanted is None:
+            raise RunFileError(f"{text}: the newest recording is {LAST}, the one before it {LAST}~1")
+        back, paths = int(wanted[1] or 0), last_runs(run_paths(folders))
+        if back >= len(paths):
+            places = " or ".join(map(str, folders)) or "no folder"
+            raise RunFileError(f"{text}: {len(paths)} recording(s) in {places}; 'hapticd runs' lists them")
+        return paths[back]
+    path = Path(text)
+    if path.name == text and not path.exists():
+        return next((folder / text for folder in folders if (folder / text).exists()), path)
+    return path
+
+
+def listed(path: Path) -> Listed:
+    """What a recording says of itself; never raises for a file that is none."""
+    try:
+        stat = path.stat()
+    except OSError as error:
+        return Listed(path, datetime.fromtimestamp(0, UTC), 0, error=error.strerror)
+    known: dict[str, Any] = {"modified": datetime.fromtimestamp(stat.st_mtime, UTC), "size": stat.st_size}
+    import pyarrow as pa
+
+    try:
+        with pa.memory_map(str(path)) as source:
+            return Listed(path, **known, **_described(source))
+    except (pa.ArrowException, OSError, ValueError) as error:
+        reason = "empty" if stat.st_size == 0 else str(error).splitlines()[0]
+        return Listed(path, **known, error=f"no run file: {reason}")
+
+
+def _described(source: Any) -> dict[str, Any]:
+    import pyarrow as pa
+
+    stream = pa.ipc.open_stream(source)
+    metadata = decode_metadata(stream.schema.metadata)
+    rows, first, last, whole = 0, None, None, False
+    try:
+        for batch in stream:
+            if batch.num_rows and (time_s := batch.column("time_s")):
+                rows += batch.num_rows
+                first = time_s[0].as_py() if first is None else first
+                last = time_s[-1].as_py()
+        source.seek(max(source.size() - len(END_OF_STREAM), 0))
+        whole = source.read() == END_OF_STREAM
+    except (pa.ArrowException, OSError, KeyError):
+        pass  # cut short, or being written: what came before counts
+    kind, label = metadata.get("kind") or metadata.get("source"), metadata.get("label")
+    duration = last - first if first is not None and last is not None else None
+    return {"kind": kind, "label": label or None, "rows": rows, "duration_s": duration, "whole": whole}

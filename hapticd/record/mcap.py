@@ -1,0 +1,152 @@
+"""Runs as MCAP, which PlotJuggler and Foxglove open: one channel, CDR with a ROS 2 message definition, no ROS needed.
+
+Every column is one field of eight bytes, so a message is the row behind the four bytes of the CDR header. ROS field names
+are lower case; the run's own names, units, config and provenance are in the Metadata record ``hapticd``, as JSON a key.
+
+Formats: https://mcap.dev/spec, https://mcap.dev/spec/registry (cdr, ros2msg), OMG DDS-XTypes 7.4 (XCDR1, little endian).
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from datetime import datetime
+from pathlib import Path
+from typing import Any, BinaryIO, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticd.record.errors import RunFileError
+from hapticd.record.metadata import decode_metadata, encode_metadata, versions
+from hapticd.record.schema import COLUMNS
+
+TOPIC: Final = "/hapticd/tick"
+MESSAGE: Final = "hapticd_msgs/msg/Tick"
+METADATA: Final = "hapticd"
+LAYOUT: Final = Path(__file__).with_name("plotjuggler.xml")
+"""A PlotJuggler layout for these files."""
+_CDR_LITTLE_ENDIAN: Final = b"\x00\x01\x00\x00"
+_TYPES: Final = {"i": ("int64", np.dtype("<i8")), "f": ("float64", np.dtype("<f8"))}
+_KINDS: Final = dict(_TYPES.values())
+_DESCRIPTIONS: Final = {column.name: column.description for column in COLUMNS}
+
+
+def field_names(columns: Mapping[str, Any]) -> dict[str, str]:
+    """ROS field names (lower case, a letter first, single ``_``), all different, for the run's columns."""
+    fields: dict[str, str] = {}
+    for column in columns:
+        name = re.sub(r"_+", "_", re.sub(r"[^a-z0-9]", "_", column.lower())).strip("_")
+        base = name if re.match(r"[a-z]", name) else f"x{name}"
+        choice, number = base, 2
+        while choice in fields.values():
+            choice, number = f"{base}_{number}", number + 1
+        fields[column] = choice
+    return fields
+
+
+def definition(columns: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> str:
+    """The ``ros2msg`` definition: a field a column, unit and meaning in its comment."""
+    lines = ["# One servo tick of hapticd."]
+    for column, field in field_names(columns).items():
+        comment = "; ".join(part for part in (units.get(column), _DESCRIPTIONS.get(column)) if part)
+        lines.append(f"{_type(column, columns[column])[0]} {field}" + (f"  # {comment}" if comment else ""))
+    return "\n".join(lines) + "\n"
+
+
+def write_mcap(
+    columns: Mapping[str, NDArray[Any]], units: Mapping[str, str], metadata: Mapping[str, Any], file: BinaryIO
+) -> None:
+    """Write a run.
+
+    Args:
+        columns: name → values, (n,), whole or floating-point numbers. units: of those that have one.
+        metadata: of the run; its ``created_utc`` is the time of the first row. file: open for writing.
+
+    Raises:
+        RunFileError: a column without numbers, or time stamps that are not finite.
+    """
+    from mcap.writer import CompressionType, Writer
+
+    stamps = _stamps(columns["time_s"], metadata)
+    messages = _messages(columns)
+    writer = Writer(file, compression=CompressionType.ZSTD)
+    writer.start(profile="ros2", library=f"hapticd {versions()['hapticd']}")
+    text = definition(columns, units)
+    schema = writer.register_schema(name=MESSAGE, encoding="ros2msg", data=text.encode())
+    channel = writer.register_channel(topic=TOPIC, message_encoding="cdr", schema_id=schema)
+    described = {"columns": list(columns), **metadata}
+    writer.add_metadata(METADATA, {key.decode(): value.decode() for key, value in encode_metadata(described).items()})
+    for number, (stamp, message) in enumerate(zip(stamps.tolist(), messages, strict=True)):
+        writer.add_message(channel, stamp, message.tobytes(), stamp, number & 0xFFFFFFFF)
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+def read_mcap(path: Path) -> Any:
+    """A run that `write_mcap` wrote, as a ``pyarrow.Table`` with the run's metadata.
+
+    Raises:
+        RunFileError: it is no MCAP file, is damaged, or holds no run of hapticd.
+    """
+    import pyarrow as pa
+    from mcap.exceptions import McapError
+    from mcap.reader import make_reader
+
+    foreign = f"{path} is no recording of hapticd: it has no channel {TOPIC} with its description"
+    try:
+        with path.open("rb") as file:
+            reader = make_reader(file, validate_crcs=True)
+            found = [(schema, message.data) for schema, _, message in reader.iter_messages(TOPIC, log_time_order=False)]
+            stored = next((record.metadata for record in reader.iter_metadata() if record.name == METADATA), None)
+            summary = reader.get_summary()
+    except (McapError, ValueError, EOFError) as error:
+        raise RunFileError(f"{path} is not a readable MCAP file: {error or type(error).__name__}") from None
+    schemas = [schema for schema in (summary.schemas if summary else {}).values() if schema.name == MESSAGE]
+    if stored is None or not schemas:
+        raise RunFileError(foreign)
+    metadata = decode_metadata({key.encode(): value.encode() for key, value in stored.items()})
+    names, kinds = metadata.pop("columns", []), _kinds(schemas[0].data.decode(errors="replace"))
+    width = len(_CDR_LITTLE_ENDIAN) + 8 * len(kinds)
+    if len(names) != len(kinds) or any(len(data) != width or data[:4] != _CDR_LITTLE_ENDIAN for _, data in found):
+        raise RunFileError(f"{path} is damaged: its messages are not what its definition says")
+    block = np.frombuffer(b"".join(data[4:] for _, data in found), dtype="<i8").reshape(len(found), len(kinds))
+    columns = [np.ascontiguousarray(block[:, at]).view(kind) for at, kind in enumerate(kinds)]
+    table = pa.table({name: pa.array(values) for name, values in zip(names, columns, strict=True)})
+    return table.replace_schema_metadata(encode_metadata(metadata))
+
+
+def _type(column: str, values: NDArray[Any]) -> tuple[str, np.dtype[Any]]:
+    kind = "i" if values.dtype.kind in "iub" else values.dtype.kind
+    if kind not in _TYPES:
+        raise RunFileError(f"column {column} holds {values.dtype}, not numbers; MCAP takes numbers only")
+    return _TYPES[kind]
+
+
+def _messages(columns: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
+    """The messages, shape (n, 4 + 8 · columns)."""
+    rows = len(next(iter(columns.values())))
+    block = np.empty((rows, len(_CDR_LITTLE_ENDIAN) + 8 * len(columns)), dtype=np.uint8)
+    block[:, :4] = np.frombuffer(_CDR_LITTLE_ENDIAN, dtype=np.uint8)
+    for at, (name, values) in enumerate(columns.items()):
+        packed = np.ascontiguousarray(values, dtype=_type(name, values)[1])
+        block[:, 4 + 8 * at : 12 + 8 * at] = packed.view(np.uint8).reshape(rows, 8)
+    return block
+
+
+def _stamps(time_s: NDArray[Any], metadata: Mapping[str, Any]) -> NDArray[np.uint64]:
+    """Nanoseconds since 1970 of every row; since the first row where the run does not say when it began."""
+    seconds = np.asarray(time_s, dtype=np.float64)
+    if not np.all(np.isfinite(seconds)):
+        raise RunFileError("time_s holds values that are not finite; an MCAP message has a time")
+    try:
+        begin = round(datetime.fromisoformat(str(metadata["created_utc"])).timestamp() * 1e9)
+    except (KeyError, ValueError):
+        begin = 0
+    after = seconds - (seconds.min() if seconds.size else 0.0)
+    return (begin + np.rint(after * 1e9).astype(np.int64)).astype(np.uint64)
+
+
+def _kinds(text: str) -> list[np.dtype[Any]]:
+    """Types of the fields of a definition, in order."""
+    fields = [line.split("#")[0].split() for line in text.splitlines()]
+    return [_KINDS[words[0]] for words in fields if len(words) == 2 and words[0] in _KINDS]

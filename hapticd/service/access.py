@@ -1,0 +1,134 @@
+"""Who may ask for what: each caller's user and groups as the kernel tells them, and a role for each.
+
+A caller's credentials are those of its process when it connected (``SO_PEERCRED``, ``SO_PEERGROUPS``; unix(7)), so that one
+socket serves two roles. Who is *control* may command the motor; who is *watch* may only look. Every command is logged with
+its caller.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import errno
+import os
+import pwd
+import socket
+import struct
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from starlette.types import ASGIApp, Receive, Scope, Send
+from uvicorn.protocols.http.h11_impl import H11Protocol
+
+from hapticd.service import replies
+
+Role = Literal["control", "watch"]
+
+_SO_PEERGROUPS = 59
+_UCRED = struct.Struct("3i")
+_LONGEST_OPTION = 1024
+"""Bytes that Python takes from getsockopt."""
+_LOOKING = frozenset({"GET", "HEAD", "OPTIONS"})
+
+
+@dataclass(frozen=True)
+class Caller:
+    """A process at the other end of the socket."""
+
+    pid: int
+    uid: int
+    groups: frozenset[int]
+
+    @property
+    def is_own_user(self) -> bool:
+        """Whether it runs as the daemon's own user."""
+        return self.uid == os.geteuid()
+
+    def __str__(self) -> str:
+        """Who it is, for the log."""
+        name = ""
+        with contextlib.suppress(KeyError):
+            name = f" ({pwd.getpwuid(self.uid).pw_name})"
+        return f"uid {self.uid}{name}, pid {self.pid}"
+
+
+CALLER: ContextVar[Caller | None] = ContextVar("caller", default=None)
+"""Of the request at hand."""
+
+
+def caller_of(connection: socket.socket) -> Caller:
+    """The process that connected.
+
+    Args:
+        connection: an accepted Unix socket.
+    """
+    pid, uid, gid = _UCRED.unpack(connection.getsockopt(socket.SOL_SOCKET, socket.SO_PEERCRED, _UCRED.size))
+    return Caller(pid, uid, frozenset({gid, *_other_groups(connection, uid, gid)}))
+
+
+def _other_groups(connection: socket.socket, uid: int, gid: int) -> list[int]:
+    try:
+        groups = connection.getsockopt(socket.SOL_SOCKET, _SO_PEERGROUPS, _LONGEST_OPTION)
+    except OSError as error:
+        if error.errno != errno.ERANGE:
+            raise
+        # More groups than Python has room for: those of the user database.
+        return os.getgrouplist(pwd.getpwuid(uid).pw_name, gid)
+    return list(struct.unpack(f"{len(groups) // 4}I", groups))
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Who has which role.
+
+    Attributes:
+        control: group that may command the motor; None: everybody whom the socket's permissions let in.
+        watch: group that may look; None: nobody else.
+    """
+
+    control: int | None = None
+    watch: int | None = None
+
+    def role(self, caller: Caller) -> Role | None:
+        """Role of a caller; None: it has none. Root and the daemon's own user have every one."""
+        if self.control is None or caller.uid == 0 or caller.is_own_user or self.control in caller.groups:
+            return "control"
+        return "watch" if self.watch in caller.groups else None
+
+
+class CallerProtocol(H11Protocol):
+    """HTTP on a Unix socket, with the caller in every request's state."""
+
+    def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
+        """Ask the kernel who it is."""
+        super().connection_made(transport)
+        with contextlib.suppress(OSError, KeyError):
+            self.app_state = {**self.app_state, "caller": caller_of(transport.get_extra_info("socket"))}
+
+
+class Access:
+    """Answers 403 to whoever may not ask for that; an unknown caller may ask for nothing."""
+
+    def __init__(self, app: ASGIApp, rules: Rules) -> None:
+        self.app, self.rules = app, rules
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass on what the caller may ask for."""
+        if scope["type"] != "http":
+            await self.app(scope, receive, send)
+            return
+        state: dict[str, Any] = scope.get("state", {})
+        caller: Caller | None = state.get("caller")
+        role = None if caller is None else self.rules.role(caller)
+        if role == "control" or (role == "watch" and scope["method"] in _LOOKING):
+            token = CALLER.set(caller)
+            try:
+                await self.app(scope, receive, send)
+            finally:
+                CALLER.reset(token)
+            return
+        may = "may only watch" if role == "watch" else "has no role here"
+        who = "the caller is unknown" if caller is None else f"uid {caller.uid} {may}"
+        words = f"{who}: {scope['method']} {scope['path']} is for the group api.group of the config"
+        await replies.error_reply(403, "forbidden", words)(scope, receive, send)

@@ -1,0 +1,196 @@
+"""What a dead daemon left, as a run file: at the next start, or by ``hapticd recover``."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import faulthandler
+import logging
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hapticd.config import places
+from hapticd.record import RecordingError, RunFileError
+from hapticd.record.files import open_new_run
+from hapticd.record.flight import PAST_S, SUFFIX, Flight, FlightRing, dead, memory_directory
+from hapticd.servo import atomics, faults, layout
+from hapticd.servo.realtime import Grant
+from hapticd.servo.thread import ring_rows
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+
+log = logging.getLogger(__name__)
+
+_CRASH_SUFFIX = ".crash"
+_SIGNAL = re.compile(r"^Fatal Python error: (.+)$", re.MULTILINE)
+_LONGEST_CRASH = 1 << 16
+_PORTION_ROWS = 4096
+
+
+@dataclass(frozen=True)
+class Recovered:
+    """One flight recorder that became a run file.
+
+    Attributes:
+        run: the run file.
+        rows: how many rows it holds.
+        torn: rows that a power cut had torn.
+        pid: the dead daemon's process number.
+        reason: why it died, as far as anything tells.
+    """
+
+    run: Path
+    rows: int
+    torn: int
+    pid: int
+    reason: str
+
+
+def flight_directory(config: Config) -> Path | None:
+    """Where the flight recorder of a daemon with this config lies; None: nowhere, there is no file system in memory."""
+    return Path(config.record.flight_directory) if config.record.flight_directory else memory_directory()
+
+
+def open_ring(config: Config, name: str) -> tuple[FlightRing | None, Grant]:
+    """The flight recorder of a new rig, and what is to be said of it.
+
+    Args:
+        config: for the directory and the rate.
+        name: of this daemon.
+    """
+    directory = flight_directory(config)
+    what = "flight recorder"
+    if directory is None:
+        fix = "set record.flight_directory to a folder on a tmpfs"
+        return None, Grant(what, False, "no file system in memory: the last 10 s do not outlive a crash", fix)
+    try:
+        ring = FlightRing.create(directory, name, ring_rows(config.servo.rate_hz), atomics.SIZE, atomics.RING_HEAD)
+    except RecordingError as error:
+        return None, Grant(what, False, f"{error}: the last 10 s do not outlive a crash", f"make room in {directory}")
+    return ring, Grant(what, True, f"the last {PAST_S:g} s outlive a crash in {directory}")
+
+
+@contextlib.contextmanager
+def crash_log(config: Config, name: str) -> Iterator[None]:
+    """Have a fatal signal write the stack of every thread beside the flight recorder."""
+    directory = flight_directory(config)
+    if directory is None or faulthandler.is_enabled():
+        yield
+        return
+    path = directory / f"{name}-{os.getpid()}{_CRASH_SUFFIX}"
+    try:
+        directory.mkdir(mode=0o700, parents=True, exist_ok=True)
+        if reason := places.foreign(directory):
+            raise PermissionError(errno.EPERM, reason)
+        file = path.open("w")
+    except OSError as error:
+        log.warning("a crash will leave no stack: %s: %s", path, error.strerror)
+        yield
+        return
+    with file:
+        faulthandler.enable(file)
+        try:
+            yield
+        finally:
+            faulthandler.disable()
+    path.unlink(missing_ok=True)
+
+
+def recover(directory: Path, name: str, out: Path | None = None) -> list[Recovered]:
+    """Turn every flight recorder of dead daemons into a run file, oldest first; what cannot be is logged and left.
+
+    Args:
+        directory: where they lie.
+        name: of the daemon; empty for all daemons of this user.
+        out: folder of the run files; None: the dead daemon's own.
+    """
+    if reason := places.foreign(directory):
+        log.error("nothing is recovered: %s", reason)
+        return []
+    found = []
+    for path in sorted(directory.glob(f"{name}*{SUFFIX}"), key=lambda path: path.stat().st_mtime):
+        try:
+            with dead(path) as flight:
+                if flight is None:
+                    continue
+                crash = _crash_text(path, flight.pid)
+                recovered = _write(flight, out, crash)
+                path.unlink(missing_ok=True)
+                _crash_path(path, flight.pid).unlink(missing_ok=True)
+        except (RecordingError, RunFileError) as error:
+            log.error("what a dead daemon left in %s could not be recovered: %s", path, error)
+        else:
+            if recovered is not None:
+                found.append(recovered)
+    return found
+
+
+def _write(flight: Flight, out: Path | None, crash: str) -> Recovered | None:
+    """The run file; None where there is not one row."""
+    if not flight.rows.size:
+        return None
+    code, reason = why(flight, crash)
+    config = flight.metadata.get("config", {})
+    folder = out or Path(config.get("record", {}).get("directory") or flight.path.parent)
+    metadata = {
+        **flight.metadata,
+        "kind": "crash",
+        "label": code,
+        "reason": reason,
+        "crash": crash or None,
+        "died_utc": _died(flight),
+        "torn_rows": flight.torn,
+        "lost_rows": int(flight.words[atomics.DROPPED]),
+    }
+    with open_new_run(folder, "crash", code, metadata) as writer:
+        for start in range(0, flight.rows.size, _PORTION_ROWS):
+            writer.write(flight.rows[start : start + _PORTION_ROWS])
+    return Recovered(writer.path, flight.rows.size, flight.torn, flight.pid, reason)
+
+
+def why(flight: Flight, crash: str = "") -> tuple[str, str]:
+    """Why a daemon died, as far as anything tells: a short name and a sentence.
+
+    Args:
+        flight: what it left.
+        crash: what its fatal signal wrote.
+    """
+    mode = int(flight.words[atomics.MODE])
+    state = layout.STATE_NAMES[mode] if 0 <= mode < len(layout.STATE_NAMES) else f"unknown ({mode})"
+    number = int(flight.words[atomics.FAULT_CODE])
+    during = f"in state {state}"
+    if number in faults.KINDS:
+        during += f" with the fault {faults.KINDS[number].code}"
+    if signal := _SIGNAL.search(crash):
+        return "signal", f"the daemon died {during} of a fatal signal: {signal[1]}"
+    if flight.rebooted:
+        return "reboot", f"the machine stopped or lost power {during}"
+    after_s = flight.rows["time_s"][-1]
+    return (
+        "killed",
+        f"the daemon was killed {during}, {after_s:.3f} s after its start, by SIGKILL or for want of memory",
+    )
+
+
+def _died(flight: Flight) -> str:
+    """When its supervisor beat last, UTC: within 50 ms of its death, unless that had stopped before."""
+    instant_s = (flight.clock_ns + int(flight.words[atomics.HEARTBEAT_NS])) * 1e-9
+    with contextlib.suppress(ValueError, OverflowError):
+        return datetime.fromtimestamp(instant_s, UTC).isoformat(timespec="milliseconds")
+    return "unknown"
+
+
+def _crash_path(path: Path, pid: int) -> Path:
+    return path.with_name(re.sub(rf"-{pid}-\d+$", f"-{pid}", path.stem) + _CRASH_SUFFIX)
+
+
+def _crash_text(path: Path, pid: int) -> str:
+    with contextlib.suppress(OSError):
+        return _crash_path(path, pid).read_text(errors="replace")[:_LONGEST_CRASH]
+    return ""

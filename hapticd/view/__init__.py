@@ -1,0 +1,7 @@
+"""Looking at recordings: the signals that a person asks of a run, and their picture. Behind ``hapticd plot``."""
+
+from hapticd.view.compare import Difference, difference
+from hapticd.view.figure import PANELS, run_figure
+from hapticd.view.signals import Signals, Spectrum, first_seconds, signals
+
+__all__ = ["PANELS", "Difference", "Signals", "Spectrum", "difference", "first_seconds", "run_figure", "signals"]
