@@ -21,6 +21,7 @@ from hapticd.cli import (
     experiments,
     export,
     gap,
+    help,  # noqa: A004 - named as the command
     hil,
     identify,
     importing,
@@ -82,6 +83,7 @@ GROUPS = (
     reproduce,
     identify,
     gap,
+    help,
     hil,
     init,
     config,
