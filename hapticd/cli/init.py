@@ -61,7 +61,10 @@ def init(
 
     replace(out, text)
     document = {"config": out, "answers": values, "warnings": warnings, "linear": config.is_linear}
-    said = [f"written: {out}", f"next: hapticd check {out}; then hapticd run {out}, and hapticd identify --live -o …"]
+    said = [
+        f"written: {out}",
+        f"next: hapticd check {out}; then hapticd run {out}, and hapticd identify --live --model {out} -o {out}",
+    ]
     output.emit(document, as_json, "\n".join(said))
     for warning in warnings:
         output.note(f"warning: {warning}")

@@ -77,6 +77,16 @@ class BaseFit:
         index = FITTED.index(name)
         return self.reach * float(np.sqrt(self.covariance[index, index]))
 
+    @property
+    def telling_s(self) -> float:
+        """Seconds that tell of the least told parameter, as if all of them told alike (Kish's effective sample size)."""
+        series = self.fit.problem.series
+        information = self.fit.slopes[:, -len(FITTED) :] ** 2 * self.fit.out["information"][:, None]
+        each = series.per_block(information)
+        whole = each.sum(axis=0)
+        blocks = whole**2 / np.maximum((each**2).sum(axis=0), 1e-300)
+        return float(blocks[whole > 0.0].min(initial=np.inf)) * series.duration_s / series.blocks
+
     def scores(self) -> Floats:
         """(n, 5) derivative of each sample's log probability by the values."""
         return np.asarray(self.fit.scores[:, -len(FITTED) :] / _slopes(self.values))

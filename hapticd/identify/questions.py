@@ -23,16 +23,16 @@ if TYPE_CHECKING:
 
 Answers = dict[str, Any]
 
-_TORQUE: Final = {"n m": 1.0, "mn m": 1e-3, "µn m": 1e-6, "n cm": 1e-2, "oz in": 7.0615518e-3}
-_CURRENT: Final = {"a": 1.0, "ma": 1e-3}
-_INERTIA: Final = {"kg m^2": 1.0, "g cm^2": 1e-7, "kg cm^2": 1e-4, "g mm^2": 1e-9, "oz in s^2": 7.0615518e-3}
-_HERTZ: Final = {"hz": 1.0, "khz": 1e3}
+_TORQUE: Final = {"N m": 1.0, "mN m": 1e-3, "µN m": 1e-6, "N cm": 1e-2, "oz in": 7.0615518e-3}
+_CURRENT: Final = {"A": 1.0, "mA": 1e-3}
+_INERTIA: Final = {"kg m²": 1.0, "g cm²": 1e-7, "kg cm²": 1e-4, "g mm²": 1e-9, "oz in s²": 7.0615518e-3}
+_HERTZ: Final = {"Hz": 1.0, "kHz": 1e3}
 _ANGLE: Final = {"rad": 1.0, "deg": pi / 180.0, "°": pi / 180.0, "rev": 2.0 * pi}
 _SPEED: Final = {"rad/s": 1.0, "rpm": 2.0 * pi / 60.0, "deg/s": pi / 180.0}
-_STIFFNESS: Final = {"n m/rad": 1.0, "mn m/rad": 1e-3, "n m/deg": 180.0 / pi, "mn m/deg": 0.18 / pi}
+_STIFFNESS: Final = {"N m/rad": 1.0, "mN m/rad": 1e-3, "N m/deg": 180.0 / pi, "mN m/deg": 0.18 / pi}
 _LENGTH: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 _LINEAR_SPEED: Final = {"m/s": 1.0, "mm/s": 1e-3}
-_LINEAR_STIFFNESS: Final = {"n/m": 1.0, "n/mm": 1e3, "kn/m": 1e3}
+_LINEAR_STIFFNESS: Final = {"N/m": 1.0, "N/mm": 1e3, "kN/m": 1e3}
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ QUESTIONS: Final[tuple[Question, ...]] = (
         "Motor: torque constant, from its data sheet",
         0.0292,
         "N m/A",
-        {f"{unit}/a": factor for unit, factor in _TORQUE.items()},
+        {f"{unit}/A": factor for unit, factor in _TORQUE.items()},
         kind="rotary",
         place="amplifier.torque_constant",
     ),
@@ -132,7 +132,7 @@ QUESTIONS: Final[tuple[Question, ...]] = (
         "Motor: force constant, from its data sheet",
         10.0,
         "N/A",
-        {"n/a": 1.0, "mn/a": 1e-3},
+        {"N/A": 1.0, "mN/A": 1e-3},
         kind="linear",
         place="amplifier.torque_constant",
     ),
@@ -140,7 +140,7 @@ QUESTIONS: Final[tuple[Question, ...]] = (
         "inertia",
         "Inertia of rotor and load, a guess will do",
         6.28e-6,
-        "kg m^2",
+        "kg m²",
         _INERTIA,
         kind="rotary",
         place="plant.inertia",
@@ -162,7 +162,7 @@ QUESTIONS: Final[tuple[Question, ...]] = (
         "Force that just moves it, a guess will do",
         0.5,
         "N",
-        {"n": 1.0, "mn": 1e-3},
+        {"N": 1.0, "mN": 1e-3},
         kind="linear",
         place="plant.coulomb",
     ),
@@ -235,6 +235,8 @@ QUESTIONS: Final[tuple[Question, ...]] = (
 )
 _BY_KEY: Final = {question.key: question for question in QUESTIONS}
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
+_DIGITS: Final = 12
+"""Of an answer in SI units: the product with a unit's factor has more, which nobody said."""
 _WHOLE: Final = frozenset({"dac_bits"})
 
 
@@ -292,11 +294,11 @@ def _value(question: Question, said: Any) -> Any:
     match = _NUMBER.fullmatch(str(said))
     if match is None:
         raise ValueError(f"is not a number; write it in {question.unit}")
-    unit = " ".join(match[2].replace("²", "^2").replace("·", " ").replace("*", " ").lower().split())
-    units = question.units or {}
+    unit = " ".join(match[2].replace("^2", "²").replace("·", " ").replace("*", " ").lower().split())
+    units = {name.lower(): factor for name, factor in (question.units or {}).items()}
     if unit and unit not in units:
-        raise ValueError(f"unit {match[2]!r} is not known here; known: {', '.join(units)}")
-    value = float(match[1]) * (units[unit] if unit else 1.0)
+        raise ValueError(f"unit {match[2]!r} is not known here; known: {', '.join(question.units or {})}")
+    value = float(f"{float(match[1]) * (units[unit] if unit else 1.0):.{_DIGITS}g}")
     if question.key in _WHOLE:
         if not value.is_integer():
             raise ValueError("must be a whole number")

@@ -38,6 +38,8 @@ REPLACED = ("inertia_error", "viscous_friction", "coulomb_friction", "constant_b
 _LIGHT = 1e-9
 _CLEAR_SIGN = 0.2
 """Share of the driving torque by which the right sign of the encoder explains more than the wrong one."""
+_SHORT_S = 1.2
+"""Seconds that tell of every parameter, below which intervals by parts of the recordings say nothing."""
 _POOR = 0.5
 """Share of the driving torque that inertia and friction should explain."""
 
@@ -215,6 +217,12 @@ def _implied(result: Identified, known_inertia: float) -> Estimate:
 
 def _doubts(found: BaseFit, start: Balance, result: Identified) -> list[str]:
     doubts = []
+    if found.telling_s < _SHORT_S:
+        doubts.append(
+            f"nearly all that the recordings tell comes from {found.telling_s:.1f} s: too little to know how sure it is; "
+            "the intervals may leave out the truth, first of all those of delay and viscous friction; record an experiment, "
+            "such as hapticd excite"
+        )
     if start.share - start.share_other_sign < _CLEAR_SIGN:
         doubts.append(
             f"the encoder's sign is not certain: inertia and friction explain {100 * start.share:.0f} % of the driving "

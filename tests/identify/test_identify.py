@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from hapticd.config import parse_config
+from hapticd.api.simulation import simulate
+from hapticd.config import load_config, parse_config
 from hapticd.gap.errors import RecordingError
-from hapticd.identify import Identified, identified_model, identify
+from hapticd.identify import Identified, identified_model, identify, readable
 from hapticd.identify.balance import balance
 from hapticd.identify.result import UNCERTAIN
 from hapticd.stability.numbers import from_config
@@ -87,6 +88,15 @@ def test_a_second_run_narrows_the_intervals(found: Identified) -> None:
     assert both.coulomb.value == pytest.approx(COULOMB, rel=0.03)
     assert both.runs == ("run1", "run2")
     assert both.sign == 1
+
+
+def test_a_single_swing_is_said_to_tell_too_little(found: Identified) -> None:
+    """All there is after a release is over within a fraction of a second; its delay and viscous friction hardly part."""
+    config = {"spring": {"stiffness": 0.004}, "plant": {"inertia": 9e-6, "coulomb": 3e-4}}
+    swing = identify([readable(simulate(config, 3.0, deflection=900), load_config(None))], load_config(None))
+    said = [text for text in swing.warnings if "too little to know how sure" in text]
+    assert len(said) == 1
+    assert not any("too little to know how sure" in text for text in found.warnings)
 
 
 def test_no_recording_and_no_motion_are_refused() -> None:

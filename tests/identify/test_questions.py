@@ -53,7 +53,7 @@ def test_a_linear_device_is_asked_its_own_questions() -> None:
     [
         ({"torque_constnat": 1.0}, "did you mean torque_constant?"),
         ({"inertia": "6 stone"}, "unit 'stone' is not known here"),
-        ({"inertia": "much"}, "is not a number; write it in kg m^2"),
+        ({"inertia": "much"}, "is not a number; write it in kg m²"),
         ({"device": "round"}, "must be one of rotary, linear"),
         ({"mass": 1.0}, "is for a linear device, and device is rotary"),
         ({"dac_bits": 12.5}, "must be a whole number"),

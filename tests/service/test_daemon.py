@@ -77,7 +77,9 @@ def test_estop_latches_and_survives_a_restart(monkeypatch: pytest.MonkeyPatch, t
         status = daemon.status()
         assert status["state"] == "fault"
         assert status["fault"]["code"] == "estop"
-        with pytest.raises(Refused, match=r"a fault is latched \(estop: .*\); when everybody's hands are .*'hapticd clear'"):
+        with pytest.raises(
+            Refused, match=r"a fault is latched \(estop: .*\); when everybody's hands are .*'hapticd clear'"
+        ):
             daemon.start()
         assert daemon.clear()["state"] == "off"
         assert set(device.commands) == {(0.0, False)}
