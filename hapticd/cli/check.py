@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -121,9 +122,10 @@ def check(
     text = report(found, changes, title, None if assignments else device)
     if sure is not None:
         unit = "N/m" if config.is_linear else "N m/rad"
-        text += f"\n\nwith plant.uncertainty: {sure.words}"
+        said = f"with plant.uncertainty: {sure.words}"
         if sure.stiffness_max is not None:
-            text += f";\nstiffness up to {sure.stiffness_max:.3g} {unit} with 95 %"
+            said += f"; stiffness up to {sure.stiffness_max:.3g} {unit} with 95 %"
+        text += f"\n\n{textwrap.fill(said, 100)}"
     if judgement.verdict in ("refused", "warned"):
         text += f"\n\nsafety.guard: the daemon {_ANSWERS[judgement.verdict]}"
     text += "".join(f"\n\nwarning: {doubt}" for doubt in doubts) + (f"\n\nfigure: {out}" if out else "")

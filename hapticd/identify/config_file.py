@@ -13,7 +13,7 @@ from ruamel.yaml.comments import CommentedMap, CommentedSeq
 from hapticd.config import config_to_yaml, parse_yaml
 from hapticd.config.presets import PRESETS, preset_names
 from hapticd.config.reading import read_text
-from hapticd.identify.result import UNCERTAIN
+from hapticd.identify.result import UNCERTAIN, interval_digits
 from hapticd.identify.workflow import REPLACED, effects_found, plant_section
 
 if TYPE_CHECKING:
@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 _DIGITS = 6
 _OWN_REMARKS = re.compile(r"^[ \t]*# (identified from|assumed:|standard deviations:).*\n", re.MULTILINE)
 """What an earlier identification wrote above its numbers."""
-_WIDTH = 120
+_WIDTH = 200
+"""Correlations stay on one line."""
 
 
 def text_of(source: str | None, model: Config) -> str:
@@ -111,4 +112,5 @@ def _rounded(value: Any) -> Any:
 
 def _remark(estimate: Estimate) -> str:
     low, high = estimate.ci95
-    return f"{estimate.unit}, 95 %: {low:.4g} to {high:.4g}"
+    digits = interval_digits(estimate)
+    return f"{estimate.unit}, 95 %: {low:.{digits}g} to {high:.{digits}g}"

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+_FEWEST_DIGITS, _MOST_DIGITS = 4, 9
 UNCERTAIN = ("inertia", "viscous", "coulomb", "delay_s")
 """What the operating point depends on, in the order of `Identified.deviations`."""
 
@@ -85,6 +86,15 @@ class Identified:
             "warnings": list(self.warnings),
             "details": dict(self.details),
         }
+
+
+def interval_digits(estimate: Estimate) -> int:
+    """Significant digits in which the ends of an interval differ."""
+    low, high = estimate.ci95
+    size = max(abs(low), abs(high))
+    if high <= low or size == 0.0:
+        return _FEWEST_DIGITS
+    return int(np.clip(np.ceil(np.log10(size / (high - low))) + 2, _FEWEST_DIGITS, _MOST_DIGITS))
 
 
 def _estimate(estimate: Estimate) -> dict[str, Any]:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from hapticd.identify.result import interval_digits
+
 if TYPE_CHECKING:
     from hapticd.gap.result import Estimate
     from hapticd.identify.result import Identified
@@ -38,4 +40,5 @@ def describe(result: Identified, key_of_config: str) -> str:
 def _interval(estimate: Estimate, factor: float = 1.0, unit: str | None = None) -> str:
     low, value, high = (factor * number for number in (estimate.ci95[0], estimate.value, estimate.ci95[1]))
     unit = estimate.unit if unit is None else unit
-    return f"{value:.4g} ({low:.4g} … {high:.4g}) {unit}".rstrip()
+    digits = interval_digits(estimate)
+    return f"{value:.{digits}g} ({low:.{digits}g} … {high:.{digits}g}) {unit}".rstrip()

@@ -60,8 +60,11 @@ def check_figure(
             _arrow(axis, found, change, targets[change.key], beta)
     if sure is not None:
         label = f"where it may be: {sure.words.partition(';')[0]}"
-        axis.plot(sure.beta, sure.sigma, ".", color=BLUE, alpha=0.25, ms=3, mew=0, label=label, zorder=3)
-    axis.plot(found.numbers.beta, found.numbers.sigma, "o", color=BLUE, ms=10, label="operating point", zorder=5)
+        axis.plot(sure.beta, sure.sigma, ".", color=BLUE, alpha=0.35, ms=5, mew=0, zorder=3)
+        axis.plot([], [], ".", color=BLUE, ms=5, label=label)
+    axis.plot(
+        found.numbers.beta, found.numbers.sigma, "o", color=BLUE, ms=10, mec="white", label="operating point", zorder=5
+    )
     axis.set_xlim(beta[0], beta[-1])
     axis.set_ylim(sigma[0], sigma[-1])
     axis.set_xlabel("viscous friction β = b/(KT)")
