@@ -24,7 +24,8 @@ compiled: $(STAMP)   ## fill the compile caches of daemon and simulated hardware
 	$(BIN)/python -c 'import tests.sim_hw.forked_device' & \
 	  $(BIN)/python -m hapticd.service.precompile && wait $$!
 
-lint: $(STAMP)   ## ruff
+lint: $(STAMP)   ## ruff; do the installed packages agree with one another
+	$(BIN)/python -m pip --disable-pip-version-check check
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 

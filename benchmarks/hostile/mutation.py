@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 
 _WORD = re.compile(r"[^\s{}\[\],:#=]+")
 _BOUNDARIES = (0, 1, -1, 2**7, 2**15 - 1, 2**16, 2**31 - 1, -(2**31), 2**32 - 1, 2**40, 2**63 - 1, -(2**63))
-_MOST_REPEATS = 1 << 14
 _LONGEST = 1 << 18
 
 SCALARS = (
@@ -204,10 +203,10 @@ def _many(chance: random.Random, text: str, _: str) -> str:
     """A line many times, each with another key."""
     lines = text.split("\n")
     at = chance.randrange(len(lines))
-    count = int(2 ** chance.uniform(0, 14))
     line = lines[at]
+    count = min(int(2 ** chance.uniform(0, 14)), _LONGEST // (len(line) + 1) + 1)
     head = len(line) - len(line.lstrip(" -{["))
-    lines[at : at + 1] = [f"{line[:head]}k{n}{line[head:]}" for n in range(min(count, _MOST_REPEATS))]
+    lines[at : at + 1] = [f"{line[:head]}k{n}{line[head:]}" for n in range(count)]
     return "\n".join(lines)
 
 

@@ -16,7 +16,7 @@ from hapticd.config.text import decimal_comma
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
 from hapticd.record.matfile import is_level_5, read_level_5
-from hapticd.record.reader import delimiter_hint, read_parquet
+from hapticd.record.reader import column_names, delimiter_hint, read_parquet
 
 _NAMES_SHOWN = 12
 
@@ -147,7 +147,7 @@ def _parquet(path: Path, mapping: ImportMap) -> Source:
 
 def _from_table(path: Path, table: Any, *, named: bool) -> Source:
     numbered = [column.to_numpy() for column in table.columns]
-    names = [str(name).strip() for name in table.column_names]
+    names = [name.strip() for name in column_names(path, table)]
     return Source(path, dict(zip(names, numbered, strict=True)) if named else {}, numbered)
 
 

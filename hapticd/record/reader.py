@@ -107,10 +107,7 @@ def read_run(path: str | Path, *, salvage: bool = False) -> Run:
             f"{path} is damaged: {'; '.join(damaged)}; 'hapticd export {path} --to parquet --salvage' keeps the rest"
         )
 
-    try:
-        names = [str(name) for name in table.column_names]
-    except UnicodeDecodeError:
-        raise RunFileError(f"{path} is damaged: its columns have no legible names") from None
+    names = column_names(path, table)
     _check_names(path, names)
     columns = {name: _column(path, name, table.column(name)) for name in names}
     metadata = decode_metadata(table.schema.metadata)
@@ -147,6 +144,18 @@ def damage_words(stream: Stream) -> list[str]:
     if stream.metadata_damaged:
         words.append("its description (config, units, names) does not match its checksum")
     return words
+
+
+def column_names(path: Path, table: Any) -> list[str]:
+    """Names of the columns of a ``pyarrow.Table``.
+
+    Raises:
+        RunFileError: they are no text.
+    """
+    try:
+        return [str(name) for name in table.column_names]
+    except UnicodeDecodeError:
+        raise RunFileError(f"{path} is damaged: its columns have no legible names") from None
 
 
 def _table(path: Path, stream: Stream) -> Any:
@@ -222,7 +231,7 @@ def _read_csv(path: Path) -> Any:
         )
     except (pa.ArrowException, OSError) as error:
         raise RunFileError(f"{path} is not a readable CSV file: {brief(error)}") from None
-    table = table.rename_columns([name.strip() for name in table.column_names])
+    table = table.rename_columns([name.strip() for name in column_names(path, table)])
     return table.replace_schema_metadata(stored or None)
 
 
