@@ -22,8 +22,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from rich.console import Console
-
 from benchmarks.report import BenchmarkError, Figure, document, progress
 from hapticd.config import Config, apply_settings, load_config, parse_config
 from hapticd.hil.cases import FIRMWARE_CONFIG, FIRMWARE_RATE_HZ, slower_rig
@@ -204,7 +202,7 @@ def main() -> int:
                 progress(" | ".join([device, *tallies[-1].cells()]))
                 if options.markdown:  # an interrupted run leaves what it has
                     replace_table(options.markdown, markdown(tallies, options.trials))
-    Console().print(markdown(tallies, options.trials), markup=False)
+    print(markdown(tallies, options.trials))
     if options.json:
         found = document("fault_matrix", _figures(tallies), quick=False)
         options.json.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")

@@ -83,7 +83,6 @@ def run_matrix(
     Raises:
         HilError: none of them applies.
     """
-    config = _with_current(config)
     chosen = [one for one in injections if config.driver.name in one.devices]
     if not chosen:
         raise HilError(
@@ -142,6 +141,7 @@ def run_injection(config: Config, injection: Injection, folder: Path, board: str
     Raises:
         HilError: it did so every time.
     """
+    config = _with_current(config)
     for attempt in range(ATTEMPTS):
         try:
             return _inject(config, injection, folder / str(attempt), board)
