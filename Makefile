@@ -17,14 +17,15 @@ run: $(STAMP)    ## the daemon on the simulated RE35/Copley testbed, in real tim
 	$(BIN)/hapticd run
 
 test: $(STAMP) lint types jstypes layers compiled   ## every check and test that needs no special machine
-	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 2 --dist worksteal
-	$(BIN)/python -m pytest -m realtime
+	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 2 --dist worksteal --durations=15
+	$(BIN)/python -m pytest -m realtime --durations=15
 
 compiled: $(STAMP)   ## fill the compile caches of daemon and simulated hardware, side by side
 	$(BIN)/python -c 'import tests.sim_hw.forked_device' & \
 	  $(BIN)/python -m hapticd.service.precompile && wait $$!
 
-lint: $(STAMP)   ## ruff
+lint: $(STAMP)   ## ruff; do the installed packages agree with one another
+	$(BIN)/python -m pip --disable-pip-version-check check
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 

@@ -13,9 +13,11 @@ from __future__ import annotations
 
 import abc
 import math
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
+
+from hapticd.config.text import legible
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -92,8 +94,17 @@ PROCESSING_S = 40e-6
 Measured with the simulated board and drive on an ordinary PC (``hapticd hil``); a driver's ``latency_s`` overrides it."""
 
 
+_LONGEST_TEXT: Final = 4000
+
+
 class DriverError(Exception):
-    """A driver cannot be opened or used; the text says which device, what was found and how to repair it."""
+    """A driver cannot be opened or used; the text says which device, what was found and how to repair it.
+
+    What is quoted from a file or a device is made legible.
+    """
+
+    def __init__(self, text: object = "") -> None:
+        super().__init__(legible(str(text), _LONGEST_TEXT))
 
 
 class DriverConfigError(DriverError):

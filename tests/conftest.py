@@ -20,6 +20,7 @@ TESTS = Path(__file__).parent
 WALL_CLOCK = (
     "docs/test_notebooks.py",
     "doctor/test_board.py",
+    "doctor/test_terminal.py",
     "drivers/canopen/test_bring_up.py",
     "drivers/canopen/test_callback.py",
     "drivers/canopen/test_exchange.py",

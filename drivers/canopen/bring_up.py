@@ -21,6 +21,7 @@ from drivers.canopen.bus import (
     refuse_other_master,
     stop_node,
 )
+from drivers.canopen.eds import load_eds
 from drivers.canopen.objects import Objects
 from drivers.canopen.options import Options
 from drivers.canopen.pdo import Entry, can_send, map_pdos, set_deadline
@@ -36,7 +37,7 @@ from drivers.canopen.state_machine import (
     transition,
 )
 from drivers.canopen.units import Rated
-from drivers.interface import DriverConfigError, DriverError
+from drivers.interface import DriverError
 from hapticd.config.sections import Amplifier
 
 _CIA_402: Final = 402
@@ -75,7 +76,7 @@ def bring_up(
         DriverConfigError: the EDS cannot be read.
     """
     node_id = options.node_id
-    dictionary = _load_eds(eds, node_id)
+    dictionary = load_eds(eds, node_id)
     node = canopen.RemoteNode(node_id, dictionary)
     listen_for_master(monitor, node_id)
     network.add_node(node)
@@ -127,13 +128,6 @@ def release(objects: Objects, profile: Profile, options: Options) -> None:
     set_deadline(objects, 0)
     if not objects.read(profile.statusword, 0, "statusword") & FAULT_BIT:
         _disable(objects, profile)
-
-
-def _load_eds(path: Path, node_id: int) -> canopen.ObjectDictionary:
-    try:
-        return canopen.import_od(str(path), node_id)
-    except Exception as exception:
-        raise DriverConfigError(f"driver.eds = {path}: cannot be read as an EDS: {exception}") from exception
 
 
 def _identify(

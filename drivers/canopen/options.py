@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
+import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -104,7 +105,7 @@ class Options:
     @property
     def eds_path(self) -> Path | None:
         """The EDS that the config names."""
-        return None if self.eds is None else Path(self.eds).expanduser()
+        return None if self.eds is None else Path(os.path.expanduser(self.eds))  # noqa: PTH111 - raises for no user
 
     def bus_load(self, rate_hz: float) -> float:
         """Share of the bus that a servo rate in Hz fills."""

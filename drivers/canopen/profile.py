@@ -6,13 +6,16 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
-import yaml
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from drivers.interface import DriverConfigError
+from hapticd.config import ConfigError
+from hapticd.config.reading import read_text, read_yaml
+from hapticd.config.text import shown
 
 FOLDER: Final = Path(__file__).parent / "profiles"
 
@@ -101,14 +104,16 @@ def load_profile(name: str) -> tuple[Profile, Path | None]:
     """
     path = FOLDER / f"{name}.yaml"
     if not path.is_file():
-        path = Path(name).expanduser()
-        if not path.is_file():
+        path = Path(os.path.expanduser(name))  # noqa: PTH111 - leaves a user that there is not as it is
+        if not path.exists():
             shipped = ", ".join(sorted(found.stem for found in FOLDER.glob("*.yaml")))
             raise DriverConfigError(f"driver.profile = {name!r}: no such profile ({shipped}) and no such file")
     try:
-        data = yaml.safe_load(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, yaml.YAMLError) as exception:
-        raise DriverConfigError(f"driver.profile = {name!r}: {path} cannot be read: {exception}") from exception
+        data, doubts = read_yaml(read_text(path, str(path)), str(path))
+    except ConfigError as error:
+        doubts = error.problems
+    if doubts:
+        raise DriverConfigError(f"driver.profile = {name!r}: {'; '.join(map(str, doubts))}")
     try:
         profile = Profile.model_validate(_tuples(data))
     except ValidationError as exception:
@@ -131,4 +136,4 @@ def _given(error: Any) -> str:
     value = error.get("input")
     if error["type"] == "missing" or isinstance(value, dict | tuple):
         return ""
-    return f", not {value!r}" + (f" (0x{value:x})" if isinstance(value, int) else "")
+    return f", not {shown(value)}" + (f" (0x{value:x})" if isinstance(value, int) and abs(value) < 1 << 64 else "")

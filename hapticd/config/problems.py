@@ -36,9 +36,13 @@ class Problem:
     def __str__(self) -> str:
         parts = [_one_line(self.file)]
         if self.key:
-            key = _one_line(self.key)
+            key = _one_line(self.key if len(self.key) <= _LONGEST_KEY else f"{self.key[: _LONGEST_KEY - 1]}…")
             parts.append(key if self.value is None else f"{key} = {self.value}")
         return ": ".join([*parts, self.message])
+
+
+_MOST_SHOWN = 50
+_LONGEST_KEY = 200
 
 
 def _one_line(name: str) -> str:
@@ -47,7 +51,7 @@ def _one_line(name: str) -> str:
 
 
 class ConfigError(Exception):
-    """A configuration that cannot be used; ``str()`` is the full text for the user, one line a problem.
+    """A configuration that cannot be used; ``str()`` is the text for the user, one line a problem, the first fifty of them.
 
     Attributes:
         problems: everything that is wrong, never empty.
@@ -55,7 +59,9 @@ class ConfigError(Exception):
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = list(problems)
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        more = len(self.problems) - _MOST_SHOWN
+        lines = [str(problem) for problem in self.problems[:_MOST_SHOWN]]
+        super().__init__("\n".join([*lines, f"and {more} more"] if more > 0 else lines))
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,10 @@ from hapticd.config.opening import open_regular
 from hapticd.config.problems import ConfigError, Problem
 from hapticd.config.text import shown
 
-_MAX_BYTES = 1 << 20
-_MAX_VALUES = 100_000  # aliases of aliases can stand for more values than a machine can hold
+_MAX_BYTES = 1 << 18
+_MAX_VALUES = 20_000  # aliases of aliases can stand for more values than a machine can hold
+_MAX_DEPTH = 50
+_MAX_WHOLE = 1 << 1024  # what no floating-point number can be; Python does not even print one of 4301 digits
 _PREFIX = "tag:yaml.org,2002:"
 _FLOAT = r"[-+]?(?:[0-9][0-9_]*\.[0-9_]*|\.[0-9][0-9_]*|[0-9][0-9_]*(?=[eE]))(?:[eE][-+]?[0-9]+)?"
 _RESOLVERS = (
@@ -56,7 +58,7 @@ def read_text(path: Path, name: str) -> str:
         reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
         raise _failure(name, f"cannot be read: {reason}") from None
     if len(data) > _MAX_BYTES:
-        raise _failure(name, "is larger than 1 MiB; this is not a configuration file")
+        raise _failure(name, f"is larger than {_MAX_BYTES >> 10} KiB; this is not a configuration file")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -110,6 +112,8 @@ class _Converter:
         if any(node is parent for parent in parents):
             self._note(path, "an alias that contains itself")
             return None
+        if len(parents) > _MAX_DEPTH:
+            raise _failure(self._name, "is nested too deeply")
         inside = (*parents, node)
         if isinstance(node, MappingNode):
             return self._mapping(node, path, inside)
@@ -154,7 +158,9 @@ class _Converter:
         kind = str(node.tag).removeprefix(_PREFIX)
         try:
             if kind in ("null", "bool", "int", "float", "str"):
-                return self._loader.yaml_constructors[_PREFIX + kind](self._loader, node)
+                value = self._loader.yaml_constructors[_PREFIX + kind](self._loader, node)
+                if not isinstance(value, int) or abs(value) < _MAX_WHOLE:
+                    return value
         except (ValueError, KeyError):
             pass
         self._note(path, f"line {node.start_mark.line + 1}: {shown(node.value)} cannot be read as {shown(kind)}")

@@ -49,6 +49,14 @@ def yaml_value(value: object) -> str:
     return " ".join(repr(value).split())
 
 
+def legible(text: str, longest: int = 20_000) -> str:
+    """A text for a terminal: no control characters but the ends of lines, and not endless."""
+    cut = text if len(text) <= longest else f"{text[: longest - 1]}…"
+    if all(line.isprintable() for line in cut.split("\n")):
+        return cut
+    return "".join(sign if sign.isprintable() or sign == "\n" else ascii(sign)[1:-1] for sign in cut)
+
+
 def shown(value: object, width: int = 60) -> str:
     """A value as it is quoted in a message: YAML text, cut to ``width`` characters."""
     text = yaml_value(value)

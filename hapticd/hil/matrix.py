@@ -29,6 +29,7 @@ HOLDING_A: Final = 0.03
 """Current that flows while the shaft is at rest, so that its end can be seen."""
 SETTLE_S: Final = 0.8
 """Time after the fault in which everything must have happened."""
+_SIGTERM_S: Final = 1.0
 
 
 @dataclass(frozen=True)
@@ -52,6 +53,8 @@ class Row:
     after_first_miss: int | None
     """Periods from the first failed exchange to the tick of the fault."""
     problems: tuple[str, ...]
+    struck_ns: int = 0
+    """When it struck, CLOCK_MONOTONIC; 0 where a start was refused."""
 
     @property
     def met(self) -> bool:
@@ -80,7 +83,6 @@ def run_matrix(
     Raises:
         HilError: none of them applies.
     """
-    config = _with_current(config)
     chosen = [one for one in injections if config.driver.name in one.devices]
     if not chosen:
         raise HilError(
@@ -124,12 +126,22 @@ def detection_s(config: Config) -> float:
     return ((config.safety.missed_exchanges or 0) + 2) / config.servo.rate_hz
 
 
+def limit_s(config: Config, injection: Injection) -> float | None:
+    """Longest time from an injection to zero current, s; None where the current must go on."""
+    if injection.name == "sigterm":
+        return _SIGTERM_S
+    if injection.by_watchdog:
+        return watchdog_s(config) + 1.0 / config.servo.rate_hz
+    return detection_s(config) if injection.codes else None
+
+
 def run_injection(config: Config, injection: Injection, folder: Path, board: str | None = None) -> Row:
     """One row of the matrix, tried again where the machine disturbed the run before the fault struck.
 
     Raises:
         HilError: it did so every time.
     """
+    config = _with_current(config)
     for attempt in range(ATTEMPTS):
         try:
             return _inject(config, injection, folder / str(attempt), board)
@@ -229,7 +241,7 @@ def _judge(
         problems.append(f"fault {code or 'none'} instead of {' or '.join(injection.codes)}")
     if not injection.codes and code is not None and status is not None:
         problems.append(f"fault {code}, though it should be tolerated")
-    problems += _late(config, injection, zero_after, first_miss, code)
+    problems += _late(config, injection, zero_after)
     if lost:
         problems.append(f"{lost} rows before the fault are not in the recording")
     return Row(
@@ -243,22 +255,16 @@ def _judge(
         lost,
         first_miss,
         tuple(problems),
+        struck_ns,
     )
 
 
-def _late(
-    config: Config, injection: Injection, zero_after: float | None, first_miss: int | None, code: str | None
-) -> list[str]:
-    ends = bool(injection.codes) or injection.by_watchdog or injection.name == "sigterm"
-    if not ends:
+def _late(config: Config, injection: Injection, zero_after: float | None) -> list[str]:
+    limit = limit_s(config, injection)
+    if limit is None:
         return ["the current stopped"] if zero_after is not None else []
     if zero_after is None:
         return ["the current never became zero"]
-    limit = detection_s(config)
-    if injection.by_watchdog:
-        limit = watchdog_s(config) + 1.0 / config.servo.rate_hz
-    if injection.name == "sigterm":
-        limit = 1.0
     if zero_after <= limit:
         return []
     return [f"zero current after {1e3 * zero_after:.3g} ms, {1e3 * limit:.3g} ms allowed"]

@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+from hapticd.config.text import legible
+
+_LONGEST: Final = 4000
+
 
 class RecordingError(Exception):
     """A recording could not be started, or ended early (disk full, directory not writable, file exists)."""
@@ -12,4 +18,7 @@ class RunExistsError(RecordingError):
 
 
 class RunFileError(Exception):
-    """A run file cannot be read or exported."""
+    """A run file cannot be read or exported. What is quoted from the file is made legible."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__(legible(text, _LONGEST))

@@ -76,8 +76,10 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
         kind = "linear" if model.is_linear else "rotary"
         raise RunFileError(f"{path}: device = {mapping.device}, but model {mapping.model} describes a {kind} one")
     columns = read_source(path, mapping)
-    counts_per_unit = _counts_per_unit(path, mapping, model)
-    rows, origin = _rows(columns, mapping, model, counts_per_unit)
+    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+        # What leaves floating point is found, and named by its row.
+        counts_per_unit = _counts_per_unit(path, mapping, model)
+        rows, origin = _rows(columns, mapping, model, counts_per_unit)
     metadata = _metadata(path, mapping, model, counts_per_unit, origin)
     part = target.with_name(f".{target.name}.{os.getpid()}.part")
     try:
@@ -121,8 +123,13 @@ def _counts_per_unit(path: Path, mapping: ImportMap, model: Config | None) -> fl
         key = "encoder.counts_per_metre" if mapping.is_linear else "encoder.counts_per_rev"
         raise RunFileError(f"{path}: position.unit = count needs {key}")
     if position.resolution is not None:
-        step = position.resolution
-        return encoder / step if in_counts and encoder else size / (step * mapping.position_units[_unit(mapping)])
+        unit = 1.0 if in_counts else mapping.position_units[_unit(mapping)]
+        counts = np.float64(encoder if in_counts and encoder else size) / (position.resolution * unit)
+        if not 0.0 < counts < np.inf:
+            raise RunFileError(
+                f"{path}: position.resolution = {position.resolution:g}: gives {counts:g} counts a revolution or metre"
+            )
+        return float(counts)
     if encoder is None:
         raise RunFileError(
             f"{path}: position.resolution is missing: the width of one step of the position (or give encoder)"
@@ -187,7 +194,9 @@ def _time(source: Source, mapping: ImportMap, samples: int) -> tuple[FloatArray,
     """Stamps in s, and the stamp that was taken off them, in the file's unit."""
     if mapping.time.column is None:
         assert mapping.time.rate_hz is not None  # the map was checked
-        return np.arange(samples) / mapping.time.rate_hz, 0.0
+        time_s = np.arange(samples) / mapping.time.rate_hz
+        _check_finite(source.path, f"time.rate_hz = {mapping.time.rate_hz:g}", time_s)
+        return time_s, 0.0
     stamps = source.column(mapping.time.column, "time.column")
     origin = 0.0
     if stamps.dtype.kind == "i" and stamps.size:

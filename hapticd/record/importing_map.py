@@ -67,7 +67,7 @@ class Csv(_Part):
     delimiter: StrictStr = quantity(",", "Character between two values; \\t for a tab")
     decimal: Literal[".", ","] = quantity(".", "Decimal point")
     header: StrictBool = quantity(True, "The first line holds the names of the columns")
-    skip_lines: StrictInt = quantity(0, "Lines to pass over before that", ge=0)
+    skip_lines: StrictInt = quantity(0, "Lines to pass over before that", ge=0, le=1_000_000)
 
 
 class ImportMap(_Part):
@@ -180,6 +180,7 @@ def _problem(details: Mapping[str, Any], source: str) -> Problem:
     if kind in ("model_type", "model_attributes_type"):
         return Problem(source, key, value, "must be a mapping, such as {column: name}")
     comparisons = {"greater_than": ("above", "gt"), "greater_than_equal": ("at least", "ge")}
+    comparisons |= {"less_than_equal": ("at most", "le")}
     if kind in comparisons:
         text, bound = comparisons[kind]
         return Problem(source, key, value, f"must be {text} {context[bound]:g}", context[bound])

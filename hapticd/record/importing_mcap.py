@@ -67,7 +67,8 @@ def _write(run: Run, path: Path) -> None:
     with RunWriter(path, run.metadata) as writer:
         written = 0
         for event in run.events:
-            until = min(max(int(event.get("row", written)), written), rows.size)
+            row = event.get("row")
+            until = min(max(row, written), rows.size) if isinstance(row, int) else written
             writer.write(rows[written:until])
             written = until
             writer.annotate({key: value for key, value in event.items() if key != "row"})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tokenize
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,10 +15,8 @@ from hapticd.config.opening import open_regular
 from hapticd.config.text import decimal_comma
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
-from hapticd.record.reader import delimiter_hint, read_parquet
-
-_MATLAB_PRIVATE = ("__header__", "__version__", "__globals__")
-
+from hapticd.record.matfile import is_level_5, read_level_5
+from hapticd.record.reader import column_names, delimiter_hint, read_parquet
 
 _NAMES_SHOWN = 12
 
@@ -148,17 +147,18 @@ def _parquet(path: Path, mapping: ImportMap) -> Source:
 
 def _from_table(path: Path, table: Any, *, named: bool) -> Source:
     numbered = [column.to_numpy() for column in table.columns]
-    names = [str(name).strip() for name in table.column_names]
+    names = [name.strip() for name in column_names(path, table)]
     return Source(path, dict(zip(names, numbered, strict=True)) if named else {}, numbered)
 
 
 def _npy(path: Path, mapping: ImportMap) -> Source:
     try:
         # Mapped, not read: a header that claims more than the file holds is an error here, and no memory.
-        data = np.load(path, allow_pickle=False, mmap_mode="r")
+        with np.errstate(over="raise"):
+            data = np.load(path, allow_pickle=False, mmap_mode="r")
     except EOFError:
         raise RunFileError(f"{path} is empty") from None
-    except ValueError as error:
+    except (ValueError, TypeError, ArithmeticError, tokenize.TokenError) as error:
         why = "it holds no plain array of numbers" if "pickle" in str(error) else str(error)
         raise RunFileError(f"{path} is not a readable .npy file: {why}") from None
     if not isinstance(data, np.ndarray):
@@ -179,19 +179,9 @@ def _channels(path: Path, data: NDArray[Any], mapping: ImportMap) -> list[NDArra
 
 
 def _mat(path: Path, mapping: ImportMap) -> Source:
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError
-
-    try:
-        contents = loadmat(path, struct_as_record=False, squeeze_me=True)
-    except NotImplementedError:
-        raise RunFileError(f"{path} is a MATLAB 7.3 (HDF5) file; save it with -v7 in MATLAB") from None
-    except (MatReadError, ValueError, TypeError) as error:
-        raise RunFileError(f"{path} is not a readable .mat file: {error}") from None
-    named: dict[str, Any] = {}
-    for name, value in contents.items():
-        if name not in _MATLAB_PRIVATE:
-            _flatten(name, value, named)
+    with open_regular(path) as file:
+        data = file.read()
+    named: dict[str, Any] = read_level_5(path, data) if is_level_5(data) else _mat_level_4(path)
     wanted = mapping.variable
     if wanted is not None:
         inside = {
@@ -208,13 +198,17 @@ def _mat(path: Path, mapping: ImportMap) -> Source:
     return Source(path, columns, list(columns.values()))
 
 
-def _flatten(name: str, value: Any, into: dict[str, Any]) -> None:
-    fields = getattr(value, "_fieldnames", None)
-    if fields is None:
-        into[name] = np.asarray(value)
-    else:
-        for field in fields:
-            _flatten(f"{name}.{field}", getattr(value, field), into)
+def _mat_level_4(path: Path) -> dict[str, Any]:
+    from scipy.io import loadmat
+    from scipy.io.matlab import MatReadError, matfile_version
+
+    try:
+        if matfile_version(str(path))[0] != 0:
+            raise RunFileError(f"{path} is not a readable .mat file: its header is damaged")
+        contents = loadmat(str(path), squeeze_me=True)
+    except (MatReadError, ValueError, TypeError, OSError, LookupError) as error:
+        raise RunFileError(f"{path} is not a readable .mat file: {error}") from None
+    return {name: np.asarray(value) for name, value in contents.items() if not name.startswith("__")}
 
 
 _READERS: dict[str, Callable[[Path, ImportMap], Source]] = {

@@ -6,15 +6,17 @@ A run file tells its rows only batch by batch, so counting them reads every batc
 from __future__ import annotations
 
 import re
+import struct
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+from hapticd.config.opening import open_regular
 from hapticd.record.errors import RunFileError
 from hapticd.record.metadata import decode_metadata
-from hapticd.record.stream import END_OF_STREAM
+from hapticd.record.stream import END_OF_STREAM, refuse_compressed
 
 SUFFIX = ".arrow"
 LAST = "@last"
@@ -104,6 +106,10 @@ def listed(path: Path) -> Listed:
     import pyarrow as pa
 
     try:
+        open_regular(path).close()
+    except OSError as error:
+        return Listed(path, **known, error=error.strerror)
+    try:
         with pa.memory_map(str(path)) as source:
             return Listed(path, **known, **_described(source))
     except (pa.ArrowException, OSError, ValueError) as error:
@@ -114,19 +120,37 @@ def listed(path: Path) -> Listed:
 def _described(source: Any) -> dict[str, Any]:
     import pyarrow as pa
 
-    stream = pa.ipc.open_stream(source)
+    data = source.read_buffer()  # mapped: no row is read for it
+    reader, view = pa.BufferReader(data), memoryview(data).cast("B")
+    stream = pa.ipc.open_stream(reader)
     metadata = decode_metadata(stream.schema.metadata)
     rows, first, last, whole = 0, None, None, False
     try:
-        for batch in stream:
-            if batch.num_rows and (time_s := batch.column("time_s")):
+        while True:
+            refuse_compressed(view, reader.tell())
+            batch = stream.read_next_batch()
+            if batch.num_rows:
+                time_s = batch.column("time_s")
                 rows += batch.num_rows
                 first = time_s[0].as_py() if first is None else first
                 last = time_s[-1].as_py()
-        source.seek(max(source.size() - len(END_OF_STREAM), 0))
-        whole = source.read() == END_OF_STREAM
-    except (pa.ArrowException, OSError, KeyError):
+    except StopIteration:
+        whole = view[-len(END_OF_STREAM) :] == END_OF_STREAM
+    except (pa.ArrowException, OSError, KeyError, ValueError, struct.error):
         pass  # cut short, or being written: what came before counts
-    kind, label = metadata.get("kind") or metadata.get("source"), metadata.get("label")
-    duration = last - first if first is not None and last is not None else None
-    return {"kind": kind, "label": label or None, "rows": rows, "duration_s": duration, "whole": whole}
+    return {
+        "kind": _text(metadata.get("kind") or metadata.get("source")),
+        "label": _text(metadata.get("label")),
+        "rows": rows,
+        "duration_s": _duration(first, last),
+        "whole": whole,
+    }
+
+
+def _duration(first: Any, last: Any) -> float | None:
+    numbers = isinstance(first, float | int) and isinstance(last, float | int)
+    return float(last) - float(first) if numbers else None
+
+
+def _text(value: Any) -> str | None:
+    return value if isinstance(value, str) and value else None

@@ -8,8 +8,10 @@ Formats: https://mcap.dev/spec, https://mcap.dev/spec/registry (cdr, ros2msg), O
 
 from __future__ import annotations
 
+import io
 import re
-from collections.abc import Mapping
+import struct
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -17,9 +19,11 @@ from typing import Any, BinaryIO, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.config.opening import open_regular
 from hapticd.record.errors import RunFileError
 from hapticd.record.metadata import decode_metadata, encode_metadata, versions
 from hapticd.record.schema import COLUMNS
+from hapticd.record.sizes import check_unpacked, unpack_limit
 
 TOPIC: Final = "/hapticd/tick"
 MESSAGE: Final = "hapticd_msgs/msg/Tick"
@@ -89,30 +93,64 @@ def read_mcap(path: Path) -> Any:
         RunFileError: it is no MCAP file, is damaged, or holds no run of hapticd.
     """
     import pyarrow as pa
-    from mcap.exceptions import McapError
-    from mcap.reader import make_reader
+    from mcap.records import Channel, Message, Metadata, Schema
 
-    foreign = f"{path} is no recording of hapticd: it has no channel {TOPIC} with its description"
-    try:
-        with path.open("rb") as file:
-            reader = make_reader(file, validate_crcs=True)
-            found = [(schema, message.data) for schema, _, message in reader.iter_messages(TOPIC, log_time_order=False)]
-            stored = next((record.metadata for record in reader.iter_metadata() if record.name == METADATA), None)
-            summary = reader.get_summary()
-    except (McapError, ValueError, EOFError) as error:
-        raise RunFileError(f"{path} is not a readable MCAP file: {error or type(error).__name__}") from None
-    schemas = [schema for schema in (summary.schemas if summary else {}).values() if schema.name == MESSAGE]
-    if stored is None or not schemas:
-        raise RunFileError(foreign)
+    schemas: dict[int, Schema] = {}
+    channels: set[int] = set()
+    found: list[bytes] = []
+    stored: dict[str, str] | None = None
+    for record in _records(path):
+        if isinstance(record, Schema) and record.name == MESSAGE:
+            schemas[record.id] = record
+        elif isinstance(record, Channel) and record.topic == TOPIC and record.schema_id in schemas:
+            channels.add(record.id)
+        elif isinstance(record, Message) and record.channel_id in channels:
+            found.append(record.data)
+        elif isinstance(record, Metadata) and record.name == METADATA:
+            stored = record.metadata
+    if stored is None or not channels:
+        raise RunFileError(f"{path} is no recording of hapticd: it has no channel {TOPIC} with its description")
     metadata = decode_metadata({key.encode(): value.encode() for key, value in stored.items()})
-    names, kinds = metadata.pop("columns", []), _kinds(schemas[0].data.decode(errors="replace"))
+    names, kinds = metadata.pop("columns", None), _kinds(next(iter(schemas.values())).data.decode(errors="replace"))
+    named = isinstance(names, list) and len(names) == len(kinds) and all(isinstance(name, str) for name in names)
     width = len(_CDR_LITTLE_ENDIAN) + 8 * len(kinds)
-    if len(names) != len(kinds) or any(len(data) != width or data[:4] != _CDR_LITTLE_ENDIAN for _, data in found):
+    if not named or any(len(data) != width or data[:4] != _CDR_LITTLE_ENDIAN for data in found):
         raise RunFileError(f"{path} is damaged: its messages are not what its definition says")
-    block = np.frombuffer(b"".join(data[4:] for _, data in found), dtype="<i8").reshape(len(found), len(kinds))
+    block = np.frombuffer(b"".join(data[4:] for data in found), dtype="<i8").reshape(len(found), len(kinds))
     columns = [np.ascontiguousarray(block[:, at]).view(kind) for at, kind in enumerate(kinds)]
     table = pa.table({name: pa.array(values) for name, values in zip(names, columns, strict=True)})
     return table.replace_schema_metadata(encode_metadata(metadata))
+
+
+def _records(path: Path) -> Iterator[Any]:
+    """Every record in order, chunks unpacked: what a chunk claims is checked first, as its packer believes it.
+
+    Raises:
+        RunFileError: it is no MCAP file, is damaged, or unpacks to too much.
+    """
+    import zstandard
+    from mcap.exceptions import McapError
+    from mcap.records import Chunk
+    from mcap.stream_reader import StreamReader, breakup_chunk
+
+    with open_regular(path) as file:
+        data = file.read()
+    limit, unpacked = unpack_limit(len(data)), 0
+    try:
+        reader = StreamReader(io.BytesIO(data), emit_chunks=True, validate_crcs=True, record_size_limit=len(data))
+        for record in reader.records:
+            if not isinstance(record, Chunk):
+                yield record
+                continue
+            if record.compression not in ("", "zstd"):
+                raise RunFileError(f"{path} is packed with {record.compression}; hapticd packs with zstd")
+            claimed = zstandard.frame_content_size(record.data) if record.compression else len(record.data)
+            unpacked += max(claimed, record.uncompressed_size)
+            check_unpacked(path, unpacked, limit)
+            yield from breakup_chunk(record, validate_crc=True)
+    # A record that is shorter than it says ends in a struct.error.
+    except (McapError, zstandard.ZstdError, struct.error, ValueError, EOFError) as error:
+        raise RunFileError(f"{path} is not a readable MCAP file: {error or type(error).__name__}") from None
 
 
 def _type(column: str, values: NDArray[Any]) -> tuple[str, np.dtype[Any]]:

@@ -20,11 +20,12 @@ from typing import Any
 
 import numpy as np
 
-from hapticd.record.stream import METADATA_CHECK
+from hapticd.record.stream import METADATA_CHECK, from_json
 
 FORMAT_VERSION = 2
 _PREFIX = b"hapticd."
 _PACKAGES = ("hapticd", "numpy", "numba", "llvmlite", "scipy", "pyarrow", "pydantic")
+_MAPPINGS = ("config", "model", "versions", "host", "imported", "units")
 _MODEL_SECTIONS = ("plant", "amplifier", "encoder", "hand")
 
 
@@ -93,7 +94,8 @@ def complete_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
     known = {key: value for key, value in metadata.items() if value is not None}
     config = known.setdefault("config", {})
     known.setdefault("model", {name: config[name] for name in _MODEL_SECTIONS if name in config})
-    known.setdefault("linear", bool((config.get("encoder") or {}).get("counts_per_metre")))
+    encoder = config.get("encoder")
+    known.setdefault("linear", isinstance(encoder, Mapping) and bool(encoder.get("counts_per_metre")))
     known.setdefault("versions", versions())
     known.setdefault("host", host_facts())
     known.setdefault("created_utc", utc_now().isoformat(timespec="milliseconds"))
@@ -129,13 +131,15 @@ def encode_metadata(metadata: Mapping[str, Any]) -> dict[bytes, bytes]:
 
 
 def decode_metadata(stored: Mapping[bytes, bytes] | None) -> dict[str, Any]:
-    """Inverse of `encode_metadata`; foreign keys are left out, a value that is not JSON is given as text."""
+    """Inverse of `encode_metadata`; a value that is not JSON is given as text.
+
+    Foreign keys are left out, and what is to be a mapping and is none.
+    """
     metadata: dict[str, Any] = {}
     for key, raw in (stored or {}).items():
         if key.startswith(_PREFIX) and key != METADATA_CHECK:
-            text = raw.decode(errors="replace")
-            try:
-                metadata[key.removeprefix(_PREFIX).decode(errors="replace")] = json.loads(text)
-            except json.JSONDecodeError:
-                metadata[key.removeprefix(_PREFIX).decode(errors="replace")] = text
+            name = key.removeprefix(_PREFIX).decode(errors="replace")
+            value = from_json(raw.decode(errors="replace"))
+            if name not in _MAPPINGS or isinstance(value, dict):
+                metadata[name] = value
     return metadata

@@ -19,7 +19,8 @@ from hapticd.config.opening import open_regular
 from hapticd.record.errors import RunFileError
 from hapticd.record.metadata import decode_metadata
 from hapticd.record.schema import COLUMNS, ROW
-from hapticd.record.stream import Damage, Stream, brief, read_stream
+from hapticd.record.sizes import check_unpacked, unpack_limit
+from hapticd.record.stream import Damage, Stream, brief, mappings, read_stream
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,8 +31,6 @@ _NEEDED = (("time_s",), ("encoder_counts", "position"), ("current_command_A", "f
 _ELSEWHERE = (".mat", ".npy", ".npz", ".xlsx", ".xls", ".txt", ".tsv", ".h5", ".hdf5")
 _IMPORT = "'hapticd import' brings in files with other names, units and formats"
 _LARGEST = 2.0**63
-_LEAST_PARQUET_LIMIT = 1 << 28
-_PARQUET_GROWTH = 200
 _PARQUET_ROWS = 1 << 16
 _DELIMITERS = ((";", ";"), ("\t", "\\t"), ("|", "|"), (" ", " "))
 _FLOATS = [name for name in ROW.names or () if ROW[name].kind == "f"] + ["position", "force"]
@@ -108,21 +107,18 @@ def read_run(path: str | Path, *, salvage: bool = False) -> Run:
             f"{path} is damaged: {'; '.join(damaged)}; 'hapticd export {path} --to parquet --salvage' keeps the rest"
         )
 
-    try:
-        names = [str(name) for name in table.column_names]
-    except UnicodeDecodeError:
-        raise RunFileError(f"{path} is damaged: its columns have no legible names") from None
+    names = column_names(path, table)
     _check_names(path, names)
     columns = {name: _column(path, name, table.column(name)) for name in names}
     metadata = decode_metadata(table.schema.metadata)
     # An exported run keeps these in its metadata; a native one in its fields and batches.
-    exported_units = metadata.pop("units", None) or _standard_units(names, metadata)
+    exported_units = _texts(metadata.pop("units", None)) or _standard_units(names, metadata)
     units = {
         f.name: f.metadata[b"unit"].decode(errors="replace")
         for f in table.schema
         if f.metadata and b"unit" in f.metadata
     }
-    events = metadata.pop("events", []) or events
+    events = mappings(metadata.pop("events", [])) or events
     truncated = bool(metadata.pop("truncated", False)) or not whole
     warnings = [f"{path.name} was not ended properly; its rows end with the last whole batch"] if truncated else []
     warnings += [f"{path.name} is damaged: {words}" for words in damaged]
@@ -148,6 +144,18 @@ def damage_words(stream: Stream) -> list[str]:
     if stream.metadata_damaged:
         words.append("its description (config, units, names) does not match its checksum")
     return words
+
+
+def column_names(path: Path, table: Any) -> list[str]:
+    """Names of the columns of a ``pyarrow.Table``.
+
+    Raises:
+        RunFileError: they are no text.
+    """
+    try:
+        return [str(name) for name in table.column_names]
+    except UnicodeDecodeError:
+        raise RunFileError(f"{path} is damaged: its columns have no legible names") from None
 
 
 def _table(path: Path, stream: Stream) -> Any:
@@ -181,15 +189,16 @@ def read_parquet(path: Path) -> Any:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    limit = max(_LEAST_PARQUET_LIMIT, _PARQUET_GROWTH * path.stat().st_size)
+    limit = unpack_limit(path.stat().st_size)
     batches, size = [], 0
     try:
         with pq.ParquetFile(path) as file:
+            groups = [file.metadata.row_group(number) for number in range(file.num_row_groups)]
+            check_unpacked(path, sum(group.total_byte_size for group in groups), limit)
             for batch in file.iter_batches(batch_size=_PARQUET_ROWS):
                 batches.append(batch)
                 size += batch.nbytes
-                if size > limit:
-                    raise RunFileError(f"{path} unpacks to more than {limit >> 20} MiB; this is not a recording")
+                check_unpacked(path, size, limit)
             return pa.Table.from_batches(batches, file.schema_arrow)
     except (pa.ArrowException, OSError, ValueError) as error:
         raise RunFileError(f"{path} is not a Parquet file: {brief(error)}") from None
@@ -222,7 +231,7 @@ def _read_csv(path: Path) -> Any:
         )
     except (pa.ArrowException, OSError) as error:
         raise RunFileError(f"{path} is not a readable CSV file: {brief(error)}") from None
-    table = table.rename_columns([name.strip() for name in table.column_names])
+    table = table.rename_columns([name.strip() for name in column_names(path, table)])
     return table.replace_schema_metadata(stored or None)
 
 
@@ -255,6 +264,7 @@ def _column(path: Path, name: str, column: Any) -> NDArray[Any]:
 
 def _check_whole(path: Path, name: str, values: NDArray[Any]) -> None:
     rest = f"column {name} must hold whole numbers, none missing"
+    values = values.astype(np.float64)  # a narrower type knows no 2⁶³
     if (bad := np.flatnonzero(values != np.rint(values))).size:
         raise RunFileError(
             f"{path}: {rest}; row {bad[0]} holds {values[bad[0]]:g}, and {bad.size} row(s) are not whole"
@@ -271,6 +281,12 @@ def delimiter_hint(names: Iterable[str]) -> str:
             way = f"csv: {{delimiter: '{shown}'}} in its map"
             return f"its values are separated by '{shown}': 'hapticd import' reads it with {way}"
     return ""
+
+
+def _texts(value: Any) -> dict[str, str]:
+    """A mapping of texts to texts as far as it is one: a file may hold anything."""
+    entries = value.items() if isinstance(value, dict) else ()
+    return {key: text for key, text in entries if isinstance(text, str)}
 
 
 def _standard_units(names: Iterable[str], metadata: dict[str, Any]) -> dict[str, str]:

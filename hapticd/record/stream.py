@@ -8,6 +8,7 @@ that cannot be decoded, is left out, and reading goes on at the next message tha
 from __future__ import annotations
 
 import contextlib
+import itertools
 import json
 import struct
 import zlib
@@ -28,6 +29,7 @@ CHECKED_VERSION = 2
 
 _MARK = END_OF_STREAM[:4]
 _MOST_SEARCHES = 1000
+_DEEPEST = 100
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ def _batches(found: Stream, data: bytes) -> Iterator[tuple[Any, Mapping[bytes, b
             stream = pa.ipc.open_stream(source)
             while True:
                 here = before + source.tell()
-                _refuse_compressed(data, here)
+                refuse_compressed(data, here)
                 batch, notes = stream.read_next_batch_with_custom_metadata()
                 batch.validate(full=True)
                 yield batch, dict(notes or {})
@@ -182,7 +184,7 @@ def _next_message(data: bytes, begin: int) -> int | None:
     return None
 
 
-def _refuse_compressed(data: bytes, at: int) -> None:
+def refuse_compressed(data: bytes | memoryview, at: int) -> None:
     """Refuse a batch whose values are compressed: run files never are, and a few bytes could claim gigabytes.
 
     Reads Arrow's ``Message`` and ``RecordBatch`` (format/Message.fbs) as far as their vtables.
@@ -199,7 +201,7 @@ def _refuse_compressed(data: bytes, at: int) -> None:
         raise ValueError("compressed values")
 
 
-def _field(data: bytes, table: int, number: int) -> int:
+def _field(data: bytes | memoryview, table: int, number: int) -> int:
     """Where a field of a flatbuffer's table lies; 0: it is not set."""
     vtable = table - int(struct.unpack_from("<i", data, table)[0])
     if vtable < 0 or 4 + 2 * number >= struct.unpack_from("<H", data, vtable)[0]:
@@ -225,7 +227,7 @@ def _plain(kind: Any) -> bool:
     from pyarrow import types
 
     kinds = (types.is_integer, types.is_floating, types.is_boolean, types.is_string, types.is_large_string)
-    return any(is_kind(kind) for is_kind in (*kinds, types.is_temporal, types.is_decimal, types.is_dictionary))
+    return any(is_kind(kind) for is_kind in (*kinds, types.is_temporal, types.is_decimal))
 
 
 def _version(stored: Mapping[bytes, bytes]) -> int:
@@ -240,11 +242,24 @@ def _number(notes: Mapping[bytes, bytes], key: bytes) -> int | None:
 
 
 def _events(notes: Mapping[bytes, bytes]) -> list[dict[str, Any]]:
+    return mappings(from_json(notes.get(EVENTS, b"[]").decode(errors="replace")))
+
+
+def from_json(text: str) -> Any:
+    """A JSON value; text that is none, is nested too deeply or holds an endless number comes back as it is."""
+    if text.count("[") + text.count("{") > _DEEPEST:
+        steps = (1 if sign in "[{" else -1 if sign in "]}" else 0 for sign in text)
+        if max(itertools.accumulate(steps)) > _DEEPEST:
+            return text
     try:
-        events = json.loads(notes.get(EVENTS, b"[]"))
+        return json.loads(text)
     except ValueError:
-        return []
-    return [event for event in events if isinstance(event, dict)] if isinstance(events, list) else []
+        return text
+
+
+def mappings(value: Any) -> list[dict[str, Any]]:
+    """Those entries of a list that are mappings: a file may hold anything."""
+    return [entry for entry in value if isinstance(entry, dict)] if isinstance(value, list) else []
 
 
 def brief(error: Exception) -> str:

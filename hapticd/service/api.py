@@ -55,11 +55,9 @@ class Executor:
     Args:
         name: of its threads.
         workers: how many.
-        told: whether the log says who asks for what.
     """
 
-    def __init__(self, name: str, workers: int, *, told: bool = True) -> None:
-        self._told = told
+    def __init__(self, name: str, workers: int) -> None:
         self.pool = ThreadPoolExecutor(workers, thread_name_prefix=f"hapticd-{name}")
 
     async def run(self, method: Callable[[], JsonDict | str]) -> Response:
@@ -105,7 +103,6 @@ def create_app(control: Control, executors: Executors | None = None, rules: Rule
     Args:
         control: the daemon; has a method for each of `Endpoints`.
         executors: threads to answer on; made here when None.
-        rules: who may ask for what; None: whoever is let in by the socket's permissions, for everything.
         rules: who may ask for what; None: whoever is let in by the socket's permissions, for everything.
     """
     executors = executors or Executors()

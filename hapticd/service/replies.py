@@ -16,7 +16,7 @@ from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
-from starlette.responses import Response
+from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from hapticd.config import ConfigError
@@ -37,10 +37,8 @@ class Internal(Exception):  # noqa: N818 - carries no text of its own on purpose
     """An unexpected exception in the daemon; its traceback is in the log, not in the reply."""
 
 
-class JsonReply(Response):
+class JsonReply(JSONResponse):
     """A JSON reply in which numpy scalars and paths are plain values, and non-finite numbers ``null``."""
-
-    media_type = "application/json"
 
     def render(self, content: Any) -> bytes:
         """Serialise ``content``."""
@@ -95,7 +93,9 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
         if error.status_code == 404:
             return error_reply(404, "not_found", f"no such path: {request.url.path}; /openapi.json lists them all")
         if error.status_code == 405:
-            return error_reply(405, "method", f"{request.method} is not the method of {request.url.path}")
+            reply = error_reply(405, "method", f"{request.method} is not the method of {request.url.path}")
+            reply.headers.update(error.headers or {})  # Allow, as RFC 9110 demands
+            return reply
         if error.status_code == 400:
             return error_reply(400, "json", "the body cannot be read as JSON")
         return error_reply(error.status_code, "request", str(error.detail))

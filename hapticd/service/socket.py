@@ -80,8 +80,21 @@ def bind(path: Path, mode: int = 0o660, group: str | None = None) -> BoundSocket
             return _listen(path, mode, owner)
     except FileExistsError as error:
         raise SocketError(f"cannot create the control socket {path}: {path.parent} is not a directory") from error
+    except PermissionError as error:
+        raise SocketError(f"cannot create the control socket {path}: {_permission(path, error)}") from error
     except OSError as error:
         raise SocketError(f"cannot create the control socket {path}: {error.strerror or error}") from error
+
+
+def _permission(path: Path, error: PermissionError) -> str:
+    """What was refused, and how to get it."""
+    if path.parent.is_dir() and os.access(path.parent, os.W_OK):
+        return str(error.strerror)
+    what = "write to" if path.parent.is_dir() else "make"
+    return (
+        f"{error.strerror}: uid {os.geteuid()} may not {what} {path.parent}; choose another socket with --socket or "
+        "api.socket, or start the service, whose folder systemd makes ('systemctl start hapticd')"
+    )
 
 
 @contextlib.contextmanager

@@ -21,7 +21,7 @@ from typing import Any, Final
 from hapticd.config import LIVE_KEYS, ConfigError, Problem
 from hapticd.config.nearest import nearest_key, nearest_name
 from hapticd.config.reading import read_text, read_yaml
-from hapticd.config.text import yaml_value
+from hapticd.config.text import shown
 from hapticd.servo.excitation import ALL, SHAPES
 
 SUFFIXES: Final = (".yaml", ".yml")
@@ -114,21 +114,21 @@ def _problems(data: dict[str, Any], file: str) -> Iterator[Problem]:
         nearest = nearest_name(str(value), names)
         hint = f"did you mean {nearest}? " if nearest else ""
         yield Problem(
-            file, "excitation", yaml_value(value), f"{hint}must be one of {', '.join(names)}", names, nearest=nearest
+            file, "excitation", shown(value), f"{hint}must be one of {', '.join(names)}", names, nearest=nearest
         )
     for key, unit in _UNITS.items():
         value = data.get(key)
         if value is not None and not (_is_number(value) and isfinite(value) and value > 0):
-            yield Problem(file, key, yaml_value(value), f"must be a number above 0 {unit}", 0.0, unit)
+            yield Problem(file, key, shown(value), f"must be a number above 0 {unit}", 0.0, unit)
     seed = data.get("seed")
     if seed is not None and not (isinstance(seed, int) and not isinstance(seed, bool) and seed >= 0):
-        yield Problem(file, "seed", yaml_value(seed), "must be a whole number, 0 or above", 0.0)
+        yield Problem(file, "seed", shown(seed), "must be a whole number, 0 or above", 0.0)
     yield from _setting_problems(data.get("settings", {}), file)
 
 
 def _setting_problems(settings: object, file: str) -> Iterator[Problem]:
     if not isinstance(settings, dict):
-        yield Problem(file, "settings", yaml_value(settings), "must be a mapping of dotted keys, {} for none")
+        yield Problem(file, "settings", shown(settings), "must be a mapping of dotted keys, {} for none")
         return
     for key, value in settings.items():
         if key not in LIVE_KEYS:
@@ -137,7 +137,7 @@ def _setting_problems(settings: object, file: str) -> Iterator[Problem]:
             message = f"no setting that can change while the daemon runs{hint}"
             yield Problem(file, f"settings.{key}", None, message, nearest=nearest)
         elif isinstance(value, dict | list):
-            yield Problem(file, f"settings.{key}", yaml_value(value), "must be one value")
+            yield Problem(file, f"settings.{key}", shown(value), "must be one value")
 
 
 def _is_number(value: object) -> bool:

@@ -109,9 +109,12 @@ class CpuLatencyRequest:
         try:
             self._descriptor = os.open(_DMA_LATENCY, os.O_WRONLY | os.O_CLOEXEC)
             os.write(self._descriptor, struct.pack("=i", 0))
+        except FileNotFoundError:
+            detail = f"this machine has no {_DMA_LATENCY} (a container, or a kernel without CONFIG_PM)"
+            return Grant("idle states", False, detail, "run on the machine itself, or boot with processor.max_cstate=1")
         except OSError as error:
             self.release()
-            fix = f"give the daemon's group write access to {_DMA_LATENCY} (a udev rule)"
+            fix = f"give the daemon's group write access to {_DMA_LATENCY} (the udev rule systemd/60-hapticd.rules)"
             return Grant("idle states", False, f"{_DMA_LATENCY}: {error.strerror}", fix)
         return Grant("idle states", True, f"{_DMA_LATENCY} held at 0 µs")
 

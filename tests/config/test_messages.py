@@ -191,7 +191,7 @@ WRONG = [
     ("[" * 5000, "is nested too deeply"),
     (
         "\n".join(f"{name}: &{name} [{', '.join([item] * 10)}]" for item, name in ALIASES),
-        "holds more than 100000 values; this is not a configuration file",
+        "holds more than 20000 values; this is not a configuration file",
     ),
     ('{"a\\nb": 1}', f"'a\\nb': unknown key; valid here: {SECTIONS}"),
 ]
@@ -279,7 +279,7 @@ def test_socket_path_has_the_length_of_a_socket_path(tmp_path: Path) -> None:
         (Path("delta"), "delta: no such file"),
         ("./folder", "./folder: is a directory, not a configuration file"),
         ("latin1.yaml", "latin1.yaml: line 2: not UTF-8 text (byte 0xe4)"),
-        ("huge.yaml", "huge.yaml: is larger than 1 MiB; this is not a configuration file"),
+        ("huge.yaml", "huge.yaml: is larger than 256 KiB; this is not a configuration file"),
         ("loop.yaml", "loop.yaml: cannot be read: Too many levels of symbolic links"),
         ("nul\0.yaml", "'nul\\x00.yaml': cannot be read: embedded null byte"),
     ],

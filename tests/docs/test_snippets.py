@@ -102,7 +102,6 @@ def daemon(environment: dict[str, str], tmp_path: Path) -> Iterator[None]:
             process.wait(30)
 
 
-@pytest.mark.realtime
 @pytest.mark.parametrize("page", [pytest.param(page, id=page.stem) for page in sorted(RUNNING)])
 @pytest.mark.usefixtures("daemon")
 def test_blocks_marked_run_do_what_the_page_says(page: Path, environment: dict[str, str], tmp_path: Path) -> None:

@@ -178,7 +178,8 @@ static void put_encoder(unsigned int state)
     put_input(3, (state & 2U) != 0U);
 }
 
-/* One edge towards the page's count, if it is time; illegal ones while the encoder is broken. */
+/* One edge towards the page's count, if it is time; illegal ones while the encoder is broken. No edge comes sooner after an
+   illegal one than after another: together they would look like a legal one to firmware that served neither between. */
 static void turn(avr_cycle_count_t edge_cycles)
 {
     static const unsigned int gray[4] = {0, 1, 3, 2};
@@ -189,12 +190,15 @@ static void turn(avr_cycle_count_t edge_cycles)
     static unsigned int flipped;
     const bool broken = (page->causes & CAUSE_ENCODER) != 0U;
 
+    if (avr->cycle < next_edge) {
+        return;
+    }
     if ((broken || (flipped != 0U)) && (avr->cycle >= next_illegal)) {
         next_illegal = avr->cycle + ILLEGAL_CYCLES;
+        next_edge = avr->cycle + edge_cycles;
         flipped ^= 3U; /* both lines change at once */
         put_encoder(lines ^ flipped);
-    }
-    if ((page->count != shown) && (avr->cycle >= next_edge)) {
+    } else if (page->count != shown) {
         next_edge = avr->cycle + edge_cycles;
         shown += ((int32_t)(page->count - shown) > 0) ? 1U : UINT32_MAX;
         lines = gray[shown & 3U];

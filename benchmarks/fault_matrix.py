@@ -1,0 +1,234 @@
+"""Every fault on every device, again and again: how long until the motor's current is zero, from the device's own log.
+
+``python -m benchmarks.fault_matrix [--trials 20] [--device serial|canopen|firmware] [--only FAULT] [--markdown FILE]``.
+
+A trial counts when the machine was not busy around it. The witness is a thread of ordinary priority, as the kernel's
+carriers of a pseudo-terminal's bytes are, which sleeps a millisecond and looks how late it wakes: where it was once later
+than half the time in which a fault must be seen, the trial is none, whatever came of it, and is repeated. How many is said.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from benchmarks.report import BenchmarkError, Figure, document, progress
+from hapticd.config import Config, apply_settings, load_config, parse_config
+from hapticd.hil.cases import FIRMWARE_CONFIG, FIRMWARE_RATE_HZ, slower_rig
+from hapticd.hil.errors import HilError
+from hapticd.hil.injections import INJECTIONS, Injection
+from hapticd.hil.matrix import SETTLE_S, Row, detection_s, limit_s, run_injection
+
+ROOT = Path(__file__).parent.parent
+DEVICES = ("serial", "canopen", "firmware")
+MARKS = ("<!-- table: python -m benchmarks.fault_matrix -->", "<!-- end of the table -->")
+_LOOK_S = 1e-3
+_BEFORE_S = 0.1
+_MOST_REPEATS = 3
+"""Trials for each valid one that is asked for, before a fault is given up."""
+
+
+class Witness:
+    """Notes every time at which a thread of ordinary priority woke late."""
+
+    def __init__(self) -> None:
+        self._late: list[tuple[int, int]] = []
+        self._end = threading.Event()
+        self._thread = threading.Thread(target=self._watch, daemon=True)
+
+    def __enter__(self) -> Witness:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._end.set()
+        self._thread.join()
+
+    def _watch(self) -> None:
+        while not self._end.is_set():
+            due = time.monotonic_ns() + round(_LOOK_S * 1e9)
+            time.sleep(_LOOK_S)
+            late = time.monotonic_ns() - due
+            if late > 1e9 * _LOOK_S:
+                self._late.append((due, late))
+
+    def latest_s(self, begin_ns: int, end_ns: int) -> float:
+        """The most that it was late in a span of time, s."""
+        return max((late for due, late in self._late if due + late > begin_ns and due < end_ns), default=0) * 1e-9
+
+
+@dataclass
+class Tally:
+    """The trials of one fault on one device."""
+
+    device: str
+    injection: Injection
+    limit_s: float | None
+    rows: list[Row] = field(default_factory=list)
+    disturbed: int = 0
+    refusals: list[str] = field(default_factory=list)
+    """Why a trial could not be made."""
+
+    @property
+    def zero_s(self) -> list[float]:
+        """Times to zero current in order, s."""
+        return sorted(row.zero_after_s for row in self.rows if row.zero_after_s is not None)
+
+    @property
+    def met(self) -> int:
+        """Trials in which everything was as it must be."""
+        return sum(row.met for row in self.rows)
+
+    def cells(self) -> list[str]:
+        """What stands in the table."""
+        codes = Counter(row.code or "none" for row in self.rows)
+        raised = ", ".join(
+            f"`{code}` {count}" if len(codes) > 1 else f"`{code}`" for code, count in codes.most_common()
+        )
+        zero = self.zero_s
+        stops = self.limit_s is not None and bool(zero)
+        times = [f"{1e3 * zero[len(zero) // 2]:.2f}", f"{1e3 * zero[-1]:.2f}"] if stops else ["", ""]
+        limit = f"{1e3 * self.limit_s:g}" if self.limit_s is not None else "goes on"
+        problems = Counter(problem for row in self.rows for problem in row.problems)
+        said = "; ".join(f"{count} × {problem}" for problem, count in problems.most_common(2))
+        return [
+            self.injection.what,
+            raised or "; ".join(sorted(set(self.refusals))),
+            *times,
+            "refused" if self.injection.refused else limit,
+            f"{self.met} of {len(self.rows)}" + (f": {said}" if said else ""),
+            str(self.disturbed),
+        ]
+
+
+def _config(device: str) -> Config:
+    if device == "firmware":
+        config = parse_config(FIRMWARE_CONFIG, "the testbed on the firmware")
+        return slower_rig(config, config.servo.rate_hz, FIRMWARE_RATE_HZ)
+    name, extra = {
+        "serial": ("serial-board", {}),
+        "canopen": ("canopen-drive", {"driver.interface": "unix_seqpacket"}),
+    }[device]
+    config = load_config(str(ROOT / "examples" / f"{name}.yaml"))
+    return apply_settings(config, {"servo.rate_hz": "500", **extra}, source="benchmarks.fault_matrix")
+
+
+def tally(device: str, injection: Injection, trials: int, witness: Witness) -> Tally:
+    """Inject one fault until there are ``trials`` undisturbed trials."""
+    config = _config(device)
+    found = Tally(device, injection, limit_s(config, injection))
+    patience = 0.5 * detection_s(config)
+    for _ in range(_MOST_REPEATS * trials):
+        if len(found.rows) == trials:
+            break
+        with tempfile.TemporaryDirectory(prefix="hapticd-fault-") as folder:
+            try:
+                row = run_injection(config, injection, Path(folder), "mps2-an385" if device == "firmware" else None)
+            except HilError as error:
+                found.refusals.append(str(error).splitlines()[-1])
+                if len(found.refusals) == _MOST_REPEATS:
+                    break
+                continue
+        span = row.struck_ns - round(_BEFORE_S * 1e9), row.struck_ns + round(SETTLE_S * 1e9)
+        if row.struck_ns and witness.latest_s(*span) > patience:
+            found.disturbed += 1
+        else:
+            found.rows.append(row)
+    return found
+
+
+HEADER = ("injected", "raised", "median, ms", "worst, ms", "limit, ms", "as it must be", "disturbed, repeated")
+
+
+def markdown(tallies: Sequence[Tally], trials: int) -> str:
+    """The page's tables."""
+    asked = ["git", "describe", "--always", "--dirty"]
+    commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False)
+    date = time.strftime("%Y-%m-%d", time.gmtime())
+    lines = [f"{trials} undisturbed trials of each fault; commit {commit.stdout.strip() or 'unknown'}, {date}."]
+    for device in DEVICES:
+        of_device = [one for one in tallies if one.device == device]
+        if of_device:
+            lines += ["", f"### {device}", "", "| " + " | ".join(HEADER) + " |", "|" + "---|" * len(HEADER)]
+            lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in one.cells()) + " |" for one in of_device]
+    return "\n".join(lines) + "\n"
+
+
+def replace_table(page: Path, text: str) -> None:
+    """Put the tables between the marks of a page.
+
+    Raises:
+        BenchmarkError: the page has no such marks.
+    """
+    whole = page.read_text(encoding="utf-8")
+    before, begin, rest = whole.partition(MARKS[0])
+    _, end, after = rest.partition(MARKS[1])
+    if not begin or not end:
+        raise BenchmarkError(f"{page} has no lines {MARKS[0]} and {MARKS[1]}")
+    page.write_text(f"{before}{begin}\n\n{text}\n{end}{after}", encoding="utf-8")
+
+
+def main() -> int:
+    """Measure what was asked for, print the tables, and write them where asked."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.fault_matrix", description=__doc__.splitlines()[0])
+    parser.add_argument("--trials", type=int, default=20, metavar="N", help="undisturbed trials of each fault")
+    parser.add_argument("--device", action="append", choices=DEVICES, help="repeatable; default: all")
+    parser.add_argument("--only", action="append", metavar="FAULT", help="repeatable; 'hapticd hil --json' names them")
+    parser.add_argument(
+        "--markdown", type=Path, metavar="FILE", help="replace the tables between the marks of this page"
+    )
+    parser.add_argument("--json", type=Path, metavar="FILE")
+    options = parser.parse_args()
+    if unknown := set(options.only or ()) - {one.name for one in INJECTIONS}:
+        parser.error(f"no fault is called {', '.join(sorted(unknown))}")
+    tallies: list[Tally] = []
+    with Witness() as witness:
+        for device in options.device or DEVICES:
+            driver = _config(device).driver.name
+            for injection in INJECTIONS:
+                if driver not in injection.devices or (options.only and injection.name not in options.only):
+                    continue
+                tallies.append(tally(device, injection, options.trials, witness))
+                progress(" | ".join([device, *tallies[-1].cells()]))
+                if options.markdown:  # an interrupted run leaves what it has
+                    replace_table(options.markdown, markdown(tallies, options.trials))
+    print(markdown(tallies, options.trials))
+    if options.json:
+        found = document("fault_matrix", _figures(tallies), quick=False)
+        options.json.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
+    return 0 if all(one.met == len(one.rows) == options.trials for one in tallies) else 1
+
+
+def _figures(tallies: Sequence[Tally]) -> list[Figure]:
+    figures = []
+    for one in tallies:
+        details: dict[str, Any] = {
+            "trials": len(one.rows),
+            "as_it_must_be": one.met,
+            "disturbed": one.disturbed,
+            "zero_after_s": one.zero_s,
+            "problems": [problem for row in one.rows for problem in row.problems],
+        }
+        name = f"{one.device}: {one.injection.name}"
+        if one.limit_s is not None and one.zero_s and not one.injection.refused:
+            figures.append(Figure(f"{name}, worst", 1e3 * one.zero_s[-1], "ms", 1e3 * one.limit_s, details=details))
+        else:
+            figures.append(Figure(name, float(one.met), "trials", float(len(one.rows)), "≥", details=details))
+    return figures
+
+
+if __name__ == "__main__":
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit(130)

@@ -1,0 +1,196 @@
+"""The control API under generated requests, over its Unix socket: schemathesis makes them from the OpenAPI document.
+
+Of each request with a body, mutants go out as well; and settings with live keys and values that nobody should write. All of
+schemathesis' checks are on. Besides, a request that is answered with an error must have changed nothing.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+from collections import Counter
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Final
+
+import httpx
+import requests
+import schemathesis
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis.errors import Unsatisfiable
+from schemathesis import Case, GenerationMode
+from schemathesis.config import SchemathesisConfig
+from schemathesis.core.failures import FailureGroup
+from schemathesis.core.transport import Response
+
+from benchmarks.hostile.mutation import SCALARS, mutated_text
+from hapticd.config import LIVE_KEYS
+from hapticd.control.endpoints import Endpoints, JsonDict
+from hapticd.service.api import openapi_document
+
+STREAM: Final = "/stream"
+"""Its reply does not end; left out."""
+_FAILED: Final = 500
+_MUTANTS: Final = 2
+_EXAMPLES: Final = 20
+"""Of an endpoint, before it is the next one's turn: so each meets many states of the daemon."""
+_SETTINGS: Final = 10
+_JSON: Final = {"content-type": "application/json"}
+_CHECKS: Final = {
+    # Which keys and values a setting may have is the config's business, and said with 422.
+    "positive_data_acceptance": {"expected-statuses": ["2xx", "409", "422"]},
+}
+
+
+@dataclass
+class Report:
+    """What came of the requests.
+
+    Attributes:
+        requests: how many were answered. generated, mutants, settings: how many of each kind.
+        answers: how many of each HTTP status.
+        findings: what may not happen, in words, with how often. examples: the first of each.
+    """
+
+    requests: int = 0
+    generated: int = 0
+    mutants: int = 0
+    settings: int = 0
+    answers: Counter[int] = field(default_factory=Counter)
+    findings: Counter[str] = field(default_factory=Counter)
+    examples: dict[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class State:
+    """What no refused request may change; while an experiment runs, it changes the rest by itself."""
+
+    digest: str
+    epoch: int
+    experiment: int
+    running: bool
+    rest: tuple[Any, ...]
+
+    @classmethod
+    def of(cls, control: Endpoints) -> State:
+        """As the daemon tells it."""
+        status = control.status()
+        job: JsonDict = status["experiment"] or {}
+        fault = (status["fault"] or {}).get("code")
+        rest = (status["state"], fault, status["origin_counts"])
+        return cls(
+            status["config_digest"], status["settings_epoch"], job.get("id", 0), job.get("state") == "running", rest
+        )
+
+    def same_as(self, later: State) -> bool:
+        """Whether nothing has changed that should not have."""
+        kept = (self.digest, self.epoch, self.experiment) == (later.digest, later.epoch, later.experiment)
+        return kept and (self.running or self.rest == later.rest)
+
+
+class Attack:
+    """Sends requests to one daemon.
+
+    Args:
+        control: the daemon, or what stands for it. socket: where its API is. number: seed of everything.
+    """
+
+    def __init__(self, control: Endpoints, socket: Path, number: int) -> None:
+        self.report = Report()
+        self._control, self._number = control, number
+        self._chance = random.Random(number)
+        self._client = httpx.Client(
+            transport=httpx.HTTPTransport(uds=str(socket)), base_url="http://hapticd", timeout=30
+        )
+        document = openapi_document()
+        del document["paths"][STREAM]
+        config = SchemathesisConfig.from_dict({"checks": _CHECKS})
+        schema = schemathesis.openapi.from_dict(document, config=config)
+        self._operations = [found.ok() for found in schema.get_all_operations()]
+        self._bodies: list[bytes] = [b"{}"]
+
+    def run(self, count: int, advance: Callable[[int], None] = lambda done: None) -> Report:
+        """Send that many requests, or a few more."""
+        turn = 0
+        with self._client:
+            while self.report.requests < count:
+                for operation in self._operations:
+                    for mode in GenerationMode:
+                        self._generated(operation, mode, turn)
+                    self._some_settings()
+                    advance(self.report.requests)
+                turn += 1
+        return self.report
+
+    def _generated(self, operation: Any, mode: GenerationMode, turn: int) -> None:
+        @seed(self._number + turn)
+        @settings(
+            max_examples=_EXAMPLES,
+            database=None,
+            deadline=None,
+            phases=[Phase.generate],
+            suppress_health_check=list(HealthCheck),
+        )
+        @given(case=operation.as_strategy(generation_mode=mode))
+        def send(case: Case) -> None:
+            self._send_case(case)
+
+        with suppress(Unsatisfiable):  # nothing can be wrong about a request without parameters
+            send()
+
+    def _send_case(self, case: Case) -> None:
+        words = case.as_transport_kwargs(base_url="http://hapticd")
+        known = {
+            key: words[key] for key in ("method", "url", "headers", "params", "data", "json", "cookies") if key in words
+        }
+        prepared = requests.Request(**known).prepare()
+        body = prepared.body.encode() if isinstance(prepared.body, str) else prepared.body or b""
+        self.report.generated += 1
+        reply = self._send(case.method, str(prepared.url), body, dict(prepared.headers))
+        try:
+            case.validate_response(Response.from_httpx(reply, verify=False))
+        except FailureGroup as group:
+            for failure in group.exceptions:
+                self._found(case.method, case.path, str(getattr(failure, "title", failure)), reply)
+        if body:
+            self._bodies = [*self._bodies[-50:], body]
+            for _ in range(_MUTANTS):
+                self.report.mutants += 1
+                with suppress(UnicodeDecodeError):  # a body that is no text has no mutants
+                    mutant = mutated_text(self._chance, body, self._bodies)
+                    self._send(case.method, str(prepared.url), mutant, _JSON)
+
+    def _some_settings(self) -> None:
+        for _ in range(_SETTINGS):
+            keys = self._chance.sample(sorted(LIVE_KEYS), self._chance.randrange(1, 4))
+            values = {key: self._value() for key in keys}
+            self.report.settings += 1
+            body = json.dumps({"settings": values, "force": self._chance.random() < 0.5})
+            self._send("POST", "/set", body.encode(errors="replace"), _JSON)
+
+    def _value(self) -> Any:
+        """A hostile scalar as YAML text, or as the number or list that it is."""
+        text = self._chance.choice(SCALARS)
+        with suppress(ValueError):
+            return self._chance.choice((text, float(text), 10**30, [text]))
+        return text
+
+    def _send(self, method: str, url: str, body: bytes, headers: dict[str, str]) -> httpx.Response:
+        before = State.of(self._control)
+        reply = self._client.request(method, url, content=body, headers=headers)
+        self.report.requests += 1
+        self.report.answers[reply.status_code] += 1
+        path = httpx.URL(url).path
+        if reply.status_code >= _FAILED:
+            self._found(method, path, f"status {reply.status_code}", reply, body)
+        elif reply.is_error and not before.same_as(State.of(self._control)):
+            self._found(method, path, "an error that changed something", reply, body)
+        return reply
+
+    def _found(self, method: str, path: str, what: str, reply: httpx.Response, body: bytes = b"") -> None:
+        known = f"{method} {path}: {what}"
+        if known not in self.report.findings:
+            self.report.examples[known] = f"{body[:300]!r} was answered {reply.status_code} {reply.text[:300]}"
+        self.report.findings[known] += 1

@@ -1,0 +1,63 @@
+"""The fault matrix, repeated: which trials count, and what the page says of them. The faults are played in tests/hil."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from benchmarks.fault_matrix import HEADER, MARKS, Tally, Witness, markdown, replace_table
+from benchmarks.report import BenchmarkError
+from hapticd.hil.injections import INJECTIONS
+from hapticd.hil.matrix import Row
+
+SIGKILL = next(one for one in INJECTIONS if one.name == "sigkill")
+GOOD = Row(SIGKILL, "serial_dac", None, "", 0.0197, 0, 0, 0, None, (), 1)
+
+
+def test_a_table_of_trials() -> None:
+    late = replace(GOOD, zero_after_s=0.0231, problems=("zero current after 23.1 ms, 22 ms allowed",))
+    cells = Tally("serial", SIGKILL, 0.022, [GOOD, late, replace(GOOD, zero_after_s=0.0150)], disturbed=4).cells()
+    assert cells == [
+        "SIGKILL of the daemon",
+        "`none`",
+        "19.70",
+        "23.10",
+        "22",
+        "2 of 3: 1 × zero current after 23.1 ms, 22 ms allowed",
+        "4",
+    ]
+    assert len(cells) == len(HEADER)
+
+
+def test_the_witness_sees_a_late_wake_only_in_its_span() -> None:
+    witness = Witness()
+    witness._late.append((1_000_000_000, 5_000_000))
+    assert witness.latest_s(900_000_000, 1_100_000_000) == pytest.approx(5e-3)
+    assert witness.latest_s(1_004_000_000, 1_100_000_000) == pytest.approx(5e-3)
+    assert witness.latest_s(1_006_000_000, 1_100_000_000) == 0.0
+
+
+def test_the_witness_watches() -> None:
+    begin = time.monotonic_ns()
+    with Witness() as witness:
+        time.sleep(0.05)
+        deaf = sum(range(3_000_000))  # the interpreter's lock is handed over every 5 ms
+    assert deaf > 0
+    assert witness.latest_s(begin, time.monotonic_ns()) > 1e-3
+
+
+def test_the_page_keeps_what_is_around_the_table(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text(f"before\n\n{MARKS[0]}\nold\n{MARKS[1]}\nafter\n")
+    replace_table(page, markdown([Tally("canopen", SIGKILL, 0.102, [GOOD])], 1))
+    text = page.read_text()
+    assert text.startswith(f"before\n\n{MARKS[0]}\n\n1 undisturbed trials")
+    assert text.endswith(f"{MARKS[1]}\nafter\n")
+    assert "### canopen" in text
+    assert "old" not in text
+    page.write_text("no marks\n")
+    with pytest.raises(BenchmarkError, match="has no lines"):
+        replace_table(page, "")

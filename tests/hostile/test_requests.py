@@ -1,0 +1,76 @@
+"""The control API under requests that schemathesis makes; ``python -m benchmarks.hostile_requests`` asks a real daemon."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import httpx
+import pytest
+
+from benchmarks.hostile.api import Attack, State
+from hapticd.control.endpoints import JsonDict
+from hapticd.service.api import openapi_document
+from tests.service.fake_control import FakeControl, serve
+
+
+def test_no_request_ends_in_a_failure_or_changes_something_and_is_refused(tmp_path: Path) -> None:
+    control = FakeControl()
+    with serve(control, tmp_path / "h.sock"):
+        report = Attack(control, tmp_path / "h.sock", 5).run(1000)
+    assert report.requests >= 1000
+    assert not [status for status in report.answers if status >= 500]
+    assert {200, 400, 422} <= report.answers.keys()
+    assert report.findings == {}, report.examples
+
+
+class Careless(FakeControl):
+    """Changes something before it refuses."""
+
+    def set(self, settings: JsonDict, force: bool = False) -> JsonDict:
+        self.fault = {"code": "estop", "cause": "careless", "help": ""}
+        return super().set(settings, force)
+
+
+def test_a_change_by_a_refused_request_would_be_seen(tmp_path: Path) -> None:
+    control = Careless()
+    with serve(control, tmp_path / "h.sock"):
+        report = Attack(control, tmp_path / "h.sock", 5).run(300)
+    assert "POST /set: an error that changed something" in report.findings
+
+
+def test_a_state_that_an_experiment_changes_is_its_own_matter() -> None:
+    before = State("a", 1, 2, True, ("running",))
+    assert before.same_as(State("a", 1, 2, False, ("off",)))
+    assert not State("a", 1, 2, False, ("running",)).same_as(State("a", 1, 2, False, ("off",)))
+    assert not before.same_as(State("b", 1, 2, True, ("running",)))
+
+
+def test_replies_are_described_as_what_they_are() -> None:
+    for path, methods in openapi_document()["paths"].items():
+        for operation in methods.values():
+            for code, reply in operation["responses"].items():
+                for kind, content in reply.get("content", {}).items():
+                    if kind == "application/json":
+                        assert content.get("schema", {}).get("type") != "string", (path, code)
+
+
+def test_the_wrong_method_is_answered_with_the_right_one(tmp_path: Path) -> None:
+    with (
+        serve(FakeControl(), tmp_path / "h.sock"),
+        httpx.Client(transport=httpx.HTTPTransport(uds=str(tmp_path / "h.sock")), base_url="http://h") as client,
+    ):
+        reply = client.get("/estop")
+    assert (reply.status_code, reply.headers["allow"]) == (405, "POST")
+
+
+@pytest.mark.parametrize(
+    "body", [b"[" * 60_000, b'{"settings": {"spring.stiffness": ' + b"9" * 5000 + b"}}", b"\xff\xfe{}"]
+)
+def test_bodies_that_no_generator_makes(tmp_path: Path, body: bytes) -> None:
+    control = FakeControl()
+    with (
+        serve(control, tmp_path / "h.sock"),
+        httpx.Client(transport=httpx.HTTPTransport(uds=str(tmp_path / "h.sock")), base_url="http://h") as client,
+    ):
+        reply = client.post("/set", content=body, headers={"content-type": "application/json"})
+    assert (reply.status_code, control.calls) == (400, [])
