@@ -46,10 +46,11 @@ class RecentTiming:
         self._looks: deque[_Look] = deque(maxlen=round(max(WINDOWS_S) / _EVERY_S) + 1)
 
     def look(self, core: ServoCore, now_s: float) -> None:
-        """Keep the counters, if it is time; those of another rig are forgotten."""
-        if self._looks and self._looks[-1].core is not core:
+        """Keep the counters, if it is time; those of another rig are forgotten, and a new rig begins at zero."""
+        if not self._looks or self._looks[-1].core is not core:
             self._looks.clear()
-        if not self._looks or now_s - self._looks[-1].at_s >= _EVERY_S:
+            self._looks.append(_beginning(core, now_s))
+        elif now_s - self._looks[-1].at_s >= _EVERY_S:
             self._looks.append(_taken(core, now_s))
 
     def windows(self, core: ServoCore, now_s: float, rate_hz: float) -> dict[str, Any]:
@@ -75,10 +76,15 @@ def _taken(core: ServoCore, now_s: float) -> _Look:
     )
 
 
+def _beginning(core: ServoCore, now_s: float) -> _Look:
+    """The counters of a loop that has just begun."""
+    return _Look(core, now_s, 0, 0, 0, np.zeros_like(core.late_histogram), np.zeros_like(core.exec_histogram))
+
+
 def _begin(looks: list[_Look], now: _Look, window_s: float) -> _Look:
     """The newest look that is old enough, else the oldest."""
     old_enough = [each for each in looks if now.at_s - each.at_s >= window_s]
-    return old_enough[-1] if old_enough else looks[0] if looks else now
+    return old_enough[-1] if old_enough else looks[0] if looks else _beginning(now.core, now.at_s)
 
 
 def _between(first: _Look, last: _Look, rate_hz: float) -> dict[str, Any]:

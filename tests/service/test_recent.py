@@ -70,8 +70,10 @@ def test_before_the_first_look_and_with_another_rig_there_is_nothing_to_say() ->
     assert windows(recent, core, 0.0)["last_10_s"]["verdict"] == "no tick yet"
     played(5, recent, core)
     assert windows(recent, other, 5.0)["last_10_s"]["ticks"] == 0
+    other.tick(40, 20.0)
+    assert windows(recent, other, 5.0)["last_10_s"]["ticks"] == 40
     recent.look(cast("ServoCore", other), 5.0)
-    other.tick(100, 20.0)
+    other.tick(60, 20.0)
     assert windows(recent, other, 6.0)["last_60_s"]["ticks"] == 100
 
 
