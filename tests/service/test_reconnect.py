@@ -48,6 +48,7 @@ def test_a_serial_board_that_is_replugged(tmp_path: Path, *, again: bool) -> Non
             daemon.start()
             fault = wait_for_state(daemon, "fault")["fault"]
             assert fault["code"] == "driver_lost"
+            wait_until(FaultLatch(SOCKET).path.exists, "the latch on disk")
             assert fault["remedy"] == (faults.REOPENS if again else faults.REPLUG)
             with pytest.raises(Refused, match=r"the fault is still there: .*plug it in"):
                 daemon.clear()
