@@ -68,6 +68,7 @@ class CanopenDriver(Driver):
         self._drive: Drive | None = None
         self._calls: PythonCalls | None = None
         self._exception: str | None = None
+        self._last_reason: str | None = None
 
     @classmethod
     def declared_latency_s(cls, config: Config) -> float:
@@ -98,7 +99,9 @@ class CanopenDriver(Driver):
         """What stopped the exchange, in words."""
         from drivers.canopen.reasons import explain
 
-        return explain(self._block) or self._exception
+        # Once closed, the memory of the exchange says nothing but that.
+        found = self._last_reason if self._network is None else explain(self._block)
+        return found or self._exception
 
     @error.setter
     def error(self, text: str | None) -> None:
@@ -162,9 +165,10 @@ class CanopenDriver(Driver):
 
     def close(self) -> None:
         """Zero current, power stage off, node pre-operational, watchdog off; the bus is closed in any case."""
-        network, self._network = self._network, None
-        if network is None:
+        if self._network is None:
             return
+        self._last_reason = self.error
+        network, self._network = self._network, None
         from drivers.canopen.bring_up import release
         from drivers.canopen.bus import deafen, listen
 
