@@ -74,3 +74,13 @@ def test_bodies_that_no_generator_makes(tmp_path: Path, body: bytes) -> None:
     ):
         reply = client.post("/set", content=body, headers={"content-type": "application/json"})
     assert (reply.status_code, control.calls) == (400, [])
+
+
+def test_a_key_that_is_no_unicode_is_refused_as_any_other(tmp_path: Path) -> None:
+    with (
+        serve(FakeControl(), tmp_path / "h.sock"),
+        httpx.Client(transport=httpx.HTTPTransport(uds=str(tmp_path / "h.sock")), base_url="http://h") as client,
+    ):
+        body = b'{"settings": {"\\udb8a": 1}}'
+        reply = client.post("/set", content=body, headers={"content-type": "application/json"})
+    assert (reply.status_code, reply.json()["error"]["code"]) == (422, "config")
