@@ -29,6 +29,7 @@ from benchmarks.hostile.mutation import SCALARS, mutated_text
 from hapticd.config import LIVE_KEYS
 from hapticd.control.endpoints import Endpoints, JsonDict
 from hapticd.service.api import openapi_document
+from hapticd.service.replies import MAX_BODY_BYTES
 
 STREAM: Final = "/stream"
 """Its reply does not end; left out."""
@@ -179,7 +180,13 @@ class Attack:
 
     def _send(self, method: str, url: str, body: bytes, headers: dict[str, str]) -> httpx.Response:
         before = State.of(self._control)
-        reply = self._client.request(method, url, content=body, headers=headers)
+        try:
+            reply = self._client.request(method, url, content=body, headers=headers)
+        except httpx.TransportError:
+            if len(body) <= MAX_BODY_BYTES:
+                raise
+            # The daemon has answered and closed before it had read all of what is too long.
+            reply = httpx.Response(413)
         self.report.requests += 1
         self.report.answers[reply.status_code] += 1
         path = httpx.URL(url).path

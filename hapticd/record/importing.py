@@ -20,7 +20,7 @@ from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import COUNT, ImportMap, Signal
 from hapticd.record.importing_sources import Source, read_source
 from hapticd.record.metadata import run_metadata
-from hapticd.record.reader import time_warnings
+from hapticd.record.reader import median_period, time_warnings
 from hapticd.record.schema import FLAG_RUNNING, Rows, empty_rows
 from hapticd.record.writer import RunWriter
 
@@ -92,11 +92,11 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
         part.unlink(missing_ok=True)
     time_s = rows["time_s"]
     resolution = (1.0 if mapping.is_linear else 2.0 * np.pi) / counts_per_unit
-    period = float(np.median(np.diff(time_s)))
+    period = median_period(time_s)
     return Imported(
         path=target,
         rows=rows.size,
-        duration_s=float(time_s[-1] - time_s[0]),
+        duration_s=float(time_s[-1]) - float(time_s[0]),
         rate_hz=1.0 / period if period > 0.0 else float("nan"),
         resolution=resolution,
         position=_ends(rows["encoder_counts"] * resolution),

@@ -5,12 +5,10 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-import numpy as np
-
 from hapticd.config import parse_config
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing import Imported
-from hapticd.record.reader import Run, read_run, time_warnings
+from hapticd.record.reader import Run, median_period, read_run, time_warnings
 from hapticd.record.schema import ROW, empty_rows
 from hapticd.record.writer import RunWriter
 
@@ -45,11 +43,11 @@ def import_mcap(source: str | Path, out: str | Path, *, force: bool = False) -> 
     config = parse_config(stored, f"config of {run.path.name}") if stored else None
     resolution = config.raw_resolution if config is not None else float("nan")
     position, current = run.columns["encoder_counts"] * resolution, run.columns["current_command_A"]
-    period = float(np.median(np.diff(time_s)))
+    period = median_period(time_s)
     return Imported(
         path=target,
         rows=run.rows,
-        duration_s=float(time_s[-1] - time_s[0]),
+        duration_s=float(time_s[-1]) - float(time_s[0]),
         rate_hz=1.0 / period if period > 0.0 else float("nan"),
         resolution=resolution,
         position=(float(position.min()), float(position.max())),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import tokenize
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -181,7 +182,7 @@ def _channels(path: Path, data: NDArray[Any], mapping: ImportMap) -> list[NDArra
 def _mat(path: Path, mapping: ImportMap) -> Source:
     with open_regular(path) as file:
         data = file.read()
-    named: dict[str, Any] = read_level_5(path, data) if is_level_5(data) else _mat_level_4(path)
+    named: dict[str, Any] = read_level_5(path, data) if is_level_5(data) else _mat_level_4(path, data)
     wanted = mapping.variable
     if wanted is not None:
         inside = {
@@ -198,15 +199,16 @@ def _mat(path: Path, mapping: ImportMap) -> Source:
     return Source(path, columns, list(columns.values()))
 
 
-def _mat_level_4(path: Path) -> dict[str, Any]:
+def _mat_level_4(path: Path, data: bytes) -> dict[str, Any]:
     from scipy.io import loadmat
     from scipy.io.matlab import MatReadError, matfile_version
 
+    memory: Any = io.BytesIO(data)  # a read of more than there is gives what there is, and takes no more
     try:
-        if matfile_version(str(path))[0] != 0:
+        if matfile_version(memory)[0] != 0:
             raise RunFileError(f"{path} is not a readable .mat file: its header is damaged")
-        contents = loadmat(str(path), squeeze_me=True)
-    except (MatReadError, ValueError, TypeError, OSError, LookupError) as error:
+        contents = loadmat(memory, squeeze_me=True)
+    except (MatReadError, ValueError, TypeError, OSError, LookupError, ArithmeticError) as error:
         raise RunFileError(f"{path} is not a readable .mat file: {error}") from None
     return {name: np.asarray(value) for name, value in contents.items() if not name.startswith("__")}
 

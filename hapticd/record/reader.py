@@ -294,11 +294,17 @@ def _standard_units(names: Iterable[str], metadata: dict[str, Any]) -> dict[str,
     return {column.name: column.unit_for(linear=linear) for column in COLUMNS if column.name in names}
 
 
+def median_period(time_s: NDArray[Any]) -> float:
+    """Median of the periods between time stamps, s; NaN where there is none."""
+    with np.errstate(over="ignore", invalid="ignore"):
+        return float(np.median(np.diff(time_s))) if len(time_s) > 1 else float("nan")
+
+
 def time_warnings(time_s: NDArray[Any]) -> list[str]:
     """What is wrong with time stamps, in words."""
     found = []
     if not np.all(np.isfinite(time_s)):
         found.append("time_s holds values that are not finite")
-    if (back := np.flatnonzero(np.diff(time_s) <= 0)).size:
+    if (back := np.flatnonzero(time_s[1:] <= time_s[:-1])).size:
         found.append(f"time_s does not rise at {back.size} place(s), first at row {back[0] + 1}")
     return found

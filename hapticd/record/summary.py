@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hapticd.record.reader import Run
+from hapticd.record.reader import Run, median_period
 from hapticd.record.schema import FLAG_MISSED_PERIOD
 
 
@@ -19,10 +19,10 @@ def summary(run: Run) -> dict[str, Any]:
         ``wake_late_ns`` with ``p50 p99 max``; the last three are None where the run lacks their columns.
     """
     time_s, columns = run.columns["time_s"], run.columns
-    period = float(np.median(np.diff(time_s))) if run.rows > 1 else 0.0
+    period = median_period(time_s)
     result: dict[str, Any] = {
         "rows": run.rows,
-        "duration_s": float(time_s[-1] - time_s[0]) if run.rows else 0.0,
+        "duration_s": float(time_s[-1]) - float(time_s[0]) if run.rows else 0.0,
         "rate_hz": 1.0 / period if period > 0.0 else None,
         "missed": None,
         "lost_rows": None,

@@ -42,7 +42,12 @@ class JsonReply(JSONResponse):
 
     def render(self, content: Any) -> bytes:
         """Serialise ``content``."""
-        return pydantic_core.to_json(content, inf_nan_mode="null", fallback=_plain)
+        try:
+            return pydantic_core.to_json(content, inf_nan_mode="null", fallback=_plain)
+        except pydantic_core.PydanticSerializationError:
+            # A lone surrogate, which JSON can escape and UTF-8 cannot hold: quoted from a request, it goes back escaped.
+            plain = pydantic_core.to_jsonable_python(content, inf_nan_mode="null", fallback=_plain)
+            return json.dumps(plain, allow_nan=False).encode()
 
 
 def _plain(value: Any) -> Any:

@@ -7,7 +7,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from record_samples import make_rows
 
@@ -49,6 +49,7 @@ def test_rubbish_after_the_last_batch_is_left_out(native: Path, tail: bytes) -> 
     assert (run.rows, run.truncated) == (100, True)
 
 
+@settings(deadline=None)
 @given(data=st.data())
 def test_damage_anywhere_ends_in_rows_or_in_a_clear_error(
     tmp_path_factory: pytest.TempPathFactory, data: st.DataObject

@@ -43,7 +43,7 @@ def main() -> int:
     limit_all()
     if os.geteuid() != 0:
         return subprocess.run([sys.executable, *_pytest(chosen)], cwd=ROOT, check=False).returncode
-    with tempfile.TemporaryDirectory(prefix="hapticd-") as name:
+    with tempfile.TemporaryDirectory(prefix="hd-") as name:
         folder = Path(name)
         folder.chmod(0o755)
         python, environment = copied(folder)
@@ -88,7 +88,7 @@ def copied(folder: Path) -> tuple[str, dict[str, str]]:
     subprocess.run(["chmod", "-R", "a+rX", str(tree)], check=True)
     python = _environment(folder, tree)
     _compiled(home / ".cache", tree)
-    temporary = folder / "tmp"  # near the root: a socket's path has 107 bytes
+    temporary = folder / "t"  # near the root: a socket's path has 107 bytes
     for place in (home, temporary):
         place.mkdir(exist_ok=True)
     subprocess.run(["chown", "-R", USER, str(home), str(temporary)], check=True)
