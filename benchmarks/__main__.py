@@ -31,6 +31,7 @@ NAMES = (
     "serial_roundtrip",
     "hold",
     "gap_speed",
+    "identify",
 )
 
 

@@ -187,5 +187,5 @@ def new_exchange() -> NDArray[np.int64]:
 
 
 def driver_options(config: Config) -> dict[str, Any]:
-    """The driver's own options: everything beside ``driver.name``."""
-    return {key: value for key, value in config.driver.model_dump().items() if key != "name"}
+    """The driver's own options: what of ``driver`` is no key of hapticd's own."""
+    return config.driver.options

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from hapticd.client import Client
     from hapticd.config import Config, ConfigError, load_config
     from hapticd.gap.call import gap
+    from hapticd.identify.call import identify
     from hapticd.record import Run
 
 _WHERE: Final = {
@@ -37,7 +38,7 @@ _WHERE: Final = {
     "simulate": "hapticd.api.simulation",
     "sweep": "hapticd.api.sweeping",
 }
-"""Public name → module. A package of that name, as ``gap``, is no entry: it is called itself (`callable_package`)."""
+"""Public name → module. A package of that name (``gap``, ``identify``) is no entry: it is called (`callable_package`)."""
 
 __all__ = [
     "Check",
@@ -47,6 +48,7 @@ __all__ = [
     "Run",
     "check",
     "gap",
+    "identify",
     "load",
     "load_config",
     "plot",

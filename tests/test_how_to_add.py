@@ -204,7 +204,7 @@ def test_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     assert faults.describe(number, value, limit, is_linear=False) == {
         "code": "too_hot",
         "cause": "the motor is at 130 °C, limit 120",
-        "help": "docs/faults/too_hot.md",
+        "help": "hapticd help too_hot",
     }
 
 

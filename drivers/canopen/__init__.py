@@ -9,6 +9,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import math
+import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 log = logging.getLogger(__name__)
+
+_LAST_CALL_S = 0.05
 
 
 class CanopenDriver(Driver):
@@ -166,10 +169,13 @@ class CanopenDriver(Driver):
         from drivers.canopen.bus import deafen, listen
 
         options, drive, self._drive = self._options, self._drive, None
+        healthy = self._block[w.REASON] == 0
+        # A loop that still runs finds the bus closed from here on, and sends nothing between or after these commands.
+        self._block[w.REASON] = w.LOST_CLOSED
         try:
             network.send_message(w.RPDO1 + options.node_id, bytes(w.RPDO1_BYTES))
             network.send_message(w.NMT, bytes([0x80, options.node_id]))
-            if drive is not None and self._monitor is not None and self._block[w.REASON] == 0:
+            if drive is not None and self._monitor is not None and healthy:
                 listen(network, self._monitor)
                 release(drive.objects, self._profile, options)
         except Exception as error:
@@ -177,6 +183,8 @@ class CanopenDriver(Driver):
         finally:
             with contextlib.suppress(Exception):
                 deafen(network)
+            # A call under way must not meet the descriptor's number in another socket's hands.
+            time.sleep(min(self.config.period, _LAST_CALL_S))
             if network.bus is not None:
                 network.bus.shutdown()
 

@@ -12,6 +12,7 @@ from hapticd.stability.advice import Change, advise
 from hapticd.stability.assessment import Assessment, assess
 from hapticd.stability.guard import Judgement, judge
 from hapticd.stability.report import report
+from hapticd.stability.uncertainty import Confidence, confidence
 
 
 @dataclass(frozen=True)
@@ -21,12 +22,14 @@ class Check:
     Attributes:
         assessment: operating point, bounds, margins, limit cycle. changes: each alone makes an unstable motion stable.
         guard: what the daemon's stability guard would do. warnings: what the theory leaves out here.
+        confidence: how sure the answer is, by ``plant.uncertainty``; None where the config has none.
     """
 
     assessment: Assessment
     changes: tuple[Change, ...]
     guard: Judgement
     warnings: tuple[str, ...]
+    confidence: Confidence | None
 
     @property
     def verdict(self) -> str:
@@ -41,10 +44,12 @@ class Check:
     @property
     def document(self) -> dict[str, Any]:
         """The keys of ``hapticd check --json``; numbers may be infinite."""
+        sure = {} if self.confidence is None else {"probability": self.confidence.document}
         return self.assessment.document | {
             "warnings": list(self.warnings),
             "changes": [change.document for change in self.changes],
             "guard": self.guard.document,
+            **sure,
         }
 
     def __str__(self) -> str:
@@ -80,4 +85,4 @@ def check(
     found = assess(resolved, deflection=ticks, velocity=speed, latency_s=latency)
     judgement = judge(resolved, latency, deflection=ticks, velocity=speed, release=True)
     warnings = (*found.warnings, doubt) if doubt else found.warnings
-    return Check(found, tuple(advise(found)), judgement, warnings)
+    return Check(found, tuple(advise(found)), judgement, warnings, confidence(found))

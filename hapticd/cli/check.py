@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -74,6 +75,9 @@ def check(
     would make it so, each solved for and checked again. Where the speed decides (region D|E), give a velocity or a
     deflection; without one the answer is the speed limit, and counts as done.
 
+    Where the config carries plant.uncertainty, as 'hapticd identify' writes it: the probability that the spring is stable,
+    and passive, which parameter decides it, and the stiffness that is stable with 95 %.
+
     Exit code 1 means: not stable (regions B, C and D, unless the sharp criterion proves this motion stable all the same).
     """
     if deflection is not None and velocity is not None:
@@ -87,6 +91,7 @@ def check(
     from hapticd.stability.assessment import assess
     from hapticd.stability.guard import judge
     from hapticd.stability.report import report
+    from hapticd.stability.uncertainty import confidence
 
     latency, doubt = declared_latency(config)
     doubts = [doubt] if doubt else []
@@ -100,6 +105,9 @@ def check(
     document["changes"] = [change.document for change in changes]
     judgement = judge(config, latency, deflection=ticks, velocity=ticks_per_period, release=True)
     document["guard"] = judgement.document
+    sure = confidence(found)
+    if sure is not None:
+        document["probability"] = sure.document
     if device is not None:
         document["table_ii"] = _table_ii(device)
     title = device.name if device is not None else (source or "re35")
@@ -108,10 +116,16 @@ def check(
 
         if found.loop.stiffness == 0.0:
             raise UsageError("spring.stiffness is 0: there is no operating point to draw")
-        check_figure(found, changes, out, title)
+        check_figure(found, changes, out, title, sure)
         document["figure"] = out
     # a device's own text is about the row as printed; with settings changed it would be about something else
     text = report(found, changes, title, None if assignments else device)
+    if sure is not None:
+        unit = "N/m" if config.is_linear else "N m/rad"
+        said = f"with plant.uncertainty: {sure.words}"
+        if sure.stiffness_max is not None:
+            said += f"; stiffness up to {sure.stiffness_max:.3g} {unit} with 95 %"
+        text += f"\n\n{textwrap.fill(said, 100)}"
     if judgement.verdict in ("refused", "warned"):
         text += f"\n\nsafety.guard: the daemon {_ANSWERS[judgement.verdict]}"
     text += "".join(f"\n\nwarning: {doubt}" for doubt in doubts) + (f"\n\nfigure: {out}" if out else "")

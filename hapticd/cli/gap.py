@@ -11,6 +11,7 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
+from hapticd.cli.nominal_model import model_of_daemon, model_of_run
 from hapticd.cli.options import (
     JsonOption,
     SettingsOption,
@@ -18,9 +19,7 @@ from hapticd.cli.options import (
     check_folder,
     connect,
     folder_option,
-    parse_settings,
     register,
-    resolve_config,
 )
 from hapticd.cli.run_argument import run_argument
 
@@ -138,7 +137,7 @@ def gap(
 def _recorded(runs: Sequence[Path], model: str | None, assignments: list[str] | None, analyse: Analyse) -> GapResult:
     from hapticd.gap.data import load_recording
 
-    nominal = _model(runs[0], model, assignments)
+    nominal = model_of_run(runs[0], model, assignments)
     recordings = [load_recording(path, nominal) for path in runs]
     for recording in recordings:
         for warning in recording.warnings:
@@ -150,32 +149,12 @@ def _live(
     socket: Path | None, excite: str | None, model: str | None, assignments: list[str] | None, analyse: Analyse
 ) -> GapResult:
     from hapticd.cli.experiments import experiment_named
-    from hapticd.config import apply_settings, parse_config
     from hapticd.gap.live import close_the_circle
 
     experiment = experiment_named(excite or "all")
     client = connect(socket)
-    if model is None:
-        nominal = parse_config(client.config(), "the daemon's config")
-        nominal = apply_settings(nominal, parse_settings(assignments)) if assignments else nominal
-    else:
-        nominal = resolve_config(model, assignments)
+    nominal = model_of_daemon(client, model, assignments)
     return close_the_circle(client, nominal, experiment, partial(analyse, nominal), output.note, output.progress_bar)[0]
-
-
-def _model(run: Path, model: str | None, assignments: list[str] | None) -> Config:
-    """The nominal model: the one named, or the one that the first recording carries."""
-    if model is not None:
-        return resolve_config(model, assignments)
-    if assignments:
-        raise UsageError("--set changes the model of --model; name one")
-    from hapticd.config import parse_config
-    from hapticd.record import read_run
-
-    stored = read_run(run).metadata.get("config")
-    if not stored:
-        raise UsageError(f"{run} carries no config; name the nominal model with --model")
-    return parse_config(stored, f"config of {run.name}")
 
 
 def describe(document: dict[str, Any], out: Path) -> str:

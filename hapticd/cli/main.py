@@ -21,8 +21,11 @@ from hapticd.cli import (
     experiments,
     export,
     gap,
+    help,  # noqa: A004 - named as the command
     hil,
+    identify,
     importing,
+    init,
     latency,
     map,  # noqa: A004 - named as the command
     metrics,
@@ -78,8 +81,11 @@ GROUPS = (
     energy,
     map,
     reproduce,
+    identify,
     gap,
+    help,
     hil,
+    init,
     config,
     drivers,
     doctor,

@@ -10,6 +10,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, register
 from hapticd.control.endpoints import Endpoints
+from hapticd.control.fault_words import fault_lines
 
 ReloadArgument = Annotated[
     str | None,
@@ -49,7 +50,9 @@ def _reload(
 
 def _report(status: dict[str, Any], as_json: bool, in_fault: int = exits.DONE) -> int:
     fault = status.get("fault")
-    text = f"{status['state']}: {fault['cause']}\nsee {fault['help']}" if fault else str(status["state"])
+    text = (
+        "\n".join([f"{status['state']}: {fault['cause']}", *fault_lines(fault)[1:]]) if fault else str(status["state"])
+    )
     output.emit(status, as_json, guarded(text, status))
     return in_fault if fault else exits.DONE
 

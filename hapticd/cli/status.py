@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,6 +15,7 @@ from hapticd.cli.exits import UsageError
 from hapticd.cli.options import JsonOption, SocketOption, connect, positive, register
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
+from hapticd.control.fault_words import fault_lines
 
 if TYPE_CHECKING:
     from hapticd.client import Client
@@ -48,15 +50,15 @@ def describe(report: dict[str, Any], socket: Path) -> str:
     timing, point, units = report["timing"], report["operating_point"], report["units"]
     rows = [("state", f"{report['state']}    config {report['config_digest']}    {socket}")]
     if fault := report.get("fault"):
-        rows += [("fault", f"{fault['code']}: {fault['cause']}"), ("", f"see {fault['help']}, then 'hapticd clear'")]
+        first, *others = fault_lines(fault)
+        rows += [("fault", first), *(("", line) for line in others)]
     rows += [
-        ("loop", f"{number(timing['rate_hz'])} Hz, {timing['ticks']} ticks, {timing['missed']} periods missed"),
-        ("woke late", _percentiles(timing["wake_us"])),
-        ("ran for", _percentiles(timing["exec_us"])),
+        ("loop", f"{number(timing['rate_hz'])} Hz: {timing['last_10_s']['verdict']}"),
+        *_paces(timing),
         (
             "operating at",
-            f"mu {number(point['mu'])}   beta {number(point['beta'])}   sigma {number(point['sigma'])}   "
-            f"tau_D {number(point['tau_d'])}   region {point['region'] or '-'}",
+            f"μ {_number(point['mu'])}   β {_number(point['beta'])}   σ {_number(point['sigma'])}   "
+            f"τ_D {_number(point['tau_d'])}   region {point['region'] or '-'}",
         ),
         (
             "shaft",
@@ -76,6 +78,22 @@ def describe(report: dict[str, Any], socket: Path) -> str:
     return "\n".join(f"{name:14}{value}" for name, value in rows)
 
 
+def _paces(timing: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """The last seconds, the last minute, and everything since the start."""
+    for name, pace in (("last 10 s", timing["last_10_s"]), ("last 60 s", timing["last_60_s"]), ("since start", timing)):
+        yield (
+            name,
+            f"{pace['ticks']} ticks, {pace['missed']} periods and {pace['exchanges_missed']} exchanges missed",
+        )
+        yield ("  woke late", _percentiles(pace["wake_us"]))
+        yield ("  ran for", _percentiles(pace["exec_us"]))
+
+
+def _number(value: Any) -> str:
+    """A dimensionless number; a status document has null for infinity, which is what everything is without a spring."""
+    return "∞" if value is None else number(value)
+
+
 def _energy(energy: dict[str, Any]) -> str:
     parts = (f"{name} {number(energy[f'{name}_J'])} J" for name in ("stored", "dissipated", "generated"))
     return f"{'   '.join(parts)}   ({energy['estimate']}, since the start)"
@@ -91,7 +109,7 @@ def _passivity(passivity: dict[str, Any]) -> str:
 
 def _percentiles(found: dict[str, Any]) -> str:
     return "   ".join(
-        f"{label} {number(found[key])} us"
+        f"{label} {number(found[key])} µs"
         for label, key in (("p50", "p50"), ("p99", "p99"), ("p99.9", "p999"), ("max", "max"))
     )
 

@@ -25,6 +25,11 @@ class Driver(Section):
     model_config = ConfigDict(extra="allow")
 
     name: Text = quantity("loopback", "Driver: loopback or one listed by `hapticd drivers`")
+    reconnect: Flag = quantity(
+        False,
+        "true: a device that was lost (fault driver_lost) is opened again as soon as it answers; the fault stays latched "
+        "until it is cleared",
+    )
 
     @model_validator(mode="before")
     @classmethod
@@ -42,8 +47,9 @@ class Driver(Section):
 
 
 def _driver_findings(data: Mapping[Any, Any]) -> Iterator[Finding]:
-    if data and "name" not in data:
-        for key in data:
+    options = [key for key in data if key not in Driver.model_fields]
+    if options and "name" not in data:
+        for key in options:
             if nearest_name(str(key), ["name"]):
                 yield Finding(str(key), NO_VALUE, "unknown key; did you mean driver.name?", nearest="driver.name")
                 return

@@ -29,6 +29,8 @@ from hapticd.config.problems import NO_VALUE, Finding
 
 INT64_MAX = 2**63 - 1
 MOST_VELOCITY_PERIODS = 1000
+_ROUNDED = 1e-3
+"""Correlations are written with few digits."""
 
 
 class Overrun(Section):
@@ -169,11 +171,66 @@ class Amplifier(Section):
         return self.damping_ratio / (pi * self.bandwidth_hz) if self.bandwidth_hz else 0.0
 
 
+def _least_eigenvalue(matrix: tuple[tuple[float, ...], ...]) -> float:
+    from numpy.linalg import eigvalsh  # here: most configs are read by commands that need no NumPy
+
+    return float(eigvalsh(matrix)[0])
+
+
 def _checked_effects(value: Any) -> Any:
     findings = list(effect_findings(value))
     if findings:
         raise findings_error(findings)
     return checked_effects(value)
+
+
+class Correlation(Section):
+    """Correlations of the errors of what is uncertain."""
+
+    inertia_viscous: Number = quantity(0.0, "Inertia and viscous friction", ge=-1, le=1)
+    inertia_coulomb: Number = quantity(0.0, "Inertia and Coulomb friction", ge=-1, le=1)
+    inertia_delay: Number = quantity(0.0, "Inertia and delay", ge=-1, le=1)
+    viscous_coulomb: Number = quantity(0.0, "Viscous and Coulomb friction", ge=-1, le=1)
+    viscous_delay: Number = quantity(0.0, "Viscous friction and delay", ge=-1, le=1)
+    coulomb_delay: Number = quantity(0.0, "Coulomb friction and delay", ge=-1, le=1)
+
+
+class Uncertainty(Section):
+    """Standard deviations of the plant's numbers and of the loop's delay, as hapticd identify writes them; 0: certain."""
+
+    inertia: Number = quantity(0.0, "Standard deviation of the inertia", "kg m²", linear="kg", ge=0)
+    viscous: Number = quantity(0.0, "Standard deviation of the viscous friction", "N m s/rad", linear="N s/m", ge=0)
+    coulomb: Number = quantity(0.0, "Standard deviation of the Coulomb friction", "N m", linear="N", ge=0)
+    delay_s: Number = quantity(0.0, "Standard deviation of the delay from sample to current", "s", ge=0, le=1)
+    correlation: Correlation = quantity(Correlation, "Correlations of their errors")
+
+    @model_validator(mode="after")
+    def _possible(self) -> Uncertainty:
+        correlated = any(self.correlation.model_dump().values())
+        if correlated and (least := _least_eigenvalue(self.matrix)) < -_ROUNDED:
+            message = (
+                f"no errors can be correlated like this: the matrix has the eigenvalue {least:.3g}; must be at least 0"
+            )
+            raise findings_error([Finding("correlation", NO_VALUE, message, 0.0)])
+        return self
+
+    @property
+    def matrix(self) -> tuple[tuple[float, ...], ...]:
+        """Correlations in the order inertia, viscous, coulomb, delay."""
+        names = ("inertia", "viscous", "coulomb", "delay")
+        c = self.correlation
+        return tuple(
+            tuple(
+                1.0 if i == j else float(getattr(c, f"{names[min(i, j)]}_{names[max(i, j)]}"))
+                for j in range(len(names))
+            )
+            for i in range(len(names))
+        )
+
+    @property
+    def is_known(self) -> bool:
+        """Whether anything is said to be uncertain."""
+        return any((self.inertia, self.viscous, self.coulomb, self.delay_s))
 
 
 class Plant(Section):
@@ -185,6 +242,7 @@ class Plant(Section):
     effects: Annotated[tuple[Effect, ...], BeforeValidator(_checked_effects)] = quantity(
         (), "Effects beyond the base model: a list of {name: slug, parameters}"
     )
+    uncertainty: Uncertainty = quantity(Uncertainty, "How well these numbers are known")
 
 
 class Hand(Section):

@@ -72,7 +72,12 @@ class Fault(Reply):
 
     code: str = Field(description="Name of the fault, e.g. over_speed.")
     cause: str = Field(description="What happened, with the numbers that tripped it.")
-    help: str = Field(description="Page about this fault.")
+    help: str = Field(description="The command that shows the page about this fault.")
+    remedy: str = Field(description="What a person does about it.")
+    time: str | None = Field(description="When it was latched, UTC, ISO 8601; null where that is not known.")
+    config: str | None = Field(description="Name of the configuration under which it was latched.")
+    config_digest: str | None = Field(description="Digest of that configuration.")
+    from_before: bool = Field(description="Whether it was latched before the daemon began.")
 
 
 class Percentiles(Reply):
@@ -84,14 +89,29 @@ class Percentiles(Reply):
     max: float | None
 
 
-class Timing(Reply):
-    """Timing of the servo loop."""
+class Pace(Reply):
+    """How the servo loop did over some time."""
 
-    rate_hz: float = Field(description="Configured rate in Hz.")
     ticks: int = Field(description="Ticks executed.")
     missed: int = Field(description="Periods skipped.")
+    exchanges_missed: int = Field(description="Failed exchanges with the device.")
     wake_us: Percentiles = Field(description="How late the loop woke.")
     exec_us: Percentiles = Field(description="How long a tick took.")
+    verdict: str = Field(description="Whether the loop kept up, in words.")
+
+
+class RecentPace(Pace):
+    """How the servo loop did lately; the maxima are right to 3 %."""
+
+    span_s: float = Field(description="Time that this is about, s; less than its name says shortly after the start.")
+
+
+class Timing(Pace):
+    """Timing of the servo loop since its start."""
+
+    rate_hz: float = Field(description="Configured rate in Hz.")
+    last_10_s: RecentPace = Field(description="The same over the last 10 s.")
+    last_60_s: RecentPace = Field(description="The same over the last 60 s.")
 
 
 class OperatingPoint(Reply):

@@ -176,7 +176,7 @@ def inputs(board: Board) -> Iterator[Finding]:
     status = board.sample().status
     names = [name for bit, name in _FAULT_NAMES.items() if status & bit]
     if names:
-        fix = "encoder supply and wires, the amplifier's fault line, the stop circuit: docs/faults/device_fault.md"
+        fix = "encoder supply and wires, the amplifier's fault line, the stop circuit: hapticd help device_fault"
         yield Finding("fault inputs", Level.BAD, ", ".join(names), "the board refuses to enable", fix)
     else:
         yield Finding("fault inputs", Level.GOOD, "none active")

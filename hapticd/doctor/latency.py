@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import drivers
 from hapticd.servo import atomics
 from hapticd.servo.core import Request, parameters
+from hapticd.servo.pace import MARGIN, used_share
 from hapticd.servo.thread import ServoThread
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.tuning import stiffness_max_stable
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 
 RATES_HZ: Final = (200.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0)
 SECONDS: Final = 5.0
-MARGIN: Final = 0.5
-"""Share of a period that lateness and execution may take together at p99.9 in a rate that is recommended."""
 _BEAT_S: Final = 0.05
 
 
@@ -55,8 +54,7 @@ class RateResult:
     @property
     def used(self) -> float | None:
         """Share of a period taken by lateness and execution at p99.9."""
-        wake, execution = self.timing["wake_us"]["p999"], self.timing["exec_us"]["p999"]
-        return None if wake is None or execution is None else (wake + execution) * 1e-6 * self.rate_hz
+        return used_share(self.timing, self.rate_hz)
 
     @property
     def holds(self) -> bool:

@@ -2,8 +2,8 @@
 
 from hapticd.callable_package import make_callable
 from hapticd.gap.result import GapResult
-from hapticd.gap.workflow import find_gap, identify
+from hapticd.gap.workflow import find_gap
 
-__all__ = ["GapResult", "find_gap", "identify"]
+__all__ = ["GapResult", "find_gap"]
 
 make_callable(__name__, "hapticd.gap.call:gap")

@@ -50,11 +50,8 @@ def gap(
         ConfigError: no model, or anything wrong in it.
         ValueError: no recording, or an unknown effect.
     """
-    several = [runs] if isinstance(runs, str | PathLike | Run) else list(runs)
-    if not several:
-        raise ValueError("no recording: give at least one run")
-    recorded = [run if isinstance(run, Run) else read_run(find_run(run)) for run in several]
-    nominal = config_of(model if model is not None else _own_model(recorded[0]), settings)
+    recorded = runs_of(runs)
+    nominal = config_of(model if model is not None else own_model(recorded[0]), settings)
     recordings = [recording_of(run, nominal) for run in recorded]
     result = find_gap(recordings, nominal, refit_base=refit_base, candidates=effects, progress=progress)
     if out is not None:
@@ -64,7 +61,25 @@ def gap(
     return result
 
 
-def _own_model(run: Run) -> ConfigSource:
+def runs_of(runs: Recorded | Sequence[Recorded]) -> list[Run]:
+    """One recording or several, read.
+
+    Raises:
+        RunFileError: one cannot be read.
+        ValueError: there is none.
+    """
+    several = [runs] if isinstance(runs, str | PathLike | Run) else list(runs)
+    if not several:
+        raise ValueError("no recording: give at least one run")
+    return [run if isinstance(run, Run) else read_run(find_run(run)) for run in several]
+
+
+def own_model(run: Run) -> ConfigSource:
+    """The config that a recording carries.
+
+    Raises:
+        ConfigError: it carries none.
+    """
     stored = run.metadata.get("config")
     if not stored:
         raise ConfigError([Problem(str(run.path), "", None, "carries no config; give the nominal model")])

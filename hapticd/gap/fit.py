@@ -74,6 +74,10 @@ class Problem:
         upper = [1e3 * self.torque * root, 1e5 * q, 1e2 * self.torque, longest, 3.0 * T]
         return np.log(lower), np.log(upper)
 
+    def with_free_memory(self) -> Problem:
+        """The same with a disturbance that may remember as long as the recordings can tell."""
+        return replace(self, longest_memory_s=max(self.series.duration_s / constants.MEMORIES, self.longest_memory_s))
+
     def vector(self, terms: Sequence[Term], u: Floats) -> Floats:
         """Device vector of a hypothesis; `u` without the noise."""
         p = self.base.copy()
@@ -283,8 +287,7 @@ class Fit:
 
     def with_free_memory(self) -> Fit:
         """The same hypothesis, fitted with a disturbance that may remember as long as the recordings can tell."""
-        longest = max(self.problem.series.duration_s / constants.MEMORIES, self.problem.longest_memory_s)
-        free = self.on(replace(self.problem, longest_memory_s=longest))
+        free = self.on(self.problem.with_free_memory())
         held_back = self.u[CORRELATION] >= self.upper[CORRELATION] - 1e-9 and self.noise_values()[DISTURBANCE] > 0.0
         return free.maximise() if held_back else free
 

@@ -93,13 +93,6 @@ def find_gap(
     return result
 
 
-def identify(recordings: Sequence[Recording], model: Config) -> dict[str, Estimate]:
-    """Inertia and friction that fit recordings best, with 95 % intervals; nothing else is looked for."""
-    problem = problem_of(recordings, model)
-    fitted = cross_validate(nominal_fit(problem, base_terms(problem)))
-    return _base_estimates(fitted.fit, model.is_linear)
-
-
 def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
     """What is fitted.
 

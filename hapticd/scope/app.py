@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import json
 import re
-import sys
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -26,6 +25,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hapticd.client import Client, DaemonUnreachable, RequestRefused
 from hapticd.config import ConfigError
+from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
 from hapticd.scope import runs, theory
 from hapticd.scope.access import Access, Guard, Names, Role
@@ -36,7 +36,6 @@ from hapticd.scope.runs import RunError
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
-FAULT_PAGES = (FOLDER.parents[1] / "docs" / "faults", Path(sys.prefix) / "share" / "doc" / "hapticd" / "faults")
 """Of the source tree, else of the installation."""
 
 HELLO_TIMEOUT_S = 5.0
@@ -274,12 +273,8 @@ async def _page(request: Request) -> Response:
 
 
 async def _fault_page(request: Request) -> Response:
-    code = request.path_params["code"]
-    if re.fullmatch(r"[a-z_]{1,40}", code):
-        for folder in FAULT_PAGES:
-            if (path := folder / f"{code}.md").is_file():
-                return PlainTextResponse(path.read_text(encoding="utf-8"))
-    return error_answer(404, "not_found", "no page about such a fault")
+    text = fault_page(request.path_params["code"])
+    return error_answer(404, "not_found", "no page about such a fault") if text is None else PlainTextResponse(text)
 
 
 def _endpoint(server: ScopeServer, handler: Callable[[Request], Any], role: Role, lease: bool) -> Any:

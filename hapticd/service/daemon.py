@@ -11,7 +11,7 @@ import logging
 import threading
 import time
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import drivers
 from drivers import DriverError
@@ -24,6 +24,8 @@ from hapticd.service.fault_manager import FaultManager
 from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.live import LiveStream
 from hapticd.service.notify import Notifier, TickWatchdog
+from hapticd.service.recent import RecentTiming
+from hapticd.service.reconnect import Reconnector
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.rendering import ANSWER_S, Rendering, enforce
 from hapticd.service.rig import Rig
@@ -31,6 +33,9 @@ from hapticd.service.settings import changed_keys, is_live
 from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
 from hapticd.stability.guard import judge, same_loop
+
+if TYPE_CHECKING:
+    from drivers.interface import Driver
 
 log = logging.getLogger(__name__)
 
@@ -60,12 +65,14 @@ class Daemon(Endpoints):
         self._ending = threading.Event()
         self.live = LiveStream()
         self._name = latch.name
+        self._recent = RecentTiming()
         self._rendering = Rendering(Rig(config, latch.number, self.live, self._name))
-        self._faults = FaultManager(latch, self._rendering)
+        self._faults = FaultManager(latch, self._rendering, lambda: source_name(self._source))
         self._experiments = Experiments(self._rendering, self._faults)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self.rig.core.load(atomics.TICKS))
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self._supervisor.start()
+        self._reconnector = Reconnector(lambda: self.rig, self._faults.is_latched, self._take_over)
 
     @property
     def rig(self) -> Rig:
@@ -74,7 +81,7 @@ class Daemon(Endpoints):
 
     def status(self) -> JsonDict:
         """State, fault, timing, operating point, motion, energies, recorder, experiment."""
-        return report.status(self.rig, self._faults.active(), self.experiment())
+        return report.status(self.rig, self._faults.active(), self.experiment(), self._recent)
 
     def config(self) -> JsonDict:
         """The config in force."""
@@ -199,7 +206,7 @@ class Daemon(Endpoints):
             else:
                 judgement = self._replace_rig(config, fixed, force)
             self._source = source
-        log.info("configuration %s reloaded", source or "re35 (built in)")
+        log.info("configuration %s reloaded", source_name(source))
         return {**self.status(), "guard": judgement}
 
     def disable(self) -> None:
@@ -209,6 +216,7 @@ class Daemon(Endpoints):
     def shutdown(self) -> None:
         """Zero current, amplifier off, everything released. Safe to call twice."""
         self.disable()
+        self._reconnector.end()
         with self._lock:
             self._experiments.cancel()
             self._ending.set()
@@ -222,6 +230,7 @@ class Daemon(Endpoints):
             self._watchdog.look(time.monotonic())
             try:
                 self._faults.latch_raised()
+                self._recent.look(self.rig.core, time.monotonic())
                 if not self.rig.servo.alive() and not self._ending.is_set() and self._lock.acquire(blocking=False):
                     try:
                         self._faults.servo_died()
@@ -292,9 +301,37 @@ class Daemon(Endpoints):
                     log.critical("the old configuration failed too; the daemon ends", exc_info=True)
                     self.dead = True
             raise DriverFailure(f"reload failed: {error}") from error
-        if self._estops != estops:
-            self.rig.core.store(atomics.ESTOP, self._estops)
+        self._estop_again(estops)
         return judgement
+
+    def _take_over(self, lost: Rig, driver: Driver) -> None:
+        """The lost device is open again: a new rig on it, with the fault still latched."""
+        with self._lock:
+            if self.rig is not lost or self._ending.is_set():
+                driver.close()
+                return
+            estops = self._estops
+            self._experiments.cancel()
+            lost.close()
+            try:
+                self._rendering.rig = Rig(lost.config, faults.DRIVER_LOST, self.live, self._name, driver)
+            except Exception:
+                log.critical("the device is back, and cannot be used; the daemon ends", exc_info=True)
+                driver.close()
+                self.dead = True
+                return
+            self._estop_again(estops)
+        log.info("%s is back; the fault stays until 'hapticd clear'", driver.describe())
+
+    def _estop_again(self, before: int) -> None:
+        """An estop that came while the rig was replaced is for the new one."""
+        if self._estops != before:
+            self.rig.core.store(atomics.ESTOP, self._estops)
+
+
+def source_name(source: str | None) -> str:
+    """What to call the configuration that came from there."""
+    return source or "re35 (built in)"
 
 
 def refuse_outside(path: Path, directory: Path) -> None:

@@ -9,17 +9,23 @@ import logging
 import threading
 import time
 from collections import Counter
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
+from hapticd.config import config_digest
 from hapticd.control.endpoints import JsonDict
 from hapticd.record import RecordingError
+from hapticd.service.latch import CIRCUMSTANCES
 from hapticd.service.refusals import Refused
 from hapticd.servo import atomics, faults
 from hapticd.servo import layout as w
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from hapticd.service.latch import FaultLatch
     from hapticd.service.rendering import Rendering
+    from hapticd.service.rig import Rig
 
 log = logging.getLogger(__name__)
 
@@ -30,24 +36,45 @@ class FaultManager:
     Args:
         latch: the fault that survives a restart.
         rendering: the rig in force, and the recording of its run, which ends with a fault.
+        source: gives the name of the configuration in force.
 
     Attributes:
         lock: held for as long as fault and rig must agree.
         counts: how often each code was latched since the daemon began.
     """
 
-    def __init__(self, latch: FaultLatch, rendering: Rendering) -> None:
+    def __init__(self, latch: FaultLatch, rendering: Rendering, source: Callable[[], str]) -> None:
         self.lock = threading.RLock()
         self.counts: Counter[str] = Counter()
-        self._latch, self._rendering = latch, rendering
+        self._latch, self._rendering, self._source = latch, rendering, source
         self._fault = latch.load()
+        self._raised_on: Rig | None = None
 
     def active(self) -> JsonDict | None:
-        """``code``, ``cause`` and ``help`` of the fault that the loop is in; None when it is in none."""
+        """The fault that the loop is in, as `hapticd.control.schemas.Fault`; None when it is in none."""
         if self._rendering.rig.state != w.FAULT:
             return None
-        fault = self._fault or self._described()
-        return {key: fault[key] for key in ("code", "cause", "help")}
+        latched = self._fault
+        fault = latched or self._described()
+        return {
+            **{key: fault[key] for key in ("code", "cause", "help")},
+            "remedy": self._remedy(fault["code"]),
+            **{key: fault.get(key) for key in CIRCUMSTANCES},
+            "from_before": latched is not None and self._raised_on is None,
+        }
+
+    def is_latched(self) -> bool:
+        """Whether the fault that the loop is in has been described and stored."""
+        return self._fault is not None
+
+    def _remedy(self, code: str) -> str:
+        """What a person does about it, with this rig as it is now."""
+        rig = self._rendering.rig
+        if faults.NUMBERS[code] != faults.DRIVER_LOST:
+            return faults.KINDS[faults.NUMBERS[code]].remedy
+        if self._fault is not None and self._raised_on is not rig:
+            return faults.REOPENED
+        return faults.REOPENS if rig.config.driver.reconnect else faults.REPLUG
 
     def refuse(self) -> None:
         """Refuse while a fault is latched.
@@ -55,10 +82,8 @@ class FaultManager:
         Raises:
             Refused: with its cause.
         """
-        if self._rendering.rig.state == w.FAULT:
-            fault = self.active()
-            cause = f"{fault['code']}: {fault['cause']}" if fault else "a fault"
-            raise Refused("fault", f"a fault is latched ({cause}); look at the rig, then 'hapticd clear'")
+        if fault := self.active():
+            raise Refused("fault", f"a fault is latched ({fault['code']}: {fault['cause']}); {fault['remedy']}")
 
     def refuse_new(self) -> None:
         """Latch a fault that has just been raised, and refuse with it."""
@@ -73,10 +98,20 @@ class FaultManager:
 
     def latch(self, fault: JsonDict) -> None:
         """The same for a fault that the loop did not raise itself."""
-        self._fault = fault
+        rig = self._rendering.rig
+        fault = {
+            **fault,
+            "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
+            "config": self._source(),
+            "config_digest": config_digest(rig.config),
+        }
+        self._fault, self._raised_on = fault, rig
         self.counts[fault["code"]] += 1
         fields = {"fault": fault["code"], "cause": fault["cause"], "help": fault["help"]}
-        log.error("fault %s: %s (%s)", fault["code"], fault["cause"], fault["help"], extra={"journal": fields})
+        remedy = self._remedy(fault["code"])
+        log.error(
+            "fault %s: %s; %s (%s)", fault["code"], fault["cause"], remedy, fault["help"], extra={"journal": fields}
+        )
         try:
             self._latch.store(fault)
         except OSError as error:
@@ -98,8 +133,9 @@ class FaultManager:
                 # It may be another one by now.
                 self._fault = None
                 self.latch_raised()
-                cause = self._fault["cause"] if self._fault else faults.KINDS[before].code
-                raise Refused("fault_persists", f"the fault is still there: {cause}")
+                found = self.active()
+                why = f"{found['cause']}; {found['remedy']}" if found else faults.KINDS[before].code
+                raise Refused("fault_persists", f"the fault is still there: {why}")
             self._fault = None
             self._latch.remove()
 

@@ -21,9 +21,10 @@ from rich.text import Text
 
 from drivers import DriverConfigError
 from hapticd.config import ConfigError
+from hapticd.control.fault_words import fault_lines
 from hapticd.service.access import Rules
 from hapticd.service.api import ApiServer
-from hapticd.service.daemon import Daemon
+from hapticd.service.daemon import Daemon, source_name
 from hapticd.service.flight import crash_log, flight_directory, recover
 from hapticd.service.journal import JournalHandler, stderr_is_journal
 from hapticd.service.latch import FaultLatch
@@ -77,9 +78,7 @@ def banner(daemon: Daemon, socket: Path, source: str, *, starting: bool = False)
     lines.append(f"socket      {socket}")
     lines.append(f"recordings  {rig.recorder.directory}" + ("" if config.record.enabled else " (only on request)"))
     if status["fault"]:
-        lines.append(
-            f"FAULT       latched from before: {status['fault']['cause']}; 'hapticd clear' when the rig is safe"
-        )
+        lines += [f"FAULT       {line}" for line in fault_lines(status["fault"])]
     elif starting:
         lines.append("motor       on in a moment, as --start asks: keep clear; 'hapticd stop' or Ctrl-C ends it")
     else:
@@ -108,7 +107,7 @@ def live_line(status: dict[str, Any]) -> str:
     if recorder["error"]:
         line += f"  {recorder['error']}"
     if status["fault"]:
-        line = f"FAULT {status['fault']['code']}: {status['fault']['cause']}  ('hapticd clear')"
+        line = f"FAULT {status['fault']['code']}: {status['fault']['cause']}  ({status['fault']['help']})"
     return line
 
 
@@ -212,7 +211,7 @@ def run_foreground(
     try:
         crash.enter_context(crash_log(config, latch.name))
         server.start()
-        for line in banner(daemon, path, source or "re35 (built in)", starting=autostart):
+        for line in banner(daemon, path, source_name(source), starting=autostart):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         if autostart:
             try:

@@ -10,6 +10,10 @@ from typing import Any
 
 from hapticd.servo import faults
 
+REQUIRED = ("code", "cause")
+CIRCUMSTANCES = ("time", "config", "config_digest")
+"""When the fault was latched (UTC, ISO 8601), and under which configuration."""
+
 
 def state_directory() -> Path:
     """systemd's ``$STATE_DIRECTORY``, else ``$XDG_STATE_HOME/hapticd``, else ``~/.local/state/hapticd``."""
@@ -38,17 +42,20 @@ class FaultLatch:
     def load(self) -> dict[str, Any] | None:
         """The fault latched before a restart: ``code``, ``cause``, ``help``, ``number``; None when there is none.
 
+        Beside them ``time``, ``config`` and ``config_digest``, as far as they were written.
+
         A file that cannot be understood counts as a fault too: it says that something happened.
         """
         try:
             if not self.path.exists():
                 return None
             fault = {key: str(value) for key, value in json.loads(self.path.read_text()).items()}
-            fault = {key: fault[key] for key in ("code", "cause", "help")}
-            return {**fault, "number": faults.NUMBERS[fault["code"]]}
+            number = faults.NUMBERS[fault["code"]]
+            kept = {key: fault[key] for key in (*REQUIRED, *CIRCUMSTANCES) if key in REQUIRED or key in fault}
+            return {**kept, "help": faults.help_of(fault["code"]), "number": number}
         except (ValueError, KeyError, TypeError, AttributeError, OSError):
             cause = f"{self.path} holds a latched fault that cannot be read; look at the machine, then 'hapticd clear'"
-            return {"code": "estop", "cause": cause, "help": "docs/faults/estop.md", "number": faults.ESTOP}
+            return {"code": "estop", "cause": cause, "help": faults.help_of("estop"), "number": faults.ESTOP}
 
     @property
     def number(self) -> int:

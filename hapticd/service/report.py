@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from hapticd.config import Config, config_digest
 from hapticd.control.endpoints import JsonDict
-from hapticd.servo import atomics
+from hapticd.servo import atomics, pace
 from hapticd.servo import layout as w
 from hapticd.stability import numbers, regions
 
 if TYPE_CHECKING:
+    from hapticd.service.recent import RecentTiming
     from hapticd.service.rig import Rig
 
 
-def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
-    """The daemon's state as JSON-ready values, keys as interface.md's ``status``; waits for nothing."""
+def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict, recent: RecentTiming) -> JsonDict:
+    """The daemon's state as JSON-ready values; waits for nothing."""
     config = rig.config
     snapshot = rig.core.snapshot
     recorder = rig.recorder.status()
@@ -25,7 +27,7 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "state": w.STATE_NAMES[rig.state],
         "fault": fault,
         "config_digest": config_digest(config),
-        "timing": {"rate_hz": config.servo.rate_hz, **rig.core.timing()},
+        "timing": _timing(rig, recent),
         "operating_point": _operating_point(rig),
         "position": (rig.counts - rig.origin_counts) * config.raw_resolution,
         "velocity": float(snapshot["velocity"]),
@@ -46,6 +48,14 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict) -> JsonDict:
         "recorder": recorder,
         "experiment": experiment,
     }
+
+
+def _timing(rig: Rig, recent: RecentTiming) -> JsonDict:
+    """Since the start, and lately."""
+    rate_hz = rig.config.servo.rate_hz
+    since_start = {**rig.core.timing(), "exchanges_missed": rig.core.load(atomics.MISSED_EXCHANGES)}
+    windows = recent.windows(rig.core, time.monotonic(), rate_hz)
+    return {"rate_hz": rate_hz, **since_start, "verdict": pace.verdict(since_start, rate_hz), **windows}
 
 
 def _passivity(rig: Rig) -> JsonDict:

@@ -39,6 +39,21 @@ log = logging.getLogger(__name__)
 _POLL_S = 0.002
 
 
+def opened_driver(config: Config) -> Driver:
+    """The driver of a configuration, open.
+
+    Raises:
+        DriverError: the device cannot be opened.
+    """
+    driver = drivers.create(config)
+    try:
+        driver.open()
+    except BaseException:
+        driver.close()
+        raise
+    return driver
+
+
 class Rig:
     """Driver, servo thread and recorder of one configuration.
 
@@ -47,21 +62,24 @@ class Rig:
         latched_fault: fault number from before a restart, or 0.
         live: who looks at the rows while they come; None: nobody can.
         name: of this daemon, for its flight recorder; empty: it has none.
+        driver: open already; None: it is opened here.
 
     Raises:
         DriverError: the device cannot be opened.
         RealtimeError: real time is required and refused.
     """
 
-    def __init__(self, config: Config, latched_fault: int = 0, live: LiveStream | None = None, name: str = "") -> None:
+    def __init__(
+        self,
+        config: Config,
+        latched_fault: int = 0,
+        live: LiveStream | None = None,
+        name: str = "",
+        driver: Driver | None = None,
+    ) -> None:
         self.config = config
         self.request = Request()
-        self.driver: Driver = drivers.create(config)
-        try:
-            self.driver.open()
-        except BaseException:
-            self.driver.close()
-            raise
+        self.driver = opened_driver(config) if driver is None else driver
         self.flight: FlightRing | None = None
         self.flight_grant: Grant | None = None
         if name:

@@ -1,4 +1,4 @@
-"""The faults: one code, one cause in words, one page each (``docs/faults/<code>.md``).
+"""The faults: one code, one cause in words, one remedy, one page each (``docs/faults/<code>.md``, ``hapticd help <code>``).
 
 The loop raises a number with the value that tripped it and the limit; everything readable is made here.
 """
@@ -25,13 +25,25 @@ ENABLE_TIMEOUT: Final = 13
 AMPLIFIER_DROPPED: Final = 14
 RELOAD_FAILED: Final = 15
 
+CLEAR: Final = "when the rig is safe, 'hapticd clear'"
+REPLUG: Final = (
+    "plug it in and restart the daemon, then 'hapticd clear'; with driver.reconnect: true it is opened again by itself"
+)
+REOPENS: Final = "plug it in; it is opened again by itself, then 'hapticd clear'"
+REOPENED: Final = "the device answers again: look at the rig, then 'hapticd clear'"
+
 
 @dataclass(frozen=True)
 class FaultKind:
-    """One kind of fault: ``code`` is its public name, ``text`` a sentence with the numbers that tripped it."""
+    """One kind of fault.
+
+    Attributes:
+        code: its public name. text: a sentence with the numbers that tripped it. remedy: what a person does about it.
+    """
 
     code: str
     text: str
+    remedy: str = CLEAR
 
 
 KINDS: Final[dict[int, FaultKind]] = {
@@ -39,49 +51,85 @@ KINDS: Final[dict[int, FaultKind]] = {
         "over_current",
         "the current asked for stayed above the continuous rating too long: its excess reached {value:.4g} A² s, "
         "the limit (peak² - continuous²) x peak time is {limit:.4g} A² s",
+        "let the winding cool, then 'hapticd clear'",
     ),
     OVER_SPEED: FaultKind(
-        "over_speed", "speed {value:.4g} {speed_unit} is above safety.max_velocity = {limit:.4g} {speed_unit}"
+        "over_speed",
+        "speed {value:.4g} {speed_unit} is above safety.max_velocity = {limit:.4g} {speed_unit}",
+        "hold the handle until the shaft is still, then 'hapticd clear'",
     ),
     EXCURSION: FaultKind(
-        "excursion", "{value:.4g} {unit} from the spring's origin is beyond safety.max_excursion = {limit:.4g} {unit}"
+        "excursion",
+        "{value:.4g} {unit} from the spring's origin is beyond safety.max_excursion = {limit:.4g} {unit}",
+        "bring the shaft back within the limit, then 'hapticd clear'",
     ),
     ENCODER_JUMP: FaultKind(
         "encoder_jump",
         "the encoder moved {value:.0f} counts in one period, more than safety.encoder_jump = {limit:.0f} counts",
+        "look at the encoder and its cable, turn the shaft to its reference, then 'hapticd clear'",
     ),
     MISSED_EXCHANGES: FaultKind(
         "missed_exchanges",
         "{value:.0f} exchanges with the device failed in a row, safety.missed_exchanges = {limit:.0f}",
+        "make exchanges succeed (cable, supply, other load on the link), then 'hapticd clear'",
     ),
     OVERRUN: FaultKind(
-        "overrun", "{value:.0f} ticks in a row came a period or more too late, servo.overrun allows {limit:.0f}"
+        "overrun",
+        "{value:.0f} ticks in a row came a period or more too late, servo.overrun allows {limit:.0f}",
+        "'hapticd latency' says which rate this machine holds; 'hapticd clear' at any time",
     ),
-    NON_FINITE: FaultKind("non_finite", "the command became {value} A, not a finite number"),
-    DRIVER_LOST: FaultKind("driver_lost", "the device is gone (driver returned {value:.0f})"),
-    DRIVER_ERROR: FaultKind("driver_error", "the driver failed (returned {value:.0f})"),
+    NON_FINITE: FaultKind(
+        "non_finite",
+        "the command became {value} A, not a finite number",
+        "correct the settings, then 'hapticd clear'",
+    ),
+    DRIVER_LOST: FaultKind(
+        "driver_lost",
+        "the device is gone (driver returned {value:.0f})",
+        REPLUG,
+    ),
+    DRIVER_ERROR: FaultKind(
+        "driver_error",
+        "the driver failed (returned {value:.0f})",
+        "'hapticd clear' tries the driver again; after a change of its source restart the daemon",
+    ),
     DEVICE_FAULT: FaultKind(
-        "device_fault", "the device reports a fault of its own, code {value:.0f} (0x{value_int:x})"
+        "device_fault",
+        "the device reports a fault of its own, code {value:.0f} (0x{value_int:x})",
+        "clear the fault in the device itself, then 'hapticd clear'",
     ),
     HEARTBEAT_LOST: FaultKind(
         "heartbeat_lost",
         "the supervisor gave no sign of life for {value:.0f} ms, safety.heartbeat_timeout_s = {limit:.0f} ms",
+        "'hapticd clear'; its page lists what stops the supervisor",
     ),
-    ESTOP: FaultKind("estop", "software stop asked for by a user or a program"),
+    ESTOP: FaultKind(
+        "estop",
+        "software stop asked for by a user or a program",
+        "when everybody's hands are where they should be, 'hapticd clear'",
+    ),
     ENABLE_TIMEOUT: FaultKind(
-        "enable_timeout", "the amplifier did not report 'enabled' within {limit:.3g} s (safety.enable_timeout_s)"
+        "enable_timeout",
+        "the amplifier did not report 'enabled' within {limit:.3g} s (safety.enable_timeout_s)",
+        "switch on the amplifier's supply, close its enable chain, then 'hapticd clear'",
     ),
     AMPLIFIER_DROPPED: FaultKind(
-        "amplifier_dropped", "the amplifier switched itself off while the spring was rendered"
+        "amplifier_dropped",
+        "the amplifier switched itself off while the spring was rendered",
+        "find what opened the amplifier's enable chain, then 'hapticd clear'",
     ),
-    RELOAD_FAILED: FaultKind("reload_failed", "the new configuration could not be put into force"),
+    RELOAD_FAILED: FaultKind(
+        "reload_failed",
+        "the new configuration could not be put into force",
+        "go on with the old configuration: 'hapticd clear'; or correct the new one, and then 'hapticd reload' again",
+    ),
 }
 
 NUMBERS: Final[dict[str, int]] = {kind.code: number for number, kind in KINDS.items()}
 
 
 def describe(number: int, value: float, limit: float, *, is_linear: bool, detail: str | None = None) -> dict[str, Any]:
-    """The public form of a fault: ``code``, ``cause`` (with the numbers) and ``help`` (its page).
+    """The public form of a fault: ``code``, ``cause`` (with the numbers) and ``help`` (the command that shows its page).
 
     Args:
         number: the loop's fault number.
@@ -96,4 +144,9 @@ def describe(number: int, value: float, limit: float, *, is_linear: bool, detail
     cause = kind.text.format(value=value, limit=limit, unit=unit, speed_unit=f"{unit}/s", value_int=value_int)
     if detail:
         cause = f"{cause}: {detail}"
-    return {"code": kind.code, "cause": cause, "help": f"docs/faults/{kind.code}.md"}
+    return {"code": kind.code, "cause": cause, "help": help_of(kind.code)}
+
+
+def help_of(code: str) -> str:
+    """The command that shows the page of a fault."""
+    return f"hapticd help {code}"

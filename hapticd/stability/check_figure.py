@@ -20,6 +20,8 @@ from hapticd.stability.storage import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+    from hapticd.stability.uncertainty import Confidence
+
 BRIEF = "#d5ebe9"
 _MARKERS: Final = {"spring.stiffness": "D", "servo.rate_hz": ">", "encoder.decimation": "^", "hand.damping": "s"}
 # Beyond this ratio of the point to the plane's corner a linear axis shows nothing of the boundaries.
@@ -27,12 +29,15 @@ _LINEAR_UP_TO: Final = 6.0
 _SMALLEST: Final = 0.02
 
 
-def check_figure(found: Assessment, changes: Sequence[Change], path: Path, title: str) -> None:
+def check_figure(
+    found: Assessment, changes: Sequence[Change], path: Path, title: str, sure: Confidence | None = None
+) -> None:
     """Draw a configuration into a file; its suffix (.png, .svg, .pdf) is the format.
 
     Args:
         found: what the theory says. changes: the advice, drawn as arrows.
         path: the file, replaced if it exists. title: name of the configuration.
+        sure: where the operating point may be, drawn as a cloud.
 
     Raises:
         ValueError: there is no spring, and so no point to draw.
@@ -44,13 +49,22 @@ def check_figure(found: Assessment, changes: Sequence[Change], path: Path, title
     figure = Figure(figsize=(7.2, 5.6), layout="constrained")
     axis = figure.subplots()
     targets = _targets(found, changes)
-    beta, sigma = _scales(axis, found, [(then.numbers.beta, then.numbers.sigma) for then in targets.values()])
+    shown = [(then.numbers.beta, then.numbers.sigma) for then in targets.values()]
+    if sure is not None:
+        shown += [(float(edge(sure.beta)), float(edge(sure.sigma))) for edge in (np.min, np.max)]
+    beta, sigma = _scales(axis, found, shown)
     _regions(axis, found, beta, sigma)
     _lines(axis, found, beta)
     for change in changes:
         if change.key in targets:
             _arrow(axis, found, change, targets[change.key], beta)
-    axis.plot(found.numbers.beta, found.numbers.sigma, "o", color=BLUE, ms=10, label="operating point", zorder=5)
+    if sure is not None:
+        label = f"where it may be: {sure.words.partition(';')[0]}"
+        axis.plot(sure.beta, sure.sigma, ".", color=BLUE, alpha=0.35, ms=5, mew=0, zorder=3)
+        axis.plot([], [], ".", color=BLUE, ms=5, label=label)
+    axis.plot(
+        found.numbers.beta, found.numbers.sigma, "o", color=BLUE, ms=10, mec="white", label="operating point", zorder=5
+    )
     axis.set_xlim(beta[0], beta[-1])
     axis.set_ylim(sigma[0], sigma[-1])
     axis.set_xlabel("viscous friction β = b/(KT)")

@@ -163,6 +163,18 @@ def test_gap_of_a_run_that_moves_in_one_place_only_has_an_answer() -> None:
     assert hapticd.gap(measured, "re35", effects=["viscous_friction"]).verdict
 
 
+def test_identify_measures_a_device_into_a_config(tmp_path: Path) -> None:
+    measured = hapticd.simulate("re35", "6s", excitation="chirp", settings={"spring.stiffness": 0.002})
+    found = hapticd.identify(measured, settings={"plant.inertia": 1e-4}, out=tmp_path / "rig.yaml")
+    assert found.inertia.value == pytest.approx(6.28e-6, rel=0.02)
+    sure = hapticd.check(tmp_path / "rig.yaml").confidence
+    assert sure is not None
+    assert 0.0 < sure.stable <= 1.0
+    assert hapticd.check("re35").confidence is None
+    with pytest.raises(ValueError, match="no recording"):
+        hapticd.identify([])
+
+
 def test_gap_finds_a_wrong_friction() -> None:
     real = {"plant.viscous": 2.5e-5, "spring.stiffness": 0.002}
     measured = hapticd.simulate("re35", "4s", excitation="steps", settings=real)

@@ -23,6 +23,7 @@ from hapticd.config import (
 )
 from hapticd.config.keys import leaf_fields
 from hapticd.config.reference import reference_page
+from hapticd.config.sections import Correlation
 
 ROOT = Path(__file__).parents[2]
 
@@ -170,7 +171,8 @@ def test_every_number_has_a_unit_or_needs_none() -> None:
         if "unit" not in field
         and {"number", "integer"} & {str(part.get("type")) for part in field.get("anyOf", [field])}
     }
-    assert bare == {"Servo.priority", "Servo.cpu", "Dither.seed", "Amplifier.damping_ratio"}
+    correlations = {f"Correlation.{name}" for name in Correlation.model_fields}
+    assert bare == {"Servo.priority", "Servo.cpu", "Dither.seed", "Amplifier.damping_ratio", *correlations}
 
 
 def test_reference_page_is_up_to_date() -> None:

@@ -19,7 +19,29 @@ from hapticd.servo import excitation
 from tests.polling import PATIENCE_S
 
 PERCENTILES = {"p50": 18.0, "p99": 40.0, "p999": 380.0, "max": 500.0}
-FAULT = {"code": "over_speed", "cause": "speed 401 rad/s is above 400 rad/s", "help": "docs/faults/over_speed.md"}
+PACE = {"ticks": 12345, "missed": 2, "exchanges_missed": 1, "wake_us": PERCENTILES, "exec_us": PERCENTILES}
+LATELY = {
+    "ticks": 9000,
+    "missed": 0,
+    "exchanges_missed": 0,
+    "wake_us": PERCENTILES,
+    "exec_us": PERCENTILES,
+    "verdict": "keeps up: lateness and execution take 76 % of a period at p99.9",
+    "span_s": 10.0,
+}
+CIRCUMSTANCES = {
+    "remedy": "when the rig is safe, 'hapticd clear'",
+    "time": "2026-01-02T03:04:05.678+00:00",
+    "config": "rig.yaml",
+    "config_digest": "0123456789ab",
+    "from_before": True,
+}
+FAULT = {
+    "code": "over_speed",
+    "cause": "speed 401 rad/s is above 400 rad/s",
+    "help": "hapticd help over_speed",
+    **CIRCUMSTANCES,
+}
 
 ADMITTED = {"verdict": "admitted", "reason": "region A: globally stable", "region": "A", "force": False}
 
@@ -62,7 +84,13 @@ class FakeControl(Endpoints):
             "state": self.state,
             "fault": self.fault,
             "config_digest": config_digest(self.resolved),
-            "timing": {"rate_hz": 1000.0, "ticks": 12345, "missed": 2, "wake_us": PERCENTILES, "exec_us": PERCENTILES},
+            "timing": {
+                "rate_hz": 1000.0,
+                **PACE,
+                "verdict": "does not keep up: 2 periods missed",
+                "last_10_s": LATELY,
+                "last_60_s": {**LATELY, "span_s": 60.0},
+            },
             "operating_point": {"mu": 523.3, "beta": 0.75, "sigma": 1.0, "tau_d": 0.0, "region": "A"},
             "position": 0.0155,
             "position_ticks": 20.25,
@@ -105,7 +133,8 @@ class FakeControl(Endpoints):
 
     def estop(self) -> JsonDict:
         self.calls.append(("estop",))
-        self.state, self.fault = "fault", {"code": "estop", "cause": "software stop", "help": "docs/faults/estop.md"}
+        self.state = "fault"
+        self.fault = {"code": "estop", "cause": "software stop", "help": "hapticd help estop", **CIRCUMSTANCES}
         return self.status()
 
     def clear(self) -> JsonDict:

@@ -1,0 +1,134 @@
+"""``hapticd identify``: inertia, friction, bias, delay and sign of a rig from its recordings, into its config."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.nominal_model import model_of_daemon, model_of_run
+from hapticd.cli.options import (
+    JsonOption,
+    SettingsOption,
+    SocketOption,
+    connect,
+    output_option,
+    positive,
+    register,
+)
+from hapticd.cli.run_argument import run_argument
+
+if TYPE_CHECKING:
+    from hapticd.gap.recording import Recording
+
+RunsArgument = Annotated[
+    list[Path] | None,
+    run_argument("Recordings of one device, native, .csv or .parquet", metavar="[RUN]..."),
+]
+ModelOption = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="CONFIG",
+        show_default=False,
+        help="Config with encoder, torque constant and limits; its plant is not used. Default: the config inside the first "
+        "recording, or the daemon's.",
+    ),
+]
+OutOption = Annotated[
+    Path | None,
+    output_option(
+        "CONFIG", "Write the config with the plant that was found; comments stay. May be the file of --model."
+    ),
+]
+InertiaOption = Annotated[
+    float | None,
+    typer.Option(
+        "--known-inertia",
+        parser=positive,
+        metavar="KG_M2",
+        show_default=False,
+        help="The inertia, where you know it otherwise (kg m², or kg): says which torque constant it needs.",
+    ),
+]
+LiveOption = Annotated[
+    bool, typer.Option("--live", help="Make the recordings now, with the running daemon; takes no RUN.")
+]
+SpringOption = Annotated[
+    bool,
+    typer.Option("--keep-spring", help="With --live: leave the rendered spring on, for a device that would fall."),
+]
+
+
+def identify(
+    runs: RunsArgument = None,
+    model: ModelOption = None,
+    out: OutOption = None,
+    live: LiveOption = False,
+    keep_spring: SpringOption = False,
+    known_inertia: InertiaOption = None,
+    socket: SocketOption = None,
+    assignments: SettingsOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    """Find inertia, friction, bias, delay and the encoder's sign of a device, with 95 % intervals, for its config.
+
+    Takes one recording or several of the same device, or with --live plays the experiments itself: a chirp that grows until
+    the shaft moves, then two chirps as strong and as slow as the limits admit, the rendered spring switched off. The
+    config's plant may be wrong by orders of magnitude. The torque constant cannot be measured from counts and currents; it
+    must be the data sheet's.
+
+    With -o the plant section is written: values, a constant_bias and a transport_delay where there are any, encoder.invert
+    where the sign is wrong, and plant.uncertainty, from which 'hapticd check' says how sure a spring's stability is.
+    """
+    if live == bool(runs):
+        raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
+    if keep_spring and not live:
+        raise UsageError("--keep-spring goes with --live")
+    if out is not None and out.exists() and (model is None or not Path(model).exists() or not out.samefile(model)):
+        raise UsageError(f"{out} exists; choose another name, or update it with --model {out}")
+    from hapticd.client import find_run
+    from hapticd.identify import identify as identify_device
+    from hapticd.identify import load_any
+    from hapticd.identify.config_file import text_of, with_plant
+    from hapticd.identify.words import describe
+
+    recordings: Sequence[Recording]
+    if live:
+        from hapticd.identify.live import record_live
+
+        client = connect(socket)
+        nominal = model_of_daemon(client, model, assignments)
+        recordings = record_live(client, nominal, output.note, output.progress_bar, keep_spring=keep_spring)
+    else:
+        paths = [find_run(run) for run in runs or ()]
+        nominal = model_of_run(paths[0], model, assignments)
+        recordings = [load_any(path, nominal) for path in paths]
+    with output.progress_bar("identify") as bar:
+        found = identify_device(recordings, nominal, known_inertia=known_inertia, progress=bar)
+    document = {**found.document, "config": out}
+    if out is not None:
+        from hapticd.client.textfile import replace
+
+        # settings of the command line belong into the file too: the plant was found under them
+        source = None if assignments or model is None else model
+        replace(out, with_plant(text_of(source, nominal), found))
+    output.emit(document, as_json, describe(found, str(out) if out is not None else ""))
+    for warning in found.warnings:
+        output.note(f"warning: {warning}")
+    return exits.DONE
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = (
+        "hapticd identify --live -o rig.yaml",
+        "hapticd identify chirp.arrow steps.arrow --model rig.yaml -o rig.yaml",
+        "hapticd identify run.csv --model rig.yaml --known-inertia 6.5e-6 --json",
+    )
+    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED)
+    register(app, identify, *examples, codes=codes)

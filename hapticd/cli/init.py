@@ -1,0 +1,103 @@
+"""``hapticd init``: a config from the few things that no measurement tells, asked or from a file."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from hapticd.cli import exits, output
+from hapticd.cli.exits import UsageError
+from hapticd.cli.options import JsonOption, register
+
+OutArgument = Annotated[Path, typer.Argument(metavar="CONFIG", help="The file to write.")]
+AnswersOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--answers",
+        metavar="FILE",
+        show_default=False,
+        help="YAML with the answers, key: value with the keys that --list shows; what is left out keeps its default.",
+    ),
+]
+ListOption = Annotated[bool, typer.Option("--list", help="List the questions with keys, units and defaults, and stop.")]
+ForceOption = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
+
+
+def init(
+    out: OutArgument = Path("rig.yaml"),
+    answers: AnswersOption = None,
+    list_questions: ListOption = False,
+    force: ForceOption = False,
+    as_json: JsonOption = False,
+) -> int:
+    """Make a config for a rig: ask what the data sheets say, and write a file that checks.
+
+    Motor, amplifier, encoder, driver and limits come from data sheets and from you. Inertia and friction are a start that
+    'hapticd identify' replaces. Enter takes what is in brackets. Values may carry a unit: '62.8 g cm^2', '30 mN m/A', '500
+    lines' (an encoder's lines count four times). Numbers that no such device has are questioned.
+
+    Without a terminal and without --answers nothing is asked and the command ends with an error.
+    """
+    from hapticd.identify.questions import QUESTIONS, answered, config_text, read_answers
+
+    if list_questions:
+        document: dict[str, Any] = {"questions": [question.document for question in QUESTIONS]}
+        output.emit(document, as_json, "\n".join(question.line for question in QUESTIONS))
+        return exits.DONE
+    if out.exists() and not force:
+        raise UsageError(f"{out} exists; choose another name, or replace it with --force")
+    if answers is not None:
+        given = read_answers(answers)
+    elif sys.stdin.isatty():
+        given = _ask()
+    else:
+        raise UsageError("nobody to ask: give --answers FILE (keys: hapticd init --list), or run it in a terminal")
+    values = answered(given, str(answers or "answers"))
+    text, config, warnings = config_text(values)
+    from hapticd.client.textfile import replace
+
+    replace(out, text)
+    document = {"config": out, "answers": values, "warnings": warnings, "linear": config.is_linear}
+    said = [
+        f"written: {out}",
+        f"next: hapticd check {out}; then hapticd run {out}, and hapticd identify --live --model {out} -o {out}",
+    ]
+    output.emit(document, as_json, "\n".join(said))
+    for warning in warnings:
+        output.note(f"warning: {warning}")
+    return exits.DONE
+
+
+def _ask() -> dict[str, Any]:
+    """Ask every question that the answers so far leave open; a wrong answer is asked again."""
+    from hapticd.config import ConfigError
+    from hapticd.identify.questions import QUESTIONS, answered, doubt_about
+
+    given: dict[str, Any] = {}
+    for question in QUESTIONS:
+        if not question.applies(answered(given, "answers")):
+            continue
+        while True:
+            said = typer.prompt(question.prompt, default=question.shown_default, err=True).strip()
+            if said == question.shown_default:
+                break
+            try:
+                value = answered({**given, question.key: said}, "answers")[question.key]
+            except ConfigError as error:
+                output.note(str(error))
+                continue
+            doubt = doubt_about(question, value)
+            if doubt and not typer.confirm(f"{doubt}. Keep it?", default=False, err=True):
+                continue
+            given[question.key] = said
+            break
+    return given
+
+
+def add_to(app: typer.Typer) -> None:
+    """Add the command."""
+    examples = ("hapticd init rig.yaml", "hapticd init rig.yaml --answers answers.yaml", "hapticd init --list")
+    register(app, init, *examples, codes=(exits.DONE, exits.USAGE))

@@ -1,0 +1,162 @@
+"""A first look at a device without any model of it: least squares on the balance of forces.
+
+    K_t i(t − T_D) = J a + b v + c sgn v − τ₀
+
+Positions are smoothed by a zero-phase Butterworth filter and differentiated, currents go through the same filter, and
+samples at rest are left out, where stiction takes any value (the inverse dynamic model of Gautier 1997, as in Janot, Gautier
+and Brunot, CEP 2019). Encoder steps and the filter bias the result by some per cent; as a start for the likelihood it is
+good from any model, however wrong.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.optimize import lsq_linear
+from scipy.signal import butter, sosfiltfilt
+
+from hapticd.gap.errors import RecordingError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hapticd.gap.recording import Recording
+
+    Floats = NDArray[np.float64]
+
+_CUTOFF_HZ = 40.0
+"""Corner of the filter; lower where the record is slow."""
+_MOVING = 4.0
+"""Speed, in cells per filter time, above which a shaft is taken to move."""
+_LONGEST_DELAY_S = 0.01
+"""Largest delay that is looked for, or this many periods:"""
+_LONGEST_DELAY_PERIODS = 6.0
+_FEWEST_ROWS = 100
+_ROWS_PER_CUTOFF = 5.0
+"""Rows a period of the corner frequency: more of them say the same twice."""
+_LEAST_SHARE = 0.05
+"""A parameter whose term is a smaller part of the driving torque starts at that part: zero is no start for a logarithm."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """What the balance of forces gives.
+
+    Attributes:
+        inertia: J in kg m² or kg, > 0. viscous: b. coulomb: c. bias: τ₀, by the corrected sign of the encoder.
+        delay_s: from sample to current.
+        sign: 1, or −1 where the encoder counts against the torque.
+        share: of the driving torque's power that the balance explains, at most 1.
+        share_other_sign: the same with the other sign.
+        at_delays: (m, 5) inertia, viscous, coulomb, bias and delay_s of the balance at every delay that was tried.
+    """
+
+    inertia: float
+    viscous: float
+    coulomb: float
+    bias: float
+    delay_s: float
+    sign: int
+    share: float
+    share_other_sign: float
+    at_delays: Floats
+
+
+@dataclass(frozen=True)
+class _Smoothed:
+    time_s: Floats
+    velocity: Floats
+    acceleration: Floats
+    direction: Floats
+    torque: Floats
+    moves: NDArray[np.bool_]
+    period_s: float
+    cutoff_hz: float
+
+    @property
+    def taken(self) -> NDArray[np.int64]:
+        """Rows that are compared."""
+        every = max(1, round(1.0 / (_ROWS_PER_CUTOFF * self.cutoff_hz * self.period_s)))
+        return np.flatnonzero(self.moves)[::every]
+
+
+def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
+    """Inertia, friction, bias, delay and the encoder's sign by least squares.
+
+    Args:
+        recordings: of one device.
+        torque_constant: K_t, N m/A or N/A, taken as known.
+
+    Raises:
+        RecordingError: the shaft hardly moves, or no current drives it.
+    """
+    parts = [_smoothed(recording, torque_constant) for recording in recordings]
+    if sum(int(part.moves.sum()) for part in parts) < _FEWEST_ROWS:
+        names = ", ".join(recording.name for recording in recordings)
+        raise RecordingError(f"{names}: the shaft moves in too few samples to identify it; make it move more")
+    period = parts[0].period_s
+    delays = np.arange(0.0, max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period), max(0.25 * period, 2.5e-4))
+    found = [[_solve(parts, delay, sign) for delay in delays] for sign in (1, -1)]
+    tried, others = sorted(found, key=lambda of_sign: -max(one.share for one in of_sign))
+    best, other = (max(of_sign, key=lambda one: one.share) for of_sign in (tried, others))
+    drive = float(np.sqrt(np.mean(np.concatenate([part.torque[part.moves] for part in parts]) ** 2)))
+    if drive == 0.0:
+        names = ", ".join(recording.name for recording in recordings)
+        raise RecordingError(f"{names}: no current flows while the shaft moves; nothing tells its inertia")
+    columns = np.concatenate([np.stack([p.acceleration, p.velocity])[:, p.moves] for p in parts], axis=1)
+    size = np.sqrt(np.mean(columns**2, axis=1))
+    at_delays = np.array([[one.inertia, one.viscous, one.coulomb, one.bias, one.delay_s] for one in tried])
+    least = _LEAST_SHARE * drive / np.append(size, 1.0)
+    at_delays[:, :3] = np.maximum(at_delays[:, :3], least)
+    J, b, c, bias, delay_s = at_delays[tried.index(best)].tolist()
+    return Balance(J, b, c, bias, delay_s, best.sign, best.share, other.share, at_delays)
+
+
+def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
+    T, time_s = recording.period_s, recording.time_s
+    cutoff = min(_CUTOFF_HZ, 0.1 / T)
+    sos = butter(2, cutoff, fs=1.0 / T, output="sos")
+    grid = np.arange(time_s[0], time_s[-1], T)
+    position = sosfiltfilt(sos, np.interp(grid, time_s, recording.position))
+    velocity = np.gradient(position, T)
+    row = np.clip(np.searchsorted(time_s, grid, side="right") - 1, 0, time_s.size - 1)
+    torque = sosfiltfilt(sos, torque_constant * recording.current[row])
+    slowest = _MOVING * max(recording.resolution, 1e-12) * cutoff
+    rests = np.abs(velocity) < slowest
+    direction = sosfiltfilt(sos, np.where(rests, 0.0, np.sign(velocity)))
+    width = 2 * round(0.5 / (cutoff * T)) + 1
+    near_rest = np.convolve(rests, np.ones(width), "same") > 0.5
+    return _Smoothed(grid, velocity, np.gradient(velocity, T), direction, torque, ~near_rest, T, cutoff)
+
+
+@dataclass(frozen=True)
+class _Solved:
+    inertia: float
+    viscous: float
+    coulomb: float
+    bias: float
+    delay_s: float
+    sign: int
+    share: float
+
+
+def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> _Solved:
+    """Least squares at one delay and sign; the command is held for a period, so its centre is half a period late."""
+    rows, wanted = [], []
+    for part in parts:
+        late = np.interp(part.time_s - delay_s - 0.5 * part.period_s, part.time_s, part.torque)
+        motion = np.stack([part.acceleration, part.velocity, part.direction])
+        rows.append(np.concatenate([sign * motion, -np.ones((1, late.size))])[:, part.taken].T)
+        wanted.append(late[part.taken])
+    A, y = np.concatenate(rows), np.concatenate(wanted)
+    scale = np.sqrt(np.mean(A**2, axis=0)) + 1e-300
+    found = lsq_linear(A / scale, y, bounds=([0.0, 0.0, 0.0, -np.inf], np.inf))
+    J, b, c, bias = found.x / scale
+    left = float(np.mean((y - A @ (found.x / scale)) ** 2))
+    power = float(np.mean(y**2))
+    share = 1.0 - left / power if power > 0.0 else 0.0
+    return _Solved(float(J), float(b), float(c), float(bias), float(delay_s), sign, share)

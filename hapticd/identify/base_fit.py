@@ -1,0 +1,260 @@
+"""The base fit: inertia, friction, bias and delay by the gap workflow's likelihood (docs/explanation/gap-statistics.md).
+
+No effect is looked for. The disturbance torque, the sensor's noise and the jitter of the samples are fitted along, so the
+intervals know of a torque that no model has.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import t as student
+
+from hapticd.gap.fit import Fit, first_noise
+from hapticd.gap.kernel.filter import DISTURBANCE
+from hapticd.gap.terms import Coordinate, Term
+from hapticd.gap.workflow import problem_of
+from hapticd.plant.layout import index_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hapticd.config import Config
+    from hapticd.gap.recording import Recording
+    from hapticd.gap.series import Series
+    from hapticd.identify.balance import Balance
+
+    Floats = NDArray[np.float64]
+
+FITTED = ("inertia", "viscous", "coulomb", "bias", "delay_s")
+"""What is fitted, in the order of every vector and matrix here."""
+_BIAS = FITTED.index("bias")
+_OWN_ELEMENTS = ("delay_s", "transport_delay.t_d", "constant_bias.tau_0")
+"""Elements of the device vector that the fit takes over from the model."""
+_FARTHEST = 100.0
+"""Factor by which a parameter may leave its start."""
+_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS = 0.02, 10.0
+_SCANNED_PERIODS = np.arange(0.1, 6.0, 0.2)
+_SCANNED_ERRORS = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
+"""Distances in standard errors at which another bias is tried."""
+_SHAKE, _SHAKEN_STEPS = 1.2, 8
+"""Logarithm of the factor to the disturbance; most steps under it."""
+_POOR_STEP = 0.1
+"""Gain of a step that is the last one, nats."""
+_MARGIN = 1e-6
+"""Distance from the bounds at which the covariance is found, in scales of each coordinate."""
+_ROUGHLY = 0.5
+"""Gain of a step that ends a climb, nats, as long as another start may be likelier."""
+_THINNED = 4
+"""The first fit takes every fourth block."""
+
+
+@dataclass(frozen=True)
+class BaseFit:
+    """The estimate.
+
+    Attributes:
+        values: (5,) in the order of `FITTED`.
+        covariance: (5, 5) of the values.
+        fit: where they come from.
+    """
+
+    values: Floats
+    covariance: Floats
+    fit: Fit
+
+    @property
+    def reach(self) -> float:
+        """Half of a 95 % interval in standard deviations, by Student's distribution over the blocks."""
+        return float(student.isf(0.025, self.fit.problem.series.blocks - 1))
+
+    def half_width(self, name: str) -> float:
+        """Half of the 95 % interval."""
+        index = FITTED.index(name)
+        return self.reach * float(np.sqrt(self.covariance[index, index]))
+
+    @property
+    def telling_s(self) -> float:
+        """Seconds that tell of the least told parameter, as if all of them told alike (Kish's effective sample size)."""
+        series = self.fit.problem.series
+        information = self.fit.slopes[:, -len(FITTED) :] ** 2 * self.fit.out["information"][:, None]
+        each = series.per_block(information)
+        whole = each.sum(axis=0)
+        blocks = whole**2 / np.maximum((each**2).sum(axis=0), 1e-300)
+        return float(blocks[whole > 0.0].min(initial=np.inf)) * series.duration_s / series.blocks
+
+    def scores(self) -> Floats:
+        """(n, 5) derivative of each sample's log probability by the values."""
+        return np.asarray(self.fit.scores[:, -len(FITTED) :] / _slopes(self.values))
+
+
+def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> BaseFit:
+    """Fit the base model.
+
+    Args:
+        recordings: of one device, with the encoder's right sign.
+        model: what is not fitted: torque constant, effects, hand.
+        start: where the fit begins.
+    """
+    problem = problem_of(recordings, model)
+    base = problem.base.copy()
+    base[[index_of(name) for name in _OWN_ELEMENTS]] = 0.0
+    problem = replace(problem, base=base)
+    terms = _terms(start, problem.torque, problem.series.period_s)
+    thinned = replace(problem, series=_thinned(problem.series))
+    begun = Fit(thinned, terms, first_noise(thinned, terms))
+    found = max((_climbed(fit) for fit in (begun, _likeliest(begun, start.at_delays))), key=_likelihood)
+    whole = found.on(problem.with_free_memory())
+    _scan_bias(whole)
+    fit = _inside(_shaken(whole.maximise(tolerance=_ROUGHLY)).maximise())
+    fit.differentiate()
+    values = fit.u[-len(FITTED) :].copy()
+    values[0] = np.exp(values[0])
+    slopes = _slopes(values)
+    covariance = fit.covariance()[-len(FITTED) :, -len(FITTED) :] * np.outer(slopes, slopes)
+    wider = np.ones(len(FITTED))
+    wider[_BIAS] = max(1.0, _least_error_of_bias(fit) / np.sqrt(covariance[_BIAS, _BIAS]))
+    return BaseFit(values, covariance * np.outer(wider, wider), fit)
+
+
+def _inside(fit: Fit) -> Fit:
+    """The same fit a little off the bounds: a friction that is estimated as 0 has an uncertainty all the same."""
+    u = fit.u.copy()
+    own = slice(fit.noise.size, None)
+    margin = _MARGIN * fit.scale[own]
+    u[own] = np.clip(u[own], fit.lower[own] + margin, fit.upper[own] - margin)
+    return Fit(fit.problem, fit.terms, u)
+
+
+def _slopes(values: Floats) -> Floats:
+    """Derivative of each value by its coordinate: the inertia alone has a logarithm."""
+    slopes = np.ones(len(FITTED))
+    slopes[0] = values[0]
+    return slopes
+
+
+def _likeliest(fit: Fit, at_delays: Floats) -> Fit:
+    """The same noise with the likeliest of the balances at all delays.
+
+    In a slow motion, least squares hardly tell a delay, and inertia and friction follow it. Where a disturbance is strong,
+    the likeliest balance may be the wrong one, as long as the noise is not fitted: so it is one of two starts.
+    """
+    noise = fit.noise
+    fit = fit.on(fit.problem)
+    for values in at_delays:
+        fit.move(np.concatenate([noise, [np.log(values[0])], values[1:]]))
+    return fit
+
+
+def _climbed(fit: Fit) -> Fit:
+    _scan_delay(fit)
+    return fit.maximise(40, _ROUGHLY)
+
+
+def _likelihood(fit: Fit) -> float:
+    return fit.log_likelihood
+
+
+def _scan_delay(fit: Fit) -> None:
+    """Line search over all delays while the noise is still large; later the likelihood has a maximum about every delay."""
+    for periods in _SCANNED_PERIODS:
+        u = fit.u.copy()
+        u[-1] = periods * fit.problem.series.period_s
+        fit.move(u)
+
+
+def _least_error_of_bias(fit: Fit) -> float:
+    """Standard error of the bias if the torque itself could be seen all the time (Cramér–Rao), N m or N.
+
+    A bias is not told from the mean of the disturbance, a Gauss–Markov process of variance s² and correlation time τ: over
+    a time T no unbiased estimate of a mean has a smaller variance than 2 s² τ / (T + 2τ).
+    """
+    _, _, rms, memory_s, _ = fit.noise_values()
+    return float(rms * np.sqrt(2.0 * memory_s / (fit.problem.series.duration_s + 2.0 * memory_s)))
+
+
+def _scan_bias(fit: Fit) -> None:
+    """Line search over the biases that the mean of the disturbance may hide: the likelihood has maxima among them."""
+    centre, error = fit.u[_BIAS - len(FITTED)], _least_error_of_bias(fit)
+    for errors in _SCANNED_ERRORS:
+        for side in (1.0, -1.0):
+            u = fit.u.copy()
+            u[_BIAS - len(FITTED)] = centre + side * errors * error
+            fit.move(u)
+
+
+def _shaken(fit: Fit) -> Fit:
+    """The better one of a maximum and of what is found from there through a broader likelihood.
+
+    A disturbance decides when the shaft sticks, so the likelihood has several maxima. With a larger disturbance they merge.
+    """
+    if fit.noise[DISTURBANCE] <= fit.lower[DISTURBANCE] + 1e-9:
+        return fit
+    noise = fit.noise.copy()
+    noise[DISTURBANCE] += _SHAKE
+    other = fit.with_noise(noise)
+    _scan_bias(other)
+    _climb(other)
+    other = other.with_noise(fit.noise)
+    _scan_bias(other)
+    other.maximise(tolerance=_ROUGHLY)
+    return other if other.log_likelihood > fit.log_likelihood else fit
+
+
+def _climb(fit: Fit) -> None:
+    """Gauss–Newton steps in what is fitted, at a fixed noise."""
+    own = np.arange(fit.u.size) >= fit.noise.size
+    for _ in range(_SHAKEN_STEPS):
+        before = fit.log_likelihood
+        fit.differentiate(own)
+        S = fit.scores[:, own]
+        H = S.T @ S
+        step = np.zeros(fit.u.size)
+        step[own] = np.linalg.solve(H + 1e-3 * np.diag(np.diag(H) + 1e-300), S.sum(axis=0))
+        if not any(fit.move(fit.u + share * step) for share in (1.0, 0.3, 0.1)):
+            break
+        if fit.log_likelihood - before < _POOR_STEP:
+            break
+
+
+def _thinned(series: Series) -> Series:
+    """Some of the blocks, from all of the recordings, for a first fit at a fraction of the time."""
+    rows = np.flatnonzero(series.block % _THINNED == 0)
+    begins = series.begins[rows].copy()
+    begins[np.diff(rows, prepend=-2) > 1] = True
+    block = series.block[rows] // _THINNED
+    return replace(
+        series,
+        time_s=series.time_s[rows],
+        cell=series.cell[rows],
+        command=series.command[rows],
+        begins=begins,
+        recording=np.unique(series.recording[rows], return_inverse=True)[1],
+        block=block,
+        fold=series.fold[: int(block.max()) + 1],
+        _currents={},
+    )
+
+
+def _terms(start: Balance, torque: float, period_s: float) -> tuple[Term, ...]:
+    """One term a parameter: inertia by its logarithm; the torques that are linear in a parameter by their value."""
+    far = float(np.log(_FARTHEST))
+    J = float(np.log(start.inertia))
+    longest = max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period_s)
+    return (
+        _term("inertia", "inertia", J, J - far, J + far, 0.3, is_log=True),
+        _term("viscous", "viscous", start.viscous, 0.0, _FARTHEST * start.viscous, 0.3 * start.viscous),
+        _term("coulomb", "coulomb", start.coulomb, 0.0, _FARTHEST * start.coulomb, 0.3 * start.coulomb),
+        _term("bias", "constant_bias.tau_0", start.bias, -_FARTHEST * torque, _FARTHEST * torque, 0.1 * torque),
+        _term("delay_s", "delay_s", start.delay_s, 0.0, longest, 0.2 * period_s),
+    )
+
+
+def _term(
+    name: str, place: str, start: float, lower: float, upper: float, scale: float, *, is_log: bool = False
+) -> Term:
+    return Term(name, (Coordinate(name, index_of(place), is_log, lower, upper, scale),), (start,))

@@ -1,0 +1,60 @@
+"""An identification as one call: ``hapticd.identify``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from os import PathLike
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hapticd.config.sources import ConfigSource, config_of
+from hapticd.gap.call import own_model, runs_of
+from hapticd.identify import workflow
+
+if TYPE_CHECKING:
+    from hapticd.gap.call import Recorded
+    from hapticd.identify.result import Identified
+
+
+def identify(
+    runs: Recorded | Sequence[Recorded],
+    model: ConfigSource = None,
+    *,
+    settings: Mapping[str, Any] | None = None,
+    known_inertia: float | None = None,
+    out: str | PathLike[str] | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Identified:
+    """Find inertia, friction, bias, delay and the encoder's sign of a device, with 95 % intervals.
+
+    Args:
+        runs: one recording or several of one device: a file, ``"@last"``, a `hapticd.Run`.
+        model: encoder and torque constant of the device, as for `hapticd.check`; its plant is not used. By default the
+            config that the first recording carries.
+        settings: dotted key to value, applied to the model.
+        known_inertia: kg m² or kg, where it is known otherwise: tells what the torque constant must be.
+        out: config to write, with the plant that was found and its uncertainty; the comments of a model that is a file stay.
+        progress: told the share done.
+
+    Returns:
+        ``inertia``, ``viscous``, ``coulomb``, ``bias`` and ``delay``, each with ``value``, ``ci95`` and ``unit``; ``sign``;
+        what was ``assumed``; ``warnings``.
+
+    Raises:
+        RunFileError: a recording cannot be read.
+        RecordingError: nothing can be concluded from one.
+        ConfigError: no model, or anything wrong in it.
+        ValueError: no recording.
+    """
+    recorded = runs_of(runs)
+    nominal = config_of(model if model is not None else own_model(recorded[0]), settings)
+    found = workflow.identify(
+        [workflow.readable(run, nominal) for run in recorded], nominal, known_inertia=known_inertia, progress=progress
+    )
+    if out is not None:
+        from hapticd.client.textfile import replace
+        from hapticd.identify.config_file import text_of, with_plant
+
+        source = str(model) if isinstance(model, str | PathLike) and not settings else None
+        replace(Path(out), with_plant(text_of(source, nominal), found))
+    return found

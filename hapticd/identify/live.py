@@ -1,0 +1,129 @@
+"""Experiments for a device of which nothing is known: how much current moves it, then chirps that its limits admit.
+
+The rendered spring is off: with the wrong sign of the encoder, or a plant that the config has wrong, it might not be stable.
+What holds the shaft then is that a chirp gives as much to one side as to the other, and every safety trip.
+"""
+
+from __future__ import annotations
+
+from math import pi, sqrt
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from hapticd.gap.live import LiveError, play
+from hapticd.identify.balance import Balance, balance
+from hapticd.identify.workflow import load_any
+from hapticd.record import read_run
+from hapticd.servo.experiment import Experiment
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hapticd.client import Client
+    from hapticd.config import Config
+    from hapticd.gap.live import Bar
+    from hapticd.gap.recording import Recording
+
+_FIRST_SHARE, _LARGEST_SHARE = 0.005, 0.8
+"""Of the continuous current: where the search for motion begins, and where it gives up."""
+_STRONGER = 1.6
+_LOOK_S, _CHIRP_S = 2.0, 12.0
+_LOOK_HZ = (2.0, 10.0)
+_MOVED_COUNTS = 40
+"""Travel that counts as motion."""
+_EFFORTS: Final = (2.0, 4.0)
+"""Amplitudes of the chirps over the current that overcomes friction."""
+_TRAVEL_SHARE, _SPEED_SHARE = 0.2, 0.3
+"""Of the safety limits, what a chirp should reach at most."""
+_UNLIMITED_TRAVEL, _UNLIMITED_SPEED = 1.0, 100.0
+"""rad and rad/s, where there is no limit."""
+_SPAN = 10.0
+"""Highest over lowest frequency of a chirp."""
+_SETTINGS: Final = {"spring.stiffness": 0.0}
+
+
+def record_live(
+    client: Client, config: Config, say: Callable[[str], None], bar: Bar, *, keep_spring: bool = False
+) -> list[Recording]:
+    """Play the experiments on a running daemon and return their recordings.
+
+    Args:
+        client: the daemon; it is told to stop when interrupted.
+        config: the daemon's config: its limits. say: told every step. bar: progress bar with a label.
+        keep_spring: leave the rendered spring on, for a device that would fall without it.
+
+    Raises:
+        LiveError: an experiment ended on a fault, or nothing moves within the limits.
+        RequestRefused: the daemon does not admit an experiment.
+        RecordingError: nothing can be concluded from a recording.
+    """
+    settings = {} if keep_spring else _SETTINGS
+    if not keep_spring:
+        say("the rendered spring is off during the experiments")
+    found = [_look(client, config, settings, say, bar)]
+    first = balance(found, config.amplifier.torque_constant)
+    plans = [chirp(config, first, effort, settings) for effort in _EFFORTS]
+    return [*found, *(load_any(_played(client, plan, config, say, bar), config) for plan in plans)]
+
+
+def chirp(config: Config, first: Balance, effort: float, settings: dict[str, Any] | None = None) -> Experiment:
+    """A chirp of so many times the friction, as slow as the limits of travel and speed admit.
+
+    A torque (e − 1) c beyond friction, to and fro at the frequency f, moves an inertia J by (e − 1) c / (J (2πf)²) and as
+    fast as (e − 1) c / (J 2πf).
+    """
+    amplifier, safety = config.amplifier, config.safety
+    current = effort * first.coulomb / amplifier.torque_constant
+    if amplifier.continuous_current:
+        current = min(current, _LARGEST_SHARE * amplifier.continuous_current)
+    torque = max(current * amplifier.torque_constant - first.coulomb, 0.3 * first.coulomb)
+    acceleration = torque / first.inertia
+    travel = _TRAVEL_SHARE * safety.max_excursion if safety.max_excursion else _UNLIMITED_TRAVEL
+    speed = _SPEED_SHARE * safety.max_velocity if safety.max_velocity else _UNLIMITED_SPEED
+    slowest = max(sqrt(acceleration / travel), acceleration / speed) / (2.0 * pi)
+    highest = config.servo.rate_hz / 10.0
+    low = min(max(slowest, 0.5), highest / 2.0)
+    return Experiment(
+        "chirp",
+        amplitude=_rounded(current),
+        duration_s=_CHIRP_S,
+        low_hz=_rounded(low),
+        high_hz=_rounded(min(_SPAN * low, highest)),
+        settings=settings or {},
+    )
+
+
+def _look(client: Client, config: Config, settings: dict[str, Any], say: Callable[[str], None], bar: Bar) -> Recording:
+    """The first recording in which the shaft moves, from a current that hardly moves anything upwards."""
+    limit = config.amplifier.continuous_current or config.amplifier.peak_current or 1.0
+    current = _FIRST_SHARE * limit
+    high = min(_LOOK_HZ[1], config.servo.rate_hz / 10.0)
+    while current <= _LARGEST_SHARE * limit:
+        plan = Experiment("chirp", _rounded(current), _LOOK_S, min(_LOOK_HZ[0], high / 2.0), high, settings=settings)
+        path = _played(client, plan, config, say, bar)
+        if np.ptp(read_run(path).columns["encoder_counts"]) >= _MOVED_COUNTS:
+            # It just moved: a little more, so that sliding and not breaking away is what is seen.
+            stronger = min(_STRONGER * current, _LARGEST_SHARE * limit)
+            plan = Experiment("chirp", _rounded(stronger), _LOOK_S, plan.low_hz, high, settings=settings)
+            return load_any(_played(client, plan, config, say, bar), config)
+        current *= _STRONGER
+    raise LiveError(
+        f"nothing moves by {_MOVED_COUNTS} counts up to {_LARGEST_SHARE * limit:.3g} A ({100 * _LARGEST_SHARE:.0f} % of the "
+        "amplifier's current): is the motor connected, the brake off, the encoder counting?"
+    )
+
+
+def _played(client: Client, plan: Experiment, config: Config, say: Callable[[str], None], bar: Bar) -> Path:
+    say(f"playing {plan.describe(config.is_linear)}")
+    report = play(client, plan, say, bar)
+    found = report["result"] or {}
+    if report["state"] != "done" or found.get("fault"):
+        why = f"the fault {found['fault']}" if found.get("fault") else "being stopped"
+        raise LiveError(f"{plan.excitation} ended early on {why}; its recording is {found.get('run')}")
+    return Path(found["run"])
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.3g}")

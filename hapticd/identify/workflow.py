@@ -1,0 +1,257 @@
+"""From recordings of one device to its plant model: sign, start, fit, intervals, and what was assumed.
+
+Only ratios to the torque constant K_t can be measured from counts and currents: with twice the K_t the same motion has twice
+the inertia and friction. K_t comes from the data sheet. The operating point does not depend on it: a spring that is
+rendered through the same K_t is wrong by the same factor.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.stats import norm
+
+from drivers import declared_latency
+from hapticd.config import parse_config
+from hapticd.gap.checks import check_recording
+from hapticd.gap.data import recording_of
+from hapticd.gap.result import Estimate
+from hapticd.identify.balance import Balance, balance
+from hapticd.identify.base_fit import FITTED, BaseFit, base_fit
+from hapticd.identify.consistency import current_gain, disagreeing_runs
+from hapticd.identify.plausible import implausible
+from hapticd.identify.result import UNCERTAIN, Identified
+from hapticd.record import read_run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from pathlib import Path
+
+    from hapticd.config import Config
+    from hapticd.gap.recording import Recording
+    from hapticd.record import Run
+
+REPLACED = ("inertia_error", "viscous_friction", "coulomb_friction", "constant_bias", "transport_delay")
+"""Effects of the model that correct what is fitted here: the fit takes their place."""
+_LIGHT = 1e-9
+_CLEAR_SIGN = 0.2
+"""Share of the driving torque by which the right sign of the encoder explains more than the wrong one."""
+_SHORT_S = 1.2
+"""Seconds that tell of every parameter, below which intervals by parts of the recordings say nothing."""
+_POOR = 0.5
+"""Share of the driving torque that inertia and friction should explain."""
+
+
+def load_any(path: str | Path, model: Config) -> Recording:
+    """Read a run for `identify`, whatever the plant of the model is.
+
+    Raises:
+        RunFileError, ConfigError, RecordingError: as `hapticd.gap.data.load_recording`.
+    """
+    return readable(read_run(path), model)
+
+
+def readable(run: Run, model: Config) -> Recording:
+    """A run as `identify` takes it, whatever the plant of the model is.
+
+    Raises:
+        ConfigError, RecordingError: as `hapticd.gap.data.recording_of`.
+    """
+    # The checks compare with the plant, which is what is not known; a plant without mass or friction passes them.
+    recording = recording_of(run, _with_plant(model, *(_LIGHT * np.array([1.0, 0.0, 0.0]))))
+    return replace(recording, warnings=run.warnings)
+
+
+def identify(
+    recordings: Sequence[Recording],
+    model: Config,
+    *,
+    known_inertia: float | None = None,
+    progress: Callable[[float], None] = lambda share: None,
+) -> Identified:
+    """Find inertia, friction, bias, delay and the encoder's sign of a device.
+
+    Args:
+        recordings: of one device, from `load_any`.
+        model: encoder, torque constant, effects and hand of the device; its inertia, frictions and delay are not used.
+        known_inertia: kg m² or kg, where it is known otherwise: tells what the torque constant must be.
+        progress: told the share done.
+
+    Raises:
+        RecordingError: nothing can be concluded from a recording.
+        ValueError: no recording.
+    """
+    if not recordings:
+        raise ValueError("there is no recording to identify a device from")
+    start = balance(recordings, model.amplifier.torque_constant)
+    progress(0.1)
+    if start.sign < 0:
+        recordings = [replace(recording, position=-recording.position) for recording in recordings]
+    started = _with_plant(model, start.inertia, start.viscous, start.coulomb)
+    warnings = [w for r in recordings for w in (*r.warnings, *check_recording(r, started))]
+    found = base_fit(recordings, started, start)
+    progress(0.9)
+    result = _result(found, recordings, model, start)
+    if known_inertia is not None:
+        result = replace(result, torque_constant_implied=_implied(result, known_inertia))
+    warnings += _doubts(found, start, result)
+    warnings += disagreeing_runs(found, [recording.name for recording in recordings])
+    warnings += implausible(identified_model(model, result))
+    progress(1.0)
+    return replace(result, warnings=tuple(dict.fromkeys(warnings)))
+
+
+def identified_model(model: Config, result: Identified) -> Config:
+    """The model with the plant that was found, its uncertainty, and the encoder's right sign."""
+    data = model.model_dump()
+    effects = [effect for effect in data["plant"]["effects"] if effect["name"] not in REPLACED]
+    data["plant"] = {**plant_section(result), "effects": [*effects, *effects_found(result)]}
+    data["encoder"]["invert"] ^= result.sign < 0
+    return parse_config(data, "the identified model")
+
+
+def plant_section(result: Identified) -> dict[str, object]:
+    """Keys of ``plant``, without the effects."""
+    pairs = [(i, j) for i in range(len(UNCERTAIN)) for j in range(i + 1, len(UNCERTAIN))]
+    short = [name.removesuffix("_s") for name in UNCERTAIN]
+    return {
+        **{name: getattr(result, name).value for name in ("inertia", "viscous", "coulomb")},
+        "uncertainty": {
+            **dict(zip(UNCERTAIN, result.deviations.tolist(), strict=True)),
+            "correlation": {f"{short[i]}_{short[j]}": round(float(result.correlation[i, j]), 4) for i, j in pairs},
+        },
+    }
+
+
+def effects_found(result: Identified) -> list[dict[str, object]]:
+    """Entries of ``plant.effects`` for a bias and for a delay beyond the declared one."""
+    found: list[dict[str, object]] = []
+    if result.has_bias:
+        found.append({"name": "constant_bias", "tau_0": result.bias.value})
+    if result.further_delay_s > 0.0:
+        found.append({"name": "transport_delay", "t_d": result.further_delay_s})
+    return found
+
+
+def _with_plant(model: Config, inertia: float, viscous: float, coulomb: float) -> Config:
+    kept = tuple(effect for effect in model.plant.effects if effect.name not in REPLACED)
+    update = {"inertia": inertia, "viscous": viscous, "coulomb": coulomb, "effects": kept}
+    return model.model_copy(update={"plant": model.plant.model_copy(update=update)})
+
+
+def _result(found: BaseFit, recordings: Sequence[Recording], model: Config, start: Balance) -> Identified:
+    linear = model.is_linear
+    units = dict(
+        zip(
+            FITTED,
+            ("kg", "N s/m", "N", "N", "s") if linear else ("kg m²", "N m s/rad", "N m", "N m", "s"),
+            strict=True,
+        )
+    )
+    estimates = {}
+    for name, value in zip(FITTED, found.values.tolist(), strict=True):
+        half = found.half_width(name)
+        low, high = value - half, value + half
+        if name == "inertia":
+            low, high = value * np.exp(-half / value), value * np.exp(half / value)
+        elif name != "bias":
+            low = max(low, 0.0)
+        estimates[name] = Estimate(value, (float(low), float(high)), units[name])
+    index = [FITTED.index(name) for name in UNCERTAIN]
+    spread = np.sqrt(np.diag(found.covariance))
+    correlation = found.covariance / np.outer(spread, spread)
+    declared = model.amplifier.delay + declared_latency(model)[0]
+    noise = found.fit.noise_values()
+    return Identified(
+        inertia=estimates["inertia"],
+        viscous=estimates["viscous"],
+        coulomb=estimates["coulomb"],
+        bias=estimates["bias"],
+        delay=estimates["delay_s"],
+        sign=start.sign,
+        deviations=spread[index] * found.reach / float(norm.isf(0.025)),
+        correlation=correlation[np.ix_(index, index)],
+        torque_constant=model.amplifier.torque_constant,
+        declared_delay_s=declared,
+        is_linear=linear,
+        runs=tuple(recording.name for recording in recordings),
+        current_gain=current_gain(recordings),
+        assumed=tuple(_assumed(model)),
+        details={
+            "duration_s": found.fit.problem.series.duration_s,
+            "samples": found.fit.problem.series.size,
+            "explained_share": start.share,
+            "disturbance": {"rms": float(noise[2]), "correlation_s": float(noise[3])},
+            "likelihood_evaluations": found.fit.problem.counter[0],
+        },
+    )
+
+
+def _assumed(model: Config) -> list[str]:
+    encoder = model.encoder
+    linear = model.is_linear
+    resolution = f"{encoder.counts_per_metre:g} counts/m" if linear else f"{encoder.counts_per_rev:g} counts/rev"
+    unit = "N/A" if linear else "N m/A"
+    found = [
+        f"amplifier.torque_constant = {model.amplifier.torque_constant:g} {unit}: inertia, frictions and bias are "
+        "proportional to it; the operating point is not, since the spring is rendered through the same constant",
+        f"the encoder's {resolution}",
+        "the recorded current is the command; a delay of the recording itself is not told from the device's",
+        "Coulomb friction is the same in both directions and at all speeds; hapticd gap says whether more is at work",
+    ]
+    if kept := [effect.name for effect in model.plant.effects if effect.name not in REPLACED]:
+        found.append(f"the effects of the model as they stand: {', '.join(kept)}")
+    if any((model.hand.inertia, model.hand.damping, model.hand.stiffness)):
+        found.append("the hand of the model, which is not part of the device")
+    return found
+
+
+def _implied(result: Identified, known_inertia: float) -> Estimate:
+    """K_t in proportion: the fit knows J/K_t alone."""
+    J = result.inertia
+    value, low, high = (result.torque_constant * known_inertia / j for j in (J.value, J.ci95[1], J.ci95[0]))
+    return Estimate(value, (low, high), "N/A" if result.is_linear else "N m/A")
+
+
+def _doubts(found: BaseFit, start: Balance, result: Identified) -> list[str]:
+    doubts = []
+    if found.telling_s < _SHORT_S:
+        doubts.append(
+            f"nearly all that the recordings tell comes from {found.telling_s:.1f} s: too little to know how sure it is; "
+            "the intervals may leave out the truth, first of all those of delay and viscous friction; record an experiment, "
+            "such as hapticd excite"
+        )
+    if start.share - start.share_other_sign < _CLEAR_SIGN:
+        doubts.append(
+            f"the encoder's sign is not certain: inertia and friction explain {100 * start.share:.0f} % of the driving "
+            f"torque with it, {100 * start.share_other_sign:.0f} % with the other"
+        )
+    if start.share < _POOR:
+        doubts.append(
+            f"inertia and friction explain only {100 * start.share:.0f} % of the driving torque: something else moves the "
+            "shaft; hapticd gap may name it"
+        )
+    for name in ("viscous", "coulomb"):
+        estimate = getattr(result, name)
+        if estimate.ci95[0] == 0.0:
+            doubts.append(
+                f"{name} friction is not told from 0 (at most {estimate.ci95[1]:.3g} {estimate.unit}); "
+                f"{'faster' if name == 'viscous' else 'slower'} motion would tell"
+            )
+    if result.delay.ci95[1] < result.declared_delay_s:
+        doubts.append(
+            f"the delay is {1e6 * result.delay.value:.0f} µs, less than the {1e6 * result.declared_delay_s:.0f} µs that "
+            "amplifier.bandwidth_hz and the driver declare; the config keeps the longer one"
+        )
+    gain = result.current_gain
+    if gain is not None and abs(gain.value - 1.0) > 0.05 and not gain.ci95[0] <= 1.0 <= gain.ci95[1]:
+        doubts.append(
+            f"the measured current is {gain.value:.3f} times the commanded one: a wrong scale of the amplifier makes "
+            "inertia, frictions and bias wrong by that factor"
+        )
+    for term, value in zip(found.fit.terms, found.fit.u[-len(FITTED) :], strict=True):
+        if term.slug not in ("viscous", "coulomb", "delay_s") and term.at_bounds([value]):
+            doubts.append(f"{term.slug} ran to the end of its range; the recording does not determine it")
+    return doubts

@@ -1,0 +1,105 @@
+"""How the loop did lately: the difference between its histograms now and those of some seconds ago.
+
+The loop only ever counts up. The supervisor keeps a copy a second; nothing of this is in the tick.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from hapticd.servo import atomics, pace
+from hapticd.servo.timing import bucket_edges, quantiles_us
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.servo.core import ServoCore
+
+WINDOWS_S: Final = (10, 60)
+_EVERY_S: Final = 1.0
+
+
+@dataclass(frozen=True)
+class _Look:
+    """The loop's counters at one time."""
+
+    core: ServoCore
+    at_s: float
+    ticks: int
+    missed: int
+    exchanges_missed: int
+    late: NDArray[np.int64]
+    spent: NDArray[np.int64]
+
+
+class RecentTiming:
+    """Counters of the last minute.
+
+    `look` is called from the supervisor, `windows` from any thread.
+    """
+
+    def __init__(self) -> None:
+        self._looks: deque[_Look] = deque(maxlen=round(max(WINDOWS_S) / _EVERY_S) + 1)
+
+    def look(self, core: ServoCore, now_s: float) -> None:
+        """Keep the counters, if it is time; those of another rig are forgotten, and a new rig begins at zero."""
+        if not self._looks or self._looks[-1].core is not core:
+            self._looks.clear()
+            self._looks.append(_beginning(core, now_s))
+        elif now_s - self._looks[-1].at_s >= _EVERY_S:
+            self._looks.append(_taken(core, now_s))
+
+    def windows(self, core: ServoCore, now_s: float, rate_hz: float) -> dict[str, Any]:
+        """``last_10_s`` and ``last_60_s``: as the statistics since the start, over as much of that time as there is.
+
+        Args:
+            core: the loop. now_s: of the clock that `look` was given. rate_hz: the servo rate, for the verdict.
+        """
+        now = _taken(core, now_s)
+        looks = [each for each in tuple(self._looks) if each.core is core]
+        return {f"last_{window}_s": _between(_begin(looks, now, window), now, rate_hz) for window in WINDOWS_S}
+
+
+def _taken(core: ServoCore, now_s: float) -> _Look:
+    return _Look(
+        core,
+        now_s,
+        core.load(atomics.TICKS),
+        core.load(atomics.MISSED_PERIODS),
+        core.load(atomics.MISSED_EXCHANGES),
+        core.late_histogram.copy(),
+        core.exec_histogram.copy(),
+    )
+
+
+def _beginning(core: ServoCore, now_s: float) -> _Look:
+    """The counters of a loop that has just begun."""
+    return _Look(core, now_s, 0, 0, 0, np.zeros_like(core.late_histogram), np.zeros_like(core.exec_histogram))
+
+
+def _begin(looks: list[_Look], now: _Look, window_s: float) -> _Look:
+    """The newest look that is old enough, else the oldest."""
+    old_enough = [each for each in looks if now.at_s - each.at_s >= window_s]
+    return old_enough[-1] if old_enough else looks[0] if looks else _beginning(now.core, now.at_s)
+
+
+def _between(first: _Look, last: _Look, rate_hz: float) -> dict[str, Any]:
+    found = {
+        "span_s": round(last.at_s - first.at_s, 3),
+        "ticks": last.ticks - first.ticks,
+        "missed": last.missed - first.missed,
+        "exchanges_missed": last.exchanges_missed - first.exchanges_missed,
+        "wake_us": _quantiles(last.late - first.late),
+        "exec_us": _quantiles(last.spent - first.spent),
+    }
+    return {**found, "verdict": pace.verdict(found, rate_hz)}
+
+
+def _quantiles(histogram: NDArray[np.int64]) -> dict[str, float | None]:
+    """As `quantiles_us`; the largest value is known to its bucket, which is right to 3 %."""
+    counted = np.flatnonzero(histogram)
+    return quantiles_us(histogram, round(bucket_edges()[counted[-1] + 1]) if counted.size else 0)

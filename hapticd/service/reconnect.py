@@ -1,0 +1,75 @@
+"""A lost device is opened again (``driver.reconnect``): on a new rig, with the fault still latched.
+
+Opening may take seconds, so it has a thread of its own; the servo loop of the lost device goes on ticking meanwhile, which
+is what the service manager's watchdog looks at.
+"""
+
+from __future__ import annotations
+
+import logging
+import threading
+from typing import TYPE_CHECKING
+
+from drivers import DriverError
+from hapticd.service.rig import opened_driver
+from hapticd.servo import faults
+from hapticd.servo import layout as w
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from drivers.interface import Driver
+    from hapticd.service.rig import Rig
+
+log = logging.getLogger(__name__)
+
+RETRY_S = 1.0
+"""Time between two attempts."""
+
+
+class Reconnector:
+    """Opens a lost device until it answers.
+
+    Args:
+        rig: gives the rig in force.
+        is_latched: whether its fault is described and on disk; until then its driver is left as it is.
+        take_over: puts a rig on an open driver in the place of another one; called from this thread.
+    """
+
+    def __init__(
+        self, rig: Callable[[], Rig], is_latched: Callable[[], bool], take_over: Callable[[Rig, Driver], None]
+    ) -> None:
+        self._rig, self._is_latched, self._take_over = rig, is_latched, take_over
+        self._ending = threading.Event()
+        self._abandoned: Rig | None = None
+        self._said = ""
+        self._thread = threading.Thread(target=self._run, name="hapticd-reconnect", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """No further attempt. Does not wait for one that is under way: what it opens is closed at once."""
+        self._ending.set()
+
+    def _run(self) -> None:
+        while not self._ending.wait(RETRY_S):
+            rig = self._rig()
+            if not (rig.config.driver.reconnect and rig.state == w.FAULT and rig.fault_number == faults.DRIVER_LOST):
+                continue
+            if self._is_latched():
+                try:
+                    self._attempt(rig)
+                except Exception:
+                    log.exception("reconnecting goes on after an error")
+
+    def _attempt(self, rig: Rig) -> None:
+        if rig is not self._abandoned:
+            rig.driver.close()
+            self._abandoned, self._said = rig, ""
+        try:
+            driver = opened_driver(rig.config)
+        except DriverError as error:
+            if str(error) != self._said:
+                self._said = str(error)
+                log.warning("the device is not back yet: %s", error)
+            return
+        self._take_over(rig, driver)

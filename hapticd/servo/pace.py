@@ -1,0 +1,41 @@
+"""Does the loop keep up? One rule for the daemon's status and for ``hapticd latency``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Final
+
+MARGIN: Final = 0.5
+"""Share of a period that lateness and execution may take together at p99.9 in a rate that is recommended."""
+
+
+def used_share(timing: Mapping[str, Any], rate_hz: float) -> float | None:
+    """Share of a period taken by lateness and execution at p99.9; None where nothing was counted.
+
+    Args:
+        timing: with ``wake_us`` and ``exec_us``. rate_hz: the servo rate.
+    """
+    wake, execution = timing["wake_us"]["p999"], timing["exec_us"]["p999"]
+    return None if wake is None or execution is None else (wake + execution) * 1e-6 * rate_hz
+
+
+def verdict(timing: Mapping[str, Any], rate_hz: float) -> str:
+    """Whether the loop keeps up, in words.
+
+    Args:
+        timing: as for `used_share`, with ``missed`` and ``exchanges_missed``. rate_hz: the servo rate.
+    """
+    used = used_share(timing, rate_hz)
+    if used is None:
+        return "no tick yet"
+    missed = [
+        f"{count} {name}{'' if count == 1 else 's'} missed"
+        for name, count in (("period", timing["missed"]), ("exchange", timing["exchanges_missed"]))
+        if count
+    ]
+    taken = f"lateness and execution take {100 * used:.2g} % of a period at p99.9"
+    if missed:
+        return f"does not keep up: {' and '.join(missed)}; {taken}"
+    if used > MARGIN:
+        return f"keeps up without margin: {taken}, more than {100 * MARGIN:.0f} %"
+    return f"keeps up: {taken}"

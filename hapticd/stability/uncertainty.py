@@ -1,0 +1,220 @@
+"""How sure is a verdict? The criterion under the uncertainty of inertia, friction and delay (``plant.uncertainty``).
+
+Inertia and frictions are drawn log-normal, the delay normal, correlated as the config says, from a scrambled Sobol sequence
+with a fixed seed: the same config gives the same answer. Every draw is judged by the same criterion as the config itself.
+The torque constant has no part in it: μ, β and σ are ratios of what it scales (`hapticd.identify.workflow`).
+
+K_max at 95 % is the largest stiffness that at most 5 % of the draws do not admit. For one device the margin has one change
+of sign in K (`hapticd.stability.tuning`), so it is the 5 % quantile of the largest stiffnesses.
+
+With virtual damping no criterion covers the loop: then fewer draws are judged by the exact loop, passivity by Colgate and
+Schenkel's bound, and no largest stiffness is named.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+from scipy.special import ndtri
+from scipy.stats import qmc
+
+from hapticd.stability.assessment import STABLE, Assessment
+from hapticd.stability.cautions import proof_applies
+from hapticd.stability.criterion import coulomb_margin, criterion_margin, viscous_margin
+from hapticd.stability.damped import damped
+from hapticd.stability.numbers import Loop
+from hapticd.stability.regions import region
+from hapticd.stability.tuning import Start, stiffness_max_dissipating, stiffness_max_stable
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+PARAMETERS: Final = ("inertia", "viscous", "coulomb", "delay")
+LEVEL: Final = 0.95
+_LOG2_DRAWS: Final = 10
+_LOG2_DRAWS_DAMPED: Final = 7
+"""Each of them runs the exact loop."""
+_SEED: Final = 1
+_PASSIVE: Final = frozenset({"A", "F1"})
+_LEAST_SHARE: Final = 0.02
+"""Of the margin's variance, below which no parameter is said to decide."""
+
+
+@dataclass(frozen=True)
+class Confidence:
+    """What is sure of an operating point.
+
+    Attributes:
+        stable: probability that the motion (any motion, where none is asked about) dies out.
+        passive: probability that energy falls all the time; None where delay makes that a question of the motion.
+        decides: the parameter whose error moves the margin most; None where nothing does.
+        shares: of the margin's variance that each parameter explains, with what it is correlated with.
+        stiffness_max: largest K that is stable with a probability of `LEVEL`; None with virtual damping.
+        beta, sigma: (n,) operating points of the draws.
+    """
+
+    stable: float
+    passive: float | None
+    decides: str | None
+    shares: dict[str, float]
+    stiffness_max: float | None
+    beta: Floats
+    sigma: Floats
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The key ``probability`` of ``hapticd check``."""
+        return {
+            "stable": self.stable,
+            "passive": self.passive,
+            "decides": self.decides,
+            "shares": self.shares,
+            "stiffness_max_95": self.stiffness_max,
+        }
+
+    @property
+    def words(self) -> str:
+        """One or two sentences."""
+        text = f"stable with a probability of {self._percent(self.stable)}"
+        if self.passive is not None:
+            text += f", passive with {self._percent(self.passive)}"
+        if self.decides is not None:
+            what = {"viscous": "viscous friction", "coulomb": "Coulomb friction"}.get(self.decides, self.decides)
+            text += f"; the {what} decides ({100 * self.shares[self.decides]:.0f} % of what is uncertain)"
+        return text
+
+    def _percent(self, probability: float) -> str:
+        """In words that never claim certainty."""
+        draws = self.beta.size
+        if probability > 1.0 - 1.0 / draws:
+            return f"more than {100.0 * (1.0 - 1.0 / draws):.1f} %"
+        if probability < 1.0 / draws:
+            return f"less than {100.0 / draws:.1f} %"
+        return f"{100.0 * probability:.1f} %"
+
+
+def confidence(found: Assessment) -> Confidence | None:
+    """Probabilities for an assessed configuration and motion; None where its config has no uncertainty.
+
+    Args:
+        found: what the theory says of the config as it stands.
+    """
+    uncertainty = found.config.plant.uncertainty
+    if not uncertainty.is_known or found.loop.stiffness == 0.0:
+        return None
+    deviations = np.array([uncertainty.inertia, uncertainty.viscous, uncertainty.coulomb, uncertainty.delay_s])
+    draws = _LOG2_DRAWS if found.damped is None else _LOG2_DRAWS_DAMPED
+    normal = _normals(np.asarray(uncertainty.matrix), draws)
+    loops = [_moved(found, errors) for errors in normal * deviations]
+    judged = _of_spring(found, loops) if found.damped is None else _with_damping(found, loops)
+    varying = deviations > 0.0
+    shares = {
+        name: float(np.corrcoef(judged.margins, errors)[0, 1] ** 2) if vary and np.ptp(judged.margins) > 0.0 else 0.0
+        for name, errors, vary in zip(PARAMETERS, normal.T, varying, strict=True)
+    }
+    first = max(shares, key=lambda name: shares[name])
+    numbers = [loop.numbers for loop in loops]
+    return Confidence(
+        stable=float(np.mean(judged.stable)),
+        passive=None if judged.passive is None else float(np.mean(judged.passive)),
+        decides=first if shares[first] > _LEAST_SHARE else None,
+        shares=shares,
+        stiffness_max=judged.stiffness_max,
+        beta=np.array([n.beta for n in numbers]),
+        sigma=np.array([n.sigma for n in numbers]),
+    )
+
+
+class _Judged(NamedTuple):
+    """The draws: which are stable, which passive, and a number that tells how clearly."""
+
+    stable: NDArray[np.bool_]
+    passive: NDArray[np.bool_] | None
+    margins: Floats
+    stiffness_max: float | None
+
+
+def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
+    """By the paper's regions and criterion."""
+    start = found.start
+    regions = [region(loop.numbers, None if start is None else start.xi_dot_max(loop)) for loop in loops]
+    proof = proof_applies(found.config)
+    stable = np.array(
+        [
+            where in STABLE or (proof and start is not None and _is_proven(loop, start))
+            for where, loop in zip(regions, loops, strict=True)
+        ]
+    )
+    passive = np.array([where in _PASSIVE for where in regions])
+    asks = "F1|F2" in regions
+    # What is open is what a parameter can decide.
+    of_passivity = not asks and _is_open(passive) and not _is_open(stable)
+    margins = np.array([_margin(loop, start, passive=of_passivity) for loop in loops])
+    largest = float(np.quantile([_largest(loop, start) for loop in loops], 1.0 - LEVEL, method="lower"))
+    return _Judged(stable, None if asks else passive, margins, largest)
+
+
+def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
+    """By what `check` itself goes by there: proof or exact loop, and Colgate and Schenkel's bound."""
+    start = found.start
+    judged = [
+        damped(found.config, loop, None if start is None else start.xi_dot_max(loop), found.deflection, found.velocity)
+        for loop in loops
+    ]
+    proof = proof_applies(found.config)
+    proven = [proof and one.margin is not None and one.margin >= 0.0 for one in judged]
+    stable = np.array([sure or one.verdict == "stable" for one, sure in zip(judged, proven, strict=True)])
+    passive = np.array([one.passive for one in judged])
+    open_answer = passive if _is_open(passive) and not _is_open(stable) else stable
+    return _Judged(stable, passive, open_answer.astype(float), None)
+
+
+def _normals(correlation: Floats, log2_draws: int) -> Floats:
+    """Correlated standard normal draws, shape (2^log2_draws, 4)."""
+    uniform = qmc.Sobol(len(PARAMETERS), seed=_SEED).random_base2(log2_draws)
+    values, vectors = np.linalg.eigh(correlation)
+    root = vectors * np.sqrt(np.clip(values, 0.0, None))
+    return np.asarray(ndtri(np.clip(uniform, 1e-9, 1.0 - 1e-9)) @ root.T)
+
+
+def _moved(found: Assessment, errors: Floats) -> Loop:
+    """The loop of one draw. What the hand and the effects add to the plant stays as it is."""
+    loop, plant = found.loop, found.config.plant
+    inertia, viscous, coulomb, delay = errors.tolist()
+
+    def scaled(value: float, own: float, error: float) -> float:
+        # log-normal: a friction never becomes negative; one that is 0 has only one side to go to
+        return value - own + own * float(np.exp(error / own)) if own > 0.0 else value + abs(error)
+
+    return replace(
+        loop,
+        inertia=scaled(loop.inertia, plant.inertia, inertia),
+        viscous=scaled(loop.viscous, plant.viscous, viscous),
+        coulomb=max(scaled(loop.coulomb, plant.coulomb, coulomb), 0.0),
+        delay=max(loop.delay + delay, 0.0),
+    )
+
+
+def _is_open(answers: NDArray[np.bool_]) -> bool:
+    return bool(answers.any() and not answers.all())
+
+
+def _is_proven(loop: Loop, start: Start) -> bool:
+    return criterion_margin(loop.numbers, start.xi_dot_max(loop), "sharp") >= 0.0
+
+
+def _margin(loop: Loop, start: Start | None, *, passive: bool) -> float:
+    """Of stability, or of passivity, which needs enough of both frictions beside the criterion of the motion."""
+    of_motion = criterion_margin(loop.numbers, None if start is None else start.xi_dot_max(loop))
+    return min(of_motion, viscous_margin(loop.numbers), coulomb_margin(loop.numbers)) if passive else of_motion
+
+
+def _largest(loop: Loop, start: Start | None) -> float:
+    """Largest K of one draw: for the motion, or, without one, for every motion."""
+    return stiffness_max_stable(loop) if start is None else stiffness_max_dissipating(loop, start)
