@@ -158,9 +158,9 @@ class Attack:
         if body:
             self._bodies = [*self._bodies[-50:], body]
             for _ in range(_MUTANTS):
-                self.report.mutants += 1
                 with suppress(UnicodeDecodeError):  # a body that is no text has no mutants
                     mutant = mutated_text(self._chance, body, self._bodies)
+                    self.report.mutants += 1
                     self._send(case.method, str(prepared.url), mutant, _JSON)
 
     def _some_settings(self) -> None:
