@@ -106,7 +106,10 @@ def read_stream(path: Path, data: bytes) -> Stream:
     import pyarrow as pa
 
     try:
-        schema = pa.ipc.read_schema(pa.ipc.read_message(pa.py_buffer(data)))
+        message = pa.ipc.read_message(pa.py_buffer(data))
+        if message.type != "schema":  # pyarrow would take any message for one, and read beyond its end
+            raise ValueError(f"it begins with a message of type {message.type!r}")
+        schema = pa.ipc.read_schema(message)
         plain = all(_plain(column.type) for column in schema)
         stored = dict(schema.metadata or {})
         check = metadata_checksum(schema)

@@ -71,6 +71,14 @@ def test_damage_anywhere_ends_in_rows_or_in_a_clear_error(
         assert 0 <= rows <= 20
 
 
+def test_a_first_message_that_is_no_schema_is_not_taken_for_one(native: Path) -> None:
+    raw = native.read_bytes()
+    size = 8 + int.from_bytes(raw[4:8], "little")
+    native.write_bytes(raw[size:])
+    with pytest.raises(RunFileError, match="begins with a message of type 'record batch'"):
+        read_run(native)
+
+
 def test_a_file_being_written_can_be_read(tmp_path: Path) -> None:
     run = RunWriter(tmp_path / "a.arrow", {})
     run.write(make_rows(5))
