@@ -49,6 +49,7 @@ WALL_CLOCK = (
     "service/test_metrics.py",
     "service/test_notify.py",
     "service/test_process.py",
+    "service/test_reconnect.py",
     "service/test_release.py",
     "service/test_socket.py",
     "servo/test_mailbox.py",
