@@ -96,7 +96,7 @@ KINDS: Final[dict[int, FaultKind]] = {
     DEVICE_FAULT: FaultKind(
         "device_fault",
         "the device reports a fault of its own, code {value:.0f} (0x{value_int:x})",
-        "clear the fault in the device itself, then 'hapticd clear'",
+        "clear the fault in the device itself, then 'hapticd clear'; if the device lost its power, start the daemon again",
     ),
     HEARTBEAT_LOST: FaultKind(
         "heartbeat_lost",
