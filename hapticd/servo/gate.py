@@ -118,7 +118,8 @@ def step_mode(servo: Any, shared: Any) -> None:
     if estops != state.estops:
         state.estops = estops
         raise_fault(servo, shared, faults.ESTOP, 0.0, 0.0)
-    if servo.real_time and params.heartbeat_ns > 0.0:  # no supervisor is alive in virtual time
+    # With the amplifier off there is nothing to watch over; in virtual time there is no supervisor.
+    if servo.real_time and params.heartbeat_ns > 0.0 and state.mode != OFF:
         silence = now_ns - atomic_load(shared, atomics.HEARTBEAT_NS)
         if silence > params.heartbeat_ns:
             raise_fault(servo, shared, faults.HEARTBEAT_LOST, silence * 1e-6, params.heartbeat_ns * 1e-6)

@@ -124,6 +124,18 @@ def test_lost_heartbeat(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None
         ends_at_zero(device)
 
 
+def test_with_the_motor_off_nobody_needs_a_heartbeat(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    safety = {"heartbeat_timeout_s": 0.2}
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100, safety=safety) as (daemon, (device,)):
+        monkeypatch.setattr(servo_thread.ServoThread, "beat", lambda self: None)
+        time.sleep(0.6)
+        assert daemon.status()["state"] == "off"
+        with contextlib.suppress(Refused):  # the fault may be there before the answer
+            daemon.start()
+        assert wait_for_state(daemon, "fault")["fault"]["code"] == "heartbeat_lost"
+        assert all(current == 0.0 for current, _ in device.commands)
+
+
 def test_overrun_fault(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     slow = [False]
 
