@@ -155,7 +155,7 @@ def markdown(tallies: Sequence[Tally], trials: int) -> str:
     asked = ["git", "describe", "--always", "--dirty"]
     commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False)
     date = time.strftime("%Y-%m-%d", time.gmtime())
-    lines = [f"{trials} undisturbed trials of each fault; commit {commit.stdout.strip() or 'unknown'}, {date}."]
+    lines = [f"Undisturbed trials of each fault: {trials}; commit {commit.stdout.strip() or 'unknown'}, {date}."]
     for device in DEVICES:
         of_device = [one for one in tallies if one.device == device]
         if of_device:

@@ -54,7 +54,7 @@ def test_the_page_keeps_what_is_around_the_table(tmp_path: Path) -> None:
     page.write_text(f"before\n\n{MARKS[0]}\nold\n{MARKS[1]}\nafter\n")
     replace_table(page, markdown([Tally("canopen", SIGKILL, 0.102, [GOOD])], 1))
     text = page.read_text()
-    assert text.startswith(f"before\n\n{MARKS[0]}\n\n1 undisturbed trials")
+    assert text.startswith(f"before\n\n{MARKS[0]}\n\nUndisturbed trials of each fault: 1")
     assert text.endswith(f"{MARKS[1]}\nafter\n")
     assert "### canopen" in text
     assert "old" not in text
