@@ -22,6 +22,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TextIO
 
 from benchmarks.hostile.loaders import Loader
 
@@ -137,7 +138,7 @@ def _process(
     return os.waitstatus_to_exitcode(status), found
 
 
-def _work(loader: Loader, cases: range, seed: int, folder: Path, told: memoryview, out: object) -> None:
+def _work(loader: Loader, cases: range, seed: int, folder: Path, told: memoryview, out: TextIO) -> None:
     used = _kilobytes("VmSize") << 10
     resource.setrlimit(resource.RLIMIT_AS, (used + ADDRESSES, used + ADDRESSES))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -148,11 +149,11 @@ def _work(loader: Loader, cases: range, seed: int, folder: Path, told: memoryvie
     for case in cases:
         told[_CASE] = case
         if case % 1000 == 0:
-            print(file=out, flush=True)  # type: ignore[call-overload]
+            print(file=out, flush=True)
         path.write_bytes(loader.case(seed, case))
         finding = _one(loader, path, told)
         if finding is not None:
-            print(json.dumps({"case": case, **finding}), file=out, flush=True)  # type: ignore[call-overload]
+            print(json.dumps({"case": case, **finding}), file=out, flush=True)
 
 
 def _one(loader: Loader, path: Path, told: memoryview) -> dict[str, str] | None:

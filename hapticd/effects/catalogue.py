@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import inspect
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
@@ -94,9 +94,9 @@ def _problems(entry: EntryPoint, effect: object, known: Mapping[str, Effect]) ->
             yield f"{hook} must take {leading} numbers and the {words} of its parameters"
 
 
-def _takes(law: object, count: int) -> bool:
+def _takes(law: Callable[..., object], count: int) -> bool:
     try:
-        inspect.signature(law).bind(*range(count))  # type: ignore[arg-type]
+        inspect.signature(law).bind(*range(count))
     except (TypeError, ValueError):
         return False
     return True

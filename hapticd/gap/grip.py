@@ -14,7 +14,8 @@ import numpy as np
 
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.score import Candidate, Score
-from hapticd.gap.terms import parameters_of_term, term
+from hapticd.gap.terms import term
+from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -32,6 +33,7 @@ _SHORTEST, _LONGEST = 4, 0.75
 _SMALL = 0.02
 """Share of the device's own inertia, damping and stiffness from which a size that shows as negative starts."""
 _EDGES = ("on_s", "off_s")
+_PARAMETERS = ("m_h", "b_h", "k_h", *_EDGES, "rest")
 _SHIFTS_S = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 """Changes of an edge that are tried [s]."""
 _FALL = 2.0
@@ -114,16 +116,16 @@ def _term(sizes: Floats, begin: float, end: float, middle: float, scale: Scale) 
     return term(SLUG, values, (), 0.1 * scale.travel)
 
 
-def _interval_and_sizes(fit: Fit, number: int) -> tuple[float, float, Floats]:
+def _interval_and_sizes(fit: Fit) -> tuple[float, float, Floats]:
     """Begin and end [s], and push, stiffness, damping and inertia."""
-    values = parameters_of_term(fit.terms[number], fit.u[fit.share(number)])
-    m, b, k, begin, end, rest = (float(values[name]) for name in ("m_h", "b_h", "k_h", "on_s", "off_s", "rest"))  # type: ignore[arg-type]
+    p = fit.device()
+    m, b, k, begin, end, rest = (float(p[word(f"{SLUG}.{name}")]) for name in _PARAMETERS)
     return begin, end, np.array([k * (rest - float(fit.out["x"].mean())), k, b, m])
 
 
 def _resized(fit: Fit, number: int, scale: Scale) -> Fit:
     """The fit after a Gauss–Newton step in push, stiffness, damping and inertia, in which the hand's torque is linear."""
-    begin, end, sizes = _interval_and_sizes(fit, number)
+    begin, end, sizes = _interval_and_sizes(fit)
     out, time_s = fit.out, fit.problem.series.time_s
     D = sensitivities(out, _torques(fit) * ((time_s >= begin) & (time_s < end))[:, None])
     H = (D * out["information"][:, None]).T @ D
@@ -137,7 +139,7 @@ def _resized(fit: Fit, number: int, scale: Scale) -> Fit:
 
 def _on_best_interval(fit: Fit, number: int, scale: Scale) -> Fit:
     """The fit with the interval in which the counts speak most for the hand, unless it would hardly let go."""
-    _, _, sizes = _interval_and_sizes(fit, number)
+    _, _, sizes = _interval_and_sizes(fit)
     series, middle = fit.problem.series, float(fit.out["x"].mean())
     total = _in_favour(fit, number)
     end = int(np.argmax(total - np.minimum.accumulate(total)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -11,7 +12,7 @@ from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
@@ -105,7 +106,7 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
         if parameter.name not in values:
             continue
         given = values[parameter.name]
-        listed = [float(value) for value in given] if isinstance(given, list | tuple) else [float(given)]  # type: ignore[arg-type]
+        listed = [float(value) for value in given] if isinstance(given, Sequence) else [float(given)]
         first = word(f"{slug}.{parameter.name}")
         for k, value in enumerate(listed):
             if parameter.name in held:

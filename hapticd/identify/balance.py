@@ -43,16 +43,14 @@ _LEAST_SHARE = 0.05
 
 
 @dataclass(frozen=True)
-class Balance:
-    """What the balance of forces gives.
+class Solution:
+    """What the balance of forces gives at one delay and sign of the encoder.
 
     Attributes:
         inertia: J in kg m² or kg, > 0. viscous: b. coulomb: c. bias: τ₀, by the corrected sign of the encoder.
         delay_s: from sample to current.
         sign: 1, or −1 where the encoder counts against the torque.
         share: of the driving torque's power that the balance explains, at most 1.
-        share_other_sign: the same with the other sign.
-        at_delays: (m, 5) inertia, viscous, coulomb, bias and delay_s of the balance at every delay that was tried.
     """
 
     inertia: float
@@ -62,6 +60,17 @@ class Balance:
     delay_s: float
     sign: int
     share: float
+
+
+@dataclass(frozen=True)
+class Balance(Solution):
+    """The best of all delays and both signs.
+
+    Attributes:
+        share_other_sign: `share` with the other sign.
+        at_delays: (m, 5) inertia, viscous, coulomb, bias and delay_s of the balance at every delay that was tried.
+    """
+
     share_other_sign: float
     at_delays: Floats
 
@@ -133,18 +142,7 @@ def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
     return _Smoothed(grid, velocity, np.gradient(velocity, T), direction, torque, ~near_rest, T, cutoff)
 
 
-@dataclass(frozen=True)
-class _Solved:
-    inertia: float
-    viscous: float
-    coulomb: float
-    bias: float
-    delay_s: float
-    sign: int
-    share: float
-
-
-def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> _Solved:
+def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> Solution:
     """Least squares at one delay and sign; the command is held for a period, so its centre is half a period late."""
     rows, wanted = [], []
     for part in parts:
@@ -159,4 +157,4 @@ def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> _Solved:
     left = float(np.mean((y - A @ (found.x / scale)) ** 2))
     power = float(np.mean(y**2))
     share = 1.0 - left / power if power > 0.0 else 0.0
-    return _Solved(float(J), float(b), float(c), float(bias), float(delay_s), sign, share)
+    return Solution(float(J), float(b), float(c), float(bias), float(delay_s), sign, share)
