@@ -16,7 +16,7 @@ def relief(speed: float, d: float, friction: float) -> float:
 def _grid(scale: Scale) -> Iterable[Values]:
     fastest = scale.speeds[-1]
     d = 0.05 * scale.torque / fastest**2 if fastest > 0.0 else math.inf
-    return [{"d": d}, {"d": -d}]
+    return [{"d": d}]
 
 
 EFFECT = Effect(

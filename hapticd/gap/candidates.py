@@ -19,12 +19,13 @@ from hapticd.gap import grip, ripple
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.filter import SENSOR
 from hapticd.gap.kernel.linear import sensitivities
+from hapticd.gap.parallel import each
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import Term, term
 from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from numpy.typing import NDArray
 
@@ -84,9 +85,9 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
         elif CATALOGUE[slug].acts_on == "input":
             found += _input(space, slug, scale)
         else:
-            starts = [term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale)]
+            starts = both_signs(term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale))
             rough = CATALOGUE[slug].acts_on == "memory"
-            tried = [(part if rough else space).along(item) for item in starts]
+            tried = each((part if rough else space).along, starts)
             found += _apart(sorted(tried, key=lambda candidate: -candidate.promise), _CLIMBS if rough else 1)
     best = max((candidate.promise for candidate in found), default=0.0)
     least = max(_HOPEFUL * best, _WORTH_A_CLIMB * needed)
@@ -95,6 +96,15 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
     for candidate in sorted(followed, key=lambda candidate: -candidate.promise):
         best_of.setdefault(candidate.slug, candidate)
     return list(best_of.values())
+
+
+def both_signs(starts: Iterable[Term]) -> list[Term]:
+    """Starts, and those with the opposite sign: friction holds a shaft one way and lets it go the other."""
+    found = list(starts)
+    signed = [item for item in found if CATALOGUE[item.slug].amplitude and item.coordinates[0].lower < 0.0]
+    return found + [
+        item.scaled(CATALOGUE[item.slug].amplitude, -1.0) for item in signed if not item.coordinates[0].is_log
+    ]
 
 
 def _gripped(space: Score, candidate: Candidate, scale: Scale) -> Candidate:
@@ -111,8 +121,7 @@ def _followed(part: Score, hopeful: Sequence[Candidate]) -> list[Candidate]:
     found = [c for c in hopeful if c not in rough]
     for slug in dict.fromkeys(c.slug for c in rough):
         climbs = [_Climb(part, candidate) for candidate in rough if candidate.slug == slug]
-        for climb in climbs:
-            climb.go(_TRIAL_HALVINGS)
+        each(lambda climb: climb.go(_TRIAL_HALVINGS), climbs)
         best = max(climbs, key=lambda climb: climb.fit.log_likelihood)
         best.go(_HALVINGS - _TRIAL_HALVINGS)
         found.append(best.candidate)

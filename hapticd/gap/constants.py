@@ -24,7 +24,8 @@ MATERIAL = 0.002
 SHARE = 0.1
 """Share of what is still missing, in power, that an effect must close to be named."""
 CLOSED = 0.5
-"""Share of the missing force's power that the named effects must close to be all that was found to be missing."""
+"""Share of the missing force's power that the named effects must close to be all that was found to be missing; what closes
+as much beside a disturbance that may be slow stands, whatever the likelihood says of it there."""
 FORCE_MARGIN = 0.1
 """Share of the missing force's power by which a law may close less of it than another and still be preferred for its
 likelihood."""

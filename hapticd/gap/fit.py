@@ -13,8 +13,9 @@ import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants
-from hapticd.gap.kernel.filter import CORRELATION, DISTURBANCE, JITTER, NOISE, SENSOR, TICK, WHITE, run_filter
+from hapticd.gap.kernel.filter import CORRELATION, DISTURBANCE, JITTER, NOISE, TICK, WHITE, run_filter
 from hapticd.gap.kernel.linear import sensitivities
+from hapticd.gap.parallel import each
 from hapticd.gap.terms import torque_slopes
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ class Problem:
         torque: what the device's torques are of the order of, N m or N.
         is_linear: metres and newtons.
         longest_memory_s: largest correlation time of the disturbance torque [s].
+        runs: log-likelihood of each run of the filter until now.
     """
 
     series: Series
@@ -56,7 +58,7 @@ class Problem:
     torque: float
     is_linear: bool
     longest_memory_s: float = field(default_factory=lambda: constants.SHORT_MEMORY_S)
-    counter: list[int] = field(default_factory=lambda: [0])
+    runs: list[float] = field(default_factory=list)
 
     @property
     def noise_bounds(self) -> tuple[Floats, Floats]:
@@ -155,7 +157,6 @@ class Fit:
         p = self.device(u)
         out = np.zeros(series.size, TICK)
         duration, current, spread = series.currents(p)
-        self.problem.counter[0] += 1
         total = run_filter(
             p,
             self.noise_values(u),
@@ -168,6 +169,7 @@ class Fit:
             series.begins,
             out,
         )
+        self.problem.runs.append(total)
         prior = -0.5 * float(np.sum(((u - self.centre) / self.prior) ** 2))
         return (total + prior if np.isfinite(total) else _NEVER), out
 
@@ -191,14 +193,15 @@ class Fit:
                 self.slopes[:, own] = sensitivities(self.out, columns)
                 self.scores[:, own] = self.slopes[:, own] * self.out["score"][:, None]
                 free[own] = False
-        for j in np.flatnonzero(free):
-            step = float(np.clip(0.1 * self.error[j], 1e-6 * self.scale[j], 0.03 * self.scale[j]))
-            if self.u[j] + step > self.upper[j]:
-                step = -step
+        steps = np.clip(0.1 * self.error, 1e-6 * self.scale, 0.03 * self.scale)
+        steps = np.where(self.u + steps > self.upper, -steps, steps)
+
+        def differentiate_by(j: int) -> None:
             u = self.u.copy()
-            u[j] += step
-            _, out = self.evaluate(u)
-            self._set_slopes(int(j), out, self.out, step)
+            u[j] += steps[j]
+            self._set_slopes(j, self.evaluate(u)[1], self.out, float(steps[j]))
+
+        each(differentiate_by, np.flatnonzero(free).tolist())
 
     def approach(self, first: int, rounds: int) -> Fit:
         """Climb towards the maximum in the coordinates from `first` on, the noise following as a whole; returns itself.
@@ -348,7 +351,8 @@ class Fit:
 
         With impacts it is rough: its slope at a point says nothing of how far the data let a parameter go.
         """
-        for j in np.flatnonzero(free):
+
+        def differentiate_by(j: int) -> None:
             step = 0.1 * self.scale[j]
             for _ in range(_SHORTER):
                 sides = []
@@ -360,7 +364,9 @@ class Fit:
                     break
                 step *= 0.2
             (upper, _, above), (lower, _, below) = sides
-            self._set_slopes(int(j), above, below, upper - lower)
+            self._set_slopes(j, above, below, upper - lower)
+
+        each(differentiate_by, np.flatnonzero(free).tolist())
 
     def _set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:
         self.scores[:, j] = (above["log_p"] - below["log_p"]) / step
@@ -403,33 +409,34 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
     )
     noise = np.clip(noise, low, high)
     probe = Fit.started(problem, terms, noise)
-    best, best_u = -np.inf, probe.u
-    for white in np.log(problem.torque * np.sqrt(T)) + np.arange(-9.0, 5.0, 1.5):
-        for sensor in (0.1, 0.5, 5.0, 50.0):
-            u = probe.u.copy()
-            u[WHITE], u[SENSOR] = white, np.log(sensor * q)
-            value = probe.evaluate(u)[0]
-            if value > best:
-                best, best_u = value, u
+
+    def best_of(tried: list[Floats]) -> tuple[float, Floats]:
+        values = each(lambda u: probe.evaluate(u)[0], tried)
+        k = int(np.argmax(values))
+        return values[k], tried[k]
+
+    def changed(u: Floats, **words: float) -> Floats:
+        u = u.copy()
+        for name, value in words.items():
+            u[NOISE.index(name)] = value
+        return np.clip(u, probe.lower, probe.upper)
+
+    coarse = [
+        changed(probe.u, white=white, sensor=np.log(sensor * q))
+        for white in np.log(problem.torque * np.sqrt(T)) + np.arange(-9.0, 5.0, 1.5)
+        for sensor in (0.1, 0.5, 5.0, 50.0)
+    ]
+    best, best_u = best_of(coarse)
     spread = best_u[WHITE]
-    single = best_u.copy()
-    for less in (0.0, -1.2, -3.5):
-        for tau in np.linspace(low[CORRELATION], high[CORRELATION], 3):
-            for power in (0.4, -0.7, -1.9, -3.0, -4.2):
-                u = single.copy()
-                u[WHITE] = spread + less
-                u[DISTURBANCE], u[CORRELATION] = power + spread - 0.5 * (np.log(2.0) + tau), tau
-                u = np.clip(u, probe.lower, probe.upper)
-                value = probe.evaluate(u)[0]
-                if value > best:
-                    best, best_u = value, u
-    for jitter in (0.02, 0.1, 0.3):
-        u = best_u.copy()
-        u[JITTER] = np.log(jitter * T)
-        value = probe.evaluate(u)[0]
-        if value > best + 1.0:
-            best, best_u = value, u
-    return best_u
+    beside = [
+        changed(best_u, white=spread + less, disturbance=power + spread - 0.5 * (np.log(2.0) + tau), memory=tau)
+        for less in (0.0, -1.2, -3.5)
+        for tau in np.linspace(low[CORRELATION], high[CORRELATION], 3)
+        for power in (0.4, -0.7, -1.9, -3.0, -4.2)
+    ]
+    best, best_u = max((best, best_u), best_of(beside), key=lambda pair: pair[0])
+    value, jittery = best_of([changed(best_u, jitter=np.log(jitter * T)) for jitter in (0.02, 0.1, 0.3)])
+    return jittery if value > best + 1.0 else best_u
 
 
 def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:

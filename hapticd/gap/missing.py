@@ -124,20 +124,24 @@ def since_reversal(velocity: Floats, position: Floats, moves: NDArray[np.bool_])
 
 
 def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | None]]:
-    """Coordinates that a missing force may depend on, and with which sign: (n,) values, and (n,) factor or None."""
+    """Coordinates that a missing force may depend on, and with which sign: (n,) values, and (n,) factor or None.
+
+    Motion is what was known before the force acted: what is known of it afterwards is what the force has made of it.
+    """
     series = fit.problem.series
-    direction = np.where(found.moves, np.sign(found.velocity), 0.0)
-    way = since_reversal(found.velocity, found.position, found.moves)
+    velocity = fit.out["v"]
+    direction = np.where(found.moves, np.sign(velocity), 0.0)
+    way = since_reversal(velocity, found.position, found.moves)
     return {
         "position": (found.position, None),
-        "velocity": (found.velocity, None),
-        "speed, against the motion": (np.abs(found.velocity), direction),
+        "velocity": (velocity, None),
+        "speed, against the motion": (np.abs(velocity), direction),
         "current": (series.command, None),
         "time": (series.time_s, None),
         "time, against the motion": (series.time_s, direction),
         "way since a reversal, against the motion": (np.log(way + series.resolution), direction),
         "position, against the motion": (found.position, direction),
-        "acceleration": (np.gradient(found.velocity, series.period_s), None),
+        "acceleration": ((fit.out["next_v"] - velocity) / series.period_s, None),
         "change of the current": (np.gradient(series.command, series.period_s), None),
     }
 

@@ -14,6 +14,7 @@ import yaml
 
 from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.figures.files import naming
 from hapticd.gap.consequences import consequences
 from hapticd.gap.design import FILE as EXPERIMENT
 from hapticd.gap.model_file import improved_model, model_yaml
@@ -46,7 +47,7 @@ def write_outputs(result: GapResult, recordings: Sequence[Recording], model: Con
     if result.next_experiment and result.next_experiment["experiment"]:
         files[EXPERIMENT] = yaml.safe_dump(dict(result.next_experiment["experiment"]), sort_keys=False)
     folder.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".") as scratch:
+    with naming(folder), tempfile.TemporaryDirectory(dir=folder, prefix=".") as scratch:
         for name, content in files.items():
             (Path(scratch) / name).write_text(content, encoding="utf-8")
         for name in files:

@@ -32,8 +32,8 @@ _HALF_WAY = 0.25
 _CLOSE = 0.3
 _MOST_FITTED = 4
 _QUIET = 2.0
-_ROUGH = 0.5
-"""Nats to which contenders are fitted; the one that is taken is fitted to the end."""
+_ROUGH = 0.05
+"""Share of what an effect must gain to which contenders are fitted; the one that is taken is fitted to the end."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +48,10 @@ class CrossValidated:
     def total(self) -> float:
         """Held-out score of all blocks."""
         return float(self.held_out.sum())
+
+    def less(self, penalty: float) -> CrossValidated:
+        """The same less the logarithm of the number of discrete choices that were made for it."""
+        return replace(self, held_out=self.held_out - penalty / self.held_out.size)
 
 
 @dataclass(frozen=True)
@@ -89,8 +93,7 @@ class Round:
 
 def cross_validate(fit: Fit, penalty: float = 0.0) -> CrossValidated:
     """Score a fit; `penalty` is the logarithm of the number of discrete choices that were made for it."""
-    scores = fit.held_out()
-    return CrossValidated(fit, scores - penalty / scores.size)
+    return CrossValidated(fit, fit.held_out()).less(penalty)
 
 
 def evidence(better: CrossValidated, other: CrossValidated) -> tuple[float, float]:
@@ -161,7 +164,7 @@ def search(
         )
         best = replace(best, judged=cross_validate(_polished(best.judged.fit), best.penalty))
         rounds.append(Round(present, (best, *contenders[1:]), tied))
-        _look_back(rounds, len(first.fit.terms), needed_errors, needed)
+        look_back(rounds, len(first.fit.terms), needed_errors, needed)
         present = rounds[-1].taken.judged
     return present
 
@@ -174,16 +177,73 @@ def _polished(fit: Fit) -> Fit:
     return fit.maximise()
 
 
-def _look_back(rounds: list[Round], base: int, needed_errors: float, needed: float) -> None:
-    """Take out again what an effect that was named later makes unnecessary; `base` terms come before the effects."""
-    for number in reversed(range(len(rounds) - 1)):
+def look_back(rounds: list[Round], base: int, needed_errors: float, needed: float) -> None:
+    """Take out again what an effect that was named later makes unnecessary; `base` terms come before the effects.
+
+    And what stood in for something that had no name yet: its limiting law takes its place where that does as well now.
+    """
+    number = len(rounds) - 1
+    while number > 0:
+        number -= 1
         last = rounds[-1].taken
         poorer = last.judged.fit.without(base + number).with_noise(rounds[number].before.fit.noise)
-        without = cross_validate(poorer.maximise(tolerance=_ROUGH), last.penalty)
+        without = cross_validate(poorer.maximise(tolerance=_ROUGH * needed), last.penalty)
         gain, errors = evidence(last.judged, without)
         if errors < needed_errors or gain < needed:
+            _take_out(rounds, number, without)
+            continue
+        limits = set(CATALOGUE[rounds[number].taken.slug].contains) - _settled(rounds)
+        contenders = compete(without, sorted(limits), needed) if limits else []
+        if contenders and evidence(last.judged, contenders[0].judged)[1] < constants.TIE:
             del rounds[number]
-            rounds[-1] = replace(rounds[-1], contenders=(replace(last, judged=without), *rounds[-1].contenders[1:]))
+            rounds.append(Round(without, tuple(contenders), ()))
+            number = len(rounds) - 1
+
+
+def _take_out(rounds: list[Round], number: int, without: CrossValidated) -> None:
+    """Forget a round; `without` is the last model without its effect."""
+    del rounds[number]
+    if rounds:
+        last = replace(rounds[-1].taken, judged=without)
+        rounds[-1] = replace(rounds[-1], contenders=(last, *rounds[-1].contenders[1:]))
+
+
+def withstanding(first: Fit, rounds: list[Round], tried: int) -> list[CrossValidated]:
+    """Judge what was named beside a disturbance that may be slow, and take out of `rounds` what is no more than that.
+
+    What is sure there as well stands; and what makes most of the missing force go, which no slow torque does in its place.
+
+    Args:
+        first: the nominal model. rounds: of the search, changed in place. tried: how many effects competed.
+
+    Returns:
+        The nominal model and that of each round that is left, fitted with such a disturbance.
+    """
+    needed = constants.MATERIAL * first.out.size
+    freed = [cross_validate(fit.with_free_memory()) for fit in _path(first, rounds, needed)]
+    for number in reversed(range(len(rounds))):
+        whole, without = freed[-1], freed[number]
+        if number + 1 < len(rounds):
+            poorer = whole.fit.without(len(first.terms) + number).with_noise(without.fit.noise)
+            without = cross_validate(poorer.maximise(tolerance=_ROUGH * needed))
+        _, errors = evidence(whole.less(rounds[number].taken.penalty), without)
+        left, before = missing_power(whole.fit), missing_power(without.fit)
+        is_sure = errors > critical(whole.held_out.size, tried) and left < (1.0 - constants.SHARE) * before
+        if not is_sure and left > (1.0 - constants.CLOSED) * before:
+            _take_out(rounds, number, without)
+            del freed[number + 1]
+            freed[-1] = without
+    return freed
+
+
+def _path(first: Fit, rounds: Sequence[Round], needed: float) -> list[Fit]:
+    """The nominal model and that of each round, without what was taken out since."""
+    path = [rounds[-1].taken.judged.fit if rounds else first]
+    for each in reversed(rounds):
+        poorer, known = path[0].without(len(path[0].terms) - 1), each.before.fit
+        is_known = [item.slug for item in poorer.terms] == [item.slug for item in known.terms]
+        path.insert(0, known if is_known else poorer.with_noise(known.noise).maximise(tolerance=_ROUGH * needed))
+    return path
 
 
 def _settled(rounds: Sequence[Round]) -> set[str]:
@@ -262,7 +322,7 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
             continue
         if len(contenders) == _MOST_FITTED:
             break
-        judged = cross_validate(fit.maximise(tolerance=_ROUGH), candidate.penalty)
+        judged = cross_validate(fit.maximise(tolerance=_ROUGH * needed), candidate.penalty)
         gain, errors = evidence(judged, present)
         contenders.append(Contender(candidate.slug, judged, gain, errors, candidate.penalty))
     return sorted(contenders, key=lambda contender: -contender.gain)

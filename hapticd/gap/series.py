@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -68,6 +69,7 @@ class Series:
     fold: NDArray[np.int64]
     period_s: float
     _currents: dict[tuple[float, ...], tuple[Floats, Floats, Floats]] = field(default_factory=dict)
+    _lock: Lock = field(default_factory=Lock)
 
     @property
     def size(self) -> int:
@@ -97,6 +99,7 @@ class Series:
             block=np.zeros(rows.stop, dtype=np.int64),
             fold=np.zeros(1, dtype=np.int64),
             _currents={},
+            _lock=Lock(),
         )
 
     def per_block(self, values: Floats) -> Floats:
@@ -108,16 +111,17 @@ class Series:
     def currents(self, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each."""
         key = tuple(p[list(_ELECTRICAL)])
-        if key not in self._currents:
-            while len(self._currents) >= _REMEMBERED:
-                self._currents.pop(next(iter(self._currents)))
-            found = [
-                self._motor_current(p, slice(rows[0], rows[-1] + 1))
-                for rows in (np.flatnonzero(self.recording == k) for k in range(int(self.recording[-1]) + 1))
-            ]
-            duration, current, spread = (np.concatenate(parts) for parts in zip(*found, strict=True))
-            self._currents[key] = duration, current, spread
-        return self._currents[key]
+        with self._lock:
+            if key not in self._currents:
+                while len(self._currents) >= _REMEMBERED:
+                    self._currents.pop(next(iter(self._currents)))
+                found = [
+                    self._motor_current(p, slice(rows[0], rows[-1] + 1))
+                    for rows in (np.flatnonzero(self.recording == k) for k in range(int(self.recording[-1]) + 1))
+                ]
+                duration, current, spread = (np.concatenate(parts) for parts in zip(*found, strict=True))
+                self._currents[key] = duration, current, spread
+            return self._currents[key]
 
     def _motor_current(self, p: Floats, rows: slice) -> tuple[Floats, Floats, Floats]:
         time_s, command = self.time_s[rows], self.command[rows]

@@ -50,22 +50,17 @@ def decide(
     return "effect_found", f"Missing: {names} ({force})."
 
 
-def doubts_about(at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, str], slow: Sequence[str]) -> list[str]:
+def doubts_about(at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, str]) -> list[str]:
     """Why named laws may not be the whole truth, a sentence each.
 
     Args:
         at_bounds: effect to those of its parameters that the data push to the end of what they may be.
         beaten: effect to the coordinate of which a flexible function predicts better than that effect.
-        slow: effects that a slowly changing torque explains as well.
     """
-    return (
-        [
-            f"The data push {' and '.join(names)} of {effect} to the end of its range: a law at its limit is another law."
-            for effect, names in at_bounds.items()
-        ]
-        + [
-            f"A flexible function of the {coordinate} predicts better than {effect}: the law itself may be another."
-            for effect, coordinate in beaten.items()
-        ]
-        + [f"A slowly changing torque would explain what {effect} does as well." for effect in slow]
-    )
+    return [
+        f"The data push {' and '.join(names)} of {effect} to the end of its range: a law at its limit is another law."
+        for effect, names in at_bounds.items()
+    ] + [
+        f"A flexible function of the {coordinate} predicts better than {effect}: the law itself may be another."
+        for effect, coordinate in beaten.items()
+    ]

@@ -19,7 +19,7 @@ from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.search import CrossValidated, Round, critical, cross_validate, evidence, is_quiet, search
+from hapticd.gap.search import CrossValidated, Round, critical, cross_validate, evidence, is_quiet, search, withstanding
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
@@ -72,13 +72,13 @@ def find_gap(
     rounds: list[Round] = []
     interrupted = False
     try:
-        last = search(first, slugs, progress, rounds)
+        search(first, slugs, progress, rounds)
     except KeyboardInterrupt:
         if not rounds:
             raise
-        last, interrupted = rounds[-1].taken.judged, True
+        interrupted = True
     progress(0.9, "what is left")
-    result = _result(recordings, model, first, last, rounds, slugs, len(base))
+    result = _result(recordings, model, first, rounds, slugs, len(base))
     if design and result.verdict == "ambiguous" and not interrupted:
         from hapticd.gap.design import next_experiment
 
@@ -135,15 +135,14 @@ def _result(
     recordings: Sequence[Recording],
     model: Config,
     first: CrossValidated,
-    last: CrossValidated,
-    rounds: Sequence[Round],
+    rounds: list[Round],
     slugs: Sequence[str],
     fixed: int,
 ) -> GapResult:
     # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
-    freed = [fit.with_free_memory() for fit in (first.fit, *(each.taken.judged.fit for each in rounds))]
-    first, last = cross_validate(freed[0]), cross_validate(freed[-1])
-    found = [missing_force(fit) for fit in freed]
+    freed = withstanding(first.fit, rounds, len(slugs))
+    first, last = freed[0], freed[-1]
+    found = [missing_force(judged.fit) for judged in freed]
     power = [missing.rms**2 for missing in found]
     held = [missing.held_out_rms(first.fit), missing.held_out_rms(last.fit)]
     unit = "N" if model.is_linear else "N m"
@@ -163,14 +162,9 @@ def _result(
         if not is_quiet(last.fit)
         and (coordinate := missing.better_function(each.before.fit, each.taken.law)) is not None
     }
-    slow = [
-        slug
-        for slug, before, after in zip(effects, power, power[1:], strict=False)
-        if after > (1.0 - constants.SHARE) * before
-    ]
     laws = [(last.fit.terms[number], last.fit.share(number)) for number in range(fixed, len(last.fit.terms))]
     at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share]))}
-    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten, slow), numbers, remainder)
+    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten), numbers, remainder)
     series = first.fit.problem.series
     noise = last.fit.noise_values()
     return GapResult(
@@ -193,8 +187,7 @@ def _result(
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
             "at_bounds": at_bounds,
             "predicted_better_by": beaten,
-            "slow_disturbance_instead_of": slow,
-            "likelihood_evaluations": first.fit.problem.counter[0],
+            "likelihood_evaluations": len(first.fit.problem.runs),
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),
     )

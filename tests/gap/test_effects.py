@@ -90,6 +90,13 @@ def test_such_a_torque_alone_is_no_effect(hidden: Hidden, coloured: Coloured) ->
     assert "nothing" in result.statement.lower()
 
 
+@pytest.mark.parametrize("seed", [1, 2])
+def test_motion_that_such_a_torque_has_made_is_no_cause_of_it(hidden: Hidden, seed: int) -> None:
+    recording, model = hidden([], seed, 2.0 * SECONDS, Coloured(0.25, 0.01))
+    result = find_gap([recording], model, candidates=["constant_bias"], design=False)
+    assert result.remainder.structure == (), result.statement
+
+
 def test_a_device_as_its_model_has_nothing_missing(hidden: Hidden) -> None:
     result = find(hidden, [], SECONDS, None)
     assert result.verdict == "no_missing_effect", result.statement

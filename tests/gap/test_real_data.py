@@ -12,6 +12,7 @@ from benchmarks.gap_real import emps, odrive
 from benchmarks.gap_real.answer import beginning
 from benchmarks.gap_real.datasets import COGGING, COGGING_MAP, VARIABLE, folder, imported
 from benchmarks.report import BenchmarkError
+from hapticd.gap import find_gap
 
 needs_data = pytest.mark.skipif(
     not Path(os.environ.get(VARIABLE) or "/nowhere").is_dir(),
@@ -40,6 +41,16 @@ def test_the_cogging_motor_is_imported_in_the_drive_s_own_steps(tmp_path: Path) 
     assert part.duration_s == pytest.approx(2.0, abs=0.01)
     assert part.current.size == part.rows < recording.rows
     assert odrive.orders_of(np.load(folder() / COGGING_MAP)) == [7, 28, 14, 36, 12]
+
+
+@needs_data
+def test_the_cogging_motor_s_ripple_is_named(tmp_path: Path) -> None:
+    model = odrive.guessed_model()
+    recording = imported(folder() / COGGING[1], odrive.MAP, model, tmp_path)
+    found = find_gap([recording], model, refit_base=True, design=False)
+    assert found.effects == ("torque_ripple",)
+    assert {7.0, 28.0, 36.0} <= set(odrive.named_orders(found.to_json()))
+    assert found.gap.held_out_after < 0.6 * found.gap.held_out_before
 
 
 def test_the_orders_of_a_named_ripple_are_read() -> None:

@@ -13,8 +13,20 @@ from scipy.stats import t as student
 from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, find_gap
+from hapticd.gap.candidates import both_signs
 from hapticd.gap.fit import nominal_fit
-from hapticd.gap.search import CrossValidated, Round, compete, critical, cross_validate, evidence, is_quiet, search
+from hapticd.gap.search import (
+    CrossValidated,
+    Round,
+    compete,
+    critical,
+    cross_validate,
+    evidence,
+    is_quiet,
+    look_back,
+    search,
+    withstanding,
+)
 from hapticd.gap.terms import term
 from hapticd.gap.workflow import problem_of
 
@@ -151,3 +163,48 @@ def test_an_unknown_candidate_is_refused(hidden: Hidden) -> None:
     recording, model = hidden([], 1, SECONDS)
     with pytest.raises(ValueError, match="unknown effect 'gravitas'"):
         find_gap([recording], model, candidates=["gravity", "gravitas"])
+
+
+def test_what_may_be_negative_starts_on_either_side() -> None:
+    starts = [
+        term(slug, values, (), 0.1) for slug, values in (("constant_bias", {"tau_0": 1e-3}), ("stribeck", {"s": 0.1}))
+    ]
+    assert [(item.slug, item.start) for item in both_signs(starts)] == [
+        ("constant_bias", (1e-3,)),
+        ("stribeck", (0.1,)),
+        ("constant_bias", (-1e-3,)),
+    ]
+
+
+def _named(first: CrossValidated, *slugs: str) -> list[Round]:
+    """Rounds in which these effects were taken, one after the other."""
+    rounds: list[Round] = []
+    for slug in slugs:
+        before = rounds[-1].taken.judged if rounds else first
+        rounds.append(Round(before, tuple(compete(before, [slug], 0.0)), ()))
+    return rounds
+
+
+def test_a_law_that_stood_in_gives_way_to_its_limit(hidden: Hidden) -> None:
+    effects = [{"name": "inertia_error", "r": -0.155}, {"name": "constant_bias", "tau_0": -3e-4}]
+    recording, model = hidden(effects, 11, SECONDS, Coloured(0.05, 0.05))
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    rounds = _named(first, "return_spring", "inertia_error")
+    look_back(rounds, 0, critical(20, 24), constants.MATERIAL * first.fit.out.size)
+    assert [each.taken.slug for each in rounds] == ["inertia_error", "constant_bias"]
+    path = withstanding(first.fit, rounds, len(CATALOGUE))
+    assert [[item.slug for item in judged.fit.terms] for judged in path] == [
+        [],
+        ["inertia_error"],
+        ["inertia_error", "constant_bias"],
+    ]
+
+
+def test_what_a_slow_torque_explains_as_well_is_not_named(hidden: Hidden) -> None:
+    recording, model = hidden([], 1, 2.0 * SECONDS, Coloured(0.25, 0.2))
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    rounds = _named(first, "coulomb_friction")
+    path = withstanding(first.fit, rounds, len(CATALOGUE))
+    assert rounds == []
+    assert [judged.fit.terms for judged in path] == [()]
+    assert path[0].fit.noise_values()[3] > constants.SHORT_MEMORY_S

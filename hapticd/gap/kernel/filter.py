@@ -51,6 +51,7 @@ TICK = np.dtype(
         ("load_x", "f8"),
         ("load_v", "f8"),
         ("contact", "f8"),
+        ("next_v", "f8"),  # predicted at the next tick
         ("x_v", "f8"),  # d (x at the next tick) / d v, and so on
         ("v_v", "f8"),
         ("x_d", "f8"),
@@ -238,6 +239,7 @@ def run_filter(
         row.bristle, row.load_x, row.load_v = remembered[BRISTLE], remembered[LOAD_THETA], remembered[LOAD_OMEGA]
         row.contact = remembered[CONTACT]
         if i + 1 == n or begins[i + 1]:
+            row.next_v = v
             row.x_v = row.v_v = row.x_d = row.v_d = row.d_d = row.x_force = row.v_force = 0.0
             continue
         period = time_s[i + 1] - time_s[i]
@@ -299,6 +301,7 @@ def run_filter(
             x += _WEIGHTS[k] * xs[k]
             v += _WEIGHTS[k] * vs[k]
         d *= decay
+        row.next_v = v
         x_v = v_v = 0.0
         for k in range(3):
             x_v += _WEIGHTS[k] * _POINTS[k] * xs[k] / sw
