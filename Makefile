@@ -20,8 +20,8 @@ test: $(STAMP) lint types jstypes layers compiled   ## every check and test that
 	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 2 --dist worksteal --durations=15
 	$(BIN)/python -m pytest -m realtime --durations=15
 
-compiled: $(STAMP)   ## fill the compile caches of daemon and simulated hardware, side by side
-	$(BIN)/python -c 'import tests.sim_hw.forked_device' & \
+compiled: $(STAMP)   ## fill the compile caches of daemon, gap workflow and simulated hardware, side by side
+	$(BIN)/python -c 'import hapticd.gap, tests.sim_hw.forked_device' & \
 	  $(BIN)/python -m hapticd.service.precompile && wait $$!
 
 lint: $(STAMP)   ## ruff; do the installed packages agree with one another

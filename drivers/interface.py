@@ -85,7 +85,7 @@ DEVICE_FAULT = 2
 ERROR = -1
 """The driver failed inside itself (an exception); its text is in :attr:`Driver.error`."""
 LOST = -2
-"""The device is gone (unplugged, port closed)."""
+"""The device is gone (unplugged, port closed), or has restarted: it must be opened anew, so every later call says so too."""
 
 
 PROCESSING_S = 40e-6

@@ -1,8 +1,9 @@
 """Which tests run against the wall clock, and what follows from it.
 
-Those that compute are run side by side; those that start processes, threads or the servo loop in real time are run one
-after another. On a shared machine without a real-time kernel such a test may meet a stall of a tenth of a second: it is
-then repeated, at most twice, and the summary names it (docs/decisions/0014-two-kinds-of-tests.md).
+Those that compute are run side by side; those that ask when something happened, of threads, processes or the servo loop in
+real time, are run one after another. Between them are those that start processes and wait for what must come: they run
+beside the first. On a shared machine without a real-time kernel a test of both latter kinds may meet a stall of a tenth of
+a second: it is then repeated, at most twice, and the summary names it (docs/decisions/0014-two-kinds-of-tests.md).
 """
 
 from __future__ import annotations
@@ -12,16 +13,14 @@ from pathlib import Path
 
 import pytest
 
+from tests.forked import fork_what_hil_starts
+
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell's job in the background, as a CI may be, begins with SIGINT ignored, and so would every process of the tests.
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 TESTS = Path(__file__).parent
 WALL_CLOCK = (
-    "docs/test_notebooks.py",
-    "doctor/test_board.py",
-    "doctor/test_terminal.py",
-    "drivers/canopen/test_bring_up.py",
     "drivers/canopen/test_callback.py",
     "drivers/canopen/test_exchange.py",
     "drivers/canopen/test_simulated_drive.py",
@@ -33,13 +32,7 @@ WALL_CLOCK = (
     "gap/test_live_story.py",
     "hil/test_hil.py",
     "hil/test_passivity.py",
-    "record/test_crash.py",
     "record/test_recorder.py",
-    "scope/test_command.py",
-    "scope/test_page.py",
-    "scope/test_relay.py",
-    "scope/test_scripts.py",
-    "scope/test_tutorial.py",
     "service/test_access.py",
     "service/test_api.py",
     "service/test_banner.py",
@@ -53,19 +46,39 @@ WALL_CLOCK = (
     "service/test_release.py",
     "service/test_socket.py",
     "servo/test_mailbox.py",
+)
+PATIENT = (
+    "docs/test_notebooks.py",
+    "doctor/test_board.py",
+    "doctor/test_terminal.py",
+    "drivers/canopen/test_bring_up.py",
+    "record/test_crash.py",
+    "scope/test_command.py",
+    "scope/test_page.py",
+    "scope/test_relay.py",
+    "scope/test_scripts.py",
+    "scope/test_tutorial.py",
     "sim_hw/canopen",
     "sim_hw/test_faults.py",
     "sim_hw/test_port.py",
     "sim_hw/test_truth.py",
 )
+"""They wait for events, for many seconds if need be, and take times from the device's own log."""
 REPEATS = 2
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what runs against the wall clock ``realtime``, and have it repeated when it fails."""
+    """Mark what runs against the wall clock ``realtime``, and have it and what waits repeated when it fails."""
     for item in items:
         place = item.path.relative_to(TESTS)
         if any(place.is_relative_to(folder) for folder in WALL_CLOCK):
             item.add_marker(pytest.mark.realtime)
-        if item.get_closest_marker("realtime"):
+        is_patient = any(place.is_relative_to(folder) for folder in PATIENT)
+        if is_patient or item.get_closest_marker("realtime"):
             item.add_marker(pytest.mark.flaky(reruns=REPEATS))
+
+
+@pytest.fixture
+def forked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Devices and daemons of `hapticd.hil` begin in milliseconds."""
+    fork_what_hil_starts(monkeypatch)

@@ -15,9 +15,14 @@ import sys
 from collections.abc import Mapping, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, BinaryIO
+
+import pytest
 
 _CONTEXT = multiprocessing.get_context("forkserver")
-_CONTEXT.set_forkserver_preload(["tests.sim_hw.forked_device", "tests.service.forked_daemon"])
+_CONTEXT.set_forkserver_preload(["tests.sim_hw.forked_device", "tests.service.forked_daemon", "tests.frozen"])
+_PROGRAMS = {"sim_hw": "sim_hw.__main__:main", "hapticd.cli": "hapticd.cli.main:main"}
 
 
 class Forked:
@@ -99,7 +104,22 @@ class Forked:
 
 def device(arguments: Sequence[str], cwd: Path) -> Forked:
     """A simulated device: what ``python -m sim_hw`` runs with these arguments."""
-    return Forked("sim_hw.__main__:main", arguments, cwd)
+    return Forked(_PROGRAMS["sim_hw"], arguments, cwd)
+
+
+def fork_what_hil_starts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Devices and daemons of `hapticd.hil` are forked instead of started, where a start is not what is tested."""
+    from hapticd.hil import process
+
+    names = {name: getattr(subprocess, name) for name in ("DEVNULL", "TimeoutExpired")}
+    monkeypatch.setattr(process, "subprocess", SimpleNamespace(Popen=_popen, **names))
+
+
+def _popen(command: list[str], *, stdout: BinaryIO, env: dict[str, str], **_: Any) -> Forked:
+    """Popen as `hapticd.hil.process.Child` calls it: behind the tie to its parent stands ``python -m MODULE ARGUMENTS``."""
+    begin = command.index(sys.executable, 1)
+    _, module, *arguments = command[begin + 1 :]
+    return Forked(_PROGRAMS[module], arguments, Path.cwd(), env, Path(stdout.name))
 
 
 def _run(

@@ -109,6 +109,7 @@ class CanopenDriver(Driver):
 
     def open(self) -> None:
         """Bring the drive up; it is operational, at zero current and disabled afterwards."""
+        import can
         import canopen
 
         from drivers.canopen.bring_up import bring_up
@@ -128,6 +129,8 @@ class CanopenDriver(Driver):
                 )
         except DriverError as error:
             raise type(error)(f"{options.interface} {options.channel}: {error}") from error
+        except (can.CanError, OSError) as error:
+            raise DriverError(f"{options.interface} {options.channel}: the interface does not send: {error}") from error
         finally:
             deafen(network)
         self._drive = drive
@@ -183,7 +186,8 @@ class CanopenDriver(Driver):
                 listen(network, self._monitor)
                 release(drive.objects, self._profile, options)
         except Exception as error:
-            log.warning("closing the CAN drive: %s; its own watchdog has to switch it off", error)
+            if drive is not None:
+                log.warning("closing the CAN drive: %s; its own watchdog has to switch it off", error)
         finally:
             with contextlib.suppress(Exception):
                 deafen(network)

@@ -50,6 +50,9 @@ class Monitor(can.Listener):
                 self.sample = bytes(msg.data)
             self._news.notify_all()
 
+    def on_error(self, exc: Exception) -> None:
+        """The bus cannot be read any more: what is waited for does not come, and whoever waits for it says so."""
+
     def wait_sample(self, before: int, timeout_s: float) -> bytes | None:
         """The TPDO 1 after the first ``before`` ones, or None when it does not come in time."""
         with self._news:

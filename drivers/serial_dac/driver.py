@@ -41,6 +41,7 @@ class SerialDacDriver(Driver):
         self._port: serial.Serial | None = None
         self._session: Session | None = None
         self._capabilities: Capabilities | None = None
+        self._exception: str | None = None
         self._state: NDArray[np.int64] = np.zeros(state.STATE_WORDS, np.int64)
 
     @classmethod
@@ -57,6 +58,17 @@ class SerialDacDriver(Driver):
         """Whether baud, watchdog and reply time-out admit the rate."""
         options = self._options
         return budget.rate_refusal(rate_hz, options.baud, options.watchdog_ms, options.reply_timeout_s)
+
+    @property
+    def error(self) -> str | None:
+        """What ended the session, where more is known than that the port is gone."""
+        if self._state[state.S_LOST] == state.RESTARTED:
+            return f"the board on {self._options.port} has restarted: it lost its settings and its encoder count"
+        return self._exception
+
+    @error.setter
+    def error(self, text: str | None) -> None:
+        self._exception = text
 
     def open(self) -> None:
         """Open the port, agree with the board, and leave it at zero current and disabled."""
@@ -94,7 +106,7 @@ class SerialDacDriver(Driver):
     def close(self) -> None:
         """Command zero current and disable as far as the port still takes it, then release the port."""
         # A loop that still runs finds the port lost from here on, and sends nothing between or after these commands.
-        self._state[state.S_LOST] = 1
+        self._state[state.S_LOST] = self._state[state.S_LOST] or state.GONE
         if self._port is None:
             return
         with contextlib.suppress(DriverError, OSError):

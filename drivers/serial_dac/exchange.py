@@ -64,7 +64,7 @@ def _send(words: NDArray[Any], memory: NDArray[Any], size: int) -> int:
         return MISSED
     if put in (0, -_EAGAIN, -_EINTR):
         return MISSED
-    words[s.S_LOST] = 1
+    words[s.S_LOST] = s.GONE
     return LOST
 
 
@@ -77,7 +77,7 @@ def _fetch(words: NDArray[Any], memory: NDArray[Any]) -> int:
         return got
     if got in (-_EAGAIN, -_EINTR):
         return 0
-    words[s.S_LOST] = 1
+    words[s.S_LOST] = s.GONE
     return LOST
 
 
@@ -120,7 +120,7 @@ def read(state: int, exchange: int) -> int:
     x = carray(exchange, (EXCHANGE_WORDS,))
     x_float = x.view(np.float64)
     x_float[X_CURRENT_MEASURED] = np.nan
-    if words[s.S_LOST] == 1:
+    if words[s.S_LOST] != 0:
         return LOST
     clock = words[s.S_CLOCK : s.S_CLOCK + libc.SCRATCH]
     words[s.S_SEQ] = (words[s.S_SEQ] + 1) & 0xFF
@@ -147,8 +147,11 @@ def read(state: int, exchange: int) -> int:
         if not found and libc.now_ns(clock) >= deadline:
             return MISSED
     payload = memory[s.PAYLOAD_AT : s.PAYLOAD_AT + PAYLOAD_SIZE]
-    words[s.S_COUNTS] = unwrapped(words[s.S_COUNTS], _u32(payload, 2), words[s.S_COUNTER_BITS])
     status = int(payload[10])
+    if status & m.STATUS_UNCONFIGURED:
+        words[s.S_LOST] = s.RESTARTED
+        return LOST
+    words[s.S_COUNTS] = unwrapped(words[s.S_COUNTS], _u32(payload, 2), words[s.S_COUNTER_BITS])
     words[s.S_UNPROVEN] = 0 if payload[11] == words[s.S_COMMAND_SEQ] else 1
     x[X_COUNTS] = words[s.S_COUNTS]
     x[X_STATUS] = STATUS_ENABLED if status & m.STATUS_ENABLED else 0
@@ -164,7 +167,7 @@ def write(state: int, exchange: int) -> int:
     words = carray(state, (s.STATE_WORDS,))
     memory = words.view(np.uint8)
     x = carray(exchange, (EXCHANGE_WORDS,))
-    if words[s.S_LOST] == 1:
+    if words[s.S_LOST] != 0:
         return LOST
     middle = 1 << (words[s.S_DAC_BITS] - 1)
     enable = 1 if x[X_ENABLE] == 1 else 0

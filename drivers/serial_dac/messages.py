@@ -28,10 +28,8 @@ STATUS_BAD_FRAME: Final = 16
 STATUS_REJECTED: Final = 32
 STATUS_EXTERNAL_STOP: Final = 64
 STATUS_UNCONFIGURED: Final = 128
-STATUS_FAULTS: Final = (
-    STATUS_WATCHDOG | STATUS_ENCODER_FAULT | STATUS_AMPLIFIER_FAULT | STATUS_EXTERNAL_STOP | STATUS_UNCONFIGURED
-)
-"""Bits with which the output is off and stays off."""
+STATUS_FAULTS: Final = STATUS_WATCHDOG | STATUS_ENCODER_FAULT | STATUS_AMPLIFIER_FAULT | STATUS_EXTERNAL_STOP
+"""Bits with which the output is off and stays off, in a session that goes on; UNCONFIGURED ends it."""
 
 _HELLO_HEAD = struct.Struct("<BBH")
 _CAPABILITIES = struct.Struct("<BIBHHIH")

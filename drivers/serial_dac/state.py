@@ -13,7 +13,7 @@ from drivers.serial_dac.framing import DECODER_SIZE, PAYLOAD_SIZE
 
 S_DESCRIPTOR: Final = 0
 S_LOST: Final = 1
-"""1: the port is gone, or closed; nothing touches the descriptor any more."""
+"""Not 0: the session is over (GONE, RESTARTED); the exchange touches the descriptor no more."""
 S_SEQ: Final = 2
 """seq of the last SAMPLE."""
 S_COMMAND_SEQ: Final = 3
@@ -38,6 +38,11 @@ S_POSITION: Final = 14
 """Scratch: place in the chunk."""
 S_CLOCK: Final = 15
 _WORDS = S_CLOCK + SCRATCH
+
+GONE: Final = 1
+"""The port is gone, or closed."""
+RESTARTED: Final = 2
+"""The board is UNCONFIGURED: it has restarted since this session began, and lost its count."""
 
 TX_SIZE: Final = 24
 CHUNK_SIZE: Final = 512

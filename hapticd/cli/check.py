@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.completion import complete_config
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import (
     JsonOption,
@@ -29,6 +30,7 @@ SourceArgument = Annotated[
     typer.Argument(
         metavar="CONFIG|DEVICE",
         show_default=False,
+        autocompletion=complete_config,
         help="A YAML file, a preset, or a device of the paper's Table II by its name (omega, 'Phantom 1.0', …). "
         "Default: re35, simulated.",
     ),

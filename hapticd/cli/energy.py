@@ -44,7 +44,7 @@ def energy(run: RunArgument, out: FigureOption = None, config: ModelOption = Non
         energy_figure(found, out, run.name)
         report["figure"] = out
     for note in found.notes:
-        output.note(note)
+        output.warn(note)
     output.emit(report, as_json, describe(report))
     return exits.DONE
 

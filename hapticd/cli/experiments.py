@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.completion import complete_experiment
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import (
     ForceOption,
@@ -49,7 +50,11 @@ AmplitudeOption = Annotated[
 ]
 NameArgument = Annotated[
     str,
-    typer.Argument(metavar="NAME", help="Which experiment; --list names them. Or a file, as 'hapticd gap' writes it."),
+    typer.Argument(
+        metavar="NAME",
+        autocompletion=complete_experiment,
+        help="Which experiment; --list names them. Or a file, as 'hapticd gap' writes it.",
+    ),
 ]
 ListOption = Annotated[bool, typer.Option("--list", help="List the experiments and exit; needs no daemon.")]
 OutOption = Annotated[
@@ -231,7 +236,7 @@ def _keeper(out: Path | None, no_wait: bool) -> Callable[[dict[str, Any]], dict[
             shutil.copyfile(source, part)
             part.replace(out)
         except OSError as error:
-            output.note(f"the recording is {source}; it cannot be copied to {out}: {error.strerror or error}")
+            output.warn(f"the recording is {source}; it cannot be copied to {out}: {error.strerror or error}")
             return answer
         finally:
             part.unlink(missing_ok=True)

@@ -67,9 +67,9 @@ def export(
     written = record.export(data, to.value, out, force=force)
     rows = len(next(iter(data.columns.values()), ()))
     if data.truncated:
-        output.note(f"{run} was cut short; exported up to its last whole batch")
+        output.warn(f"{run} was cut short; exported up to its last whole batch")
     for damage in data.damage:
-        output.note(f"{run} is damaged: {damage} are left out")
+        output.warn(f"{run} is damaged: {damage} are left out")
     document = {"run": run, "output": written, "format": to.value, "rows": rows, "truncated": data.truncated}
     text = f"{written}: {rows} rows"
     if to is Format.MCAP:

@@ -128,7 +128,7 @@ def gap(
         result = _recorded([find_run(run) for run in runs or ()], model, assignments, analyse)
     output.emit(document, as_json, describe(document, out))
     for warning in document["warnings"] if live else ():
-        output.note(f"warning: {warning}")
+        output.warn(f"warning: {warning}")
     if result.interrupted:
         return exits.INTERRUPTED
     return exits.NO if result.verdict == "unexplained" else exits.DONE
@@ -141,7 +141,7 @@ def _recorded(runs: Sequence[Path], model: str | None, assignments: list[str] | 
     recordings = [load_recording(path, nominal) for path in runs]
     for recording in recordings:
         for warning in recording.warnings:
-            output.note(f"warning: {warning}")
+            output.warn(f"warning: {warning}")
     return analyse(nominal, recordings)
 
 

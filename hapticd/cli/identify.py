@@ -119,7 +119,7 @@ def identify(
         replace(out, with_plant(text_of(source, nominal), found))
     output.emit(document, as_json, describe(found, str(out) if out is not None else ""))
     for warning in found.warnings:
-        output.note(f"warning: {warning}")
+        output.warn(f"warning: {warning}")
     return exits.DONE
 
 

@@ -60,7 +60,7 @@ def import_data(
             raise UsageError(f"{file} does not say what its columns are: give --map")
         done = import_run(file, load_map(mapping), out, force=force)
     for warning in done.warnings:
-        output.note(f"{file}: {warning}")
+        output.warn(f"{file}: {warning}")
     document = {
         "run": done.path,
         "rows": done.rows,

@@ -67,7 +67,7 @@ def init(
     ]
     output.emit(document, as_json, "\n".join(said))
     for warning in warnings:
-        output.note(f"warning: {warning}")
+        output.warn(f"warning: {warning}")
     return exits.DONE
 
 
@@ -87,7 +87,7 @@ def _ask() -> dict[str, Any]:
             try:
                 value = answered({**given, question.key: said}, "answers")[question.key]
             except ConfigError as error:
-                output.note(str(error))
+                output.warn(str(error))
                 continue
             doubt = doubt_about(question, value)
             if doubt and not typer.confirm(f"{doubt}. Keep it?", default=False, err=True):

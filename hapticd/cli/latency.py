@@ -119,6 +119,9 @@ def _text(result: LatencyResult, wanted_hz: float, holds: bool, linear: bool) ->
         )
     lines += [f"{rate:7g}  refused: {reason}" for rate, reason in result.refused.items()]
     lines += ["", *(f"not granted: {grant}" for grant in result.grants)]
+    ended = next((rate for rate in sorted(result.rates, key=lambda rate: rate.rate_hz) if not rate.holds), None)
+    if ended is not None:
+        lines.append(f"{ended.rate_hz:g} Hz: the loop {ended.verdict}.")
     if result.highest_hz is None:
         lines.append("No rate tried holds with half a period to spare; see 'hapticd doctor'.")
     else:

@@ -176,7 +176,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if code == exits.INTERRUPTED:
             output.note("interrupted")
         return code if isinstance(code, int) else exits.DONE
-    output.note(failure.message)
+    output.warn(failure.message)
     if "--json" in line:
         try:
             print(output.to_json(failure.document), flush=True)

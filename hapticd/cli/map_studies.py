@@ -28,7 +28,7 @@ def zwidth(
     config = resolve_config(source, assignments)
     latency, doubt = declared_latency(config)
     if doubt:
-        output.note(doubt)
+        output.warn(doubt)
     found = work_out(config, latency, velocity=velocity, jobs=jobs)
     report: dict[str, Any] = {"zwidth": source, **found.report}
     if picture is not None:

@@ -54,7 +54,7 @@ def metrics(
     elif out is None:
         print(text, end="")
     if not up:
-        output.note(f"no daemon answers on {client.socket_path}; {out} says hapticd_up 0")
+        output.warn(f"no daemon answers on {client.socket_path}; {out} says hapticd_up 0")
         return exits.UNREACHABLE
     return exits.DONE
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 from collections.abc import Callable, Mapping
@@ -10,6 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from hapticd.cli import output
+from hapticd.cli.completion import complete_config, complete_setting
 from hapticd.cli.exits import MEANING, UsageError
 from hapticd.control.endpoints import Endpoints, endpoint_of
 
@@ -44,6 +47,7 @@ SettingsOption = Annotated[
         "--set",
         metavar="KEY=VALUE",
         show_default=False,
+        autocompletion=complete_setting,
         help="Override one setting of the config, e.g. servo.rate_hz=500. Repeatable.",
     ),
 ]
@@ -53,6 +57,7 @@ ConfigArgument = Annotated[
     typer.Argument(
         metavar="CONFIG",
         show_default=False,
+        autocompletion=complete_config,
         help="A YAML file, or a preset by name: re35, delta, omega, freedom6, impulse_engine, mit_toolhandle, phantom. "
         "Default: re35, simulated.",
     ),
@@ -121,6 +126,28 @@ def check_figure_name(out: Path | None) -> None:
         raise UsageError(f"{out}: there is no folder {out.parent}")
 
 
+QuietOption = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", help="Say nothing beside the answer but warnings and errors: no progress, no notes."),
+]
+
+
+def _with_quiet(function: Callable[..., int]) -> Callable[..., int]:
+    """The command with ``--quiet``, which is the same for all."""
+
+    @functools.wraps(function)
+    def command(*, quiet: bool = False, **values: Any) -> int:
+        output.quiet.set(quiet)
+        return function(**values)
+
+    signature = inspect.signature(function, eval_str=True)
+    option = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption)
+    parameters = [*signature.parameters.values(), option]
+    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return command
+
+
 def register(
     app: typer.Typer,
     function: Callable[..., int],
@@ -146,7 +173,7 @@ def register(
     paragraphs = "\n\n".join(filter(None, texts)).split("\n\n")
     text = "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs).replace("[", "\\[")
     app.command(name or (declared.name if declared else None), help=text, epilog=epilog(*examples, codes=codes))(
-        function
+        _with_quiet(function)
     )
 
 

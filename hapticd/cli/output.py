@@ -7,6 +7,7 @@ import json
 import math
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextvars import ContextVar
 from typing import Any
 
 
@@ -38,9 +39,19 @@ def emit(document: Mapping[str, Any], as_json: bool, text: str) -> None:
     print(to_json(document) if as_json else text)
 
 
-def note(message: str) -> None:
-    """Say something beside the answer."""
+quiet: ContextVar[bool] = ContextVar("quiet", default=False)
+"""Whether the command was asked for its answer alone."""
+
+
+def warn(message: str) -> None:
+    """Say what must not be missed: a warning, or why a command failed."""
     print(f"hapticd: {message}", file=sys.stderr)
+
+
+def note(message: str) -> None:
+    """Say something beside the answer, unless it is not wanted."""
+    if not quiet.get():
+        warn(message)
 
 
 def number(value: Any, digits: int = 4) -> str:
@@ -52,8 +63,8 @@ def number(value: Any, digits: int = 4) -> str:
 
 @contextlib.contextmanager
 def progress_bar(label: str) -> Iterator[Callable[[float], None]]:
-    """A bar on a terminal (stderr), nothing in a pipe; yields a function that takes the fraction done, 0 to 1."""
-    if not sys.stderr.isatty():
+    """A bar on a terminal (stderr), nothing in a pipe or where it is not wanted; yields what takes the fraction done."""
+    if quiet.get() or not sys.stderr.isatty():
         yield lambda fraction: None
         return
     from rich.console import Console

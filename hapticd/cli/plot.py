@@ -65,6 +65,7 @@ def plot(
         raise UsageError("--only difference: it needs a second run")
     from hapticd.client import find_run
     from hapticd.config import load_config
+    from hapticd.figures.files import save_figure
     from hapticd.record import read_run
     from hapticd.view import difference, first_seconds, run_figure, signals
 
@@ -77,10 +78,10 @@ def plot(
     document: dict[str, Any] = {"figure": target, "runs": [each.document for each in found]}
     if len(found) > 1:
         document["difference"] = difference(found[0], found[1]).document
-    run_figure(*found, only=only).savefig(target, dpi=130)
+    save_figure(run_figure(*found, only=only), target)
     for each in found:
         for note in each.notes:
-            output.note(note)
+            output.warn(note)
     output.emit(document, as_json, describe(document))
     if show:
         typer.launch(str(target))

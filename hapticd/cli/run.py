@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hapticd.cli import exits
+from hapticd.cli import exits, output
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import ConfigArgument, ForceOption, SettingsOption, SocketOption, register, resolve_config
 
@@ -38,7 +38,7 @@ def run(
 
     # A reload reads the same file wherever the daemon's working directory is by then; a preset has no path.
     source = str(Path(config).absolute()) if config is not None and Path(config).is_file() else config
-    console = Console(stderr=True)
+    console = Console(stderr=True, quiet=output.quiet.get())
     return run_foreground(resolved, source=source, socket=socket, autostart=start, force=force, console=console)
 
 

@@ -67,7 +67,7 @@ def scope(
 
     def announce(addresses: Addresses) -> None:
         if not is_loopback(host):
-            output.note(
+            output.warn(
                 f"warning: whoever reaches {host} and has the URL can {'look' if view_only else 'command the motor'}, and "
                 "nothing is encrypted; an SSH tunnel is safer"
             )

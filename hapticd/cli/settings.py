@@ -7,12 +7,18 @@ from typing import Annotated
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.completion import complete_setting
 from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, parse_settings, register
 from hapticd.control.endpoints import Endpoints
 
 AssignmentsArgument = Annotated[
     list[str],
-    typer.Argument(metavar="KEY=VALUE", show_default=False, help="Dotted config key and its new value, SI units."),
+    typer.Argument(
+        metavar="KEY=VALUE",
+        show_default=False,
+        autocompletion=complete_setting,
+        help="Dotted config key and its new value, SI units.",
+    ),
 ]
 
 

@@ -99,9 +99,10 @@ def simulate(
 ) -> int:
     """Run the same servo code and plant in virtual time, as fast as the machine allows.
 
-    Says how it ended: monotone (energy falls at every sample), decaying, persistent or growing; and the plant's true
-    state at the end, in coarse ticks from the spring's origin. A run that grows past 1e9 ticks ends there. The same
-    config and seed give the same rows, bit for bit.
+    Says how it ended: monotone (energy falls at every sample), decaying, persistent or growing, and when it came to rest;
+    the plant's true state at the end, from the spring's origin; the largest deflection, speed and current; and the
+    frequency of its last swings. A run that grows past 1e9 ticks ends there. The same config and seed give the same rows,
+    bit for bit.
     """
     if deflection is not None and velocity is not None:
         raise UsageError("--deflection and --velocity exclude each other: a run begins at rest or at the origin")
@@ -137,11 +138,11 @@ def simulate(
             progress=progress,
         )
     report = {**result.report, **({"run": out} if out else {})}
-    output.emit(report, as_json, describe(report))
+    output.emit(report, as_json, describe(report, resolved.is_linear))
     for warning in report["warnings"]:
-        output.note(f"warning: {warning}")
+        output.warn(f"warning: {warning}")
     if fault := report["fault"]:
-        output.note(f"fault {fault['code']} in tick {fault['tick']}: {fault['cause']}")
+        output.warn(f"fault {fault['code']} in tick {fault['tick']}: {fault['cause']}")
         return exits.NO
     return exits.DONE
 
@@ -178,19 +179,41 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
         signal.signal(signal.SIGTERM, before)
 
 
-def describe(report: dict[str, Any]) -> str:
-    """A few lines of text about one simulation."""
-    position, velocity = report["final"]["position_ticks"], report["final"]["velocity_ticks_per_period"]
+def describe(report: dict[str, Any], linear: bool) -> str:
+    """A few lines of text about one simulation.
+
+    Args:
+        report: of `hapticd.servo.simulate.simulate`. linear: metres, not radians.
+    """
+    unit, final = "m" if linear else "rad", report["final"]
     lines = [
-        f"outcome   {report['outcome']}",
-        f"final     {number(position, 6)} ticks, {number(velocity, 6)} ticks/period",
+        f"outcome   {_outcome(report)}",
+        f"final     {number(final['position_ticks'], 6)} ticks ({number(final['position'])} {unit}), "
+        f"{number(final['velocity_ticks_per_period'], 6)} ticks/period ({number(final['velocity'])} {unit}/s)",
+        f"current   up to {number(report['peak_current_A'])} A",
         f"ticks     {report['ticks']} in {number(report['wall_s'], 3)} s, {number(report['ticks_per_s'], 3)} ticks/s",
     ]
+    if motion := report["motion"]:
+        swing = f"; {number(motion['frequency_hz'])} Hz, over the last swings" if motion["frequency_hz"] else ""
+        lines.insert(
+            2,
+            f"motion    up to {number(motion['peak_deflection'])} {unit} from the origin and "
+            f"{number(motion['peak_velocity'])} {unit}/s{swing}",
+        )
     if fault := report.get("fault"):
         lines.insert(1, f"fault     {fault['code']}: {fault['cause']}")
     if run := report.get("run"):
         lines.append(f"run       {run}")
     return "\n".join(lines)
+
+
+def _outcome(report: dict[str, Any]) -> str:
+    rest_s = (report["motion"] or {}).get("time_to_rest_s")
+    if rest_s is None:
+        return str(report["outcome"] or "not judged")
+    if rest_s == 0.0:
+        return f"{report['outcome']}: it did not move, held by friction"
+    return f"{report['outcome']}, at rest after {number(rest_s)} s"
 
 
 def add_to(app: typer.Typer) -> None:

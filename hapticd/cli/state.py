@@ -50,10 +50,10 @@ def _reload(
 
 def _report(status: dict[str, Any], as_json: bool, in_fault: int = exits.DONE) -> int:
     fault = status.get("fault")
-    text = (
-        "\n".join([f"{status['state']}: {fault['cause']}", *fault_lines(fault)[1:]]) if fault else str(status["state"])
-    )
-    output.emit(status, as_json, guarded(text, status))
+    lines = [f"{status['state']}: {fault['cause']}", *fault_lines(fault)[1:]] if fault else [status["state"]]
+    if unknown := status["position_unknown"]:
+        lines.append(unknown)
+    output.emit(status, as_json, guarded("\n".join(lines), status))
     return in_fault if fault else exits.DONE
 
 

@@ -68,6 +68,8 @@ def describe(report: dict[str, Any], socket: Path) -> str:
         ("energy", _energy(report["energy"])),
         ("recording", _recorder(report["recorder"])),
     ]
+    if unknown := report["position_unknown"]:
+        rows.insert(-2, ("", unknown))
     if (passivity := report["passivity"])["mode"] != "off":
         rows.insert(-1, ("passivity", _passivity(passivity)))
     experiment = report.get("experiment") or {"state": "idle"}

@@ -41,7 +41,7 @@ class Problem:
         return ": ".join([*parts, self.message])
 
 
-_MOST_SHOWN = 50
+_MOST_SHOWN = 20
 _LONGEST_KEY = 200
 
 
@@ -51,7 +51,7 @@ def _one_line(name: str) -> str:
 
 
 class ConfigError(Exception):
-    """A configuration that cannot be used; ``str()`` is the text for the user, one line a problem, the first fifty of them.
+    """A configuration that cannot be used; ``str()`` is the text for the user, one line a problem, the first twenty of them.
 
     Attributes:
         problems: everything that is wrong, never empty.

@@ -183,6 +183,9 @@ class Status(Reply):
     timing: Timing
     operating_point: OperatingPoint
     position: float | None = Field(description="From the spring's origin, rad or m.")
+    position_unknown: str | None = Field(
+        description="Why the origin's place is not known, and what to do; null where it is. Until then nothing is rendered."
+    )
     position_ticks: float | None = Field(description="The same in coarse ticks.")
     velocity: float | None = Field(description="Estimate from the encoder, rad/s or m/s.")
     current: float | None = Field(description="Commanded, A.")

@@ -283,7 +283,7 @@ def ramp(board: Board, config: Config, person: Person, current: float | None) ->
             board.command(board.code(reached), enable=True)
             time.sleep(RAMP_STEP_S)
             status = board.sample().status
-            if status & messages.STATUS_FAULTS:
+            if status & (messages.STATUS_FAULTS | messages.STATUS_UNCONFIGURED):
                 return Finding(name, Level.BAD, f"the board stopped at {reached:.3g} A (status {status:#04x})")
             if abs(board.counts - start) > furthest:
                 break

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 import drivers
 from hapticd.servo import atomics
 from hapticd.servo.core import Request, parameters
-from hapticd.servo.pace import MARGIN, used_share
+from hapticd.servo.pace import MARGIN, used_share, verdict
 from hapticd.servo.thread import ServoThread
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.tuning import stiffness_max_stable
@@ -55,6 +55,11 @@ class RateResult:
     def used(self) -> float | None:
         """Share of a period taken by lateness and execution at p99.9."""
         return used_share(self.timing, self.rate_hz)
+
+    @property
+    def verdict(self) -> str:
+        """Whether the loop kept up, and what decided that, in words."""
+        return verdict({**self.timing, "exchanges_missed": self.exchanges_missed}, self.rate_hz)
 
     @property
     def holds(self) -> bool:

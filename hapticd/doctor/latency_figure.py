@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapticd.figures.files import save_figure
 from hapticd.figures.style import new_figure, style
 from hapticd.servo.timing import bucket_edges
 
@@ -38,9 +39,4 @@ def write_figure(result: LatencyResult, path: Path) -> None:
         axis.set_ylabel("share of the ticks")
         axis.set_title(f"Lateness of the servo loop, driver {result.driver}")
         axis.legend()
-        partial = path.with_name(f".{path.name}.{path.suffix.lstrip('.') or 'png'}")
-        try:
-            figure.savefig(partial, format=path.suffix.lstrip(".") or None, dpi=150)
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
+        save_figure(figure, path, dpi=150)

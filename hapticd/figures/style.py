@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
+from hapticd.figures.files import naming
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
@@ -60,5 +62,6 @@ def new_figure(width: float, height: float) -> Figure:
 
 def save(figure: Figure, stem: Path) -> None:
     """Write ``stem.png`` and ``stem.svg``, without dates, so that the same numbers give the same files."""
-    figure.savefig(stem.with_suffix(".png"), dpi=_DPI, metadata={"Software": None})
-    figure.savefig(stem.with_suffix(".svg"), dpi=_DPI, metadata={"Date": None, "Creator": None})
+    with naming(stem):
+        figure.savefig(stem.with_suffix(".png"), dpi=_DPI, metadata={"Software": None})
+        figure.savefig(stem.with_suffix(".svg"), dpi=_DPI, metadata={"Date": None, "Creator": None})

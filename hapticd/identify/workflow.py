@@ -184,7 +184,7 @@ def _result(found: BaseFit, recordings: Sequence[Recording], model: Config, star
             "samples": found.fit.problem.series.size,
             "explained_share": start.share,
             "disturbance": {"rms": float(noise[2]), "correlation_s": float(noise[3])},
-            "likelihood_evaluations": found.fit.problem.counter[0],
+            "likelihood_evaluations": len(found.fit.problem.runs),
         },
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import itertools
+import os
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -29,6 +30,14 @@ def run_names(kind: str, label: str) -> Iterator[str]:
     yield f"{stem}.arrow"
     for number in itertools.count(2):
         yield f"{stem}-{number}.arrow"
+
+
+def why_unwritable(directory: Path) -> str | None:
+    """Why no run can be written to a folder that may not be there yet; None where one can. Nothing is made."""
+    existing = next(place for place in (directory, *directory.parents) if place.exists())
+    if not existing.is_dir():
+        return f"{existing} is not a folder"
+    return None if os.access(existing, os.W_OK | os.X_OK) else f"this user cannot write to {existing}"
 
 
 def open_new_run(directory: Path, kind: str, label: str, metadata: Mapping[str, Any]) -> RunWriter:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.record.schema import Rows, empty_rows
+from hapticd.record.schema import FLAG_EXCITATION, FLAG_FAULT, FLAG_RUNNING, Rows, empty_rows
 
 MAGIC = 0x31465348
 """``HSF1``."""
@@ -40,6 +40,9 @@ COLUMNS = (
 """After the header, one block of ``rows`` values each. ``counts`` are raw counts from the header's origin."""
 
 ROW_BYTES = 4 * len(COLUMNS)
+_FLAGS = struct.Struct("<i")
+"""Of the newest row: the last value of the last column."""
+_STATE = FLAG_RUNNING | FLAG_FAULT | FLAG_EXCITATION
 _INT32 = np.iinfo(np.int32)
 
 
@@ -98,6 +101,15 @@ def encode(rows: Rows, context: Context) -> bytes:
         _int32(rows["flags"]),
     )
     return b"".join((header, *(column.tobytes() for column in columns)))
+
+
+def standing(frame: bytes) -> tuple[int, int] | None:
+    """Settings epoch and, by its flags, the loop's state at a frame's newest row; None where there is no row."""
+    if len(frame) < HEADER.size + ROW_BYTES:
+        return None
+    _, _, _, _, epoch, *_ = HEADER.unpack_from(frame)
+    flags: int = _FLAGS.unpack_from(frame, len(frame) - _FLAGS.size)[0]
+    return epoch, flags & _STATE
 
 
 def _float32(values: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import tokenize
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -147,8 +148,8 @@ def _parquet(path: Path, mapping: ImportMap) -> Source:
 
 
 def _from_table(path: Path, table: Any, *, named: bool) -> Source:
-    numbered = [column.to_numpy() for column in table.columns]
     names = [name.strip() for name in column_names(path, table)]
+    numbered = [column.to_numpy() for column in table.columns]
     return Source(path, dict(zip(names, numbered, strict=True)) if named else {}, numbered)
 
 
@@ -207,8 +208,10 @@ def _mat_level_4(path: Path, data: bytes) -> dict[str, Any]:
     try:
         if matfile_version(memory)[0] != 0:
             raise RunFileError(f"{path} is not a readable .mat file: its header is damaged")
-        contents = loadmat(memory, squeeze_me=True)
-    except (MatReadError, ValueError, TypeError, OSError, LookupError, ArithmeticError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            contents = loadmat(memory, squeeze_me=True)
+    except (MatReadError, ValueError, TypeError, OSError, LookupError, ArithmeticError, UserWarning) as error:
         raise RunFileError(f"{path} is not a readable .mat file: {error}") from None
     return {name: np.asarray(value) for name, value in contents.items() if not name.startswith("__")}
 

@@ -149,7 +149,7 @@ def _records(path: Path) -> Iterator[Any]:
             check_unpacked(path, unpacked, limit)
             yield from breakup_chunk(record, validate_crc=True)
     # A record that is shorter than it says ends in a struct.error.
-    except (McapError, zstandard.ZstdError, struct.error, ValueError, EOFError) as error:
+    except (McapError, zstandard.ZstdError, struct.error, ValueError, OverflowError, EOFError) as error:
         raise RunFileError(f"{path} is not a readable MCAP file: {error or type(error).__name__}") from None
 
 

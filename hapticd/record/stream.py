@@ -113,7 +113,7 @@ def read_stream(path: Path, data: bytes) -> Stream:
         plain = all(_plain(column.type) for column in schema)
         stored = dict(schema.metadata or {})
         check = metadata_checksum(schema)
-    except (pa.ArrowException, OSError, UnicodeDecodeError, ValueError) as error:
+    except (pa.ArrowException, OSError, EOFError, UnicodeDecodeError, ValueError) as error:
         raise RunFileError(f"{path} is not a run file (no Arrow stream: {brief(error)})") from None
     if not plain:
         raise RunFileError(f"{path} is not a run file: it holds columns that are neither numbers nor text")

@@ -303,6 +303,8 @@ def _endpoint(server: ScopeServer, handler: Callable[[Request], Any], role: Role
             return error_answer(422, "run", str(error))
         except ClientDisconnect:
             return error_answer(400, "gone", "the page went away")
+        if role is Role.COMMAND:
+            server.hub.look_again()
         return result if isinstance(result, Response) else answer(result)
 
     return endpoint

@@ -1,13 +1,15 @@
-"""From one daemon to all pages: frames relayed as they are, and the state when it is asked for.
+"""From one daemon to all pages: frames relayed as they are, and the state.
 
-With no page open, nothing runs here and nothing is asked of the daemon. Every page has bounded queues of its own that
-drop their oldest entry; rows and state go over two connections, so that bulk data in a slow network's buffers never
-stands in front of the state.
+With no page open, nothing runs here and nothing is asked of the daemon. To ask for the state wakes threads of two
+processes: it is done at once when a frame says that the loop has another one, or when a page has commanded something, and
+twice a second besides. Every page has bounded queues of its own that drop their oldest entry; rows and state go over two
+connections, so that bulk data in a slow network's buffers never stands in front of the state.
 """
 
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import logging
 import time
 from collections import deque
@@ -19,16 +21,18 @@ from typing import Any, Generic, TypeVar
 from prometheus_client.parser import text_string_to_metric_families
 
 from hapticd.client import Client, DaemonUnreachable, RequestRefused
+from hapticd.record import frames as coding
 from hapticd.scope import theory
 from hapticd.scope.upstream import StreamLost, frames
 
 log = logging.getLogger(__name__)
 
-STATE_S = 0.2
-HISTOGRAMS_EVERY = 10
-"""One look at the histograms for so many at the state."""
+STATE_S = 0.5
+SOONEST_S = 0.1
+"""From one look at the state to the next, though everything changes all the time."""
+HISTOGRAMS_S = 2.0
 RETRY_S = 0.5
-WAITING_FRAMES = 64
+WAITING_FRAMES = 32
 WAITING_MESSAGES = 16
 ASK_TIMEOUT_S = 5.0
 Item = TypeVar("Item")
@@ -72,6 +76,11 @@ class Hub:
         self._relay: asyncio.Task[None] | None = None
         self._poll: asyncio.Task[None] | None = None
         self._version: tuple[Any, ...] | None = None
+        self._changed = asyncio.Event()
+
+    def look_again(self) -> None:
+        """Ask for the state now: something has changed."""
+        self._changed.set()
 
     def watch_rows(self) -> Queue[bytes]:
         """A new page's queue of frames."""
@@ -115,9 +124,13 @@ class Hub:
         return await asyncio.get_running_loop().run_in_executor(self._pool, method, *arguments)
 
     async def _run_relay(self) -> None:
+        standing: tuple[int, int] | None = None
         while True:
             try:
                 async for frame in frames(self.socket_path):
+                    if (now := coding.standing(frame)) not in (None, standing):
+                        standing = now
+                        self.look_again()
                     for queue in self.rows:
                         queue.put(frame)
             except StreamLost as lost:
@@ -125,8 +138,10 @@ class Hub:
             await asyncio.sleep(RETRY_S)
 
     async def _run_poll(self) -> None:
-        due, looks = time.monotonic(), 0
+        histograms_due = 0.0
         while True:
+            began = time.monotonic()
+            self._changed.clear()
             message: dict[str, Any] = {"type": "state", "status": None, "why": None}
             try:
                 message["status"] = status = await self.ask(self.client.status)
@@ -135,17 +150,19 @@ class Hub:
                     self.config = await self.ask(self._describe, status["latency_s"])
                     self._version = version
                     self._send(self.config)
-                if looks % HISTOGRAMS_EVERY == 0:
+                if began >= histograms_due:
+                    histograms_due = began + HISTOGRAMS_S
                     self._send({"type": "histograms", **await self.ask(self._histograms)})
-                looks += 1
             except (DaemonUnreachable, RequestRefused) as error:
                 message["why"] = str(error)
             except Exception:
                 log.exception("the state could not be worked out")
                 message["why"] = "the scope failed inside itself; its log has the details"
             self._send({**message, "unix_s": time.time()})
-            due = max(due + STATE_S, time.monotonic())
-            await asyncio.sleep(due - time.monotonic())
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(STATE_S):
+                    await self._changed.wait()
+            await asyncio.sleep(began + SOONEST_S - time.monotonic())
 
     def _describe(self, latency_s: float) -> dict[str, Any]:
         return {"type": "config", **theory.describe(self.client.config(), latency_s)}

@@ -1,4 +1,4 @@
-"""The daemon as the scope sees it: its stream of frames, and its state asked for five times a second."""
+"""The daemon's stream of frames."""
 
 from __future__ import annotations
 

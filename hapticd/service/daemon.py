@@ -98,7 +98,7 @@ class Daemon(Endpoints):
             self._faults.refuse()
             self._experiments.refuse_running()
             self.rig.wait_ticks(1)  # until then nobody knows where the shaft is
-            self._rendering.refuse_far_start()
+            self._rendering.refuse_place()
             judgement = None
             if self.rig.state != w.RUNNING:
                 config = self.rig.config
@@ -290,13 +290,17 @@ class Daemon(Endpoints):
         old, estops = self.rig, self._estops
         old.close()
         try:
-            self._rendering.rig = Rig(config, old.fault_number, self.live, self._name)
+            self._rendering.rig = Rig(
+                config, old.fault_number, self.live, self._name, position_known=old.position_known
+            )
         except Exception as error:
             log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
             with self._faults.lock:
                 self._faults.latch(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
                 try:
-                    self._rendering.rig = Rig(old.config, faults.RELOAD_FAILED, self.live, self._name)
+                    self._rendering.rig = Rig(
+                        old.config, faults.RELOAD_FAILED, self.live, self._name, position_known=old.position_known
+                    )
                 except Exception:
                     log.critical("the old configuration failed too; the daemon ends", exc_info=True)
                     self.dead = True
@@ -314,14 +318,17 @@ class Daemon(Endpoints):
             self._experiments.cancel()
             lost.close()
             try:
-                self._rendering.rig = Rig(lost.config, faults.DRIVER_LOST, self.live, self._name, driver)
+                fault = lost.fault_number or faults.DRIVER_LOST
+                self._rendering.rig = Rig(lost.config, fault, self.live, self._name, driver, position_known=False)
             except Exception:
                 log.critical("the device is back, and cannot be used; the daemon ends", exc_info=True)
                 driver.close()
                 self.dead = True
                 return
             self._estop_again(estops)
-        log.info("%s is back; the fault stays until 'hapticd clear'", driver.describe())
+        log.info(
+            "%s is open again; the fault stays until 'hapticd clear', the origin has to be set anew", driver.describe()
+        )
 
     def _estop_again(self, before: int) -> None:
         """An estop that came while the rig was replaced is for the new one."""

@@ -70,11 +70,11 @@ class FaultManager:
     def _remedy(self, code: str) -> str:
         """What a person does about it, with this rig as it is now."""
         rig = self._rendering.rig
-        if faults.NUMBERS[code] != faults.DRIVER_LOST:
-            return faults.KINDS[faults.NUMBERS[code]].remedy
-        if self._fault is not None and self._raised_on is not rig:
+        if rig.device_lost:
+            return faults.REOPENS if rig.config.driver.reconnect else faults.REPLUG
+        if faults.NUMBERS[code] == faults.DRIVER_LOST or not (rig.position_known or self._raised_on is rig):
             return faults.REOPENED
-        return faults.REOPENS if rig.config.driver.reconnect else faults.REPLUG
+        return faults.KINDS[faults.NUMBERS[code]].remedy
 
     def refuse(self) -> None:
         """Refuse while a fault is latched.

@@ -22,6 +22,7 @@ from rich.text import Text
 from drivers import DriverConfigError
 from hapticd.config import ConfigError
 from hapticd.control.fault_words import fault_lines
+from hapticd.record.files import why_unwritable
 from hapticd.service.access import Rules
 from hapticd.service.api import ApiServer
 from hapticd.service.daemon import Daemon, source_name
@@ -77,6 +78,8 @@ def banner(daemon: Daemon, socket: Path, source: str, *, starting: bool = False)
         )
     lines.append(f"socket      {socket}")
     lines.append(f"recordings  {rig.recorder.directory}" + ("" if config.record.enabled else " (only on request)"))
+    if why := why_unwritable(rig.recorder.directory):
+        lines.append(f"WARNING     no run can be recorded: {why}; record.directory names the folder")
     if status["fault"]:
         lines += [f"FAULT       {line}" for line in fault_lines(status["fault"])]
     elif starting:
@@ -240,13 +243,16 @@ def _recover(config: Config, name: str) -> None:
 
 
 def _log_to(console: Console) -> None:
+    level = logging.WARNING if console.quiet else logging.INFO
     handler: logging.Handler = logging.StreamHandler()
     text = "%(levelname)s %(message)s"
     if console.is_terminal:
+        # A console that prints nothing still says what is logged.
+        console = Console(stderr=True) if console.quiet else console
         handler, text = RichHandler(console=console, show_path=False, markup=False), "%(message)s"
     elif stderr_is_journal():
         handler, text = JournalHandler(), "%(message)s"
-    logging.basicConfig(level=logging.INFO, format=text, handlers=[handler])
+    logging.basicConfig(level=level, format=text, handlers=[handler])
 
 
 def _watch(daemon: Daemon, signals: _Signals, console: Console, notifier: Notifier) -> None:

@@ -1,15 +1,15 @@
 """The live stream: the rows that the recorder takes from the ring, as frames, for whoever looks at them now.
 
 Nothing is done while nobody looks. While somebody does, the recorder's thread only hands over a reference to rows that
-it has copied anyway; a thread of its own encodes them, once for all who look. Every buffer on the way is bounded and
-drops its oldest frame, so that a slow reader costs the daemon and the other readers nothing; the row numbers in the
-frames (`hapticd.record.frames`) tell each reader what it missed.
+it has copied anyway; the API's event loop encodes them, once for all who look. To wake a thread for it cost more than the
+encoding. Every buffer on the way is bounded and drops its oldest frame, so that a slow reader costs the daemon and the other
+readers nothing; the row numbers in the frames (`hapticd.record.frames`) tell each reader what it missed.
 """
 
 from __future__ import annotations
 
 import asyncio
-import threading
+import contextlib
 import time
 from collections import deque
 from collections.abc import AsyncIterator
@@ -23,12 +23,13 @@ from hapticd.service.refusals import Refused
 
 INBOX_PORTIONS = 256
 GATHER_ROWS = 4096
-WAITING_FRAMES = 64
-"""At 25 frames a second, what a reader may fall behind before it loses its oldest frame: 2.5 s."""
+WAITING_FRAMES = 32
+"""What a reader may fall behind before it loses its oldest frame: 2.5 s."""
 MAX_READERS = 16
 SIGN_OF_LIFE_S = 0.5
-GATHER_S = 0.04
-"""What comes within it travels in one frame: a frame costs every hop the same, however long it is."""
+GATHER_S = 0.08
+"""What comes within it travels in one frame: a frame costs every hop the same, however long it is, for what it costs is to
+wake whoever sleeps there."""
 
 
 class LiveStream:
@@ -38,9 +39,8 @@ class LiveStream:
         self.watched = False
         """Whether anybody looks; the recorder's thread asks before it does anything."""
         self._readers: set[Reader] = set()
-        self._lock = threading.Lock()
         self._inbox: deque[tuple[Rows, Context]] = deque(maxlen=INBOX_PORTIONS)
-        self._thread: threading.Thread | None = None
+        self._encoding: asyncio.Task[None] | None = None
         self._closed = False
 
     def put(self, rows: Rows, context: Context) -> None:
@@ -71,49 +71,39 @@ class LiveStream:
             self._leave(reader)
 
     def _subscribe(self) -> Reader:
-        with self._lock:
-            reader = Reader(asyncio.get_running_loop())
-            self._readers.add(reader)
-            if self._thread is None:
-                self._inbox.clear()
-                self.watched = True
-                self._thread = threading.Thread(target=self._encode, name="hapticd-stream", daemon=True)
-                self._thread.start()
-            return reader
+        reader = Reader(asyncio.get_running_loop())
+        self._readers.add(reader)
+        if self._encoding is None:
+            self._inbox.clear()
+            self.watched = True
+            self._encoding = asyncio.create_task(self._encode())
+        return reader
 
     def _leave(self, reader: Reader) -> None:
-        with self._lock:
-            self._readers.discard(reader)
-            if self._readers:
-                return
+        self._readers.discard(reader)
+        if not self._readers and self._encoding is not None:
             self.watched = False
-            self._thread = None  # it sees that by itself, 40 ms later
+            self._encoding.cancel()
+            self._encoding = None
 
     def close(self) -> None:
-        """End every reader's stream, and take no more."""
-        with self._lock:
-            self._closed = True
-            readers = list(self._readers)
-        for reader in readers:
+        """End every reader's stream, and take no more; from any thread."""
+        self._closed = True
+        for reader in tuple(self._readers):
             reader.end()
 
-    def _encode(self) -> None:
-        me, silent_s = threading.current_thread(), 0.0
-        while self._thread is me:
-            time.sleep(GATHER_S)
-            silent_s += GATHER_S
-            while self._inbox and self._thread is me:
-                self._offer(encode(*self._gather()))
-                silent_s = 0.0
-            if silent_s > SIGN_OF_LIFE_S:
-                self._offer(encode(empty_rows(), Context(0, 0, 1, 0.0, 0, time.time())))
-                silent_s = 0.0
-
-    def _offer(self, frame: bytes) -> None:
-        with self._lock:
-            readers = list(self._readers)
-        for reader in readers:
-            reader.offer(frame)
+    async def _encode(self) -> None:
+        told_s = time.monotonic()
+        while True:
+            await asyncio.sleep(GATHER_S)
+            now_s = time.monotonic()
+            if not self._inbox and now_s - told_s > SIGN_OF_LIFE_S:
+                self._inbox.append((empty_rows(), Context(0, 0, 1, 0.0, 0, time.time())))
+            while self._inbox:
+                frame = encode(*self._gather())
+                for reader in self._readers:
+                    reader.offer(frame)
+                told_s = now_s
 
     def _gather(self) -> tuple[Rows, Context]:
         """The oldest portion that waits, and those behind it that go on where it ends, under the same settings."""
@@ -131,7 +121,7 @@ class LiveStream:
 
 
 class Reader:
-    """One who looks: a bounded queue between the encoding thread and an event loop."""
+    """One who looks: a bounded queue in an event loop."""
 
     def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
         self.ended = False
@@ -140,20 +130,15 @@ class Reader:
         self._ready = asyncio.Event()
 
     def offer(self, frame: bytes) -> None:
-        """Queue a frame, in place of the oldest when the queue is full; from any thread."""
+        """Queue a frame, in place of the oldest when the queue is full."""
         self._frames.append(frame)
-        self._notify()
+        self._ready.set()
 
     def end(self) -> None:
         """No more frames; from any thread."""
         self.ended = True
-        self._notify()
-
-    def _notify(self) -> None:
-        try:
+        with contextlib.suppress(RuntimeError):  # the loop is closed, and so is the connection
             self._loop.call_soon_threadsafe(self._ready.set)
-        except RuntimeError:  # the loop is closed, and so is the connection
-            self.ended = True
 
     async def take(self) -> bytes:
         """All that waits, as soon as anything does."""

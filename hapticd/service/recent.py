@@ -1,4 +1,4 @@
-"""How the loop did lately: the difference between its histograms now and those of some seconds ago.
+"""How the loop did, since its start and lately: the difference between its histograms now and those of some seconds ago.
 
 The loop only ever counts up. The supervisor keeps a copy a second; nothing of this is in the tick.
 """
@@ -34,12 +34,14 @@ class _Look:
     exchanges_missed: int
     late: NDArray[np.int64]
     spent: NDArray[np.int64]
+    latest_ns: int
+    longest_ns: int
 
 
 class RecentTiming:
     """Counters of the last minute.
 
-    `look` is called from the supervisor, `windows` from any thread.
+    `look` is called from the supervisor, `statistics` from any thread.
     """
 
     def __init__(self) -> None:
@@ -53,15 +55,18 @@ class RecentTiming:
         elif now_s - self._looks[-1].at_s >= _EVERY_S:
             self._looks.append(_taken(core, now_s))
 
-    def windows(self, core: ServoCore, now_s: float, rate_hz: float) -> dict[str, Any]:
-        """``last_10_s`` and ``last_60_s``: as the statistics since the start, over as much of that time as there is.
+    def statistics(self, core: ServoCore, now_s: float, rate_hz: float) -> dict[str, Any]:
+        """Since the start, and in ``last_10_s`` and ``last_60_s`` the same over as much of that time as there is.
+
+        All of it is of one instant: nothing recent is more than what there was since the start.
 
         Args:
             core: the loop. now_s: of the clock that `look` was given. rate_hz: the servo rate, for the verdict.
         """
         now = _taken(core, now_s)
         looks = [each for each in tuple(self._looks) if each.core is core]
-        return {f"last_{window}_s": _between(_begin(looks, now, window), now, rate_hz) for window in WINDOWS_S}
+        windows = {f"last_{window}_s": _between(_begin(looks, now, window), now, rate_hz) for window in WINDOWS_S}
+        return {**_since_start(now, rate_hz), **windows}
 
 
 def _taken(core: ServoCore, now_s: float) -> _Look:
@@ -73,12 +78,14 @@ def _taken(core: ServoCore, now_s: float) -> _Look:
         core.load(atomics.MISSED_EXCHANGES),
         core.late_histogram.copy(),
         core.exec_histogram.copy(),
+        core.load(atomics.LATE_MAX_NS),
+        core.load(atomics.EXEC_MAX_NS),
     )
 
 
 def _beginning(core: ServoCore, now_s: float) -> _Look:
     """The counters of a loop that has just begun."""
-    return _Look(core, now_s, 0, 0, 0, np.zeros_like(core.late_histogram), np.zeros_like(core.exec_histogram))
+    return _Look(core, now_s, 0, 0, 0, np.zeros_like(core.late_histogram), np.zeros_like(core.exec_histogram), 0, 0)
 
 
 def _begin(looks: list[_Look], now: _Look, window_s: float) -> _Look:
@@ -87,19 +94,30 @@ def _begin(looks: list[_Look], now: _Look, window_s: float) -> _Look:
     return old_enough[-1] if old_enough else looks[0] if looks else _beginning(now.core, now.at_s)
 
 
+def _since_start(now: _Look, rate_hz: float) -> dict[str, Any]:
+    found = {
+        "ticks": now.ticks,
+        "missed": now.missed,
+        "exchanges_missed": now.exchanges_missed,
+        "wake_us": quantiles_us(now.late, now.latest_ns),
+        "exec_us": quantiles_us(now.spent, now.longest_ns),
+    }
+    return {**found, "verdict": pace.verdict(found, rate_hz)}
+
+
 def _between(first: _Look, last: _Look, rate_hz: float) -> dict[str, Any]:
     found = {
         "span_s": round(last.at_s - first.at_s, 3),
         "ticks": last.ticks - first.ticks,
         "missed": last.missed - first.missed,
         "exchanges_missed": last.exchanges_missed - first.exchanges_missed,
-        "wake_us": _quantiles(last.late - first.late),
-        "exec_us": _quantiles(last.spent - first.spent),
+        "wake_us": _quantiles(last.late - first.late, last.latest_ns),
+        "exec_us": _quantiles(last.spent - first.spent, last.longest_ns),
     }
     return {**found, "verdict": pace.verdict(found, rate_hz)}
 
 
-def _quantiles(histogram: NDArray[np.int64]) -> dict[str, float | None]:
-    """As `quantiles_us`; the largest value is known to its bucket, which is right to 3 %."""
+def _quantiles(histogram: NDArray[np.int64], ever_ns: int) -> dict[str, float | None]:
+    """As `quantiles_us`; the largest is known to its bucket, which is right to 3 %, and is at most the largest ever."""
     counted = np.flatnonzero(histogram)
-    return quantiles_us(histogram, round(bucket_edges()[counted[-1] + 1]) if counted.size else 0)
+    return quantiles_us(histogram, min(round(bucket_edges()[counted[-1] + 1]), ever_ns) if counted.size else 0)

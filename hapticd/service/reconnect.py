@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING
 
 from drivers import DriverError
 from hapticd.service.rig import opened_driver
-from hapticd.servo import faults
 from hapticd.servo import layout as w
 
 if TYPE_CHECKING:
@@ -53,13 +52,14 @@ class Reconnector:
     def _run(self) -> None:
         while not self._ending.wait(RETRY_S):
             rig = self._rig()
-            if not (rig.config.driver.reconnect and rig.state == w.FAULT and rig.fault_number == faults.DRIVER_LOST):
+            if not (rig.config.driver.reconnect and rig.state == w.FAULT and rig.device_lost):
                 continue
             if self._is_latched():
                 try:
                     self._attempt(rig)
-                except Exception:
-                    log.exception("reconnecting goes on after an error")
+                except Exception as error:
+                    if self._is_news(error):
+                        log.exception("reconnecting goes on after an error")
 
     def _attempt(self, rig: Rig) -> None:
         if rig is not self._abandoned:
@@ -68,8 +68,12 @@ class Reconnector:
         try:
             driver = opened_driver(rig.config)
         except DriverError as error:
-            if str(error) != self._said:
-                self._said = str(error)
+            if self._is_news(error):
                 log.warning("the device is not back yet: %s", error)
             return
         self._take_over(rig, driver)
+
+    def _is_news(self, error: Exception) -> bool:
+        """Whether the attempt before this one ended otherwise; what goes on is said once."""
+        before, self._said = self._said, str(error)
+        return self._said != before

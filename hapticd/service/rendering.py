@@ -79,11 +79,13 @@ class Rendering:
             rig.halt()
             raise DriverFailure(f"the servo loop did not begin to render within {timeout:g} s")
 
-    def refuse_far_start(self) -> None:
-        """Refuse to render where the shaft is beyond ``safety.max_excursion`` from the spring's origin."""
+    def refuse_place(self) -> None:
+        """Refuse to render where the origin's place is not known, or beyond ``safety.max_excursion`` from the shaft."""
         rig = self.rig
         limit, unit = rig.config.safety.max_excursion, "m" if rig.config.is_linear else "rad"
         away = (rig.counts - rig.origin_counts) * rig.config.raw_resolution
+        if unknown := rig.position_unknown():
+            raise Refused("position_unknown", unknown)
         if limit and abs(away) > limit:
             here = rig.counts * rig.config.raw_resolution
             raise Refused(

@@ -1,4 +1,4 @@
-"""The daemon's status: what the loopâs atomics, the recorder and the theory say, in one document."""
+"""The daemon's status: what the loop's atomics, the recorder and the theory say, in one document."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from hapticd.config import Config, config_digest
 from hapticd.control.endpoints import JsonDict
-from hapticd.servo import atomics, pace
+from hapticd.servo import atomics
 from hapticd.servo import layout as w
 from hapticd.stability import numbers, regions
 
@@ -29,6 +29,7 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict, recent: Recen
         "config_digest": config_digest(config),
         "timing": _timing(rig, recent),
         "operating_point": _operating_point(rig),
+        "position_unknown": rig.position_unknown(),
         "position": (rig.counts - rig.origin_counts) * config.raw_resolution,
         "velocity": float(snapshot["velocity"]),
         "current": float(snapshot["current"]),
@@ -53,9 +54,7 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict, recent: Recen
 def _timing(rig: Rig, recent: RecentTiming) -> JsonDict:
     """Since the start, and lately."""
     rate_hz = rig.config.servo.rate_hz
-    since_start = {**rig.core.timing(), "exchanges_missed": rig.core.load(atomics.MISSED_EXCHANGES)}
-    windows = recent.windows(rig.core, time.monotonic(), rate_hz)
-    return {"rate_hz": rate_hz, **since_start, "verdict": pace.verdict(since_start, rate_hz), **windows}
+    return {"rate_hz": rate_hz, **recent.statistics(rig.core, time.monotonic(), rate_hz)}
 
 
 def _passivity(rig: Rig) -> JsonDict:

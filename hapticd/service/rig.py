@@ -63,6 +63,7 @@ class Rig:
         live: who looks at the rows while they come; None: nobody can.
         name: of this daemon, for its flight recorder; empty: it has none.
         driver: open already; None: it is opened here.
+        position_known: False where the encoder may have begun to count anew since somebody said where the origin is.
 
     Raises:
         DriverError: the device cannot be opened.
@@ -76,6 +77,8 @@ class Rig:
         live: LiveStream | None = None,
         name: str = "",
         driver: Driver | None = None,
+        *,
+        position_known: bool = True,
     ) -> None:
         self.config = config
         self.request = Request()
@@ -93,6 +96,8 @@ class Rig:
         self._rows_taken = 0
         self.guard: dict[str, Any] | None = None
         """What the stability guard said last of this rig; goes into every run."""
+        self.position_known = position_known
+        """False: nothing is rendered before the origin is set anew."""
         self.settings_epoch = 0
         """Counts the changes of config and origin, from the start of this rig."""
         # Before the servo: once that runs, nothing slow may stand between it and the supervisor's heartbeat.
@@ -179,6 +184,21 @@ class Rig:
         return self.core.load(atomics.FAULT_CODE)
 
     @property
+    def device_lost(self) -> bool:
+        """Whether the driver has said that its device is lost, before or after another fault."""
+        return self.core.load(atomics.DEVICE_LOST) != 0
+
+    def position_unknown(self) -> str | None:
+        """Why the origin's place is not known, and what to do about it; None where it is."""
+        if self.position_known:
+            return None
+        here = self.counts * self.config.raw_resolution
+        return (
+            "the device was opened again, and its encoder may have begun to count anew: set the spring's origin, "
+            f"'hapticd set spring.origin={here:.4g}' for where the shaft is now"
+        )
+
+    @property
     def counts(self) -> int:
         """Encoder counts of the last tick."""
         return self.core.load(atomics.COUNTS)
@@ -222,6 +242,8 @@ class Rig:
     def _publish(self, config: Config | None, changes: dict[str, Any]) -> None:
         if config is not None or "origin_counts" in changes:
             self.settings_epoch += 1
+        if "origin_counts" in changes:
+            self.position_known = True
         if config is not None:
             self.config = config
         self.request = replace(self.request, **changes)

@@ -51,6 +51,8 @@ EXEC_MAX_NS: Final = 37
 """Longest tick, ns."""
 COUNTS: Final = 39
 """Encoder counts of the last good sample."""
+DEVICE_LOST: Final = 40
+"""1: the driver has said that its device is lost; 0 again when the fault is cleared."""
 
 SIZE: Final = 48
 """Words in all."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy import signal
+import scipy  # scipy.signal is loaded when it is first used, which takes half a second
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -57,7 +57,7 @@ class Shape:
 
 
 def _ramps(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(plan.amplitude * signal.sawtooth(2 * np.pi * 2 * t / plan.duration_s + np.pi / 2, 0.5))
+    return np.asarray(plan.amplitude * scipy.signal.sawtooth(2 * np.pi * 2 * t / plan.duration_s + np.pi / 2, 0.5))
 
 
 def _sweeps(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -67,11 +67,11 @@ def _sweeps(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
     starts = np.concatenate([[0.0], np.cumsum(share)])
     part = np.clip(np.searchsorted(starts, t, side="right") - 1, 0, len(cycles) - 1)
     phase = (t - starts[part]) / share[part] * cycles[part]
-    return np.asarray(plan.amplitude * signal.sawtooth(2 * np.pi * phase + np.pi / 2, 0.5))
+    return np.asarray(plan.amplitude * scipy.signal.sawtooth(2 * np.pi * phase + np.pi / 2, 0.5))
 
 
 def _chirp(plan: Plan, t: NDArray[np.float64]) -> NDArray[np.float64]:
-    wave = signal.chirp(t, plan.low_hz, plan.duration_s, plan.high_hz, method="logarithmic", phi=-90)
+    wave = scipy.signal.chirp(t, plan.low_hz, plan.duration_s, plan.high_hz, method="logarithmic", phi=-90)
     return np.asarray(plan.amplitude * wave)
 
 

@@ -27,9 +27,10 @@ RELOAD_FAILED: Final = 15
 
 CLEAR: Final = "when the rig is safe, 'hapticd clear'"
 REPLUG: Final = (
-    "plug it in and restart the daemon, then 'hapticd clear'; with driver.reconnect: true it is opened again by itself"
+    "plug it in, switch it on and restart the daemon, then 'hapticd clear'; with driver.reconnect: true it is opened again "
+    "by itself"
 )
-REOPENS: Final = "plug it in; it is opened again by itself, then 'hapticd clear'"
+REOPENS: Final = "plug it in and switch it on; it is opened again by itself, then 'hapticd clear'"
 REOPENED: Final = "the device answers again: look at the rig, then 'hapticd clear'"
 
 
@@ -85,7 +86,7 @@ KINDS: Final[dict[int, FaultKind]] = {
     ),
     DRIVER_LOST: FaultKind(
         "driver_lost",
-        "the device is gone (driver returned {value:.0f})",
+        "the device is lost (driver returned {value:.0f})",
         REPLUG,
     ),
     DRIVER_ERROR: FaultKind(
@@ -96,7 +97,7 @@ KINDS: Final[dict[int, FaultKind]] = {
     DEVICE_FAULT: FaultKind(
         "device_fault",
         "the device reports a fault of its own, code {value:.0f} (0x{value_int:x})",
-        "clear the fault in the device itself, then 'hapticd clear'; if the device lost its power, start the daemon again",
+        "clear the fault in the device itself, then 'hapticd clear'",
     ),
     HEARTBEAT_LOST: FaultKind(
         "heartbeat_lost",

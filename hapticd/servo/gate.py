@@ -38,6 +38,8 @@ def check_exchange(servo: Any, shared: Any, result: int) -> None:
     elif result == -1:
         raise_fault(servo, shared, faults.DRIVER_ERROR, result, 0.0)
     elif result < -1 or result > 2:
+        # Also where another fault came first, such as the exchanges that failed before the driver was sure.
+        atomic_store(shared, atomics.DEVICE_LOST, 1)
         raise_fault(servo, shared, faults.DRIVER_LOST, result, 0.0)
 
 
@@ -114,6 +116,7 @@ def step_mode(servo: Any, shared: Any) -> None:
             state.mode = OFF
             forget_motion(servo)
             atomic_store(shared, atomics.FAULT_CODE, 0)
+            atomic_store(shared, atomics.DEVICE_LOST, 0)
     estops = atomic_load(shared, atomics.ESTOP)
     if estops != state.estops:
         state.estops = estops

@@ -51,6 +51,38 @@ def _energies(
         out[k] = energy(xi, xi_dot, mu) + 0.5 * kappa * xi * xi
 
 
+_PEAK, _FASTEST, _MOVED, _DIRECTION, _TURNS, _FIRST_TURN = range(6)
+_KEPT_TURNS = 32
+
+
+@njit(numba.void(_STATES, _f8, _f8, numba.float64[::1]), counted=False)
+def _follow(truth: NDArray[Any], origin: float, done: float, motion: NDArray[Any]) -> None:
+    """Keep what a person asks of a motion first; ``motion`` is by the names above, ticks of the last turns at its end."""
+    for k in range(len(truth)):
+        speed = truth[k, 1]
+        motion[_PEAK] = max(motion[_PEAK], abs(truth[k, 0] - origin))
+        motion[_FASTEST] = max(motion[_FASTEST], abs(speed))
+        if speed != 0.0:
+            motion[_MOVED] = done + k + 1
+            direction = 1.0 if speed > 0.0 else -1.0
+            if direction == -motion[_DIRECTION]:
+                motion[_FIRST_TURN + int(motion[_TURNS]) % _KEPT_TURNS] = done + k
+                motion[_TURNS] += 1
+            motion[_DIRECTION] = direction
+
+
+def _described(motion: NDArray[np.float64], period: float, at_rest: bool) -> dict[str, float | None]:
+    """The motion in SI units."""
+    kept = np.sort(motion[_FIRST_TURN:][: int(motion[_TURNS])])
+    swings = 0.5 * (kept.size - 1)
+    return {
+        "peak_deflection": float(motion[_PEAK]),
+        "peak_velocity": float(motion[_FASTEST]),
+        "time_to_rest_s": float(motion[_MOVED]) * period if at_rest else None,
+        "frequency_hz": float(swings / ((kept[-1] - kept[0]) * period)) if kept.size > 2 else None,
+    }
+
+
 @dataclass(frozen=True)
 class SimulationResult:
     """What a simulation found; ``report`` holds the JSON keys of ``hapticd simulate --json``."""
@@ -124,7 +156,7 @@ def simulate(
     mu = inertia / (config.spring.stiffness * period**2) if config.spring.stiffness else 0.0
     kappa = config.hand.stiffness / config.spring.stiffness if config.spring.stiffness else 0.0
     tracker = OutcomeTracker() if mu and energies else None
-    stored = np.zeros(_CHUNK)
+    stored, motion = np.zeros(_CHUNK), np.zeros(_FIRST_TURN + _KEPT_TURNS)
     done, reason, spent, peak = 0, layout.RETURN_TICKS, 0.0, 0.0
     wall = time.perf_counter()
     while done < ticks and reason == layout.RETURN_TICKS:
@@ -135,6 +167,8 @@ def simulate(
         if tracker is not None:
             _energies(truth, origin, resolution, period, mu, kappa, stored)
             tracker.update(stored[: len(truth)])
+        if energies:
+            _follow(truth, origin, done, motion)
         peak = max(peak, _largest_current(rows))
         spent += time.perf_counter() - begin
         done += len(rows)
@@ -163,7 +197,10 @@ def simulate(
         "final": {
             "position_ticks": (position - origin) / resolution,
             "velocity_ticks_per_period": speed * period / resolution,
+            "position": position - origin,
+            "velocity": speed,
         },
+        "motion": _described(motion, period, at_rest) if energies else None,
         "at_rest": at_rest,
         "peak_current_A": peak,
         "warnings": warnings,

@@ -5,6 +5,7 @@ Buckets hold 1/32 of a power of two, so a quantile is right to about 3 %; the ma
 
 from __future__ import annotations
 
+import functools
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -33,11 +34,14 @@ def count(histogram: NDArray[Any], value_ns: int) -> None:
     histogram[min(index, BUCKETS - 1)] += 1
 
 
+@functools.cache
 def bucket_edges() -> NDArray[np.float64]:
-    """Lower edge of every bucket and the upper edge of the last, ns, shape (BUCKETS + 1,)."""
+    """Lower edge of every bucket and the upper edge of the last, ns, shape (BUCKETS + 1,), read-only."""
     index = np.arange(BUCKETS + 1)
     octave, position = np.divmod(index, _SUB)
-    return np.where(octave == 0, position, (_SUB + position) * 2.0 ** (octave - 1)).astype(np.float64)
+    edges = np.where(octave == 0, position, (_SUB + position) * 2.0 ** (octave - 1)).astype(np.float64)
+    edges.flags.writeable = False
+    return edges
 
 
 def quantiles_us(histogram: NDArray[np.int64], maximum_ns: int) -> dict[str, float | None]:

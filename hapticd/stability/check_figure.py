@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hapticd.config import apply_settings
+from hapticd.figures.files import save_figure
 from hapticd.figures.style import BLUE, BUZZ, LOCAL, STABLE, UNSTABLE
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, assess
@@ -71,7 +72,7 @@ def check_figure(
     axis.set_ylabel("Coulomb friction σ = c/(KΔ)")
     axis.set_title(f"{title}: region {found.region}", loc="left", fontsize=12)
     axis.legend(fontsize=8, frameon=True, framealpha=0.9, loc="best")
-    figure.savefig(path, dpi=130)
+    save_figure(figure, path)
 
 
 def _targets(found: Assessment, changes: Sequence[Change]) -> dict[str, Assessment]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hapticd.figures.files import save_figure
 from hapticd.stability.bounds import CRITERIA, generation_bound
 from hapticd.stability.criterion import Criterion
 
@@ -50,7 +51,7 @@ def energy_figure(energy: RunEnergy, path: Path, title: str) -> None:
     for axis in rows:
         axis.spines[["top", "right"]].set_visible(False)
         axis.margins(x=0.01)
-    figure.savefig(path, dpi=130)
+    save_figure(figure, path)
 
 
 def _draw_motion(axis: Any, energy: RunEnergy, time: Any, thin: slice) -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapticd.figures.files import save_figure
 from hapticd.stability.map_report import regions_of
 from hapticd.stability.maps import OUTCOMES, Maps
 from hapticd.stability.numbers import Dimensionless
@@ -111,4 +112,4 @@ def save(maps: Maps, path: Path) -> None:
     Raises:
         ValueError: matplotlib knows no such format.
     """
-    draw(maps).savefig(path, dpi=130)
+    save_figure(draw(maps), path)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapticd.figures.files import save_figure
 from hapticd.stability.map_figure import boundaries, edges
 from hapticd.stability.passivity_map import BOUNDED, CALM_ANYWAY, MADE_STABLE, SPOILT, STILL_GROWS, PassivityMap
 
@@ -62,4 +63,4 @@ def draw(found: PassivityMap) -> Figure:
 
 def save(found: PassivityMap, path: Path) -> None:
     """Write the figure in the format that the path's suffix names (png, svg, pdf)."""
-    draw(found).savefig(path, dpi=120)
+    save_figure(draw(found), path, dpi=120)

@@ -18,7 +18,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 from scipy.special import ndtri
-from scipy.stats import qmc
 
 from hapticd.stability.assessment import STABLE, Assessment
 from hapticd.stability.cautions import proof_applies
@@ -177,6 +176,8 @@ def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
 
 def _normals(correlation: Floats, log2_draws: int) -> Floats:
     """Correlated standard normal draws, shape (2^log2_draws, 4)."""
+    from scipy.stats import qmc  # half a second, which a config without uncertainty does not wait for
+
     uniform = qmc.Sobol(len(PARAMETERS), seed=_SEED).random_base2(log2_draws)
     values, vectors = np.linalg.eigh(correlation)
     root = vectors * np.sqrt(np.clip(values, 0.0, None))

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapticd.figures.files import save_figure
 from hapticd.stability.zwidth import ABOVE_ONE_TICK, BELOW_ONE_TICK, DIES_OUT, GROWS, ZWidth
 
 if TYPE_CHECKING:
@@ -73,4 +74,4 @@ def draw(found: ZWidth, title: str) -> Figure:
 
 def save(found: ZWidth, path: Path, title: str) -> None:
     """Write the figure in the format that the path's suffix names (png, svg, pdf)."""
-    draw(found, title).savefig(path, dpi=130)
+    save_figure(draw(found, title), path)

@@ -83,8 +83,11 @@ def test_the_core_before_is_unpacked_once_from_the_history(tmp_path: Path) -> No
     assert (tree / "hapticd/gap/workflow.py").is_file()
     assert before.extracted(tmp_path) == tree
     assert [path.name for path in tmp_path.iterdir()] == [tree.name]
+    # Its workflow compiles for half a minute before it can fail by itself.
+    (tree / "hapticd/gap/__init__.py").write_text("raise ImportError('the workflow of the core before')\n")
     found = before.answer({"model.yaml": b"{}", "run.csv": b"x\n"}, tree=tree, limit_s=100.0)
     assert str(tree) in found["error"]
+    assert "the workflow of the core before" in found["error"]
 
 
 def test_a_core_that_takes_too_long_has_not_answered(tmp_path: Path) -> None:

@@ -26,7 +26,14 @@ REPORT = {
     "warnings": [],
     "fault": None,
     "outcome": "decaying",
-    "final": {"position_ticks": -0.7251, "velocity_ticks_per_period": float("nan")},
+    "peak_current_A": 1.402,
+    "final": {
+        "position_ticks": -0.7251,
+        "velocity_ticks_per_period": float("nan"),
+        "position": -0.1207,
+        "velocity": 0.0,
+    },
+    "motion": {"peak_deflection": 3.379, "peak_velocity": 139.8, "time_to_rest_s": 0.697, "frequency_hz": 6.981},
 }
 
 
@@ -80,7 +87,10 @@ def test_simulate_passes_its_options_on(hapticd: Run, simulator: Simulator) -> N
         "seed": 7,
         "energies": True,
     }
-    assert outcome.out.splitlines()[:2] == ["outcome   decaying", "final     -0.7251 ticks, - ticks/period"]
+    assert outcome.out.splitlines()[:2] == [
+        "outcome   decaying, at rest after 0.697 s",
+        "final     -0.7251 ticks (-0.1207 rad), - ticks/period (0 rad/s)",
+    ]
 
 
 def test_simulate_without_energies(hapticd: Run, simulator: Simulator) -> None:
@@ -105,6 +115,14 @@ def test_simulate_says_beforehand_that_it_takes_hours(hapticd: Run, simulator: S
     assert (outcome.code, simulator.asked["duration_s"]) == (0, 3.6e8)
     assert "3.6e+11 ticks: at some 10 million a second this takes 10 hours" in outcome.err
     assert hapticd("simulate", "--duration", "3600").err == ""
+    assert hapticd("simulate", "--duration", "3.6e8", "--quiet").err == ""
+
+
+def test_quiet_keeps_warnings_and_errors(hapticd: Run, simulator: Simulator) -> None:
+    simulator.report = {**REPORT, "warnings": ["much current"]}
+    assert hapticd("simulate", "--duration", "1", "-q").err == "hapticd: warning: much current\n"
+    refused = hapticd("simulate", "--duration", "1e-9", "-q")
+    assert (refused.code, "shorter than one servo period" in refused.err) == (2, True)
 
 
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "mat", "CSV"])
@@ -127,8 +145,21 @@ def test_a_decimal_comma_is_named(hapticd: Run) -> None:
 
 def test_simulate_json_has_no_nan(hapticd: Run, simulator: Simulator) -> None:
     outcome = hapticd("simulate", "--duration", "1", "--json")
-    assert outcome.document == {**REPORT, "final": {"position_ticks": -0.7251, "velocity_ticks_per_period": None}}
+    assert outcome.document == {**REPORT, "final": {**REPORT["final"], "velocity_ticks_per_period": None}}
     assert outcome.err == ""
+
+
+def test_simulate_says_what_the_motion_was_in_si_units(hapticd: Run, simulator: Simulator) -> None:
+    text = hapticd("simulate", "--duration", "1").out
+    assert "decaying, at rest after 0.697 s" in text
+    assert "-0.7251 ticks (-0.1207 rad)" in text
+    assert "up to 3.379 rad from the origin and 139.8 rad/s; 6.981 Hz" in text
+    assert "up to 1.402 A" in text
+    still = {"peak_deflection": 0.1, "peak_velocity": 0.0, "time_to_rest_s": 0.0, "frequency_hz": None}
+    simulator.report = {**REPORT, "outcome": "monotone", "motion": still}
+    assert "monotone: it did not move, held by friction" in hapticd("simulate", "--duration", "1").out
+    simulator.report = {**REPORT, "outcome": None, "motion": None}
+    assert "outcome   not judged" in hapticd("simulate", "--duration", "1", "--no-energies").out
 
 
 def test_simulate_writes_a_whole_run(hapticd: Run, simulator: Simulator, tmp_path: Path) -> None:

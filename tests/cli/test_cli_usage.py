@@ -57,6 +57,11 @@ def test_every_command_and_every_option_has_help(path: str) -> None:
 
 
 @pytest.mark.parametrize("path", LEAVES)
+def test_every_command_can_be_quiet(path: str) -> None:
+    assert [parameter.opts for parameter in LEAVES[path].params if parameter.name == "quiet"] == [["--quiet", "-q"]]
+
+
+@pytest.mark.parametrize("path", LEAVES)
 def test_help_pages_show_examples_exit_codes_and_options(hapticd: Run, path: str) -> None:
     outcome = hapticd(*path.split()[1:], "--help")
     assert outcome.code == 0

@@ -27,10 +27,10 @@ class Person:
         self.answer, self.hands = agrees, does
         self.questions: list[str] = []
         self.shown: list[tuple[int, float, float]] = []
-        self.wait_s = 0.0
+        self.agrees_from = 0.0
 
     def agrees(self, question: str) -> bool:
-        time.sleep(self.wait_s)
+        time.sleep(max(0.0, self.agrees_from - time.monotonic()))
         self.questions.append(question)
         return self.answer
 
@@ -64,7 +64,7 @@ def text(found: BringUp, name: str) -> str:
 def test_a_good_board(tmp_path: Path) -> None:
     with running_board(tmp_path, PUSHED) as device:
         person = Person()
-        person.wait_s = PUSHED_S + 0.5
+        person.agrees_from = time.monotonic() + PUSHED_S + 0.5
         found = bring_up(config(device.link), person, current=0.4)
         log = device.stop()
     assert [one for one in found.findings if one.level is not Level.GOOD] == []

@@ -18,7 +18,7 @@ ELSEWHERE = {
     "Replies are awaited for 250 ms": "tests/drivers/serial/test_session.py",
     "Until the user starts, every COMMAND": "tests/service/test_daemon.py",
     "Stop, or a fault on the host's side": "tests/servo/test_trips.py",
-    "UNCONFIGURED needs a new session": "tests/hil/test_hil.py",
+    "UNCONFIGURED ends the session": "tests/service/test_reconnect.py",
     "more than safety.missed_exchanges": "tests/servo/test_trips.py",
     "The board should start its reply within 50 µs": "a time on silicon, which no emulation shows",
     "Both are part of the sample-to-current latency": "drivers/serial_dac/budget.py",

@@ -21,6 +21,7 @@ WATCHDOG_MS = 60
 MIDDLE = 1 << 13
 
 
+@pytest.mark.usefixtures("forked")
 @pytest.mark.parametrize("board", ["host", "mps2-an385"])
 def test_sigstop_of_the_daemon(board: str, tmp_path: Path) -> None:
     require(board)

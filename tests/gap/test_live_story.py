@@ -10,6 +10,7 @@ import pytest
 from hapticd.config import load_config
 from hapticd.hil.missing_effect import Claim, Story, find_hidden_effect
 from hapticd.servo.experiment import read_experiment
+from tests.forked import fork_what_hil_starts
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "missing_effect"
 SECRET_DELAY_S = 0.002
@@ -26,7 +27,8 @@ def story() -> Story:
     ]
     # The pseudo-terminal of a busy machine hands samples over milliseconds late, without a stamp: such a play is repeated.
     for _ in range(PLAYS):
-        with tempfile.TemporaryDirectory(prefix="hg-") as folder:
+        with tempfile.TemporaryDirectory(prefix="hg-") as folder, pytest.MonkeyPatch.context() as patch:
+            fork_what_hil_starts(patch)
             played = find_hidden_effect(model, secret, read_experiment(EXAMPLE / "first.yaml"), 31.3, Path(folder))
         if played.result.effects[:1] == ("transport_delay",) and _error(played.improved) < 0.5 * _error(played.nominal):
             break

@@ -50,6 +50,7 @@ def test_a_rig_with_effects_has_no_slower_one() -> None:
 
 
 @pytest.mark.realtime
+@pytest.mark.usefixtures("forked")
 def test_case_c_stops_as_simulated(tmp_path: Path) -> None:
     require("mps2-an385")
     (case_c,) = [case for case in FIG_8 if case.name == "c"]

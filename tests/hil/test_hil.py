@@ -58,7 +58,9 @@ def config(driver: dict[str, Any], rate_hz: float = 200.0) -> Config:
 
 
 @pytest.mark.parametrize("transport", TRANSPORTS)
-def test_case_c_stops_as_simulated(transport: str, tmp_path: Path) -> None:
+def test_case_c_stops_as_simulated(transport: str, request: pytest.FixtureRequest, tmp_path: Path) -> None:
+    if not transport.startswith("serial"):  # one of them is started as a user does
+        request.getfixturevalue("forked")
     (case_c,) = [case for case in FIG_8 if case.name == "c"]
     result = run_suite(config(TRANSPORTS[transport]), cases=[case_c], with_excitation=False, keep=tmp_path / "kept")
     (case,) = result.cases

@@ -16,7 +16,7 @@ from tests.service.fake_control import FakeControl, serve
 def test_no_request_ends_in_a_failure_or_changes_something_and_is_refused(tmp_path: Path) -> None:
     control = FakeControl()
     with serve(control, tmp_path / "h.sock"):
-        report = Attack(control, tmp_path / "h.sock", 5).run(200)
+        report = Attack(control, tmp_path / "h.sock", 5, examples=5).run(200)
     assert report.requests >= 200
     assert not [status for status in report.answers if status >= 500]
     assert {200, 400, 422} <= report.answers.keys()
@@ -34,15 +34,18 @@ class Careless(FakeControl):
 def test_a_change_by_a_refused_request_would_be_seen(tmp_path: Path) -> None:
     control = Careless()
     with serve(control, tmp_path / "h.sock"):
-        report = Attack(control, tmp_path / "h.sock", 5).run(100)
+        report = Attack(control, tmp_path / "h.sock", 5, path="/set").run(100)
     assert "POST /set: an error that changed something" in report.findings
 
 
 def test_a_state_that_an_experiment_changes_is_its_own_matter() -> None:
-    before = State("a", 1, 2, True, ("running",))
-    assert before.same_as(State("a", 1, 2, False, ("off",)))
-    assert not State("a", 1, 2, False, ("running",)).same_as(State("a", 1, 2, False, ("off",)))
-    assert not before.same_as(State("b", 1, 2, True, ("running",)))
+    running, off, too_fast = ("running", None, 0), ("off", None, 0), ("fault", "over_speed", 5)
+    before = State("a", 1, 2, True, running)
+    assert before.same_as(State("a", 1, 2, False, off))
+    assert not State("a", 1, 2, False, running).same_as(State("a", 1, 2, False, off))
+    assert not before.same_as(State("b", 1, 2, True, running))
+    assert State("a", 1, 2, False, running).same_as(State("a", 1, 2, False, too_fast))
+    assert not State("a", 1, 2, False, off).same_as(State("a", 1, 2, False, too_fast))
 
 
 def test_replies_are_described_as_what_they_are() -> None:

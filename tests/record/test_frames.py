@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from hapticd.record.frames import HEADER, ROW_BYTES, Context, decode, encode
-from hapticd.record.schema import FLAG_RUNNING, empty_rows
+from hapticd.record.frames import HEADER, ROW_BYTES, Context, decode, encode, standing
+from hapticd.record.schema import FLAG_CLAMPED, FLAG_FAULT, FLAG_RUNNING, empty_rows
 
 CONTEXT = Context(first_row=2**40, epoch=7, decimation=217, period_s=5e-5, origin_counts=-(2**35), unix_s=1.7e9)
 
@@ -40,6 +40,15 @@ def test_a_sign_of_life_has_no_rows() -> None:
     rows, context = decode(encode(empty_rows(), CONTEXT))
     assert len(rows) == 0
     assert context.unix_s == CONTEXT.unix_s
+
+
+def test_where_the_loop_stands_is_told_without_decoding() -> None:
+    rows = some_rows()
+    rows["flags"][-1] = FLAG_FAULT | FLAG_CLAMPED
+    assert standing(encode(rows[:-1], CONTEXT)) == (CONTEXT.epoch, FLAG_RUNNING)
+    assert standing(encode(rows, CONTEXT)) == (CONTEXT.epoch, FLAG_FAULT)
+    assert standing(encode(empty_rows(), CONTEXT)) is None
+    assert standing(b"") is None
 
 
 def test_what_does_not_fit_stands_at_the_end_of_the_range() -> None:

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import math
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +10,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
+from hapticd.cli.main import main
 from hapticd.client import Client
 from hapticd.scope.lease import Lease
 from tests.service import fake_control
@@ -142,10 +141,9 @@ def page(open_page: Open) -> Page:
 
 
 @pytest.fixture
-def run_file(tmp_path: Path, shared: Testbed) -> Path:
+def run_file(tmp_path: Path) -> Path:
     """A run of 0.5 s at 2 kHz, simulated."""
     path = tmp_path / "sim.arrow"
-    words = [sys.executable, "-m", "hapticd.cli", "simulate", "--duration", "0.5", "--deflection", "12"]
     settings = ["--set", "servo.rate_hz=2000", "--set", "encoder.decimation=217"]
-    subprocess.run([*words, *settings, "-o", str(path)], check=True, capture_output=True, env=shared.environment)
+    assert main(["simulate", "--duration", "0.5", "--deflection", "12", *settings, "-o", str(path)]) == 0
     return path

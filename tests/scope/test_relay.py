@@ -9,22 +9,24 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
+import pytest
 from websockets.sync.client import ClientConnection, connect
 
 from hapticd.record.frames import Context, decode
-from hapticd.record.schema import empty_rows
+from hapticd.record.schema import FLAG_CLAMPED, FLAG_FAULT, FLAG_RUNNING, empty_rows
+from hapticd.scope import hub
 from hapticd.service.live import LiveStream
-from tests.polling import wait_until
+from tests.polling import PATIENCE_S, wait_until
 from tests.service.fake_control import FakeControl
 
 from .served import CLIENT, Served
 
-PORTION = 1000
+PORTION = 2000
 
 
 @contextmanager
 def rows_made(live: LiveStream) -> Iterator[None]:
-    """A loop's rows, 200 000 a second, while anybody looks."""
+    """A loop's rows, 400 000 a second, while anybody looks."""
     ending = threading.Event()
 
     def make() -> None:
@@ -45,9 +47,10 @@ def rows_made(live: LiveStream) -> Iterator[None]:
 
 
 @contextmanager
-def page(scope: Served) -> Iterator[ClientConnection]:
-    url = f"ws://127.0.0.1:{scope.port}/ws/rows"
-    with connect(url, origin=scope.origin, compression=None, max_size=None) as connection:  # type: ignore[arg-type]
+def page(scope: Served, name: str = "rows") -> Iterator[ClientConnection]:
+    url = f"ws://127.0.0.1:{scope.port}/ws/{name}"
+    # A page that stalls does not answer a close either: nothing is won by waiting for that.
+    with connect(url, origin=scope.origin, compression=None, max_size=None, close_timeout=0.5) as connection:  # type: ignore[arg-type]
         connection.send(json.dumps({"token": scope.access.control_token, "client": CLIENT}))
         yield connection
 
@@ -89,3 +92,37 @@ def test_nothing_is_asked_of_the_daemon_without_a_page(scope: Served, control: F
             assert control.live.watched
         wait_until(lambda: not control.live.watched, "an idle daemon")
         assert scope.server.hub.rows == set()
+
+
+def test_a_change_is_looked_at_as_soon_as_a_row_or_a_command_tells_of_it(
+    scope: Served, control: FakeControl, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hub, "STATE_S", 1000.0)
+    wait_until(lambda: not (scope.server.hub.rows or scope.server.hub.states), "the last test's pages to be gone")
+    with page(scope) as rows, page(scope, "state") as state:
+
+        def next_state() -> str:
+            while (message := json.loads(state.recv(PATIENCE_S)))["type"] != "state":
+                pass
+            return str(message["status"]["state"])
+
+        def put(row: int, flags: int, epoch: int) -> None:
+            made = empty_rows(1)
+            made["flags"] = flags
+            control.live.put(made, Context(row, epoch, 1, 1e-3, 0, time.time()))
+            while not len(decode(rows.recv(PATIENCE_S))[0]):  # type: ignore[arg-type]
+                pass
+
+        assert next_state() == "off"
+        wait_until(lambda: control.live.watched, "a relay")
+        put(0, 0, 0)
+        assert next_state() == "off"
+        for row, (flags, epoch) in enumerate([(FLAG_RUNNING, 0), (FLAG_FAULT, 0), (FLAG_FAULT, 1)], 1):
+            control.state = f"changed {row}"
+            put(row, flags, epoch)
+            assert next_state() == f"changed {row}"
+        put(4, FLAG_FAULT | FLAG_CLAMPED, 1)
+        with pytest.raises(TimeoutError):
+            state.recv(0.5)
+        assert scope.post("start").status_code == 200
+        assert next_state() == "running"

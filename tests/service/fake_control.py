@@ -93,6 +93,7 @@ class FakeControl(Endpoints):
             },
             "operating_point": {"mu": 523.3, "beta": 0.75, "sigma": 1.0, "tau_d": 0.0, "region": "A"},
             "position": 0.0155,
+            "position_unknown": None,
             "position_ticks": 20.25,
             "velocity": self.velocity,
             "current": 0.5,

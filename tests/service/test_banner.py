@@ -34,6 +34,17 @@ def test_the_motor_is_not_called_off_where_it_is_about_to_start(
     assert starting.startswith("motor       on in a moment, as --start asks")
 
 
+def test_a_folder_that_takes_no_recordings_is_said_at_the_start(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with daemon_on(monkeypatch, tmp_path) as (daemon, _devices):
+        assert not any("no run can be recorded" in line for line in banner(daemon, SOCKET, "rig.yaml"))
+        assert not (tmp_path / "runs").exists()
+        (tmp_path / "runs").write_text("in the way")
+        (line,) = (line for line in banner(daemon, SOCKET, "rig.yaml") if line.startswith("WARNING"))
+    assert f"no run can be recorded: {tmp_path / 'runs'} is not a folder" in line
+
+
 def test_a_log_line_on_a_terminal_says_its_level_once() -> None:
     root = logging.getLogger()
     before, root.handlers = root.handlers, []

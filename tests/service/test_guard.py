@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import time
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,10 @@ from hapticd.config import config_to_yaml
 from hapticd.record import Run, read_run
 from hapticd.service.experiments import excited_deflection
 from hapticd.service.refusals import Refused
+from sim_hw.log import ENABLE, read_log
 from tests.polling import wait_until
 from tests.service.daemons import daemon_on, state_home
+from tests.service.devices import Device, board, daemon_of, drive
 from tests.servo.scripted import config
 
 __all__ = ["state_home"]
@@ -52,6 +55,29 @@ def test_a_spring_that_would_shake_is_not_rendered(monkeypatch: pytest.MonkeyPat
                 begin()
         assert {on for _, on in list(device.commands)} == {False}
         assert not list((tmp_path / "runs").glob("*"))
+
+
+@pytest.mark.parametrize("device", [board, drive])
+def test_no_device_is_told_to_render_what_is_refused(tmp_path: Path, device: Device) -> None:
+    with device(tmp_path) as (settings, log), daemon_of(settings) as daemon:
+        daemon.set(RUNAWAY, force=True)
+        with pytest.raises(Refused, match="region C"):
+            daemon.start()
+        assert daemon.rig.wait_ticks(100)
+        daemon.set({"encoder.decimation": 1, "spring.stiffness": 0.012})
+        before_ns = time.monotonic_ns()
+        assert daemon.start()["guard"]["verdict"] == "admitted"
+        assert daemon.rig.wait_ticks(100)
+        with pytest.raises(Refused, match="region C"):
+            daemon.set(RUNAWAY)
+        assert daemon.status()["state"] == "running"
+        daemon.stop()
+        wait_until(lambda: bool(np.any(read_log(log)["applied_A"] != 0)), "a current in the device's log")
+        early = read_log(log)
+        early = early[early["time_ns"] < before_ns]
+        assert len(early) > 100
+        assert not np.any(early["event"] == ENABLE)
+        assert np.all(early["applied_A"] == 0)
 
 
 def test_force_renders_and_is_in_the_run_and_in_the_log(

@@ -17,7 +17,7 @@ class Counters:
     """A loop's counters, without the loop."""
 
     def __init__(self) -> None:
-        self.words = {atomics.TICKS: 0, atomics.MISSED_PERIODS: 0, atomics.MISSED_EXCHANGES: 0}
+        self.words = dict.fromkeys(range(atomics.SIZE), 0)
         self.late_histogram = np.zeros(BUCKETS, np.int64)
         self.exec_histogram = np.zeros(BUCKETS, np.int64)
 
@@ -28,12 +28,14 @@ class Counters:
         self.words[atomics.TICKS] += ticks
         self.words[atomics.MISSED_PERIODS] += missed
         self.words[atomics.MISSED_EXCHANGES] += exchanges
+        self.words[atomics.LATE_MAX_NS] = max(self.words[atomics.LATE_MAX_NS], round(1e3 * late_us))
+        self.words[atomics.EXEC_MAX_NS] = max(self.words[atomics.EXEC_MAX_NS], 5000)
         for histogram, value in ((self.late_histogram, late_us), (self.exec_histogram, 5.0)):
             histogram[int(np.searchsorted(bucket_edges(), 1e3 * value, side="right")) - 1] += ticks
 
 
 def windows(recent: RecentTiming, core: Counters, now_s: float) -> dict[str, Any]:
-    return recent.windows(cast("ServoCore", core), now_s, 1000.0)
+    return recent.statistics(cast("ServoCore", core), now_s, 1000.0)
 
 
 def played(seconds: int, recent: RecentTiming, core: Counters, **worse: Any) -> None:
@@ -75,6 +77,22 @@ def test_before_the_first_look_and_with_another_rig_there_is_nothing_to_say() ->
     recent.look(cast("ServoCore", other), 5.0)
     other.tick(60, 20.0)
     assert windows(recent, other, 6.0)["last_60_s"]["ticks"] == 100
+
+
+def test_nothing_recent_is_more_than_there_was_since_the_start() -> None:
+    class Ticking(Counters):
+        """A loop that goes on while it is looked at."""
+
+        def load(self, word: int) -> int:
+            self.tick(7, 20.0, missed=1, exchanges=1)
+            return super().load(word)
+
+    recent, core = RecentTiming(), Ticking()
+    recent.look(cast("ServoCore", core), 0.0)
+    found = windows(recent, core, 0.3)
+    for name in ("ticks", "missed", "exchanges_missed"):
+        assert found[name] == found["last_10_s"][name] == found["last_60_s"][name] > 0
+    assert found["wake_us"] == found["last_10_s"]["wake_us"] == {"p50": 20.0, "p99": 20.0, "p999": 20.0, "max": 20.0}
 
 
 def test_without_margin_is_said() -> None:

@@ -49,8 +49,29 @@ def test_without_energies_all_but_the_outcome_is_the_same() -> None:
         reports.append({key: value for key, value in found.report.items() if key not in ("wall_s", "ticks_per_s")})
         rows.append(np.concatenate(blocks))
     assert [report.pop("outcome") for report in reports] == ["persistent", None]
+    assert [report.pop("motion") is None for report in reports] == [False, True]
     assert reports[0] == reports[1]
     assert (rows[0] == rows[1]).all()
+
+
+@pytest.mark.parametrize("case", ["a", "b"])
+def test_the_motion_is_that_of_the_true_states(case: str) -> None:
+    sections, deflection, duration_s, _ = CASES[case]
+    blocks: list[Any] = []
+    cfg = config(**sections)
+    report = simulate(cfg, duration_s, deflection=deflection, on_truth=lambda truth: blocks.append(truth.copy())).report
+    position, velocity = np.concatenate(blocks).T
+    motion = report["motion"]
+    assert motion["peak_deflection"] == pytest.approx(float(np.abs(position).max()))
+    assert motion["peak_velocity"] == pytest.approx(float(np.abs(velocity).max()))
+    assert report["final"]["position"] == pytest.approx(report["final"]["position_ticks"] * cfg.resolution)
+    if report["at_rest"]:
+        assert motion["time_to_rest_s"] == pytest.approx((np.flatnonzero(velocity)[-1] + 1) * cfg.period)
+    else:
+        assert motion["time_to_rest_s"] is None
+    moving = np.flatnonzero(velocity)
+    turns = moving[1:][np.diff(np.sign(velocity[moving])) != 0.0][-32:]
+    assert motion["frequency_hz"] == pytest.approx(0.5 * (turns.size - 1) / ((turns[-1] - turns[0]) * cfg.period))
 
 
 def test_case_d_with_safety_ends_in_a_latched_fault() -> None:

@@ -79,7 +79,7 @@ def test_the_exchange_too_many_ends_the_current_in_its_own_tick() -> None:
 @pytest.mark.parametrize(
     ("result", "code", "text"),
     [
-        (LOST, "driver_lost", "the device is gone (driver returned -2)"),
+        (LOST, "driver_lost", "the device is lost (driver returned -2)"),
         (DEVICE_FAULT, "device_fault", "code 66 (0x42)"),
     ],
 )

@@ -123,12 +123,26 @@ def test_a_command_that_the_board_does_not_confirm_is_a_missed_exchange(monkeypa
         assert (loop.read(), loop.write(0, 0)) == (OK, OK)
 
 
-@pytest.mark.parametrize("status", [2, 4, 8, 64, 128, 1 | 8, 2 | 64])
+@pytest.mark.parametrize("status", [2, 4, 8, 64, 1 | 8, 2 | 64])
 def test_a_fault_of_the_board_is_a_device_fault_with_its_status(monkeypatch: pytest.MonkeyPatch, status: int) -> None:
     with expected_exchange(monkeypatch, [*OPENING, (SAMPLE_2, reply(2, 7, status)), *CLOSING_2]) as driver:
         driver.open()
         loop = Loop(driver)
         assert (loop.read(), loop.x[X_DEVICE_CODE], loop.x[X_STATUS]) == (DEVICE_FAULT, status, status & 1)
+
+
+@pytest.mark.parametrize("status", [128, 128 | 32, 128 | 4])
+def test_a_board_that_has_restarted_ends_the_session(monkeypatch: pytest.MonkeyPatch, status: int) -> None:
+    with expected_exchange(monkeypatch, [*OPENING, (SAMPLE_2, reply(2, 0, status)), *CLOSING_2]) as driver:
+        driver.open()
+        loop = Loop(driver)
+        before = loop.x[X_COUNTS]
+        assert (loop.read(), loop.x[X_COUNTS]) == (LOST, before)  # its count is not ours any more
+        assert (loop.write(100, 1), loop.read()) == (LOST, LOST)
+        assert driver.error is not None
+        assert "has restarted: it lost its settings and its encoder count" in driver.error
+        driver.close()
+        assert "has restarted" in driver.error
 
 
 @pytest.mark.parametrize("status", [0, 1, 16, 32, 1 | 16 | 32])

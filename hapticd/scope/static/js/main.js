@@ -18,6 +18,7 @@ const WINDOWS = [0.02, 0.05, 0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50];
 const AFTER_FAULT_S = 0.3;
 const BEFORE_FAULT_S = 3;
 const STALE_S = 1;
+const ROLL_BEHIND_S = 0.25;
 const TELL_MS = 100;
 const SPECTRUM_MS = 500;
 
@@ -38,6 +39,8 @@ let looked = 0;
 let newestUnixS = NaN;
 let clockOffsetS = Infinity;
 let framesDrawn = 0;
+let rolled = 0;
+let rolledAt = 0;
 
 // ---- time
 
@@ -110,11 +113,20 @@ function tellWindow() {
   if (other) other.textContent = duration(windowS);
 }
 
+/** Where a rolling trace ends: from one message to the next it moves on with the clock, and never beyond the newest row. */
+function rolling() {
+  const now = performance.now() / 1000;
+  const behind = newest() - rolled - (now - rolledAt);
+  rolled = newest() - (behind > 0 && behind < ROLL_BEHIND_S ? behind : 0);
+  rolledAt = now;
+  return rolled;
+}
+
 /** Which time span is seen now, and which time is called 0. @returns {[number, number, number]} */
 function span() {
   if (store.held) return [from, from + windowS, Number.isFinite(trace.triggerTime) ? trace.triggerTime : newest()];
   const { mode, pre } = trigger.settings;
-  const end = newest();
+  const end = rolling();
   if (mode !== "roll" && trigger.at >= store.first && trigger.at >= 0) {
     const time = store.timeAt(trigger.at);
     const stale = mode === "auto" && end - time > Math.max(2 * windowS, 0.5);

@@ -1,0 +1,42 @@
+"""Files that are there whole or not at all, and errors that name them."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@contextlib.contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Have an error of the file system name this path: a full disk's names none, a scratch file's one that is gone.
+
+    Raises:
+        OSError: as within, with the path's name.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise OSError(error.errno, error.strerror or str(error), str(path)) from error
+
+
+def save_figure(figure: Figure, path: Path, dpi: int = 130) -> None:
+    """Write a figure in the format that the path's suffix names (png, svg, pdf); png without one.
+
+    Raises:
+        OSError: it cannot be written; what was there before still is.
+        ValueError: matplotlib knows no such format.
+    """
+    kind = path.suffix.lstrip(".") or "png"
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    try:
+        with naming(path):
+            figure.savefig(partial, format=kind, dpi=dpi)
+            partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
