@@ -26,6 +26,7 @@ from harness import (
     SOURCE,
     HungThread,
     api,
+    circumstances,
     compiled,
     drive_log,
     journal,
@@ -239,7 +240,7 @@ def reload_good_and_bad() -> str:
     sh("systemctl reload hapticd")
     until(lambda: "reload refused" in journal(), "the refusal in the journal", 60)
     assert api("/config")["encoder"]["decimation"] == 109
-    assert status()["state"] == "running"
+    assert (found := status())["state"] == "running", found["fault"]
     CONFIG.write_text(CAN_CONFIG)
     sh("systemctl reload hapticd")
     until(lambda: api("/config")["encoder"]["decimation"] == 217, "the old configuration", 60)
@@ -251,11 +252,11 @@ def disk_full() -> str:
     """Under the running spring: the recorder says so, and the loop goes on."""
     sh(f"dd if=/dev/zero of={RUNS}/filler bs=64k", ok=(0, 1))
     error = until(lambda: status()["recorder"]["error"], "the recorder's complaint", 60)
-    before = status()["timing"]
+    before = status()
     time.sleep(2)
-    after = status()["timing"]
-    assert after["ticks"] - before["ticks"] > RATE_HZ, (before, after)
-    assert status()["state"] == "running"
+    after = status()
+    assert after["state"] == "running", (error, before["fault"], after["fault"])
+    assert after["timing"]["ticks"] - before["timing"]["ticks"] > RATE_HZ, (before["timing"], after["timing"])
     api("/stop", "POST")
     sh(f"rm {RUNS}/filler; umount --lazy {RUNS}")
     return f"the loop goes on; status says: {error}"
@@ -376,7 +377,7 @@ def main() -> None:
             detail, ok = function(), True
         except Exception as error:
             traceback.print_exc(file=sys.stderr)
-            detail, ok = f"{type(error).__name__}: {error}", False
+            detail, ok = f"{type(error).__name__}: {error}; {circumstances()}", False
         seconds = round(time.monotonic() - begin, 1)
         line = {"name": function.__name__, "ok": ok, "detail": " ".join(detail.split())[:800], "seconds": seconds}
         print(json.dumps(line), file=out, flush=True)

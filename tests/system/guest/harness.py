@@ -91,6 +91,15 @@ def journal(lines: int = 50) -> str:
     return sh(f"journalctl -u hapticd --no-pager -o cat -n {lines}")
 
 
+def circumstances() -> str:
+    """What the daemon says when a check has failed: its state, its fault and its last words."""
+    try:
+        found = status()
+        return f"state {found['state']}, fault {found['fault']}, journal: {journal(8)}"
+    except (AssertionError, subprocess.TimeoutExpired, KeyError) as error:
+        return f"no status ({error}), journal: {journal(8)}"
+
+
 def compiled() -> int:
     """How many functions the cache holds."""
     return sum(1 for _ in CACHE.rglob("*.nbi"))
