@@ -83,6 +83,40 @@ def swing(
     return way, speed, twist, twist_rate
 
 
+@njit(_f8(_f8, COUPLING, _f8), counted=False, inline=True)
+def _longest_phase(rate: float, to: Coupling, omega2: float) -> float:
+    """Return the time in which the two masses swing by a radian: as long as their series converges to rounding."""
+    return 1.0 / (math.sqrt(to.stiffness * (1.0 + to.ratio) + omega2) + rate)
+
+
+@njit(_MOTION(_f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
+def swing_apart(
+    span: float, way: float, speed: float, a: float, rate: float, omega2: float, to: Coupling
+) -> tuple[float, float, float, float]:
+    """Return by how much two motions of a motor that keeps its direction differ after `span`, the loads starting alike.
+
+    Args:
+        span: duration [s].
+        way: difference of the motors' positions [rad or m].
+        speed: of their speeds [rad/s or m/s].
+        a: of the accelerations that torques on them give [rad/s² or m/s²].
+        rate: viscous friction of the motor over its inertia [1/s].
+        omega2: stiffness about the motor over its inertia [1/s²].
+        to: the load, `is_underdamped`.
+
+    Returns:
+        Differences of the motors' positions and speeds, and of the loads'.
+    """
+    parts = math.ceil(span / _longest_phase(rate, to, omega2))
+    twist, twist_rate = -way, -speed
+    for _ in range(parts):
+        further, speed, twist, twist_rate = swing(
+            span / parts, speed, twist, twist_rate, a - omega2 * way, rate, omega2, to
+        )
+        way += further
+    return way, speed, way + twist, speed + twist_rate
+
+
 @njit(_f8(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
 def _time_of_stop(
     early: float,
@@ -226,8 +260,7 @@ def move_coupled(p: NDArray[Any], state: NDArray[Any], span: float, motor: Force
         motor: what acts on the motor; the inertia is the motor's alone.
         to: the load, `is_underdamped`.
     """
-    frequency = math.sqrt(to.stiffness * (1.0 + to.ratio) + motor.stiffness / motor.inertia)
-    longest = 1.0 / (frequency + (motor.viscous + motor.damping) / motor.inertia)
+    longest = _longest_phase((motor.viscous + motor.damping) / motor.inertia, to, motor.stiffness / motor.inertia)
     remaining = span
     for _ in range(MOST_PHASES):
         parts = math.ceil(remaining / longest)

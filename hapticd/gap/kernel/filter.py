@@ -23,6 +23,8 @@ import numpy as np
 from numba import from_dtype, types
 
 from hapticd.jit import njit
+from hapticd.plant.coupled import Coupling, is_underdamped, swing_apart
+from hapticd.plant.effect_terms import shared_inertia
 from hapticd.plant.exact import propagate
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA
 from hapticd.plant.layout import index_of as word
@@ -93,7 +95,6 @@ _CERTAIN = 5.0
 _FARTHEST_TWIST = 1.0
 """Twist of a coupling [rad or m] beyond which the load is put back to the shaft."""
 
-_INERTIA = word("inertia")
 _EXTERNAL = word("external_force")
 _GAP = word("backlash.gap")
 _GAP_SHARE = word("backlash.load_share")
@@ -102,6 +103,7 @@ _RESONANCE_SHARE = word("flexible_coupling.load_share")
 _ECCENTRICITY = word("encoder_eccentricity.e")
 _BREAKAWAY = word("presliding.breakaway")
 _TORQUE_CONSTANT = word("torque_constant")
+_RESONANCE_DAMPING = word("flexible_coupling.damping")
 
 
 @njit(types.UniTuple(_f8, 3)(_f8, _f8))
@@ -132,9 +134,9 @@ def moving_inertia(p: NDArray[Any], contact: float) -> float:
     """Return the inertia that a torque on the shaft accelerates at once."""
     inertia = edited_base(p)[0]
     if p[_GAP] > 0.0 and contact == 0.0:
-        inertia -= p[_GAP_SHARE] * p[_INERTIA]
+        inertia -= shared_inertia(p, p[_GAP_SHARE])
     if p[_RESONANCE] < math.inf:
-        inertia -= p[_RESONANCE_SHARE] * p[_INERTIA]
+        inertia -= shared_inertia(p, p[_RESONANCE_SHARE])
     return inertia
 
 
@@ -171,7 +173,12 @@ def run_filter(
     simple = not needs_effect_terms(p) and edited_base(p)[5] == 0.0
     remembers = p[_GAP] > 0.0 or p[_RESONANCE] < math.inf or p[_BREAKAWAY] > 0.0
     p[_EXTERNAL] = 0.0
-    inertia, viscous, coulomb, torque_constant, bias, _, _ = edited_base(p)
+    inertia, viscous, coulomb, torque_constant, bias, stiffness, _ = edited_base(p)
+    natural = 2.0 * math.pi * p[_RESONANCE]
+    far = shared_inertia(p, p[_RESONANCE_SHARE])
+    load = Coupling(far, far / (inertia - far), p[_RESONANCE_DAMPING] * natural, natural * natural)
+    swings = p[_RESONANCE] < math.inf and p[_GAP] == 0.0 and p[_BREAKAWAY] == 0.0
+    swings = swings and is_underdamped(load.ratio, p[_RESONANCE_DAMPING])
     remembered = np.zeros(STATE)
     state = np.zeros(STATE)
     xs, vs, ds = np.zeros(3), np.zeros(3), np.zeros(3)
@@ -258,8 +265,11 @@ def run_filter(
         largest = 0.0
         for j in range(parts):
             largest = max(largest, abs(current[i, j]))
-        brake = (4.0 * coulomb + torque_constant * largest + abs(d) + 4.0 * viscous * abs(v)) * period / moving
-        certain = not remembers and abs(v) > brake + _CERTAIN * sw
+        torque = 4.0 * coulomb + torque_constant * largest + abs(d) + 4.0 * viscous * abs(v)
+        if swings:
+            twist, twist_rate = remembered[LOAD_THETA] - x, remembered[LOAD_OMEGA] - v
+            torque += load.inertia * (load.stiffness * abs(twist) + 2.0 * load.damping * abs(twist_rate))
+        certain = (swings or not remembers) and abs(v) > torque * period / moving + _CERTAIN * sw
         for k in range(3):
             if certain and k != 1:
                 continue
@@ -291,10 +301,17 @@ def run_filter(
         if certain:
             slope_v = math.exp(-viscous * period / inertia)
             slope_x = 0.5 * period * (1.0 + slope_v)
+            apart_x, apart_v = cx + slope_x * cv + 0.5 * slope_x * push * cd, slope_v
+            load_x = load_v = 0.0
+            if swings:
+                apart_x, apart_v, load_x, load_v = swing_apart(
+                    period, cx, cv, mean_d * cd / moving, viscous / moving, stiffness / moving, load
+                )
             for k in (0, 2):
                 reach = _POINTS[k] * sw
-                xs[k] = xs[1] + reach * (cx + slope_x * cv + 0.5 * slope_x * push * cd)
-                vs[k] = vs[1] + reach * slope_v
+                xs[k], vs[k] = xs[1] + reach * apart_x, vs[1] + reach * apart_v
+                bristles[k] = bristles[1]
+                load_xs[k], load_vs[k] = load_xs[1] + reach * load_x, load_vs[1] + reach * load_v
                 ds[k] = ds[1] + decay * reach * cd
         x = v = 0.0
         for k in range(3):

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from hapticd.plant.coupled import Coupling, swing_apart
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, initial_state
 from tests.plant.effects.independent import KT, PERIOD, B, C, Floats, J, apart, excitation, simulated, stiff, vector
 
@@ -47,6 +48,24 @@ def test_a_coupled_motor_that_stops_and_breaks_away_is_exact_whatever_the_step(c
     assert end == pytest.approx(fine_end, rel=1e-6, abs=1e-6)
     # Stiction held the motor at least once, or the case tests nothing.
     assert abs(current) > 0.3 or np.any(np.diff(coarse) == 0.0)
+
+
+@pytest.mark.parametrize("f_r", [15.0, 400.0])
+def test_two_motors_that_keep_moving_part_as_the_linear_motion_says(f_r: float) -> None:
+    share, damping, way, speed, more = 0.4, 0.05, 1e-4, 0.2, 0.3
+    p = vector(flexible_coupling__f_r=f_r, flexible_coupling__load_share=share, flexible_coupling__damping=damping)
+    natural, motor = 2.0 * math.pi * f_r, (1.0 - share) * J
+    to = Coupling(share * J, share / (1.0 - share), damping * natural, natural * natural)
+    start = initial_state(0.0, 50.0)
+    start[LOAD_THETA], start[LOAD_OMEGA] = 1e-3, 49.0
+    other = start.copy()
+    other[THETA] += way
+    other[OMEGA] += speed
+    _, end = simulated(p, np.array([1.0]), start)
+    _, other_end = simulated(p, np.array([1.0 + more]), other)
+    expected = swing_apart(PERIOD, way, speed, KT * more / motor, B / motor, 0.0, to)
+    rows = [THETA, OMEGA, LOAD_THETA, LOAD_OMEGA]
+    assert (other_end - end)[rows] == pytest.approx(expected, rel=1e-9, abs=1e-13)
 
 
 def test_coupling_keeps_momentum_and_loses_no_more_energy_than_its_damper_takes() -> None:
