@@ -74,14 +74,14 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
     space = Score(present)
     part = _beginning(present) if any(CATALOGUE[slug].acts_on == "memory" for slug in slugs) else space
     found: list[Candidate] = []
-    for slug in slugs:
+    for number, slug in enumerate(slugs):
+        if set(CATALOGUE[slug].equivalent_to) & set(slugs[number:]):
+            continue  # the same law in other words: the last of them stands for all
         if slug == ripple.SLUG:
             found += ripple.first_orders(space, scale)
         elif slug == grip.SLUG:
             first = grip.first_grip(space, scale)
             found += [_gripped(space, c, scale) for c in first if c.promise > _WORTH_A_CLIMB * needed]
-        elif any(other in slugs for other in CATALOGUE[slug].equivalent_to if slug == "asymmetric_coulomb"):
-            continue
         elif CATALOGUE[slug].acts_on == "input":
             found += _input(space, slug, scale)
         else:
