@@ -53,7 +53,7 @@ EFFECT = Effect(
         ),
     ),
     grid=_grid,
-    accuracy=1e-2,
+    accuracy=2e-2,
     near=("presliding", "flexible_coupling"),
     contains=("inertia_error",),
     excludes=("flexible_coupling",),

@@ -38,7 +38,7 @@ _BASIN = 0.4
 _HOPEFUL = 0.02
 _WORTH_A_CLIMB = 0.1
 """Share of what an effect must gain that its start must promise to be followed further."""
-_HALVINGS, _TRIAL_HALVINGS = 6, 2
+HALVINGS, _TRIAL_HALVINGS = 6, 2
 _COLUMNS = 64
 
 
@@ -120,11 +120,15 @@ def _followed(part: Score, hopeful: Sequence[Candidate]) -> list[Candidate]:
     rough = [c for c in hopeful if CATALOGUE[c.slug].acts_on == "memory"]
     found = [c for c in hopeful if c not in rough]
     for slug in dict.fromkeys(c.slug for c in rough):
-        climbs = [_Climb(part, candidate) for candidate in rough if candidate.slug == slug]
+        tried = [candidate for candidate in rough if candidate.slug == slug]
+        climbs = [Climb(part.present.extended(candidate.term), -1) for candidate in tried]
         each(lambda climb: climb.go(_TRIAL_HALVINGS), climbs)
-        best = max(climbs, key=lambda climb: climb.fit.log_likelihood)
-        best.go(_HALVINGS - _TRIAL_HALVINGS)
-        found.append(best.candidate)
+        k = int(np.argmax([climb.fit.log_likelihood for climb in climbs]))
+        climbs[k].go(HALVINGS - _TRIAL_HALVINGS)
+        fit = climbs[k].fit
+        promise = part.weight * (fit.log_likelihood - part.present.log_likelihood)
+        item = tried[k].term.moved(fit.u[climbs[k].own])
+        found.append(replace(tried[k], term=item, promise=max(promise, tried[k].promise)))
     return found
 
 
@@ -146,35 +150,26 @@ def _beginning(present: Fit) -> Score:
     return Score(part, _BEGINNING)
 
 
-class _Climb:
-    """A compass search, the noise following: with impacts the likelihood is too rough for slopes."""
+class Climb:
+    """A compass search for one term, the noise following: with impacts the likelihood is too rough for slopes."""
 
-    def __init__(self, space: Score, candidate: Candidate) -> None:
-        self.space, self.start = space, candidate
-        self.fit = space.present.extended(candidate.term)
-        self.fit.scan_power()
-        self.size = np.array([0.3 if c.is_log else c.scale for c in candidate.term.coordinates])
+    def __init__(self, fit: Fit, number: int, part: float = 1.0) -> None:
+        self.fit, self.own = fit, fit.share(number)
+        self.size = np.array([0.3 * part if c.is_log else part * c.scale for c in fit.terms[number].coordinates])
+        fit.scan_power()
 
     def go(self, halvings: int) -> None:
         """Try a step along each coordinate, both ways; then smaller ones."""
-        fit, first = self.fit, self.space.present.u.size
+        fit = self.fit
         for _ in range(halvings):
             for k in range(self.size.size):
                 for sign in (1.0, -1.0):
                     u = fit.u.copy()
-                    u[first + k] += sign * self.size[k]
+                    u[self.own.start + k] += sign * self.size[k]
                     if fit.move(u):
                         break
             fit.scan_power()
             self.size *= 0.6
-
-    @property
-    def candidate(self) -> Candidate:
-        """The candidate where the search stands."""
-        present = self.space.present
-        promise = self.space.weight * (self.fit.log_likelihood - present.log_likelihood)
-        item = self.start.term.moved(self.fit.u[present.u.size :])
-        return replace(self.start, term=item, promise=max(promise, self.start.promise))
 
 
 def _input(space: Score, slug: str, scale: Scale) -> list[Candidate]:

@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, grip
-from hapticd.gap.candidates import candidates, scale_of
+from hapticd.gap.candidates import HALVINGS, Climb, candidates, scale_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.filter import CORRELATION, DISTURBANCE, WHITE
 from hapticd.gap.missing import MOVES, missing_power
@@ -32,6 +32,8 @@ _HALF_WAY = 0.25
 _CLOSE = 0.3
 _MOST_FITTED = 4
 _QUIET = 2.0
+_CLOSER = 0.3
+"""First steps of the last climb over those of the first."""
 _ROUGH = 0.05
 """Share of what an effect must gain to which contenders are fitted; the one that is taken is fitted to the end."""
 
@@ -170,10 +172,15 @@ def search(
 
 
 def _polished(fit: Fit) -> Fit:
-    """The fit climbed to the end; a grip that was found beside what was still missing is looked for again."""
+    """The fit climbed to the end; a grip that was found beside what was still missing is looked for again.
+
+    What a device remembers was fitted to the beginning of the record, by slopes that a rough likelihood does not have.
+    """
     for number, item in enumerate(fit.terms):
         if item.slug == grip.SLUG:
             fit = grip.settled(fit, number, scale_of(fit))
+        elif item.slug in CATALOGUE and CATALOGUE[item.slug].acts_on == "memory":
+            Climb(fit, number, _CLOSER).go(HALVINGS)
     return fit.maximise()
 
 

@@ -124,8 +124,9 @@ def _considered(model: Config, candidates: Sequence[str] | None, refit_base: boo
     present = {effect.name for effect in model.plant.effects}
     return [
         slug
-        for slug in (EFFECT_SLUGS if candidates is None else candidates)
-        if not (refit_base and slug in _CORRECTIONS)
+        for slug in EFFECT_SLUGS
+        if (candidates is None or slug in candidates)
+        and not (refit_base and slug in _CORRECTIONS)
         and not (model.is_linear and slug in _ROTARY_ONLY)
         and not present & {slug, *CATALOGUE[slug].excludes}
     ]

@@ -6,8 +6,8 @@ State: position x, velocity v, and a disturbance torque d that no catalogue know
 
 Prediction moves a few Gauss–Hermite points through the project's own exact plant (`hapticd.plant.numeric.substep`), so every
 law of the catalogue is in the filter as it stands. The points lie along w = v + (T/m) d, the direction that decides whether
-friction holds the shaft; across it the state is carried linearly. What a device remembers beyond its motion (the
-bristle, the load behind a coupling or a play) follows the filtered path: it is known as well as that path is.
+friction holds the shaft; across it the state is carried linearly. The load behind a play is part of the state
+(`hapticd.gap.kernel.load`); a bristle, and the load behind a coupling, are taken to be known as well as the filtered path.
 
 The measurement is the probability of the encoder's cell, its update the moments of the normal truncated to that cell
 (grey-box identification: Kristensen, Madsen and Jørgensen, Automatica 40, 2004; latent force: Rogers and Friis,
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import from_dtype, types
 
+from hapticd.gap.kernel.load import carry, see, spread_along, tie
 from hapticd.jit import njit
 from hapticd.plant.coupled import Coupling, is_underdamped, swing_apart
 from hapticd.plant.effect_terms import shared_inertia
@@ -98,6 +99,7 @@ _FARTHEST_TWIST = 1.0
 _EXTERNAL = word("external_force")
 _GAP = word("backlash.gap")
 _GAP_SHARE = word("backlash.load_share")
+_RESTITUTION = word("backlash.restitution")
 _RESONANCE = word("flexible_coupling.f_r")
 _RESONANCE_SHARE = word("flexible_coupling.load_share")
 _ECCENTRICITY = word("encoder_eccentricity.e")
@@ -187,6 +189,10 @@ def run_filter(
     xx = xv = xd = vv = vd = dd = 0.0
     total = 0.0
     bristle_x = load_x_x = load_v_v = 0.0
+    has_play = p[_GAP] > 0.0
+    C, P = np.zeros((2, 3)), np.zeros((2, 2))
+    along, across = np.zeros(5), np.zeros(5)
+    passed = shared_inertia(p, p[_GAP_SHARE]) / inertia
     for i in range(n):
         if begins[i]:
             last = min(i + 5, n - 1)
@@ -203,6 +209,9 @@ def run_filter(
             remembered[:] = 0.0
             remembered[LOAD_THETA], remembered[LOAD_OMEGA] = x, v
             bristle_x = load_x_x = load_v_v = 0.0
+            if has_play:
+                tie(C, P, xx, xv, xd, vv, vd)
+                P[0, 0] += p[_GAP] * p[_GAP] / 12.0
         row = out[i]
         seen = 1.0
         expected = x
@@ -235,13 +244,17 @@ def run_filter(
         vv -= gv * gv * taken
         vd -= gv * gd * taken
         dd -= gd * gd * taken
-        if remembers:
+        if has_play:
+            load_gain_x, load_gain_v = see(C, P, seen, variance, share, gx, gv, gd)
+            remembered[LOAD_THETA] += load_gain_x * moved
+            remembered[LOAD_OMEGA] += load_gain_v * moved
+            if remembered[CONTACT] != 0.0:
+                remembered[LOAD_THETA] = x - 0.5 * remembered[CONTACT] * p[_GAP]
+                remembered[LOAD_OMEGA] = v
+        elif remembers:
             remembered[BRISTLE] += bristle_x * gx * moved
             remembered[LOAD_THETA] += load_x_x * gx * moved
             remembered[LOAD_OMEGA] += load_v_v * gv * moved
-            if p[_GAP] > 0.0 and remembered[CONTACT] != 0.0:
-                remembered[LOAD_THETA] = x - 0.5 * remembered[CONTACT] * p[_GAP]
-                remembered[LOAD_OMEGA] = v
         row.x, row.v, row.d = x, v, d
         row.bristle, row.load_x, row.load_v = remembered[BRISTLE], remembered[LOAD_THETA], remembered[LOAD_OMEGA]
         row.contact = remembered[CONTACT]
@@ -260,6 +273,9 @@ def run_filter(
         cx, cv, cd = (xv + push * xd) / ww, (vv + push * vd) / ww, (vd + push * dd) / ww
         rxx, rxv, rxd = max(xx - cx * cx * ww, 0.0), xv - cx * cv * ww, xd - cx * cd * ww
         rvv, rvd, rdd = max(vv - cv * cv * ww, 0.0), vd - cv * cd * ww, max(dd - cd * cd * ww, 0.0)
+        if has_play:
+            along[0], along[1], along[2] = cx, cv, cd
+            along[3], along[4] = (C[0, 1] + push * C[0, 2]) / ww, (C[1, 1] + push * C[1, 2]) / ww
         contact = 0.0
         # Friction is kinked at standstill. Where the shaft surely keeps moving, the step is as good as linear.
         largest = 0.0
@@ -286,8 +302,11 @@ def run_filter(
                     state[j] = remembered[j]
                 state[THETA], state[OMEGA] = xk, vk
                 p[_EXTERNAL] = force
-                if p[_GAP] > 0.0 and state[CONTACT] != 0.0:
-                    state[LOAD_THETA], state[LOAD_OMEGA] = xk - 0.5 * state[CONTACT] * p[_GAP], vk
+                if has_play:
+                    state[LOAD_THETA] += reach * along[3]
+                    state[LOAD_OMEGA] += reach * along[4]
+                    if state[CONTACT] != 0.0:
+                        state[LOAD_THETA], state[LOAD_OMEGA] = xk - 0.5 * state[CONTACT] * p[_GAP], vk
                 now = time_s[i]
                 for j in range(parts):
                     if duration[i, j] > 0.0:
@@ -342,6 +361,12 @@ def run_filter(
         xd = decay * (rxd + half * rvd) + drift * period**3 / 6.0
         vd = drift * period * period / 2.0
         dd = decay * decay * rdd + sd2 * (1.0 - decay * decay)
+        if has_play:
+            across[0], across[1], across[2], across[3], across[4] = rxx, rxv, rxd, rvv, rvd
+            met = remembered[CONTACT] == 0.0 and load_vs[1] != remembered[LOAD_OMEGA]
+            bounce = (1.0 if contact != 0.0 else 1.0 + p[_RESTITUTION]) if met else 0.0
+            more = carry(C, P, along, across, ww, period, decay, half, bounce * passed, bounce * (1.0 - passed))
+            xx, xv, xd, vv, vd = xx + more[0], xv + more[1], xd + more[2], vv + more[3], vd + more[4]
         spread_x = spread_v = 0.0
         for k in range(3):
             ex, ev, ed = xs[k] - x, vs[k] - v, ds[k] - d
@@ -360,6 +385,10 @@ def run_filter(
                 mean_b += _WEIGHTS[k] * bristles[k]
                 mean_x += _WEIGHTS[k] * load_xs[k]
                 mean_v += _WEIGHTS[k] * load_vs[k]
+            if has_play:
+                spread_along(C, P, _WEIGHTS, xs, vs, ds, load_xs, load_vs, x, v, d, mean_x, mean_v)
+                if contact != 0.0:
+                    tie(C, P, xx, xv, xd, vv, vd)
             bristle_x = load_x_x = load_v_v = 0.0
             for k in range(3):
                 bristle_x += _WEIGHTS[k] * (bristles[k] - mean_b) * (xs[k] - x)
