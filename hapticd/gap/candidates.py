@@ -17,8 +17,8 @@ from hapticd.effects.catalogue import CATALOGUE
 from hapticd.effects.spec import Scale
 from hapticd.gap import grip, ripple
 from hapticd.gap.fit import Fit
-from hapticd.gap.kernel.filter import SENSOR
 from hapticd.gap.kernel.linear import sensitivities
+from hapticd.gap.kernel.ticks import SENSOR
 from hapticd.gap.parallel import each
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import Term, term

@@ -6,15 +6,15 @@ of the samples' scores (Berndt, Hall, Hall and Hausman 1974), which finite diffe
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants
-from hapticd.gap.kernel.filter import CORRELATION, DISTURBANCE, JITTER, NOISE, TICK, WHITE, run_filter
+from hapticd.gap.kernel.filter import run_filter
 from hapticd.gap.kernel.linear import sensitivities
+from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, NOISE, TICK, WHITE
 from hapticd.gap.parallel import each
 from hapticd.gap.terms import torque_slopes
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from hapticd.gap.series import Series
+    from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
 
     Floats = NDArray[np.float64]
@@ -38,57 +38,6 @@ _POOR = 2
 _FALL = 2.0
 _SHORTER = 6
 """Attempts to shorten a step that does not climb."""
-
-
-@dataclass(frozen=True)
-class Problem:
-    """What is fitted: samples, the nominal device, and the bounds of the noise.
-
-    Attributes:
-        series: the samples.
-        base: device vector of the nominal model.
-        torque: what the device's torques are of the order of, N m or N.
-        is_linear: metres and newtons.
-        longest_memory_s: largest correlation time of the disturbance torque [s].
-        runs: log-likelihood of each run of the filter until now.
-    """
-
-    series: Series
-    base: Floats
-    torque: float
-    is_linear: bool
-    longest_memory_s: float = field(default_factory=lambda: constants.SHORT_MEMORY_S)
-    runs: list[float] = field(default_factory=list)
-
-    @property
-    def noise_bounds(self) -> tuple[Floats, Floats]:
-        """Lower and upper bounds of the logarithms of the noise parameters."""
-        T, q = self.series.period_s, self.series.resolution
-        longest = max(self.longest_memory_s, 5.0 * T)
-        root = np.sqrt(T)
-        lower = [
-            constants.LEAST_WHITE * self.torque * root,
-            0.01 * q,
-            1e-6 * self.torque,
-            min(3.0 * T, 0.5 * longest),
-            1e-4 * T,
-        ]
-        upper = [1e3 * self.torque * root, 1e5 * q, 1e2 * self.torque, longest, 3.0 * T]
-        return np.log(lower), np.log(upper)
-
-    def with_free_memory(self) -> Problem:
-        """The same with a disturbance that may remember as long as the recordings can tell."""
-        return replace(self, longest_memory_s=max(self.series.duration_s / constants.MEMORIES, self.longest_memory_s))
-
-    def vector(self, terms: Sequence[Term], u: Floats) -> Floats:
-        """Device vector of a hypothesis; `u` without the noise."""
-        p = self.base.copy()
-        at = 0
-        for item in terms:
-            count = len(item.coordinates)
-            item.put(p, u[at : at + count])
-            at += count
-        return p
 
 
 class Fit:
@@ -398,47 +347,3 @@ class Fit:
         covariance = np.zeros((self.u.size, self.u.size))
         covariance[np.ix_(free, free)] = robust * np.outer(scale, scale)
         return covariance
-
-
-def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
-    """Coordinates from which a fit starts: the noise is the best of a coarse grid, white alone and with a disturbance."""
-    low, high = problem.noise_bounds
-    T, q = problem.series.period_s, problem.series.resolution
-    noise = np.array(
-        [0.0, np.log(0.3 * q), low[DISTURBANCE], 0.5 * (low[CORRELATION] + high[CORRELATION]), low[JITTER]]
-    )
-    noise = np.clip(noise, low, high)
-    probe = Fit.started(problem, terms, noise)
-
-    def best_of(tried: list[Floats]) -> tuple[float, Floats]:
-        values = each(lambda u: probe.evaluate(u)[0], tried)
-        k = int(np.argmax(values))
-        return values[k], tried[k]
-
-    def changed(u: Floats, **words: float) -> Floats:
-        u = u.copy()
-        for name, value in words.items():
-            u[NOISE.index(name)] = value
-        return np.clip(u, probe.lower, probe.upper)
-
-    coarse = [
-        changed(probe.u, white=white, sensor=np.log(sensor * q))
-        for white in np.log(problem.torque * np.sqrt(T)) + np.arange(-9.0, 5.0, 1.5)
-        for sensor in (0.1, 0.5, 5.0, 50.0)
-    ]
-    best, best_u = best_of(coarse)
-    spread = best_u[WHITE]
-    beside = [
-        changed(best_u, white=spread + less, disturbance=power + spread - 0.5 * (np.log(2.0) + tau), memory=tau)
-        for less in (0.0, -1.2, -3.5)
-        for tau in np.linspace(low[CORRELATION], high[CORRELATION], 3)
-        for power in (0.4, -0.7, -1.9, -3.0, -4.2)
-    ]
-    best, best_u = max((best, best_u), best_of(beside), key=lambda pair: pair[0])
-    value, jittery = best_of([changed(best_u, jitter=np.log(jitter * T)) for jitter in (0.02, 0.1, 0.3)])
-    return jittery if value > best + 1.0 else best_u
-
-
-def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:
-    """The fit of the nominal model, with terms that correct its base parameters where asked for."""
-    return Fit(problem, terms, first_noise(problem, terms)).maximise(40)

@@ -9,8 +9,8 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from hapticd.gap import constants
-from hapticd.gap.kernel.filter import WHITE
 from hapticd.gap.kernel.linear import sensitivities, smoothed
+from hapticd.gap.kernel.ticks import WHITE
 from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:

@@ -12,7 +12,7 @@ from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, grip
 from hapticd.gap.candidates import HALVINGS, Climb, candidates, scale_of
 from hapticd.gap.fit import Fit
-from hapticd.gap.kernel.filter import CORRELATION, DISTURBANCE, WHITE
+from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, WHITE
 from hapticd.gap.missing import MOVES, missing_power
 from hapticd.plant.layout import index_of as word
 

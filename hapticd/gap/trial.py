@@ -18,9 +18,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.config import ConfigError, apply_settings
-from hapticd.gap.fit import Fit, Problem
-from hapticd.gap.kernel.filter import NOISE, OUTLIER
+from hapticd.gap.fit import Fit
+from hapticd.gap.kernel.filter import OUTLIER
+from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.model_file import with_effects
+from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import parameters_of_term

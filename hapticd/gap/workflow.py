@@ -12,10 +12,12 @@ from scipy.stats import t as student
 from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
 from hapticd.gap import constants, grip, missing
-from hapticd.gap.fit import Fit, Problem, nominal_fit
-from hapticd.gap.kernel.filter import NOISE
+from hapticd.gap.fit import Fit
+from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.missing import Missing, missing_force
+from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.prediction import prediction_errors
+from hapticd.gap.problem import Problem
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step

@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import t as student
 
-from hapticd.gap.fit import Fit, first_noise
-from hapticd.gap.kernel.filter import DISTURBANCE
+from hapticd.gap.fit import Fit
+from hapticd.gap.kernel.ticks import DISTURBANCE
+from hapticd.gap.nominal import first_noise
 from hapticd.gap.terms import Coordinate, Term
 from hapticd.gap.workflow import problem_of
 from hapticd.plant.layout import index_of

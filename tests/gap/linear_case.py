@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm
 
-from hapticd.gap.kernel.filter import TICK, run_filter
+from hapticd.gap.kernel.filter import run_filter
+from hapticd.gap.kernel.ticks import TICK
 from hapticd.plant.layout import index_of, neutral_vector
 
 Floats = NDArray[np.float64]

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.stats import norm, truncnorm
 
-from hapticd.gap.kernel.filter import OUTLIER, truncated
+from hapticd.gap.kernel.cell import truncated
+from hapticd.gap.kernel.filter import OUTLIER
 
 from . import linear_case
 from .linear_case import case, filtered, textbook

@@ -11,7 +11,8 @@ import pytest
 from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap.candidates import scale_of
-from hapticd.gap.fit import Fit, nominal_fit
+from hapticd.gap.fit import Fit
+from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.terms import term
 from hapticd.gap.workflow import problem_of
 

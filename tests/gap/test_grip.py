@@ -11,7 +11,7 @@ import pytest
 from benchmarks.gap.disturbance import Coloured
 from hapticd.gap import grip
 from hapticd.gap.candidates import scale_of
-from hapticd.gap.fit import nominal_fit
+from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
 from hapticd.gap.terms import parameters_of_term
 from hapticd.gap.workflow import problem_of

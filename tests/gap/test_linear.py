@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 
 from benchmarks.gap.disturbance import STEP_S, Coloured
-from hapticd.gap.fit import Fit, nominal_fit
-from hapticd.gap.kernel.filter import SENSOR, WHITE
+from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.linear import sensitivities, smoothed
+from hapticd.gap.kernel.ticks import SENSOR, WHITE
 from hapticd.gap.missing import MOVES, missing_force
+from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.terms import Term, term
 from hapticd.gap.workflow import problem_of
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.gap.disturbance import Coloured
-from hapticd.gap.fit import Fit, nominal_fit
+from hapticd.gap.fit import Fit
 from hapticd.gap.missing import (
     better_function,
     explainable,
@@ -22,6 +22,7 @@ from hapticd.gap.missing import (
     structure,
     where,
 )
+from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.remainder import lines, remainder_of
 from hapticd.gap.terms import term
 from hapticd.gap.workflow import problem_of

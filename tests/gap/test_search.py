@@ -14,7 +14,7 @@ from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, find_gap
 from hapticd.gap.candidates import both_signs
-from hapticd.gap.fit import nominal_fit
+from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.search import (
     CrossValidated,
     Round,

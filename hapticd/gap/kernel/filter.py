@@ -22,7 +22,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import from_dtype, types
 
+from hapticd.gap.kernel.cell import truncated
 from hapticd.gap.kernel.load import carry, see, spread_along, tie
+from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, SENSOR, TICK, WHITE
 from hapticd.jit import njit
 from hapticd.plant.coupled import Coupling, is_underdamped, swing_apart
 from hapticd.plant.effect_terms import shared_inertia
@@ -34,49 +36,6 @@ from hapticd.plant.numeric import edited_base, measured, needs_effect_terms, sub
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-TICK = np.dtype(
-    [
-        ("log_p", "f8"),  # log probability of the count
-        ("mean", "f8"),  # predicted measurement [rad or m]
-        ("variance", "f8"),  # of the measurement before quantisation
-        ("share", "f8"),  # of the variance that the count takes away; 1 for a measurement without a cell
-        ("score", "f8"),  # d log_p / d mean
-        ("information", "f8"),  # −d score / d mean, expected
-        ("moved", "f8"),  # mean of the measurement given its cell, less `mean`
-        ("seen", "f8"),  # d measurement / d x
-        ("gain_x", "f8"),  # regression of the state on the measurement
-        ("gain_v", "f8"),
-        ("gain_d", "f8"),
-        ("x", "f8"),  # state after the update
-        ("v", "f8"),
-        ("d", "f8"),
-        ("bristle", "f8"),
-        ("load_x", "f8"),
-        ("load_v", "f8"),
-        ("contact", "f8"),
-        ("next_v", "f8"),  # predicted at the next tick
-        ("x_v", "f8"),  # d (x at the next tick) / d v, and so on
-        ("v_v", "f8"),
-        ("x_d", "f8"),
-        ("v_d", "f8"),
-        ("d_d", "f8"),
-        ("x_force", "f8"),  # d (x at the next tick) / d (torque during the tick)
-        ("v_force", "f8"),
-        ("xx", "f8"),  # covariance of the prediction that the update starts from
-        ("xv", "f8"),
-        ("xd", "f8"),
-        ("vv", "f8"),
-        ("vd", "f8"),
-        ("dd", "f8"),
-    ],
-    align=True,
-)
-"""What the filter leaves of one sample."""
-
-NOISE = ("white", "sensor", "disturbance", "memory", "jitter")
-"""Noise parameters: σ [N m √s], r [rad or m], s [N m], τ [s], time jitter of the samples [s]."""
-WHITE, SENSOR, DISTURBANCE, CORRELATION, JITTER = range(5)
-
 _f8 = types.float64
 _i8 = types.int64
 _a = types.Array(_f8, 1, "C")
@@ -84,8 +43,6 @@ _m = types.Array(_f8, 2, "C")
 _rows = types.Array(from_dtype(TICK), 1, "C")
 _flags = types.Array(types.boolean, 1, "C")
 
-_ROOT_2 = math.sqrt(2.0)
-_DENSITY_0 = 1.0 / math.sqrt(2.0 * math.pi)
 OUTLIER = 1e-3 / 64.0
 """Probability of an arbitrary count: what a gross outlier costs at most."""
 _POINTS = np.array([-math.sqrt(3.0), 0.0, math.sqrt(3.0)])
@@ -106,29 +63,6 @@ _ECCENTRICITY = word("encoder_eccentricity.e")
 _BREAKAWAY = word("presliding.breakaway")
 _TORQUE_CONSTANT = word("torque_constant")
 _RESONANCE_DAMPING = word("flexible_coupling.damping")
-
-
-@njit(types.UniTuple(_f8, 3)(_f8, _f8))
-def truncated(low: float, high: float) -> tuple[float, float, float]:
-    """Return log mass, mean and variance of the standard normal truncated to [low, high]."""
-    sign = 1.0
-    if low > 0.0:
-        sign, low, high = -1.0, -high, -low
-    if high < -5.0:  # the far tail decays exponentially from the near edge
-        k, width = -high, high - low
-        e = math.exp(-k * width) if k * width < 50.0 else 0.0
-        log_mass = -0.5 * high * high - math.log(k / _DENSITY_0) + math.log1p(-e - (1.0 - e) / (k * k))
-        depth = 1.0 / k - (width * e / (1.0 - e) if e > 0.0 else 0.0)
-        return log_mass, sign * (high - depth), min(1.0, 1.0 / (k * k))
-    mass = max(0.5 * (math.erfc(-high / _ROOT_2) - math.erfc(-low / _ROOT_2)), 1e-300)
-    at_low = _DENSITY_0 * math.exp(-0.5 * low * low)
-    at_high = _DENSITY_0 * math.exp(-0.5 * high * high)
-    mean = (at_low - at_high) / mass
-    width = high - low
-    if width < 1e-3:  # nearly a point: the closed form would subtract equal numbers
-        return math.log(mass), sign * 0.5 * (low + high), width * width / 12.0
-    variance = 1.0 + (low * at_low - high * at_high) / mass - mean * mean
-    return math.log(mass), sign * mean, min(max(variance, 1e-9), 1.0)
 
 
 @njit(_f8(_a, _f8), counted=False)
@@ -170,7 +104,8 @@ def run_filter(
         out: shape (n,) of `TICK`.
     """
     n, parts = current.shape
-    white, sensor, disturbance, tau, jitter = noise[0], noise[1], noise[2], noise[3], noise[4]
+    white, sensor, jitter = noise[WHITE], noise[SENSOR], noise[JITTER]
+    disturbance, tau = noise[DISTURBANCE], noise[CORRELATION]
     sd2 = disturbance * disturbance
     simple = not needs_effect_terms(p) and edited_base(p)[5] == 0.0
     remembers = p[_GAP] > 0.0 or p[_RESONANCE] < math.inf or p[_BREAKAWAY] > 0.0

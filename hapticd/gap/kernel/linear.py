@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import from_dtype, types
 
-from hapticd.gap.kernel.filter import TICK
+from hapticd.gap.kernel.ticks import TICK
 from hapticd.jit import njit
 
 if TYPE_CHECKING:

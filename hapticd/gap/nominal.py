@@ -1,0 +1,65 @@
+"""The fit of the model as given: from where its noise starts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.gap.fit import Fit
+from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, NOISE, WHITE
+from hapticd.gap.parallel import each
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hapticd.gap.problem import Problem
+    from hapticd.gap.terms import Term
+
+    Floats = NDArray[np.float64]
+
+
+def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
+    """Coordinates from which a fit starts: the noise is the best of a coarse grid, white alone and with a disturbance."""
+    low, high = problem.noise_bounds
+    T, q = problem.series.period_s, problem.series.resolution
+    noise = np.array(
+        [0.0, np.log(0.3 * q), low[DISTURBANCE], 0.5 * (low[CORRELATION] + high[CORRELATION]), low[JITTER]]
+    )
+    noise = np.clip(noise, low, high)
+    probe = Fit.started(problem, terms, noise)
+
+    def best_of(tried: list[Floats]) -> tuple[float, Floats]:
+        values = each(lambda u: probe.evaluate(u)[0], tried)
+        k = int(np.argmax(values))
+        return values[k], tried[k]
+
+    def changed(u: Floats, **words: float) -> Floats:
+        u = u.copy()
+        for name, value in words.items():
+            u[NOISE.index(name)] = value
+        return np.clip(u, probe.lower, probe.upper)
+
+    coarse = [
+        changed(probe.u, white=white, sensor=np.log(sensor * q))
+        for white in np.log(problem.torque * np.sqrt(T)) + np.arange(-9.0, 5.0, 1.5)
+        for sensor in (0.1, 0.5, 5.0, 50.0)
+    ]
+    best, best_u = best_of(coarse)
+    spread = best_u[WHITE]
+    beside = [
+        changed(best_u, white=spread + less, disturbance=power + spread - 0.5 * (np.log(2.0) + tau), memory=tau)
+        for less in (0.0, -1.2, -3.5)
+        for tau in np.linspace(low[CORRELATION], high[CORRELATION], 3)
+        for power in (0.4, -0.7, -1.9, -3.0, -4.2)
+    ]
+    best, best_u = max((best, best_u), best_of(beside), key=lambda pair: pair[0])
+    value, jittery = best_of([changed(best_u, jitter=np.log(jitter * T)) for jitter in (0.02, 0.1, 0.3)])
+    return jittery if value > best + 1.0 else best_u
+
+
+def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:
+    """The fit of the nominal model, with terms that correct its base parameters where asked for."""
+    return Fit(problem, terms, first_noise(problem, terms)).maximise(40)
