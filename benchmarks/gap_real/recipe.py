@@ -7,6 +7,8 @@ EMPS, and those that this recipe gave for richer models, are residual forces fou
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, decimate, sosfiltfilt
@@ -54,6 +56,11 @@ class Balance:
         force = _thinned(self._force)
         left = force - columns @ np.linalg.lstsq(columns, force, rcond=None)[0]
         return float(np.sqrt(np.mean(left**2)))
+
+    def left_by(self, coefficients: Mapping[str, float]) -> float:
+        """What a model with these coefficients, none of them fitted here, leaves of the force, RMS."""
+        force = self._force - sum(value * self._columns[name] for name, value in coefficients.items())
+        return float(np.sqrt(np.mean(_thinned(force) ** 2)))
 
 
 def _thinned(signal: Floats) -> Floats:
