@@ -179,6 +179,7 @@ def run_filter(
         vv -= gv * gv * taken
         vd -= gv * gd * taken
         dd -= gd * gd * taken
+        remembered[BRISTLE] += bristle_x * gx * moved
         if has_play:
             load_gain_x, load_gain_v = see(C, P, seen, variance, share, gx, gv, gd)
             remembered[LOAD_THETA] += load_gain_x * moved
@@ -187,7 +188,6 @@ def run_filter(
                 remembered[LOAD_THETA] = x - 0.5 * remembered[CONTACT] * p[_GAP]
                 remembered[LOAD_OMEGA] = v
         elif remembers:
-            remembered[BRISTLE] += bristle_x * gx * moved
             remembered[LOAD_THETA] += load_x_x * gx * moved
             remembered[LOAD_OMEGA] += load_v_v * gv * moved
         row.x, row.v, row.d = x, v, d
