@@ -113,6 +113,7 @@ def _bind(host: str, port: int) -> socket.socket:
         try:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             found.bind(address)
+            found.listen()  # a page that is asked for at once waits for the answer
         except BaseException:
             found.close()
             raise
