@@ -11,7 +11,6 @@ import struct
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapticd.record.schema import FLAG_EXCITATION, FLAG_FAULT, FLAG_RUNNING, Rows, empty_rows
 
@@ -89,18 +88,20 @@ def encode(rows: Rows, context: Context) -> bytes:
         context.unix_s,
         context.origin_counts,
     )
-    columns = (
-        _int32(rows["tick"] - tick),
-        (rows["time_s"] - time_s).astype("<f4"),
-        _int32(rows["encoder_counts"] - context.origin_counts),
-        _int32(rows["ticks"]),
-        _float32(rows["current_command_A"]),
-        _float32(rows["current_measured_A"]),
-        _float32(rows["force_command"]),
-        (rows["wake_late_ns"] * 1e-3).astype("<f4"),
-        _int32(rows["flags"]),
-    )
-    return b"".join((header, *(column.tobytes() for column in columns)))
+    integers = np.empty((len(COLUMNS), count), "<i4")
+    floats = integers.view("<f4")
+    with np.errstate(over="ignore"):
+        integers[0] = rows["tick"] - tick
+        floats[1] = rows["time_s"] - time_s
+        # Beyond 32 bits it stands at the end of the range: a shaft that far away is a fault long since.
+        (rows["encoder_counts"] - context.origin_counts).clip(_INT32.min, _INT32.max, integers[2], casting="unsafe")
+        rows["ticks"].clip(_INT32.min, _INT32.max, integers[3], casting="unsafe")
+        floats[4] = rows["current_command_A"]
+        floats[5] = rows["current_measured_A"]
+        floats[6] = rows["force_command"]
+        floats[7] = rows["wake_late_ns"] * 1e-3
+        integers[8] = rows["flags"]
+    return header + integers.tobytes()
 
 
 def standing(frame: bytes) -> tuple[int, int] | None:
@@ -110,18 +111,6 @@ def standing(frame: bytes) -> tuple[int, int] | None:
     _, _, _, _, epoch, *_ = HEADER.unpack_from(frame)
     flags: int = _FLAGS.unpack_from(frame, len(frame) - _FLAGS.size)[0]
     return epoch, flags & _STATE
-
-
-def _float32(values: NDArray[np.float64]) -> NDArray[np.float32]:
-    with np.errstate(over="ignore"):
-        return values.astype("<f4")
-
-
-def _int32(values: NDArray[np.int64]) -> NDArray[np.int32]:
-    """Values beyond 32 bits stand at the end of the range: a shaft that far away is a fault long since."""
-    if values.size and (values.max() > _INT32.max or values.min() < _INT32.min):
-        values = np.clip(values, _INT32.min, _INT32.max)
-    return values.astype("<i4")
 
 
 def decode(frame: bytes) -> tuple[Rows, Context]:

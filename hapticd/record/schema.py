@@ -86,6 +86,11 @@ def empty_rows(count: int = 0) -> Rows:
     return np.zeros(count, dtype=ROW)
 
 
+def joined(*parts: Rows) -> Rows:
+    """Rows one after the other, in memory of their own: as words, which is several times as fast as field by field."""
+    return np.concatenate([part.view(np.int64) for part in parts]).view(ROW)
+
+
 def check_rows(rows: NDArray[Any]) -> None:
     """Refuse anything that is not a one-dimensional array of `ROW`.
 

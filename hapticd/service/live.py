@@ -1,24 +1,22 @@
 """The live stream: the rows that the recorder takes from the ring, as frames, for whoever looks at them now.
 
 Nothing is done while nobody looks. While somebody does, the recorder's thread only hands over a reference to rows that
-it has copied anyway; the API's event loop encodes them, once for all who look. To wake a thread for it cost more than the
-encoding. Every buffer on the way is bounded and drops its oldest frame, so that a slow reader costs the daemon and the other
-readers nothing; the row numbers in the frames (`hapticd.record.frames`) tell each reader what it missed.
+it has copied anyway; the API's event loop encodes them, once for all who look. What costs is to wake, not to encode: all
+readers sleep until the same instant, and the first that wakes makes the frame. The newest frames are kept for those who
+are slow; the row numbers in them (`hapticd.record.frames`) tell each reader what it missed, and nobody waits for another.
 """
 
 from __future__ import annotations
 
 import asyncio
-import contextlib
 import time
 from collections import deque
 from collections.abc import AsyncIterator
 from dataclasses import replace
-
-import numpy as np
+from itertools import islice
 
 from hapticd.record.frames import PREFIX, Context, encode
-from hapticd.record.schema import Rows, empty_rows
+from hapticd.record.schema import Rows, empty_rows, joined
 from hapticd.service.refusals import Refused
 
 INBOX_PORTIONS = 256
@@ -38,9 +36,13 @@ class LiveStream:
     def __init__(self) -> None:
         self.watched = False
         """Whether anybody looks; the recorder's thread asks before it does anything."""
-        self._readers: set[Reader] = set()
+        self._readers = 0
         self._inbox: deque[tuple[Rows, Context]] = deque(maxlen=INBOX_PORTIONS)
-        self._encoding: asyncio.Task[None] | None = None
+        self._frames: deque[bytes] = deque(maxlen=WAITING_FRAMES)
+        self._made = 0
+        """Frames since the daemon began; the newest of them are kept."""
+        self._told_s = 0.0
+        self._due_s = 0.0
         self._closed = False
 
     def put(self, rows: Rows, context: Context) -> None:
@@ -54,7 +56,7 @@ class LiveStream:
         Raises:
             Refused: 16 look already, or the daemon ends.
         """
-        if self._closed or len(self._readers) >= MAX_READERS:
+        if self._closed or self._readers >= MAX_READERS:
             why = "the daemon ends" if self._closed else f"{MAX_READERS} readers look at the stream already"
             raise Refused("stream", why)
 
@@ -63,47 +65,43 @@ class LiveStream:
 
         A reader exists from the first chunk that is asked for to the end of the iteration, however that comes about.
         """
-        reader = self._subscribe()
-        try:
-            while not reader.ended:
-                yield await reader.take()
-        finally:
-            self._leave(reader)
-
-    def _subscribe(self) -> Reader:
-        reader = Reader(asyncio.get_running_loop())
-        self._readers.add(reader)
-        if self._encoding is None:
+        if not self._readers:
             self._inbox.clear()
-            self.watched = True
-            self._encoding = asyncio.create_task(self._encode())
-        return reader
-
-    def _leave(self, reader: Reader) -> None:
-        self._readers.discard(reader)
-        if not self._readers and self._encoding is not None:
-            self.watched = False
-            self._encoding.cancel()
-            self._encoding = None
+            self._told_s = time.monotonic()
+            self._due_s = self._told_s + GATHER_S
+        self._readers += 1
+        self.watched = True
+        seen = self._made
+        try:
+            while not self._closed:
+                await asyncio.sleep(self._due_s - time.monotonic())
+                self._encode()
+                if new := min(self._made - seen, len(self._frames)):
+                    seen = self._made
+                    yield b"".join(islice(self._frames, len(self._frames) - new, None))
+        finally:
+            self._readers -= 1
+            if not self._readers:
+                self.watched = False
+                self._frames.clear()
 
     def close(self) -> None:
-        """End every reader's stream, and take no more; from any thread."""
+        """End every reader's stream within a frame's time, and take no more; from any thread."""
         self._closed = True
-        for reader in tuple(self._readers):
-            reader.end()
 
-    async def _encode(self) -> None:
-        told_s = time.monotonic()
-        while True:
-            await asyncio.sleep(GATHER_S)
-            now_s = time.monotonic()
-            if not self._inbox and now_s - told_s > SIGN_OF_LIFE_S:
-                self._inbox.append((empty_rows(), Context(0, 0, 1, 0.0, 0, time.time())))
-            while self._inbox:
-                frame = encode(*self._gather())
-                for reader in self._readers:
-                    reader.offer(frame)
-                told_s = now_s
+    def _encode(self) -> None:
+        """Make frames of what has come, if it is time."""
+        now_s = time.monotonic()
+        if now_s < self._due_s:
+            return
+        self._due_s = now_s + GATHER_S
+        if not self._inbox and now_s - self._told_s > SIGN_OF_LIFE_S:
+            self._inbox.append((empty_rows(), Context(0, 0, 1, 0.0, 0, time.time())))
+        while self._inbox:
+            frame = encode(*self._gather())
+            self._frames.append(PREFIX.pack(len(frame)) + frame)
+            self._made += 1
+            self._told_s = now_s
 
     def _gather(self) -> tuple[Rows, Context]:
         """The oldest portion that waits, and those behind it that go on where it ends, under the same settings."""
@@ -117,35 +115,4 @@ class LiveStream:
             parts.append(rows)
             count += len(rows)
             context = replace(context, unix_s=following.unix_s)
-        return (np.concatenate(parts) if len(parts) > 1 else parts[0]), context
-
-
-class Reader:
-    """One who looks: a bounded queue in an event loop."""
-
-    def __init__(self, loop: asyncio.AbstractEventLoop) -> None:
-        self.ended = False
-        self._loop = loop
-        self._frames: deque[bytes] = deque(maxlen=WAITING_FRAMES)
-        self._ready = asyncio.Event()
-
-    def offer(self, frame: bytes) -> None:
-        """Queue a frame, in place of the oldest when the queue is full."""
-        self._frames.append(frame)
-        self._ready.set()
-
-    def end(self) -> None:
-        """No more frames; from any thread."""
-        self.ended = True
-        with contextlib.suppress(RuntimeError):  # the loop is closed, and so is the connection
-            self._loop.call_soon_threadsafe(self._ready.set)
-
-    async def take(self) -> bytes:
-        """All that waits, as soon as anything does."""
-        await self._ready.wait()
-        self._ready.clear()
-        chunk = []
-        while self._frames:
-            frame = self._frames.popleft()
-            chunk += [PREFIX.pack(len(frame)), frame]
-        return b"".join(chunk)
+        return joined(*parts), context

@@ -12,11 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from hapticd.record.frames import PREFIX, Context, decode, encode
+from hapticd.record.frames import PREFIX, Context, decode
 from hapticd.record.schema import Rows, empty_rows
 from hapticd.service.api import ApiServer
 from hapticd.service.daemon import Daemon
-from hapticd.service.live import MAX_READERS, WAITING_FRAMES, LiveStream, Reader
+from hapticd.service.live import MAX_READERS, WAITING_FRAMES, LiveStream
 from hapticd.service.refusals import Refused
 from hapticd.service.socket import bind
 from tests.polling import wait_until
@@ -141,19 +141,23 @@ def test_a_reader_too_many_is_refused(served: tuple[Daemon, Path]) -> None:
         connection.close()
 
 
-def test_a_full_queue_drops_its_oldest_frame_and_the_numbers_say_so() -> None:
+def test_who_falls_behind_loses_the_oldest_frames_and_the_numbers_say_so() -> None:
     async def read() -> list[int]:
-        reader = Reader(asyncio.get_running_loop())
-        for number in range(WAITING_FRAMES + 10):
-            reader.offer(encode(empty_rows(1), Context(number, 0, 1, 1e-3, 0, 0.0)))
-        chunk, found = await reader.take(), []
+        stream = LiveStream()
+        chunks = stream.chunks()
+        looking = asyncio.ensure_future(anext(chunks))
+        await asyncio.sleep(0)
+        for number in range(WAITING_FRAMES + 10):  # a row is missing after each, so that each is a frame of its own
+            stream.put(empty_rows(1), Context(2 * number, 0, 1, 1e-3, 0, 0.0))
+        chunk, found = await looking, []
+        await chunks.aclose()
         while chunk:
             size = PREFIX.unpack_from(chunk)[0]
             found.append(decode(chunk[PREFIX.size : PREFIX.size + size])[1].first_row)
             chunk = chunk[PREFIX.size + size :]
         return found
 
-    assert asyncio.run(read()) == list(range(10, WAITING_FRAMES + 10))
+    assert asyncio.run(read()) == list(range(20, 2 * WAITING_FRAMES + 20, 2))
 
 
 def test_a_stream_that_ends_takes_nobody_and_lets_everybody_go() -> None:
