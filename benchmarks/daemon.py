@@ -97,9 +97,14 @@ class MeasuredDaemon:
         """CPU time that one thread has used so far, s."""
         while not self._threads.exists():
             time.sleep(0.05)
-        thread = json.loads(self._threads.read_text())[name]
-        text = Path(f"/proc/{self._process.pid}/task/{thread}/schedstat").read_text()
-        return int(text.split()[0]) * 1e-9
+        return self._cpu_s(json.loads(self._threads.read_text())[name])
+
+    def cpu_s(self) -> float:
+        """CPU time that all threads which live have used so far, s."""
+        return sum(self._cpu_s(int(task.name)) for task in Path(f"/proc/{self.pid}/task").iterdir())
+
+    def _cpu_s(self, thread: int) -> float:
+        return int(Path(f"/proc/{self.pid}/task/{thread}/schedstat").read_text().split()[0]) * 1e-9
 
     def require_healthy(self) -> dict[str, Any]:
         """The status, when the loop still renders.

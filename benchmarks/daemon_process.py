@@ -22,10 +22,10 @@ def _spin() -> None:
 
 
 def _name_threads(path: Path) -> None:
-    found: dict[str, int | None] = {}
+    found: dict[str, int] = {}
     while not found.keys() >= {"hapticd-servo", "hapticd-recorder", "hapticd-api"}:
         time.sleep(0.05)
-        found = {thread.name: thread.native_id for thread in threading.enumerate()}
+        found = {thread.name: thread.native_id for thread in threading.enumerate() if thread.native_id is not None}
     temporary = path.with_suffix(".new")
     temporary.write_text(json.dumps(found))
     temporary.replace(path)
