@@ -48,6 +48,8 @@ class MeasuredDaemon:
             arguments += ["--set", f"{key}={value}"]
         self._log = self.folder / "log"
         self._threads = self.folder / "threads.json"
+        self._switches = self.folder / "switches"
+        os.mkfifo(self._switches)
         self._command = [sys.executable, "-m", "benchmarks.daemon_process", str(self._threads)]
         self._command += ["busy" if busy else "calm", *arguments]
         self._environment = {**os.environ, "XDG_STATE_HOME": str(self.folder), **(environment or {})}
@@ -93,11 +95,20 @@ class MeasuredDaemon:
         path.unlink()
         return run
 
-    def thread_cpu_s(self, name: str) -> float:
-        """CPU time that one thread has used so far, s."""
+    def switch(self, **what: float) -> None:
+        """Change what the daemon does by itself: `benchmarks.daemon_process.Switches`."""
+        self._switches.write_text(json.dumps(what))
+
+    def thread_id(self, name: str) -> int:
+        """The kernel's number of a thread."""
         while not self._threads.exists():
             time.sleep(0.05)
-        return self._cpu_s(json.loads(self._threads.read_text())[name])
+        number: int = json.loads(self._threads.read_text())[name]
+        return number
+
+    def thread_cpu_s(self, name: str) -> float:
+        """CPU time that one thread has used so far, s."""
+        return self._cpu_s(self.thread_id(name))
 
     def cpu_s(self) -> float:
         """CPU time that all threads which live have used so far, s."""
