@@ -7,8 +7,8 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test compiled lint types jstypes layers bench soak dist docs site firmware firmware-test firmware-fuzz install \
-  uninstall system-test clean help
+.PHONY: run test compiled lint types jstypes layers bench soak dist audit versions docs site firmware firmware-test \
+  firmware-fuzz install uninstall system-test clean help
 
 help:            ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed -E 's/:.*## */\t/' | expand -t 12
@@ -64,6 +64,12 @@ site: $(STAMP)   ## the documentation as a web site in site/; a broken link or a
 
 dist: $(STAMP)   ## wheel and sdist in dist/, and what is in them checked
 	$(BIN)/python -m pytest tests/dist/check_dist.py
+
+audit: $(STAMP)  ## known vulnerabilities of the pinned dependencies, as far as the package index at hand knows any
+	$(BIN)/python -m tests.dist.audit
+
+versions: $(STAMP)  ## the wheel on every Python that can be had, with the oldest and the newest packages; half an hour
+	$(BIN)/python -m tests.dist.versions
 
 firmware:        ## the serial DAC board's firmware for every board, with sizes and stack; installs compilers that are missing
 	firmware/install.sh

@@ -119,7 +119,9 @@ def test_the_wheel_holds_the_packages_and_nothing_else(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
         names = {name for name in archive.namelist() if ".dist-info/" not in name}
     pages = {name for name in names if ".data/data/share/doc/hapticd/faults/" in name}
-    assert {Path(name).name for name in pages} == {path.name for path in tracked() if path.parent == Path("docs/faults")}
+    assert {Path(name).name for name in pages} == {
+        path.name for path in tracked() if path.parent == Path("docs/faults")
+    }
     names -= pages
     assert names == below(*PACKAGES)
     assert {Path(name).suffix for name in names} >= {".py", ".yaml", ".html", ".eds", ".typed"}
