@@ -16,7 +16,7 @@ from annotated_types import Ge
 from typer.testing import CliRunner
 
 from hapticd.cli import exits
-from hapticd.cli.options import register
+from hapticd.cli.command import register
 from hapticd.client import Client, RequestRefused
 from hapticd.config import ConfigError, keys, parse_config
 from hapticd.config import loading as config_loading

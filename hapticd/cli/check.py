@@ -9,18 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.completion import complete_config
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import (
-    JsonOption,
-    SettingsOption,
-    check_figure_name,
-    motion_of,
-    output_option,
-    quantity_option,
-    register,
-    resolve_config,
-)
+from hapticd.cli.options import JsonOption, Quantity, SettingsOption, check_figure_name, motion_of, resolve_config
 
 if TYPE_CHECKING:
     from hapticd.stability.devices import Device
@@ -35,39 +27,21 @@ SourceArgument = Annotated[
         "Default: re35, simulated.",
     ),
 ]
-VelocityOption = Annotated[
-    str | None,
-    quantity_option(
-        "--velocity",
-        "TICKS_PER_PERIOD",
-        "Ask about a motion that passes the spring's origin at this velocity, in coarse ticks per servo period; or "
-        "with a unit: 2rad/s, 90deg/s, 100rpm.",
-    ),
-]
-DeflectionOption = Annotated[
-    str | None,
-    quantity_option(
-        "--deflection",
-        "TICKS",
-        "Ask about a release at rest from this deflection, in coarse ticks from the spring's origin; or with a unit: "
-        "0.5rad, 30deg, 2mm, 217counts.",
-    ),
-]
-FigureOption = Annotated[
-    Path | None,
-    output_option(
-        "FIG", "Draw the operating point, the critical lines and the regions into this file (.png, .svg or .pdf)."
-    ),
-]
 
 _ANSWERS = {"refused": "refuses to render this without --force", "warned": "renders this with a warning"}
 
 
+@command(
+    "hapticd check rig.yaml",
+    "hapticd check --set servo.rate_hz=100 --set encoder.decimation=217 --deflection 10.3 -o plane.png",
+    "hapticd check omega --velocity 0.5 --json",
+    codes=(exits.DONE, exits.NO, exits.USAGE),
+)
 def check(
     source: SourceArgument = None,
-    velocity: VelocityOption = None,
-    deflection: DeflectionOption = None,
-    out: FigureOption = None,
+    velocity: Quantity | None = None,
+    deflection: Quantity | None = None,
+    out: Path | None = None,
     assignments: SettingsOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -81,6 +55,14 @@ def check(
     and passive, which parameter decides it, and the stiffness that is stable with 95 %.
 
     Exit code 1 means: not stable (regions B, C and D, unless the sharp criterion proves this motion stable all the same).
+
+    Args:
+        velocity (TICKS_PER_PERIOD): Ask about a motion that passes the spring's origin at this velocity, in coarse
+            ticks per servo period; or with a unit: 2rad/s, 90deg/s, 100rpm.
+        deflection (TICKS): Ask about a release at rest from this deflection, in coarse ticks from the spring's origin;
+            or with a unit: 0.5rad, 30deg, 2mm, 217counts.
+        out (-o, --output FIG): Draw the operating point, the critical lines and the regions into this file (.png, .svg
+            or .pdf).
     """
     if deflection is not None and velocity is not None:
         raise UsageError("--deflection and --velocity exclude each other: a motion begins at rest or at the origin")
@@ -158,13 +140,3 @@ def _table_ii(device: Device) -> list[dict[str, Any]]:
     from hapticd.stability.devices import compare
 
     return [{**asdict(row), "difference": row.difference} for row in compare(device)]
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd check rig.yaml",
-        "hapticd check --set servo.rate_hz=100 --set encoder.decimation=217 --deflection 10.3 -o plane.png",
-        "hapticd check omega --velocity 0.5 --json",
-    )
-    register(app, check, *examples, codes=(exits.DONE, exits.NO, exits.USAGE))

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
-
 from hapticd.cli import exits, output
-from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, epilog, register, resolve_config
-
-SchemaJsonOption = Annotated[
-    bool, typer.Option("--json", help="Accepted for uniformity; a JSON Schema is JSON anyway.")
-]
+from hapticd.cli.command import command
+from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, resolve_config
 
 
-def schema(as_json: SchemaJsonOption = False) -> int:
+@command("hapticd config schema > hapticd.schema.json", codes=(exits.DONE, exits.USAGE))
+def schema(as_json: bool = False) -> int:
     """Print the JSON Schema of the config: every key with its meaning, unit, limits and default.
 
     Editors use it to complete and check a config file.
+
+    Args:
+        as_json (--json): Accepted for uniformity; a JSON Schema is JSON anyway.
     """
     from hapticd.config import config_schema
 
@@ -25,6 +22,11 @@ def schema(as_json: SchemaJsonOption = False) -> int:
     return exits.DONE
 
 
+@command(
+    "hapticd config show > rig.yaml",
+    "hapticd config show phantom --set servo.rate_hz=500 --json",
+    codes=(exits.DONE, exits.USAGE),
+)
 def show(config: ConfigArgument = None, assignments: SettingsOption = None, as_json: JsonOption = False) -> int:
     """Print the resolved config, every default filled in, as YAML or JSON (SI units).
 
@@ -35,13 +37,3 @@ def show(config: ConfigArgument = None, assignments: SettingsOption = None, as_j
 
     output.emit(resolved.model_dump(mode="json"), as_json, config_to_yaml(resolved).rstrip("\n"))
     return exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the commands."""
-    codes = (exits.DONE, exits.USAGE)
-    group = typer.Typer(help="Look at the config.", no_args_is_help=True, rich_markup_mode="rich")
-    register(group, schema, "hapticd config schema > hapticd.schema.json", codes=codes)
-    examples = ("hapticd config show > rig.yaml", "hapticd config show phantom --set servo.rate_hz=500 --json")
-    register(group, show, *examples, codes=codes)
-    app.add_typer(group, name="config", epilog=epilog("hapticd config show", codes=codes))

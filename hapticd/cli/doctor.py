@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, register, resolve_config
+from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, resolve_config
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,30 +20,21 @@ if TYPE_CHECKING:
     from hapticd.doctor.board import BringUp
     from hapticd.doctor.finding import Finding
 
-DeviceOption = Annotated[
-    bool,
-    typer.Option(
-        "--device", help="Bring up the serial board that CONFIG names, step by step, instead of looking at the machine."
-    ),
-]
-CurrentOption = Annotated[
-    float | None,
-    typer.Option(
-        "--current",
-        metavar="A",
-        min=0.0,
-        show_default=False,
-        help="Peak of --device's ramp, A. Default: 5 % of amplifier.continuous_current.",
-    ),
-]
 
 _SIGNS = {"good": "ok  ", "note": "note", "bad": "BAD "}
 
 
+@command(
+    "hapticd doctor",
+    "hapticd doctor /etc/hapticd/hapticd.yaml",
+    "hapticd doctor --set servo.rate_hz=3000 --json",
+    "hapticd doctor --device rig.yaml",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE),
+)
 def doctor(
     config: ConfigArgument = None,
-    device: DeviceOption = False,
-    current: CurrentOption = None,
+    device: bool = False,
+    current: Annotated[float, typer.Option(min=0.0)] | None = None,
     assignments: SettingsOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -57,6 +49,10 @@ def doctor(
     With --device it talks to the serial board itself, the daemon not running: version and capabilities, how fast it
     answers, whether its counter follows the knob and which way. Then, each only after a yes: the watchdog, at zero
     current, and a slow ramp to a small current that shows the polarity. Without a terminal these steps are left out.
+
+    Args:
+        device: Bring up the serial board that CONFIG names, step by step, instead of looking at the machine.
+        current (A): Peak of --device's ramp, A. Default: 5 % of amplifier.continuous_current.
     """
     resolved = resolve_config(config, assignments)
     if device:
@@ -124,14 +120,3 @@ def _lines(findings: Sequence[Finding]) -> list[str]:
         if finding.fix:
             lines.append(f"{indent}to repair: {finding.fix}")
     return lines
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd doctor",
-        "hapticd doctor /etc/hapticd/hapticd.yaml",
-        "hapticd doctor --set servo.rate_hz=3000 --json",
-        "hapticd doctor --device rig.yaml",
-    )
-    register(app, doctor, *examples, codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE))

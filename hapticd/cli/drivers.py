@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import typer
-
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.command import command
+from hapticd.cli.options import JsonOption
 
 
+@command("hapticd drivers", "hapticd drivers --json", codes=(exits.DONE, exits.USAGE))
 def drivers(as_json: JsonOption = False) -> int:
     """List the installed drivers, with their declared sample-to-current latency.
 
@@ -26,8 +26,3 @@ def drivers(as_json: JsonOption = False) -> int:
         {"drivers": [vars(driver) for driver in found]}, as_json, "\n".join(lines) or "no drivers are installed"
     )
     return exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    register(app, drivers, "hapticd drivers", "hapticd drivers --json", codes=(exits.DONE, exits.USAGE))

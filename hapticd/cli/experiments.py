@@ -12,42 +12,17 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.completion import complete_experiment
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import (
-    ForceOption,
-    JsonOption,
-    SocketOption,
-    connect,
-    duration_option,
-    guarded,
-    output_option,
-    quantity_option,
-    register,
-)
+from hapticd.cli.options import Duration, ForceOption, JsonOption, Quantity, SocketOption, connect, guarded
 from hapticd.cli.output import number
-from hapticd.control.endpoints import Endpoints, endpoint_of
+from hapticd.control.endpoints import Endpoints
 
 if TYPE_CHECKING:
     from hapticd.client import Client
     from hapticd.servo.experiment import Experiment
 
-RELEASE, EXCITE = endpoint_of(Endpoints.release), endpoint_of(Endpoints.excite)
-
-DeflectionOption = Annotated[
-    str,
-    quantity_option(
-        "--deflection", "TICKS", RELEASE.help_of("deflection") + " Or with a unit: 0.5rad, 30deg, 2mm, 217counts."
-    ),
-]
-DurationOption = Annotated[
-    float | None,
-    duration_option(RELEASE.help_of("duration_s") + " Or with a unit: 500ms, 2min."),
-]
-AmplitudeOption = Annotated[
-    str | None,
-    quantity_option("--amplitude", "A|RAD|M", EXCITE.help_of("amplitude") + " Or with a unit: 200mA, 30deg."),
-]
 NameArgument = Annotated[
     str,
     typer.Argument(
@@ -56,39 +31,54 @@ NameArgument = Annotated[
         help="Which experiment; --list names them. Or a file, as 'hapticd gap' writes it.",
     ),
 ]
-ListOption = Annotated[bool, typer.Option("--list", help="List the experiments and exit; needs no daemon.")]
-OutOption = Annotated[
-    Path | None,
-    output_option(
-        "RUN", "Copy the recording to this file (.arrow) when it is over. It stays in record.directory, too."
-    ),
-]
-NoWaitOption = Annotated[bool, typer.Option("--no-wait", help="Return as soon as the experiment has begun.")]
 
 
+@command(
+    "hapticd release --deflection 20.3",
+    "hapticd release --deflection 30deg -o wall.arrow",
+    "hapticd release --deflection -3 --duration 2 --json",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
+    endpoint=Endpoints.release,
+)
 def _release(
-    deflection: DeflectionOption,
-    duration: DurationOption = None,
-    out: OutOption = None,
-    no_wait: NoWaitOption = False,
+    deflection: Quantity,
+    duration_s: Duration | None = None,
+    out: Path | None = None,
+    no_wait: bool = False,
     force: ForceOption = False,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
-    """Ctrl-C stops the daemon's rendering."""
+    """Ctrl-C stops the daemon's rendering.
+
+    Args:
+        deflection (TICKS): Or with a unit: 0.5rad, 30deg, 2mm, 217counts.
+        duration_s (--duration): Or with a unit: 500ms, 2min.
+        out (-o, --output RUN): Copy the recording to this file (.arrow) when it is over. It stays in record.directory,
+            too.
+        no_wait: Return as soon as the experiment has begun.
+    """
     keep = _keeper(out, no_wait)
     client = connect(socket)
-    begin = partial(client.release, _in_ticks(deflection, client), duration, force)
+    begin = partial(client.release, _in_ticks(deflection, client), duration_s, force)
     return _follow(client, "release", begin, no_wait, as_json, describe_release, keep)
 
 
+@command(
+    "hapticd excite --list",
+    "hapticd excite",
+    "hapticd excite chirp --amplitude 0.2 --duration 10 -o chirp.arrow",
+    "hapticd excite gap/next_experiment.yaml",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
+    endpoint=Endpoints.excite,
+)
 def _excite(
     name: NameArgument = "all",
-    amplitude: AmplitudeOption = None,
-    duration: DurationOption = None,
-    out: OutOption = None,
-    show_list: ListOption = False,
-    no_wait: NoWaitOption = False,
+    amplitude: Quantity | None = None,
+    duration_s: Duration | None = None,
+    out: Path | None = None,
+    show_list: bool = False,
+    no_wait: bool = False,
     force: ForceOption = False,
     socket: SocketOption = None,
     as_json: JsonOption = False,
@@ -97,6 +87,14 @@ def _excite(
 
     NAME may be a YAML file with the keys excitation, amplitude, duration_s, low_hz and high_hz (of a chirp), seed, and
     settings: live settings that are in force while it is played and taken back after it.
+
+    Args:
+        amplitude (A|RAD|M): Or with a unit: 200mA, 30deg.
+        duration_s (--duration): Or with a unit: 500ms, 2min.
+        out (-o, --output RUN): Copy the recording to this file (.arrow) when it is over. It stays in record.directory,
+            too.
+        show_list (--list): List the experiments and exit; needs no daemon.
+        no_wait: Return as soon as the experiment has begun.
     """
     if show_list:
         _list(as_json)
@@ -104,7 +102,7 @@ def _excite(
     from hapticd.client import settings_for_a_while
 
     client = connect(socket)
-    experiment = experiment_named(name, _peak(name, amplitude, client), duration)
+    experiment = experiment_named(name, _peak(name, amplitude, client), duration_s)
     if no_wait and experiment.settings:
         raise UsageError(f"{name}: --no-wait cannot be kept, its settings must be taken back at the end")
     keep = _keeper(out, no_wait)
@@ -285,21 +283,3 @@ def _flat(answer: dict[str, Any], prefix: str = "") -> dict[str, Any]:
         elif value is not None:
             flat[f"{prefix}{key}"] = value
     return flat
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the commands."""
-    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED)
-    releases = (
-        "hapticd release --deflection 20.3",
-        "hapticd release --deflection 30deg -o wall.arrow",
-        "hapticd release --deflection -3 --duration 2 --json",
-    )
-    register(app, _release, *releases, codes=codes, endpoint=Endpoints.release)
-    excitations = (
-        "hapticd excite --list",
-        "hapticd excite",
-        "hapticd excite chirp --amplitude 0.2 --duration 10 -o chirp.arrow",
-        "hapticd excite gap/next_experiment.yaml",
-    )
-    register(app, _excite, *excitations, codes=codes, endpoint=Endpoints.excite)

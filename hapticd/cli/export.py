@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, output_option, register
+from hapticd.cli.options import JsonOption
 from hapticd.cli.run_argument import RunArgument
 
 
@@ -23,28 +21,18 @@ class Format(StrEnum):
     MCAP = "mcap"
 
 
-FormatOption = Annotated[
-    Format,
-    typer.Option(
-        "--to", show_default=False, help="Format: csv, parquet, mat (MATLAB 5) or mcap (PlotJuggler, Foxglove)."
-    ),
-]
-OutOption = Annotated[
-    Path | None,
-    output_option("FILE", "File to write. Default: RUN with the new suffix."),
-]
-SalvageOption = Annotated[
-    bool, typer.Option("--salvage", help="Export what is left of a damaged RUN; its events say what is not.")
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace FILE if it exists.")]
-
-
+@command(
+    "hapticd export @last --to csv",
+    "hapticd export run.arrow --to mcap",
+    "hapticd export run.arrow --to mat -o wall.mat --force",
+    codes=(exits.DONE, exits.USAGE),
+)
 def export(
     run: RunArgument,
-    to: FormatOption,
-    out: OutOption = None,
-    force: ForceOption = False,
-    salvage: SalvageOption = False,
+    to: Format,
+    out: Path | None = None,
+    force: bool = False,
+    salvage: bool = False,
     as_json: JsonOption = False,
 ) -> int:
     """Write a recording as csv, parquet, mat or mcap, with the columns and units of the run file.
@@ -55,6 +43,12 @@ def export(
 
     A run file that was cut short (power, SIGKILL) is exported up to its last whole batch, with a warning. One whose values
     do not match their checksums is refused without --salvage.
+
+    Args:
+        to: Format: csv, parquet, mat (MATLAB 5) or mcap (PlotJuggler, Foxglove).
+        out (-o, --output FILE): File to write. Default: RUN with the new suffix.
+        force: Replace FILE if it exists.
+        salvage: Export what is left of a damaged RUN; its events say what is not.
     """
     from hapticd.client import find_run
 
@@ -79,13 +73,3 @@ def export(
         text += f"\nplotjuggler --layout {LAYOUT} --datafile {written}"
     output.emit(document, as_json, text)
     return exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd export @last --to csv",
-        "hapticd export run.arrow --to mcap",
-        "hapticd export run.arrow --to mat -o wall.mat --force",
-    )
-    register(app, export, *examples, codes=(exits.DONE, exits.USAGE))

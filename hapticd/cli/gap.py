@@ -7,20 +7,11 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import typer
-
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.nominal_model import model_of_daemon, model_of_run
-from hapticd.cli.options import (
-    JsonOption,
-    SettingsOption,
-    SocketOption,
-    check_folder,
-    connect,
-    folder_option,
-    register,
-)
+from hapticd.cli.options import JsonOption, SettingsOption, SocketOption, check_folder, connect
 from hapticd.cli.run_argument import run_argument
 
 if TYPE_CHECKING:
@@ -34,45 +25,22 @@ RunsArgument = Annotated[
     list[Path] | None,
     run_argument("Recordings of one device, native, .csv or .parquet", metavar="[RUN]..."),
 ]
-ModelOption = Annotated[
-    str | None,
-    typer.Option(
-        "--model",
-        metavar="MODEL.yaml",
-        show_default=False,
-        help="The nominal model: a config or a preset. Default: the config inside the first recording.",
-    ),
-]
-OutOption = Annotated[Path, folder_option("report.html, model.yaml and gap.json")]
-RefitOption = Annotated[bool, typer.Option("--refit-base", help="Fit inertia and friction of the model as well.")]
-EffectOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--effect", metavar="SLUG", show_default=False, help="Consider only this effect of the catalogue. Repeatable."
-    ),
-]
-LiveOption = Annotated[
-    bool, typer.Option("--live", help="Make the recordings now, with the running daemon; takes no RUN.")
-]
-ExciteOption = Annotated[
-    str | None,
-    typer.Option(
-        "--excite",
-        metavar="NAME|FILE",
-        show_default=False,
-        help="With --live: the first experiment, as in 'hapticd excite'. Default: all.",
-    ),
-]
 
 
+@command(
+    "hapticd gap run.arrow --model rig.yaml -o gap",
+    "hapticd gap ramp.arrow steps.csv --model re35 --refit-base -o gap --json",
+    "hapticd gap --live --excite steps -o gap",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
+)
 def gap(
-    out: OutOption,
+    out: Path,
     runs: RunsArgument = None,
-    model: ModelOption = None,
-    refit_base: RefitOption = False,
-    effect: EffectOption = None,
-    live: LiveOption = False,
-    excite: ExciteOption = None,
+    model: str | None = None,
+    refit_base: bool = False,
+    effect: list[str] | None = None,
+    live: bool = False,
+    excite: str | None = None,
     socket: SocketOption = None,
     assignments: SettingsOption = None,
     as_json: JsonOption = False,
@@ -92,6 +60,14 @@ def gap(
 
     With --live the daemon excites the device and records; where the answer is open, the designed experiment follows, and
     the answer is sought in both recordings. Ctrl-C stops the daemon. Default model: the daemon's config.
+
+    Args:
+        out (-o, --output DIR): Folder for report.html, model.yaml and gap.json; made if missing.
+        model (MODEL.yaml): The nominal model: a config or a preset. Default: the config inside the first recording.
+        refit_base: Fit inertia and friction of the model as well.
+        effect (SLUG): Consider only this effect of the catalogue. Repeatable.
+        live: Make the recordings now, with the running daemon; takes no RUN.
+        excite (NAME|FILE): With --live: the first experiment, as in 'hapticd excite'. Default: all.
     """
     check_folder(out)
     if live == bool(runs):
@@ -192,14 +168,3 @@ def _estimate(estimate: dict[str, Any]) -> str:
     low, high = estimate["ci95"]
     text = f"{estimate['value']:.4g} ({low:.4g} … {high:.4g})"
     return f"{text} {estimate['unit']}" if estimate["unit"] else text
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd gap run.arrow --model rig.yaml -o gap",
-        "hapticd gap ramp.arrow steps.csv --model re35 --refit-base -o gap --json",
-        "hapticd gap --live --excite steps -o gap",
-    )
-    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED)
-    register(app, gap, *examples, codes=codes)

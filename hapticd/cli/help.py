@@ -8,8 +8,9 @@ from typing import Annotated
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.options import JsonOption
 
 
 def complete_fault(incomplete: str) -> list[str]:
@@ -30,6 +31,7 @@ FaultArgument = Annotated[
 ]
 
 
+@command("hapticd help over_speed", "hapticd help", codes=(exits.DONE, exits.USAGE), name="help")
 def help_fault(fault: FaultArgument = None, as_json: JsonOption = False) -> int:
     """Say what a fault means: what hapticd did, likely causes with a check for each, how to clear it, its config keys.
 
@@ -66,9 +68,3 @@ def _summary(page: str) -> str:
     """The first sentence of a page."""
     paragraph = " ".join(page.split("\n\n")[1].split())
     return f"{paragraph.partition('. ')[0].rstrip('.')}"
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = ("hapticd help over_speed", "hapticd help")
-    register(app, help_fault, *examples, codes=(exits.DONE, exits.USAGE), name="help")

@@ -8,17 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import (
-    JsonOption,
-    SettingsOption,
-    check_folder,
-    folder_option,
-    only_option,
-    parse_settings,
-    register,
-    resolve_config,
-)
+from hapticd.cli.options import JsonOption, SettingsOption, check_folder, parse_settings, resolve_config
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -32,43 +24,24 @@ HilConfigArgument = Annotated[
         "firmware: the built-in testbed.",
     ),
 ]
-DeviceOption = Annotated[
-    str,
-    typer.Option(
-        "--device",
-        metavar="KIND",
-        help="simulated: the board or drive of CONFIG's driver, in Python. firmware: the serial board's reference firmware "
-        "as a binary in emulation, at 200 Hz.",
-    ),
-]
-BoardOption = Annotated[
-    str,
-    typer.Option("--board", metavar="NAME", help="Board of --device firmware: mps2-an385 (QEMU), host or avr-uno."),
-]
-PlantOption = Annotated[
-    str | None,
-    typer.Option(
-        "--plant",
-        metavar="FILE",
-        show_default=False,
-        help="Config whose plant, amplifier, encoder and hand the simulated device has. Default: CONFIG's own.",
-    ),
-]
-OutOption = Annotated[Path | None, folder_option("report.html, recordings and logs")]
-MatrixOption = Annotated[
-    bool, typer.Option("--fault-matrix", help="Inject every fault, one after the other, instead of the experiments.")
-]
-OnlyOption = Annotated[list[str] | None, only_option("this case (a, b, c, d, excitation) or fault")]
 
 
+@command(
+    "hapticd hil examples/serial-board.yaml",
+    "hapticd hil examples/canopen-drive.yaml --set driver.interface=unix_seqpacket -o report",
+    "hapticd hil examples/serial-board.yaml --fault-matrix --only sigkill",
+    "hapticd hil --device firmware",
+    "hapticd hil --device firmware --fault-matrix",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE, exits.INTERRUPTED),
+)
 def hil(
     config: HilConfigArgument = None,
-    device: DeviceOption = "simulated",
-    board: BoardOption = "mps2-an385",
-    plant: PlantOption = None,
-    out: OutOption = None,
-    fault_matrix: MatrixOption = False,
-    only: OnlyOption = None,
+    device: str = "simulated",
+    board: str = "mps2-an385",
+    plant: str | None = None,
+    out: Path | None = None,
+    fault_matrix: bool = False,
+    only: list[str] | None = None,
     assignments: SettingsOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -85,6 +58,15 @@ def hil(
     With --device firmware the same runs against the firmware that 'make firmware' has built, in emulation. An emulated
     processor is no measure of time, so all runs at 200 Hz, on a rig slowed down until inertia, friction and delay are in
     periods and ticks what they are at the rate of each case: mu, beta and sigma are the paper's.
+
+    Args:
+        device (KIND): simulated: the board or drive of CONFIG's driver, in Python. firmware: the serial board's
+            reference firmware as a binary in emulation, at 200 Hz.
+        board (NAME): Board of --device firmware: mps2-an385 (QEMU), host or avr-uno.
+        plant (FILE): Config whose plant, amplifier, encoder and hand the simulated device has. Default: CONFIG's own.
+        out (-o, --output DIR): Folder for report.html, recordings and logs; made if missing.
+        fault_matrix: Inject every fault, one after the other, instead of the experiments.
+        only (NAME): Only this case (a, b, c, d, excitation) or fault. Repeatable.
     """
     on_firmware = _on_firmware(device)
     resolved = _resolved(config, assignments, on_firmware)
@@ -174,15 +156,3 @@ def _check_names(only: list[str] | None, known: list[str]) -> None:
     for name in only or ():
         if name not in known:
             raise UsageError(f"--only {name}: unknown (known: {', '.join(known)})")
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd hil examples/serial-board.yaml",
-        "hapticd hil examples/canopen-drive.yaml --set driver.interface=unix_seqpacket -o report",
-        "hapticd hil examples/serial-board.yaml --fault-matrix --only sigkill",
-        "hapticd hil --device firmware",
-        "hapticd hil --device firmware --fault-matrix",
-    )
-    register(app, hil, *examples, codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE, exits.INTERRUPTED))

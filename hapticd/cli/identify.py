@@ -6,20 +6,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
-import typer
-
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.nominal_model import model_of_daemon, model_of_run
-from hapticd.cli.options import (
-    JsonOption,
-    SettingsOption,
-    SocketOption,
-    connect,
-    output_option,
-    positive,
-    register,
-)
+from hapticd.cli.options import JsonOption, Positive, SettingsOption, SocketOption, connect
 from hapticd.cli.run_argument import run_argument
 
 if TYPE_CHECKING:
@@ -29,48 +20,21 @@ RunsArgument = Annotated[
     list[Path] | None,
     run_argument("Recordings of one device, native, .csv or .parquet", metavar="[RUN]..."),
 ]
-ModelOption = Annotated[
-    str | None,
-    typer.Option(
-        "--model",
-        metavar="CONFIG",
-        show_default=False,
-        help="Config with encoder, torque constant and limits; its plant is not used. Default: the config inside the first "
-        "recording, or the daemon's.",
-    ),
-]
-OutOption = Annotated[
-    Path | None,
-    output_option(
-        "CONFIG", "Write the config with the plant that was found; comments stay. May be the file of --model."
-    ),
-]
-InertiaOption = Annotated[
-    float | None,
-    typer.Option(
-        "--known-inertia",
-        parser=positive,
-        metavar="KG_M2",
-        show_default=False,
-        help="The inertia, where you know it otherwise (kg m², or kg): says which torque constant it needs.",
-    ),
-]
-LiveOption = Annotated[
-    bool, typer.Option("--live", help="Make the recordings now, with the running daemon; takes no RUN.")
-]
-SpringOption = Annotated[
-    bool,
-    typer.Option("--keep-spring", help="With --live: leave the rendered spring on, for a device that would fall."),
-]
 
 
+@command(
+    "hapticd identify --live -o rig.yaml",
+    "hapticd identify chirp.arrow steps.arrow --model rig.yaml -o rig.yaml",
+    "hapticd identify run.csv --model rig.yaml --known-inertia 6.5e-6 --json",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
+)
 def identify(
     runs: RunsArgument = None,
-    model: ModelOption = None,
-    out: OutOption = None,
-    live: LiveOption = False,
-    keep_spring: SpringOption = False,
-    known_inertia: InertiaOption = None,
+    model: str | None = None,
+    out: Path | None = None,
+    live: bool = False,
+    keep_spring: bool = False,
+    known_inertia: Positive | None = None,
     socket: SocketOption = None,
     assignments: SettingsOption = None,
     as_json: JsonOption = False,
@@ -84,6 +48,16 @@ def identify(
 
     With -o the plant section is written: values, a constant_bias and a transport_delay where there are any, encoder.invert
     where the sign is wrong, and plant.uncertainty, from which 'hapticd check' says how sure a spring's stability is.
+
+    Args:
+        model (CONFIG): Config with encoder, torque constant and limits; its plant is not used. Default: the config
+            inside the first recording, or the daemon's.
+        out (-o, --output CONFIG): Write the config with the plant that was found; comments stay. May be the file of
+            --model.
+        live: Make the recordings now, with the running daemon; takes no RUN.
+        keep_spring: With --live: leave the rendered spring on, for a device that would fall.
+        known_inertia (KG_M2): The inertia, where you know it otherwise (kg m², or kg): says which torque constant it
+            needs.
     """
     if live == bool(runs):
         raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
@@ -121,14 +95,3 @@ def identify(
     for warning in found.warnings:
         output.warn(f"warning: {warning}")
     return exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd identify --live -o rig.yaml",
-        "hapticd identify chirp.arrow steps.arrow --model rig.yaml -o rig.yaml",
-        "hapticd identify run.csv --model rig.yaml --known-inertia 6.5e-6 --json",
-    )
-    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED)
-    register(app, identify, *examples, codes=codes)

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, output_option, register
+from hapticd.cli.options import JsonOption
 
 if TYPE_CHECKING:
     from hapticd.record import Imported
@@ -22,24 +23,19 @@ FileArgument = Annotated[
         help="Measured data: .csv, .mat, .npy or .parquet; or a run that was exported as .mcap.",
     ),
 ]
-MapOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--map",
-        metavar="MAP.yaml",
-        show_default=False,
-        help="What the columns are, with their units; every key is in docs/reference/import-map.md. An .mcap needs none.",
-    ),
-]
-OutOption = Annotated[Path, output_option("RUN", "Run file to write (.arrow).")]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace RUN if it exists.")]
 
 
+@command(
+    "hapticd import measured.csv --map columns.yaml -o measured.arrow",
+    "hapticd import run.mcap -o run.arrow",
+    codes=(exits.DONE, exits.USAGE),
+    name="import",
+)
 def import_data(
     file: FileArgument,
-    out: OutOption,
-    mapping: MapOption = None,
-    force: ForceOption = False,
+    out: Path,
+    mapping: Path | None = None,
+    force: bool = False,
     as_json: JsonOption = False,
 ) -> int:
     """Bring in measured data from elsewhere as a run that gap, energy and export read.
@@ -48,6 +44,12 @@ def import_data(
     or force), each with its unit; and whether the device is rotary or linear. Time stamps keep their jitter.
 
     An .mcap that 'hapticd export' wrote becomes the run that it was, bit for bit.
+
+    Args:
+        out (-o, --output RUN): Run file to write (.arrow).
+        mapping (--map MAP.yaml): What the columns are, with their units; every key is in docs/reference/import-map.md.
+            An .mcap needs none.
+        force: Replace RUN if it exists.
     """
     from hapticd.record import import_mcap, import_run, load_map
 
@@ -85,12 +87,3 @@ def _describe(done: Imported) -> str:
         f"  position {low} to {high} {angle} in steps of {output.number(done.resolution)} {angle}\n"
         f"  {kind} {least} to {most} {unit}"
     )
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd import measured.csv --map columns.yaml -o measured.arrow",
-        "hapticd import run.mcap -o run.arrow",
-    )
-    register(app, import_data, *examples, codes=(exits.DONE, exits.USAGE), name="import")

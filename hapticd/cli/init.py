@@ -9,28 +9,24 @@ from typing import Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.options import JsonOption
 
 OutArgument = Annotated[Path, typer.Argument(metavar="CONFIG", help="The file to write.")]
-AnswersOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--answers",
-        metavar="FILE",
-        show_default=False,
-        help="YAML with the answers, key: value with the keys that --list shows; what is left out keeps its default.",
-    ),
-]
-ListOption = Annotated[bool, typer.Option("--list", help="List the questions with keys, units and defaults, and stop.")]
-ForceOption = Annotated[bool, typer.Option("--force", help="Replace an existing file.")]
 
 
+@command(
+    "hapticd init rig.yaml",
+    "hapticd init rig.yaml --answers answers.yaml",
+    "hapticd init --list",
+    codes=(exits.DONE, exits.USAGE),
+)
 def init(
     out: OutArgument = Path("rig.yaml"),
-    answers: AnswersOption = None,
-    list_questions: ListOption = False,
-    force: ForceOption = False,
+    answers: Path | None = None,
+    list_questions: bool = False,
+    force: bool = False,
     as_json: JsonOption = False,
 ) -> int:
     """Make a config for a rig: ask what the data sheets say, and write a file that checks.
@@ -40,6 +36,12 @@ def init(
     lines' (an encoder's lines count four times). Numbers that no such device has are questioned.
 
     Without a terminal and without --answers nothing is asked and the command ends with an error.
+
+    Args:
+        answers (FILE): YAML with the answers, key: value with the keys that --list shows; what is left out keeps its
+            default.
+        list_questions (--list): List the questions with keys, units and defaults, and stop.
+        force: Replace an existing file.
     """
     from hapticd.identify.questions import QUESTIONS, answered, config_text, read_answers
 
@@ -95,9 +97,3 @@ def _ask() -> dict[str, Any]:
             given[question.key] = said
             break
     return given
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = ("hapticd init rig.yaml", "hapticd init rig.yaml --answers answers.yaml", "hapticd init --list")
-    register(app, init, *examples, codes=(exits.DONE, exits.USAGE))

@@ -3,47 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import (
-    ConfigArgument,
-    JsonOption,
-    SettingsOption,
-    finite,
-    output_option,
-    positive,
-    register,
-    resolve_config,
-)
+from hapticd.cli.options import ConfigArgument, Finite, JsonOption, Positive, SettingsOption, resolve_config
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
     from hapticd.doctor.latency import LatencyResult
 
-RateOption = Annotated[
-    list[float] | None,
-    typer.Option(
-        "--rate", parser=finite, metavar="HZ", show_default=False, help="Rate to try. Repeatable. Default: 200 to 8000."
-    ),
-]
-SecondsOption = Annotated[
-    float, typer.Option("--seconds", parser=positive, metavar="S", help="How long each rate runs.")
-]
-FigureOption = Annotated[
-    Path | None,
-    output_option("FILE", "Draw the lateness into this .png, .svg or .pdf."),
-]
 
-
+@command(
+    "hapticd latency",
+    "hapticd latency rig.yaml --rate 1000 --rate 3000 --seconds 60 -o late.png",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE, exits.INTERRUPTED),
+)
 def latency(
     config: ConfigArgument = None,
-    rate: RateOption = None,
-    seconds: SecondsOption = 5.0,
-    out: FigureOption = None,
+    rate: list[Finite] | None = None,
+    seconds: Positive = 5.0,
+    out: Path | None = None,
     assignments: SettingsOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -54,6 +35,11 @@ def latency(
     limit: τ_D and the largest stiffness that is stable at every speed, as declared and as measured.
 
     Exits with 1 when the configured rate does not hold on this machine.
+
+    Args:
+        rate (HZ): Rate to try. Repeatable. Default: 200 to 8000.
+        seconds (S): How long each rate runs.
+        out (-o, --output FILE): Draw the lateness into this .png, .svg or .pdf.
     """
     resolved = resolve_config(config, assignments)
     for value in rate or ():
@@ -134,9 +120,3 @@ def _text(result: LatencyResult, wanted_hz: float, holds: bool, linear: bool) ->
 
 def _us(value: float | None, width: int = 7) -> str:
     return f"{value:{width}.1f}" if value is not None else f"{'-':>{width}}"
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = ("hapticd latency", "hapticd latency rig.yaml --rate 1000 --rate 3000 --seconds 60 -o late.png")
-    register(app, latency, *examples, codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE, exits.INTERRUPTED))

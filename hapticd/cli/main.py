@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import sys
 import traceback
@@ -11,39 +12,8 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from hapticd.cli import (
-    check,
-    config,
-    doctor,
-    drivers,
-    energy,
-    exits,
-    experiments,
-    export,
-    gap,
-    help,  # noqa: A004 - named as the command
-    hil,
-    identify,
-    importing,
-    init,
-    latency,
-    map,  # noqa: A004 - named as the command
-    metrics,
-    output,
-    plot,
-    record,
-    recover,
-    reproduce,
-    run,
-    runs,
-    scope,
-    settings,
-    simulate,
-    state,
-    status,
-    verify,
-)
-from hapticd.cli.options import epilog
+from hapticd.cli import exits, output
+from hapticd.cli.command import declared, epilog
 
 HELP = """Stable haptic rendering on one degree of freedom, in real time.
 
@@ -61,36 +31,21 @@ EPILOG = epilog(
     codes=tuple(exits.MEANING),
 )
 
-GROUPS = (
-    run,
-    scope,
-    status,
-    state,
-    settings,
-    experiments,
-    record,
-    verify,
-    recover,
-    runs,
-    plot,
-    export,
-    importing,
-    metrics,
-    check,
-    simulate,
-    energy,
-    map,
-    reproduce,
-    identify,
-    gap,
-    help,
-    hil,
-    init,
-    config,
-    drivers,
-    doctor,
-    latency,
-)
+MODULES = (
+    "run", "scope", "status", "state", "settings", "experiments", "record", "verify", "recover", "runs", "plot",
+    "export", "importing", "metrics", "check", "simulate", "energy", "map", "reproduce", "identify", "gap",
+    "help", "hil", "init", "config", "drivers", "doctor", "latency",
+)  # fmt: skip
+"""Modules of this package that declare commands, in the order of the help."""
+GROUPS = {
+    "record": (
+        "Start and stop recordings.",
+        ("hapticd record start", "hapticd record stop"),
+        (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
+    ),
+    "config": ("Look at the config.", ("hapticd config show",), (exits.DONE, exits.USAGE)),
+}
+"""Modules whose commands stand below one of the module's name: its help, examples and exit codes."""
 
 
 class PipeGroup(TyperGroup):
@@ -119,8 +74,14 @@ def build_app() -> typer.Typer:
         context_settings={"help_option_names": ["-h", "--help"]},
     )
     app.callback()(_options)
-    for group in GROUPS:
-        group.add_to(app)
+    for name in MODULES:
+        module, group = importlib.import_module(f"hapticd.cli.{name}"), app
+        if name in GROUPS:
+            text, examples, codes = GROUPS[name]
+            group = typer.Typer(help=text, no_args_is_help=True, rich_markup_mode="rich")
+            app.add_typer(group, name=name, epilog=epilog(*examples, codes=codes))
+        for add in declared(module):
+            add(group)
     return app
 
 

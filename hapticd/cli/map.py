@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli import exits, map_studies, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SettingsOption, finite, positive, register
+from hapticd.cli.options import Count, Finite, JsonOption, Positive, SettingsOption
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -22,111 +23,33 @@ _FIGURE_FORMATS = ("png", "svg", "pdf")
 _LISTED = 10
 _DEFAULT = Path("maps.npz")
 
-MuOption = Annotated[float, typer.Option("--mu", parser=positive, metavar="MU", help="Inertia m/(K T^2).")]
-DelayOption = Annotated[
-    list[float] | None,
-    typer.Option(
-        "--tau-d",
-        parser=finite,
-        metavar="TAU_D",
-        show_default=False,
-        help="Loop delay in periods, one row of maps each. Repeatable. Default: 0 and 1.25.",
-    ),
-]
-VelocityOption = Annotated[
-    list[float] | None,
-    typer.Option(
-        "--velocity",
-        parser=finite,
-        metavar="TICKS_PER_PERIOD",
-        show_default=False,
-        help="Initial velocity, from the spring's origin, one column of maps each. Repeatable. Default: 1, 5, 10, 50.",
-    ),
-]
-PeriodsOption = Annotated[int, typer.Option("--periods", min=12, metavar="N", help="Horizon in sampling periods.")]
-BetaCountOption = Annotated[int, typer.Option("--beta-count", min=1, metavar="N", help="Points along beta = b/(K T).")]
-BetaMaxOption = Annotated[
-    float | None,
-    typer.Option(
-        "--beta-max",
-        parser=positive,
-        metavar="BETA",
-        show_default=False,
-        help="Largest beta; the grid is even over (0, BETA]. Default: 1.5 + TAU_D, one unit past the boundary.",
-    ),
-]
-SigmaCountOption = Annotated[
-    int, typer.Option("--sigma-count", min=1, metavar="N", help="Points along sigma = c/(K Delta).")
-]
-SigmaMaxOption = Annotated[
-    float, typer.Option("--sigma-max", parser=positive, metavar="SIGMA", help="Largest sigma; even over (0, SIGMA].")
-]
-OutOption = Annotated[
-    Path,
-    typer.Option(
-        "-o",
-        "--output",
-        metavar="FILE",
-        help="The maps as .npz (added where FILE has no suffix); continued if it holds unfinished ones.",
-    ),
-]
-FigureOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--figure", metavar="FILE", show_default=False, help="The figure: png, svg or pdf. Default: FILE of -o as .png."
-    ),
-]
-NoFigureOption = Annotated[bool, typer.Option("--no-figure", help="Draw none.")]
-JobsOption = Annotated[
-    int | None,
-    typer.Option("--jobs", min=1, metavar="N", show_default=False, help="Threads. Default: one per usable core."),
-]
-DaskOption = Annotated[
-    str | None,
-    typer.Option(
-        "--dask",
-        metavar="ADDRESS",
-        show_default=False,
-        help="Compute on the workers of this Dask cluster instead, e.g. tcp://host:8786 (needs the optional extra 'dask').",
-    ),
-]
-ZWidthOption = Annotated[
-    str | None,
-    typer.Option(
-        "--zwidth",
-        metavar="CONFIG|DEVICE",
-        show_default=False,
-        help="Instead: the Z-width of this device, the (B, K) plane of virtual damping and stiffness, with and without "
-        "ticks and Coulomb friction.",
-    ),
-]
-PassivityOption = Annotated[
-    bool,
-    typer.Option(
-        "--passivity",
-        help="Instead: which points of these maps the passivity controller makes stable, and what it costs.",
-    ),
-]
-ForceOption = Annotated[bool, typer.Option("--force", help="Begin anew and replace FILE, whatever it holds.")]
 
-
+@command(
+    "hapticd map                                        Fig. 6 and 7 of the paper",
+    "hapticd map --tau-d 0.5 --velocity 2 -o half.npz --figure half.svg",
+    "hapticd map --zwidth re35 -o zwidth",
+    "hapticd map --passivity --periods 20000 -o passivity",
+    "hapticd map --beta-count 340 --sigma-count 210 --dask tcp://cluster:8786 -o fine.npz",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.INTERRUPTED),
+    name="map",
+)
 def region_map(
-    mu: MuOption = 100.0,
-    tau_d: DelayOption = None,
-    velocity: VelocityOption = None,
-    periods: PeriodsOption = 50_000,
-    beta_count: BetaCountOption = 34,
-    beta_max: BetaMaxOption = None,
-    sigma_count: SigmaCountOption = 21,
-    sigma_max: SigmaMaxOption = 3.0,
-    out: OutOption = _DEFAULT,
-    figure: FigureOption = None,
-    no_figure: NoFigureOption = False,
-    jobs: JobsOption = None,
-    dask: DaskOption = None,
-    force: ForceOption = False,
-    zwidth: ZWidthOption = None,
-    passivity: PassivityOption = False,
+    mu: Positive = 100.0,
+    tau_d: list[Finite] | None = None,
+    velocity: list[Finite] | None = None,
+    periods: Annotated[int, typer.Option(min=12)] = 50_000,
+    beta_count: Count = 34,
+    beta_max: Positive | None = None,
+    sigma_count: Count = 21,
+    sigma_max: Positive = 3.0,
+    out: Path = _DEFAULT,
+    figure: Path | None = None,
+    no_figure: bool = False,
+    jobs: Count | None = None,
+    dask: str | None = None,
+    force: bool = False,
+    zwidth: str | None = None,
+    passivity: bool = False,
     assignments: SettingsOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -140,6 +63,29 @@ def region_map(
     contradicts its region; the points are listed.
 
     With --zwidth or --passivity only a figure is written (-o FILE as .png, or --figure), and the answer is printed.
+
+    Args:
+        mu (MU): Inertia m/(K T^2).
+        tau_d (TAU_D): Loop delay in periods, one row of maps each. Repeatable. Default: 0 and 1.25.
+        velocity (TICKS_PER_PERIOD): Initial velocity, from the spring's origin, one column of maps each. Repeatable.
+            Default: 1, 5, 10, 50.
+        periods (N): Horizon in sampling periods.
+        beta_count (N): Points along beta = b/(K T).
+        beta_max (BETA): Largest beta; the grid is even over (0, BETA]. Default: 1.5 + TAU_D, one unit past the
+            boundary.
+        sigma_count (N): Points along sigma = c/(K Delta).
+        sigma_max (SIGMA): Largest sigma; even over (0, SIGMA].
+        out (-o, --output FILE): The maps as .npz (added where FILE has no suffix); continued if it holds unfinished
+            ones.
+        figure (FILE): The figure: png, svg or pdf. Default: FILE of -o as .png.
+        no_figure: Draw none.
+        jobs (N): Threads. Default: one per usable core.
+        dask (ADDRESS): Compute on the workers of this Dask cluster instead, e.g. tcp://host:8786 (needs the optional
+            extra 'dask').
+        force: Begin anew and replace FILE, whatever it holds.
+        zwidth (CONFIG|DEVICE): Instead: the Z-width of this device, the (B, K) plane of virtual damping and stiffness,
+            with and without ticks and Coulomb friction.
+        passivity: Instead: which points of these maps the passivity controller makes stable, and what it costs.
     """
     if zwidth is not None and passivity:
         raise UsageError("--zwidth and --passivity exclude each other")
@@ -250,16 +196,3 @@ def _listed(title: str, rows: list[dict[str, Any]]) -> list[str]:
     if len(rows) > _LISTED:
         lines.append(f"  … {len(rows) - _LISTED} more with --json")
     return lines
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd map                                        Fig. 6 and 7 of the paper",
-        "hapticd map --tau-d 0.5 --velocity 2 -o half.npz --figure half.svg",
-        "hapticd map --zwidth re35 -o zwidth",
-        "hapticd map --passivity --periods 20000 -o passivity",
-        "hapticd map --beta-count 340 --sigma-count 210 --dask tcp://cluster:8786 -o fine.npz",
-    )
-    codes = (exits.DONE, exits.NO, exits.USAGE, exits.INTERRUPTED)
-    register(app, region_map, *examples, codes=codes, name="map")

@@ -3,39 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, SocketOption, connect, output_option, register
-
-OutOption = Annotated[
-    Path | None,
-    output_option(
-        "FILE.prom",
-        "Replace this file, all at once, for node_exporter's textfile collector. Written without a daemon as well, "
-        "with hapticd_up 0 in it.",
-    ),
-]
-TestbedOption = Annotated[
-    str | None,
-    typer.Option(
-        "--testbed",
-        metavar="NAME",
-        show_default=False,
-        help="Add the label testbed=NAME to every sample, to tell several daemons on one machine apart.",
-    ),
-]
+from hapticd.cli.command import command
+from hapticd.cli.options import JsonOption, SocketOption, connect
 
 
+@command(
+    "hapticd metrics",
+    "hapticd metrics --testbed left -o /var/lib/prometheus/node-exporter/left.prom",
+    codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE),
+)
 def metrics(
-    out: OutOption = None, testbed: TestbedOption = None, socket: SocketOption = None, as_json: JsonOption = False
+    out: Path | None = None, testbed: str | None = None, socket: SocketOption = None, as_json: JsonOption = False
 ) -> int:
     """Show the daemon's metrics in Prometheus' text format.
 
     Ticks, missed periods, lateness, state, faults, recorder and energies, as the daemon serves them on its socket; and
     hapticd_up. The socket itself is never to be reached over a network: who can read it can start the motor.
+
+    Args:
+        out (-o, --output FILE.prom): Replace this file, all at once, for node_exporter's textfile collector. Written
+            without a daemon as well, with hapticd_up 0 in it.
+        testbed (NAME): Add the label testbed=NAME to every sample, to tell several daemons on one machine apart.
     """
     from hapticd.client import DaemonUnreachable, textfile
 
@@ -57,12 +47,3 @@ def metrics(
         output.warn(f"no daemon answers on {client.socket_path}; {out} says hapticd_up 0")
         return exits.UNREACHABLE
     return exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd metrics",
-        "hapticd metrics --testbed left -o /var/lib/prometheus/node-exporter/left.prom",
-    )
-    register(app, metrics, *examples, codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE))

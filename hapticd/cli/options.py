@@ -1,19 +1,16 @@
-"""Arguments and options that several commands share, and the text under every help page."""
+"""Arguments and options that several commands share, and what their values may be."""
 
 from __future__ import annotations
 
-import functools
-import inspect
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hapticd.cli import output
 from hapticd.cli.completion import complete_config, complete_setting
-from hapticd.cli.exits import MEANING, UsageError
+from hapticd.cli.exits import UsageError
 from hapticd.control.endpoints import Endpoints, endpoint_of
 
 if TYPE_CHECKING:
@@ -77,31 +74,6 @@ ModelOption = Annotated[
 FIGURES = frozenset({".png", ".svg", ".pdf"})
 
 
-def output_option(metavar: str, text: str) -> Any:
-    """``-o`` of a command that writes one file."""
-    return typer.Option("-o", "--output", metavar=metavar, show_default=False, help=text)
-
-
-def folder_option(holds: str) -> Any:
-    """``-o DIR`` of a command that writes several files; :func:`check_folder` looks at what was given."""
-    return output_option("DIR", f"Folder for {holds}; made if missing.")
-
-
-def quantity_option(flag: str, metavar: str, text: str) -> Any:
-    """A :func:`quantity` with or without a unit."""
-    return typer.Option(flag, parser=quantity, metavar=metavar, show_default=False, help=text)
-
-
-def duration_option(text: str) -> Any:
-    """``--duration``, see :func:`duration`."""
-    return typer.Option("--duration", parser=duration, metavar="S", show_default=False, help=text)
-
-
-def only_option(what: str) -> Any:
-    """``--only NAME`` of a command that does several things."""
-    return typer.Option("--only", metavar="NAME", show_default=False, help=f"Only {what}. Repeatable.")
-
-
 def check_folder(out: Path | None) -> None:
     """Refuse a file where a folder is wanted.
 
@@ -124,63 +96,6 @@ def check_figure_name(out: Path | None) -> None:
         raise UsageError(f"{out}: a figure is a {', '.join(sorted(FIGURES))} file")
     if not out.parent.is_dir():
         raise UsageError(f"{out}: there is no folder {out.parent}")
-
-
-QuietOption = Annotated[
-    bool,
-    typer.Option("--quiet", "-q", help="Say nothing beside the answer but warnings and errors: no progress, no notes."),
-]
-
-
-def _with_quiet(function: Callable[..., int]) -> Callable[..., int]:
-    """The command with ``--quiet``, which is the same for all."""
-
-    @functools.wraps(function)
-    def command(*, quiet: bool = False, **values: Any) -> int:
-        output.quiet.set(quiet)
-        return function(**values)
-
-    signature = inspect.signature(function, eval_str=True)
-    option = inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption)
-    parameters = [*signature.parameters.values(), option]
-    command.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
-    command.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    return command
-
-
-def register(
-    app: typer.Typer,
-    function: Callable[..., int],
-    *examples: str,
-    codes: tuple[int, ...],
-    name: str | None = None,
-    endpoint: Callable[..., Any] | None = None,
-) -> None:
-    """Add a command whose help is the function's docstring, flowed to the terminal's width, with :func:`epilog` below.
-
-    The help of an endpoint's command is the endpoint's, and below it what the function's docstring adds.
-
-    Args:
-        app: where to add it.
-        function: the command; returns its exit code.
-        examples: command lines.
-        codes: the exit codes it can end with.
-        name: its name, if not the function's.
-        endpoint: method of `Endpoints`, for a command that asks for one.
-    """
-    declared = endpoint_of(endpoint) if endpoint else None
-    texts = [declared.description if declared else "", inspect.cleandoc(function.__doc__ or "")]
-    paragraphs = "\n\n".join(filter(None, texts)).split("\n\n")
-    text = "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs).replace("[", "\\[")
-    app.command(name or (declared.name if declared else None), help=text, epilog=epilog(*examples, codes=codes))(
-        _with_quiet(function)
-    )
-
-
-def epilog(*examples: str, codes: tuple[int, ...]) -> str:
-    """The text under a help page: examples, then what each exit code of this command means."""
-    shown = "\n".join(f"  {example}" for example in examples).replace("[", "\\[")
-    return f"Examples:\n{shown}\n\nExit codes:\n" + "\n".join(f"  {code}  {MEANING[code]}" for code in codes)
 
 
 def finite(text: str) -> float:
@@ -244,6 +159,15 @@ def positive(text: str) -> float:
     if value <= 0:
         raise typer.BadParameter(f"{text!r} is not above zero")
     return value
+
+
+Finite = Annotated[float, typer.Option(parser=finite)]
+Positive = Annotated[float, typer.Option(parser=positive)]
+Duration = Annotated[float, typer.Option(metavar="S", parser=duration)]
+"""In s; a bare number is one."""
+Quantity = Annotated[str, typer.Option(parser=quantity)]
+"""With or without a unit."""
+Count = Annotated[int, typer.Option(min=1)]
 
 
 def parse_settings(assignments: list[str] | None) -> dict[str, str]:

@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, ModelOption, check_figure_name, duration_option, output_option, register
+from hapticd.cli.options import Duration, JsonOption, ModelOption, check_figure_name
 from hapticd.cli.output import number
 from hapticd.cli.run_argument import RunArgument, run_argument
 
@@ -17,13 +18,6 @@ PANELS = ("trace", "phase", "spectrum", "energy", "lateness", "difference")
 
 SecondArgument = Annotated[
     Path | None, run_argument("Another run, drawn over it, with their difference", metavar="RUN2")
-]
-FigureOption = Annotated[
-    Path | None,
-    output_option(
-        "FIG",
-        "File to draw into (.png, .svg or .pdf), replaced if it exists. Default: RUN's name with .png, in this folder.",
-    ),
 ]
 OnlyOption = Annotated[
     list[str] | None,
@@ -35,21 +29,22 @@ OnlyOption = Annotated[
         help=f"Only this panel: {', '.join(PANELS)}. Repeatable.",
     ),
 ]
-DurationOption = Annotated[
-    float | None,
-    duration_option("Only the first seconds after the spring was rendered."),
-]
-OpenOption = Annotated[bool, typer.Option("--open", help="Show the figure with the desktop's viewer.")]
 
 
+@command(
+    "hapticd plot @last",
+    "hapticd plot @last~1 @last -o before-and-after.pdf",
+    "hapticd plot run.arrow --only trace --only phase --duration 0.5",
+    codes=(exits.DONE, exits.USAGE),
+)
 def plot(
     run: RunArgument,
     run2: SecondArgument = None,
-    out: FigureOption = None,
+    out: Path | None = None,
     only: OnlyOption = None,
-    duration: DurationOption = None,
+    duration: Duration | None = None,
     config: ModelOption = None,
-    show: OpenOption = False,
+    show: bool = False,
     as_json: JsonOption = False,
 ) -> int:
     """Draw a run: trace, phase plane, spectrum, energy and lateness; or two, over each other, with their difference.
@@ -57,6 +52,12 @@ def plot(
     Time begins where the spring was rendered. Position is that of the encoder's cell, from the spring's origin; velocity is
     its slope over seven samples; the energy is the ledger of 'hapticd energy', through the model of the run's own config.
     The difference is the second run less the first, at the first one's samples.
+
+    Args:
+        out (-o, --output FIG): File to draw into (.png, .svg or .pdf), replaced if it exists. Default: RUN's name with
+            .png, in this folder.
+        duration: Only the first seconds after the spring was rendered.
+        show (--open): Show the figure with the desktop's viewer.
     """
     check_figure_name(out)
     if unknown := [name for name in only or () if name not in PANELS]:
@@ -115,13 +116,3 @@ def describe(document: dict[str, Any]) -> str:
 
 def _span(found: dict[str, Any]) -> str:
     return f"{number(found['min'])} to {number(found['max'])} {found['unit']}"
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd plot @last",
-        "hapticd plot @last~1 @last -o before-and-after.pdf",
-        "hapticd plot run.arrow --only trace --only phase --duration 0.5",
-    )
-    register(app, plot, *examples, codes=(exits.DONE, exits.USAGE))

@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, SocketOption, connect, epilog, register
+from hapticd.cli.command import command
+from hapticd.cli.options import JsonOption, SocketOption, connect
 from hapticd.control.endpoints import Endpoints
 
 RunArgument = Annotated[
@@ -19,10 +20,23 @@ RunArgument = Annotated[
 ]
 
 
+@command(
+    "hapticd record start",
+    "hapticd record start wall.arrow",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
+    name="start",
+    endpoint=Endpoints.record_start,
+)
 def _start(run: RunArgument = None, socket: SocketOption = None, as_json: JsonOption = False) -> int:
     return _report(connect(socket).record_start(None if run is None else str(run.absolute())), as_json)
 
 
+@command(
+    "hapticd record stop --json",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
+    name="stop",
+    endpoint=Endpoints.record_stop,
+)
 def _stop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
     return _report(connect(socket).record_stop(), as_json)
 
@@ -30,27 +44,3 @@ def _stop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
 def _report(recorder: dict[str, Any], as_json: bool) -> int:
     output.emit(recorder, as_json, f"{recorder['path']}: {recorder['rows']} rows, {recorder['dropped']} dropped")
     return exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the commands."""
-    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE)
-    group = typer.Typer(help="Start and stop recordings.", no_args_is_help=True, rich_markup_mode="rich")
-    register(
-        group,
-        _start,
-        "hapticd record start",
-        "hapticd record start wall.arrow",
-        codes=codes,
-        name="start",
-        endpoint=Endpoints.record_start,
-    )
-    register(
-        group,
-        _stop,
-        "hapticd record stop --json",
-        codes=codes,
-        name="stop",
-        endpoint=Endpoints.record_stop,
-    )
-    app.add_typer(group, name="record", epilog=epilog("hapticd record start", "hapticd record stop", codes=codes))

@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, check_folder, output_option, register
+from hapticd.cli.command import command
+from hapticd.cli.options import JsonOption, check_folder
 
 FolderArgument = Annotated[
     Path | None,
@@ -19,16 +20,16 @@ FolderArgument = Annotated[
         help="Where flight recorders lie (record.flight_directory). Default: this user's in memory, and the service's.",
     ),
 ]
-OutOption = Annotated[
-    Path | None,
-    output_option("DIR", "Folder for the runs. Default: the dead daemon's own."),
-]
 
 
-def recover(folder: FolderArgument = None, out: OutOption = None, as_json: JsonOption = False) -> int:
+@command("hapticd recover", "hapticd recover -o . --json", codes=(exits.DONE, exits.USAGE))
+def recover(folder: FolderArgument = None, out: Path | None = None, as_json: JsonOption = False) -> int:
     """Keep the last 10 s of every daemon that was killed, each as a run file with the reason if anything tells it.
 
     A daemon does this by itself for one that died on the same socket before it; a daemon that lives is left alone.
+
+    Args:
+        out (-o, --output DIR): Folder for the runs. Default: the dead daemon's own.
     """
     check_folder(out)
     if folder is not None and not folder.is_dir():
@@ -42,8 +43,3 @@ def recover(folder: FolderArgument = None, out: OutOption = None, as_json: JsonO
     lines = [f"{run.run}: {run.rows} rows\n  {run.reason}" for run in found]
     output.emit({"recovered": [asdict(run) for run in found]}, as_json, "\n".join(lines) or "nothing to recover")
     return exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    register(app, recover, "hapticd recover", "hapticd recover -o . --json", codes=(exits.DONE, exits.USAGE))

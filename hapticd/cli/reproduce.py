@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
-
-import typer
+from typing import Any
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, check_folder, folder_option, only_option, register
+from hapticd.cli.options import JsonOption, check_folder
 from hapticd.cli.output import number
 
-OutOption = Annotated[Path, folder_option("page, figures and numbers")]
-QuickOption = Annotated[bool, typer.Option("--quick", help="Coarser maps and shorter runs, for a first look.")]
-OnlyOption = Annotated[list[str] | None, only_option("this: table1, table2, fig3 to fig9, fig11 or fig12")]
 
-
-def reproduce(out: OutOption, quick: QuickOption = False, only: OnlyOption = None, as_json: JsonOption = False) -> int:
+@command(
+    "hapticd reproduce -o paper",
+    "hapticd reproduce -o look --quick",
+    "hapticd reproduce -o fig8 --only fig8 --json",
+    codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED),
+)
+def reproduce(out: Path, quick: bool = False, only: list[str] | None = None, as_json: JsonOption = False) -> int:
     """Compute every table and figure of the paper and put them on one page beside its printed numbers.
 
     Written into DIR: index.html, which holds everything and needs nothing else; each figure as .png and .svg; and
@@ -25,6 +26,11 @@ def reproduce(out: OutOption, quick: QuickOption = False, only: OnlyOption = Non
     code differ, both numbers are shown, with the reason.
 
     Files appear when all are finished: Ctrl-C leaves DIR as it was.
+
+    Args:
+        out (-o, --output DIR): Folder for page, figures and numbers; made if missing.
+        quick: Coarser maps and shorter runs, for a first look.
+        only (NAME): Only this: table1, table2, fig3 to fig9, fig11 or fig12. Repeatable.
     """
     check_folder(out)
     from hapticd.reproduce.build import PAGE
@@ -47,13 +53,3 @@ def describe(document: dict[str, Any], page: Path) -> str:
         lines.append(f"  {row['item']:6}  {row['what']}: {printed} there, {ours} here")
     lines.append(f"page    {page}")
     return "\n".join(lines)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd reproduce -o paper",
-        "hapticd reproduce -o look --quick",
-        "hapticd reproduce -o fig8 --only fig8 --json",
-    )
-    register(app, reproduce, *examples, codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED))

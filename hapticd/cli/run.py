@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, ForceOption, SettingsOption, SocketOption, register, resolve_config
-
-StartOption = Annotated[
-    bool, typer.Option("--start", help="Begin to render at once, without waiting for 'hapticd start'.")
-]
+from hapticd.cli.options import ConfigArgument, ForceOption, SettingsOption, SocketOption, resolve_config
 
 
+@command(
+    "hapticd run",
+    "hapticd run rig.yaml --start",
+    "hapticd run --set servo.rate_hz=500 --socket /tmp/h.sock",
+    codes=(exits.DONE, exits.USAGE, exits.DEVICE, exits.FAULT),
+)
 def run(
     config: ConfigArgument = None,
     socket: SocketOption = None,
-    start: StartOption = False,
+    start: bool = False,
     force: ForceOption = False,
     assignments: SettingsOption = None,
 ) -> int:
@@ -28,6 +28,9 @@ def run(
     Says which device, rate and resolution it uses, what the theory says of the operating point, what real-time rights
     the machine granted, and where its socket and recordings are. Ctrl-C and SIGTERM end with zero current, then disable
     the amplifier, then print a summary.
+
+    Args:
+        start: Begin to render at once, without waiting for 'hapticd start'.
     """
     if force and not start:
         raise UsageError("--force is for --start: without it nothing is rendered")
@@ -40,13 +43,3 @@ def run(
     source = str(Path(config).absolute()) if config is not None and Path(config).is_file() else config
     console = Console(stderr=True, quiet=output.quiet.get())
     return run_foreground(resolved, source=source, socket=socket, autostart=start, force=force, console=console)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd run",
-        "hapticd run rig.yaml --start",
-        "hapticd run --set servo.rate_hz=500 --socket /tmp/h.sock",
-    )
-    register(app, run, *examples, codes=(exits.DONE, exits.USAGE, exits.DEVICE, exits.FAULT))

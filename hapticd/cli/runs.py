@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SocketOption, register
+from hapticd.cli.options import Count, JsonOption, SocketOption
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -25,16 +26,13 @@ FolderArgument = Annotated[
         help="Folders to list. Default: where the running daemon records, your own recordings, the service's.",
     ),
 ]
-NumberOption = Annotated[
-    int, typer.Option("-n", "--number", min=1, metavar="N", help="How many to list, the newest first.")
-]
-AllOption = Annotated[bool, typer.Option("--all", help="List all of them.")]
 
 
+@command("hapticd runs", "hapticd runs /mnt/lab/runs --all --json", codes=(exits.DONE, exits.USAGE))
 def runs(
     folders: FolderArgument = None,
-    limit: NumberOption = 20,
-    show_all: AllOption = False,
+    limit: Count = 20,
+    show_all: bool = False,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -43,6 +41,10 @@ def runs(
     Each with its time, length, rows, size and kind. A recording that was not ended properly (power, SIGKILL, or still being
     written) is marked; it is readable up to its last whole batch. What was kept of the seconds before a fault is listed,
     too, and is no @last.
+
+    Args:
+        limit (-n, --number N): How many to list, the newest first.
+        show_all (--all): List all of them.
     """
     from hapticd.client import recording_folders
     from hapticd.record.listing import last_runs, listed, run_paths
@@ -82,9 +84,3 @@ def _line(name: str, each: Listed) -> str:
 
 def _size(size: int) -> str:
     return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{size / 1e3:.0f} kB"
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = ("hapticd runs", "hapticd runs /mnt/lab/runs --all --json")
-    register(app, runs, *examples, codes=(exits.DONE, exits.USAGE))

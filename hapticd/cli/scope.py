@@ -11,46 +11,27 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SocketOption, connect, register
+from hapticd.cli.options import JsonOption, SocketOption, connect
 
 if TYPE_CHECKING:
     from hapticd.scope.serve import Addresses
 
-PortOption = Annotated[int, typer.Option("--port", min=0, max=65535, help="TCP port of the page; 0 takes a free one.")]
-HostOption = Annotated[
-    str,
-    typer.Option("--host", metavar="ADDRESS", help="Address to listen on. Beyond loopback nothing is encrypted."),
-]
-ViewOnlyOption = Annotated[bool, typer.Option("--view-only", help="Nobody can command from this page, only look.")]
-OpenOption = Annotated[bool, typer.Option("--open", help="Open the page in the browser of this desktop.")]
-UrlFileOption = Annotated[
-    Path | None,
-    typer.Option(
-        "--url-file",
-        metavar="PATH",
-        show_default=False,
-        help="Write the URLs as JSON to this file, for its owner and group only, instead of printing them.",
-    ),
-]
-OriginOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--origin",
-        metavar="URL",
-        show_default=False,
-        help="Further origin under which the page is reached, e.g. http://localhost:9000 for a tunnel. Repeatable.",
-    ),
-]
 
-
+@command(
+    "hapticd scope --open",
+    "hapticd scope --view-only --port 8766",
+    "ssh -L 8765:127.0.0.1:8765 lab-pc hapticd scope",
+    codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED),
+)
 def scope(
-    port: PortOption = 8765,
-    host: HostOption = "127.0.0.1",
-    view_only: ViewOnlyOption = False,
-    open_page: OpenOption = False,
-    origin: OriginOption = None,
-    url_file: UrlFileOption = None,
+    port: Annotated[int, typer.Option(min=0, max=65535)] = 8765,
+    host: str = "127.0.0.1",
+    view_only: bool = False,
+    open_page: bool = False,
+    origin: list[str] | None = None,
+    url_file: Path | None = None,
     socket: SocketOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -59,6 +40,15 @@ def scope(
     Prints two URLs, one with the controls and one that can only look; each carries a random token after the '#', valid
     until this command ends. The page is served on this machine only; for another one use an SSH tunnel. The daemon may
     come later, and be restarted.
+
+    Args:
+        port: TCP port of the page; 0 takes a free one.
+        host (ADDRESS): Address to listen on. Beyond loopback nothing is encrypted.
+        view_only: Nobody can command from this page, only look.
+        open_page (--open): Open the page in the browser of this desktop.
+        origin (URL): Further origin under which the page is reached, e.g. http://localhost:9000 for a tunnel.
+            Repeatable.
+        url_file (PATH): Write the URLs as JSON to this file, for its owner and group only, instead of printing them.
     """
     from hapticd.scope.serve import ScopeError, is_loopback, open_in_browser, serve, write_for_group
 
@@ -100,13 +90,3 @@ def scope(
             with contextlib.suppress(OSError):
                 path.unlink()
     return exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd scope --open",
-        "hapticd scope --view-only --port 8766",
-        "ssh -L 8765:127.0.0.1:8765 lab-pc hapticd scope",
-    )
-    register(app, scope, *examples, codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED))

@@ -7,8 +7,9 @@ from typing import Annotated
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.completion import complete_setting
-from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, parse_settings, register
+from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, parse_settings
 from hapticd.control.endpoints import Endpoints
 
 AssignmentsArgument = Annotated[
@@ -22,6 +23,12 @@ AssignmentsArgument = Annotated[
 ]
 
 
+@command(
+    "hapticd set spring.stiffness=0.02",
+    "hapticd set servo.rate_hz=500 encoder.decimation=217",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
+    endpoint=Endpoints.set,
+)
 def _set(
     assignments: AssignmentsArgument,
     force: ForceOption = False,
@@ -33,10 +40,3 @@ def _set(
     lines = [f"{key} = {output.to_json(value)}" for key, value in reply["applied"].items()]
     output.emit(reply, as_json, guarded("\n".join([*lines, f"config {reply['config_digest']}"]), reply))
     return exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = ("hapticd set spring.stiffness=0.02", "hapticd set servo.rate_hz=500 encoder.decimation=217")
-    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE)
-    register(app, _set, *examples, codes=codes, endpoint=Endpoints.set)

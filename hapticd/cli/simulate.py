@@ -13,16 +13,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import (
     ConfigArgument,
+    Duration,
     JsonOption,
+    Quantity,
     SettingsOption,
-    duration_option,
     motion_of,
-    output_option,
-    quantity_option,
-    register,
     resolve_config,
 )
 from hapticd.cli.output import number
@@ -35,65 +34,22 @@ _LONGEST_S = 9.2e9  # nanoseconds in 64 bits, with a little room
 _MANY_TICKS = 3e9
 _EXPORTED = (".csv", ".parquet", ".mat")
 
-DurationOption = Annotated[
-    float,
-    duration_option("Simulated time in s, or 500ms, 2min."),
-]
-DeflectionOption = Annotated[
-    str | None,
-    quantity_option(
-        "--deflection",
-        "TICKS",
-        "Begin at rest at exactly this deflection from the spring's origin, in coarse ticks; or with a unit: "
-        "0.5rad, 30deg, 2mm, 217counts.",
-    ),
-]
-VelocityOption = Annotated[
-    str | None,
-    quantity_option(
-        "--velocity",
-        "TICKS_PER_PERIOD",
-        "Begin at the origin with this velocity, in coarse ticks per servo period; or with a unit: 2rad/s, "
-        "90deg/s, 100rpm.",
-    ),
-]
-OutOption = Annotated[
-    Path | None,
-    output_option("RUN", "Write every tick to this run file, replacing it if it exists."),
-]
-SafetyOption = Annotated[
-    bool,
-    typer.Option(
-        "--safety",
-        help="Apply the safety trips of the config, as the daemon does; a run that ends in a fault exits with 1.",
-    ),
-]
-SeedOption = Annotated[
-    int | None,
-    typer.Option(
-        "--seed", min=0, max=2**63 - 1, show_default=False, help="Seed of everything random. Default: dither.seed."
-    ),
-]
 
-EnergiesOption = Annotated[
-    bool,
-    typer.Option(
-        "--no-energies",
-        help="Leave out the energies, and with them the outcome: faster by a tenth.",
-        show_default=False,
-    ),
-]
-
-
+@command(
+    "hapticd simulate --duration 1 --deflection 20.3 --set encoder.decimation=217",
+    "hapticd simulate --duration 500ms --deflection 30deg",
+    "hapticd simulate rig.yaml --duration 10 --velocity 5 -o run.arrow --json",
+    codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED),
+)
 def simulate(
-    duration: DurationOption,
+    duration: Duration,
     config: ConfigArgument = None,
-    deflection: DeflectionOption = None,
-    velocity: VelocityOption = None,
-    out: OutOption = None,
-    safety: SafetyOption = False,
-    seed: SeedOption = None,
-    no_energies: EnergiesOption = False,
+    deflection: Quantity | None = None,
+    velocity: Quantity | None = None,
+    out: Path | None = None,
+    safety: bool = False,
+    seed: Annotated[int, typer.Option(min=0, max=2**63 - 1)] | None = None,
+    no_energies: bool = False,
     assignments: SettingsOption = None,
     as_json: JsonOption = False,
 ) -> int:
@@ -103,6 +59,17 @@ def simulate(
     the plant's true state at the end, from the spring's origin; the largest deflection, speed and current; and the
     frequency of its last swings. A run that grows past 1e9 ticks ends there. The same config and seed give the same rows,
     bit for bit.
+
+    Args:
+        duration: Simulated time in s, or 500ms, 2min.
+        deflection (TICKS): Begin at rest at exactly this deflection from the spring's origin, in coarse ticks; or with
+            a unit: 0.5rad, 30deg, 2mm, 217counts.
+        velocity (TICKS_PER_PERIOD): Begin at the origin with this velocity, in coarse ticks per servo period; or with a
+            unit: 2rad/s, 90deg/s, 100rpm.
+        out (-o, --output RUN): Write every tick to this run file, replacing it if it exists.
+        safety: Apply the safety trips of the config, as the daemon does; a run that ends in a fault exits with 1.
+        seed: Seed of everything random. Default: dither.seed.
+        no_energies: Leave out the energies, and with them the outcome: faster by a tenth.
     """
     if deflection is not None and velocity is not None:
         raise UsageError("--deflection and --velocity exclude each other: a run begins at rest or at the origin")
@@ -214,13 +181,3 @@ def _outcome(report: dict[str, Any]) -> str:
     if rest_s == 0.0:
         return f"{report['outcome']}: it did not move, held by friction"
     return f"{report['outcome']}, at rest after {number(rest_s)} s"
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd simulate --duration 1 --deflection 20.3 --set encoder.decimation=217",
-        "hapticd simulate --duration 500ms --deflection 30deg",
-        "hapticd simulate rig.yaml --duration 10 --velocity 5 -o run.arrow --json",
-    )
-    register(app, simulate, *examples, codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED))

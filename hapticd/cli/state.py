@@ -8,7 +8,8 @@ from typing import Annotated, Any
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, register
+from hapticd.cli.command import command
+from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded
 from hapticd.control.endpoints import Endpoints
 from hapticd.control.fault_words import fault_lines
 
@@ -22,22 +23,36 @@ ReloadArgument = Annotated[
 ]
 
 
+@command(
+    "hapticd start",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT),
+    endpoint=Endpoints.start,
+)
 def _start(force: ForceOption = False, socket: SocketOption = None, as_json: JsonOption = False) -> int:
     return _report(connect(socket).start(force), as_json, in_fault=exits.FAULT)
 
 
+@command("hapticd stop", codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE), endpoint=Endpoints.stop)
 def _stop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
     return _report(connect(socket).stop(), as_json)
 
 
+@command("hapticd estop", codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE), endpoint=Endpoints.estop)
 def _estop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
     return _report(connect(socket).estop(), as_json)
 
 
+@command("hapticd clear", codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE), endpoint=Endpoints.clear)
 def _clear(socket: SocketOption = None, as_json: JsonOption = False) -> int:
     return _report(connect(socket).clear(), as_json, in_fault=exits.NO)
 
 
+@command(
+    "hapticd reload",
+    "hapticd reload rig.yaml",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT),
+    endpoint=Endpoints.reload,
+)
 def _reload(
     config: ReloadArgument = None,
     force: ForceOption = False,
@@ -55,27 +70,3 @@ def _report(status: dict[str, Any], as_json: bool, in_fault: int = exits.DONE) -
         lines.append(unknown)
     output.emit(status, as_json, guarded("\n".join(lines), status))
     return in_fault if fault else exits.DONE
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the commands."""
-    answers = (exits.DONE, exits.USAGE, exits.UNREACHABLE)
-    everything = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT)
-    register(app, _start, "hapticd start", codes=everything, endpoint=Endpoints.start)
-    register(app, _stop, "hapticd stop", codes=answers, endpoint=Endpoints.stop)
-    register(app, _estop, "hapticd estop", codes=answers, endpoint=Endpoints.estop)
-    register(
-        app,
-        _clear,
-        "hapticd clear",
-        codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
-        endpoint=Endpoints.clear,
-    )
-    register(
-        app,
-        _reload,
-        "hapticd reload",
-        "hapticd reload rig.yaml",
-        codes=everything,
-        endpoint=Endpoints.reload,
-    )

@@ -6,13 +6,12 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import typer
+from typing import TYPE_CHECKING, Any
 
 from hapticd.cli import exits, output
+from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SocketOption, connect, positive, register
+from hapticd.cli.options import JsonOption, Positive, SocketOption, connect
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
 from hapticd.control.fault_words import fault_lines
@@ -20,16 +19,23 @@ from hapticd.control.fault_words import fault_lines
 if TYPE_CHECKING:
     from hapticd.client import Client
 
-WatchOption = Annotated[bool, typer.Option("--watch", help="Show it again and again until Ctrl-C.")]
-IntervalOption = Annotated[
-    float, typer.Option("--interval", parser=positive, metavar="S", help="Time between two looks with --watch, s.")
-]
 
-
+@command(
+    "hapticd status",
+    "hapticd status --watch --interval 1",
+    "hapticd status --json | jq .timing.wake_us",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.INTERRUPTED),
+    endpoint=Endpoints.status,
+)
 def _status(
-    watch: WatchOption = False, interval: IntervalOption = 0.5, socket: SocketOption = None, as_json: JsonOption = False
+    watch: bool = False, interval: Positive = 0.5, socket: SocketOption = None, as_json: JsonOption = False
 ) -> int:
-    """The exit code is 1 while a fault is latched."""
+    """The exit code is 1 while a fault is latched.
+
+    Args:
+        watch: Show it again and again until Ctrl-C.
+        interval (S): Time between two looks with --watch, s.
+    """
     if watch and as_json:
         raise UsageError("--watch is for people; for a program, call 'hapticd status --json' again and again")
     client = connect(socket)
@@ -137,14 +143,3 @@ def _watch(client: Client, interval: float) -> None:
         while True:
             live.update(Text(describe(client.status(), client.socket_path)), refresh=True)
             time.sleep(interval)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = (
-        "hapticd status",
-        "hapticd status --watch --interval 1",
-        "hapticd status --json | jq .timing.wake_us",
-    )
-    codes = (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.INTERRUPTED)
-    register(app, _status, *examples, codes=codes, endpoint=Endpoints.status)

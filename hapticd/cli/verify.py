@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from hapticd.cli import exits, output
-from hapticd.cli.options import JsonOption, register
+from hapticd.cli.command import command
+from hapticd.cli.options import JsonOption
 
 if TYPE_CHECKING:
     from hapticd.record import Verdict
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", show_default=False, help="Run file (.arrow).")]
 
 
+@command("hapticd verify run.arrow", "hapticd verify run.arrow --json", codes=(exits.DONE, exits.NO, exits.USAGE))
 def verify(run: RunArgument, as_json: JsonOption = False) -> int:
     """Compare every checksum of a run file, and name the rows that do not match theirs.
 
@@ -51,9 +53,3 @@ def _text(verdict: Verdict) -> str:
     if verdict.truncated:
         lines.append("the recording was not ended properly; its rows end with the last whole batch")
     return "\n".join(lines)
-
-
-def add_to(app: typer.Typer) -> None:
-    """Add the command."""
-    examples = ("hapticd verify run.arrow", "hapticd verify run.arrow --json")
-    register(app, verify, *examples, codes=(exits.DONE, exits.NO, exits.USAGE))

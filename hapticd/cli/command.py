@@ -1,0 +1,136 @@
+"""How a command is declared: its function, with the options in the docstring; examples and exit codes above it."""
+
+from __future__ import annotations
+
+import copy
+import functools
+import inspect
+import operator
+import re
+from collections.abc import Callable, Iterator
+from types import ModuleType
+from typing import Annotated, Any, get_args, get_origin
+
+import typer
+
+from hapticd.cli import output
+from hapticd.cli.exits import MEANING
+from hapticd.control.endpoints import endpoint_of
+
+QuietOption = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", help="Say nothing beside the answer but warnings and errors: no progress, no notes."),
+]
+_COMMAND = "__command__"
+_OPTION = re.compile(r"(\w+)(?: \((.+?)\))?: (.+)", re.DOTALL)
+
+
+def command(
+    *examples: str,
+    codes: tuple[int, ...],
+    name: str | None = None,
+    endpoint: Callable[..., Any] | None = None,
+) -> Callable[[Callable[..., int]], Callable[..., int]]:
+    """Declare a command; arguments as of :func:`register`."""
+
+    def declare(function: Callable[..., int]) -> Callable[..., int]:
+        def add(app: typer.Typer) -> None:
+            register(app, function, *examples, codes=codes, name=name, endpoint=endpoint)
+
+        setattr(function, _COMMAND, add)
+        return function
+
+    return declare
+
+
+def declared(module: ModuleType) -> Iterator[Callable[[typer.Typer], None]]:
+    """What adds each command of a module to an app, in the order of the module's text."""
+    return (getattr(value, _COMMAND) for value in vars(module).values() if hasattr(value, _COMMAND))
+
+
+def register(
+    app: typer.Typer,
+    function: Callable[..., int],
+    *examples: str,
+    codes: tuple[int, ...],
+    name: str | None = None,
+    endpoint: Callable[..., Any] | None = None,
+) -> None:
+    """Add a command whose help is the function's docstring, flowed to the terminal's width, with :func:`epilog` below.
+
+    The help of an endpoint's command is the endpoint's, and below it what the function's docstring adds. Under ``Args`` the
+    docstring has the command's own options, each as ``parameter (flags METAVAR): help``; without flags, its flag is the
+    parameter's name. Every command has ``--quiet``.
+
+    Args:
+        app: where to add it.
+        function: the command; returns its exit code.
+        examples: command lines.
+        codes: the exit codes it can end with.
+        name: its name, if not the function's.
+        endpoint: method of `Endpoints`, for a command that asks for one.
+    """
+    about, _, arguments = inspect.cleandoc(function.__doc__ or "").partition("Args:\n")
+    asked = endpoint_of(endpoint) if endpoint else None
+    paragraphs = "\n\n".join(filter(None, [asked.description if asked else "", about.strip()])).split("\n\n")
+    text = "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs).replace("[", "\\[")
+    options = dict(_option(entry) for entry in re.split(r"^ {4}(?=\S)", arguments, flags=re.MULTILINE)[1:])
+    for key, said in options.items():
+        if asked and key in asked.signature.parameters:
+            said["help"] = f"{asked.help_of(key)} {said['help']}"
+
+    @functools.wraps(function)
+    def run(*, quiet: bool = False, **values: Any) -> int:
+        output.quiet.set(quiet)
+        return function(**values)
+
+    signature = inspect.signature(function, eval_str=True)
+    parameters = [_with_help(parameter, options.get(key)) for key, parameter in signature.parameters.items()]
+    parameters.append(inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption))
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    app.command(name or (asked.name if asked else None), help=text, epilog=epilog(*examples, codes=codes))(run)
+
+
+def _option(entry: str) -> tuple[str, dict[str, Any]]:
+    """A parameter, and what its line under ``Args`` says of its option, as attributes of typer's."""
+    found = _OPTION.fullmatch(" ".join(entry.split()))
+    assert found is not None, entry
+    words = re.split(r",? ", found[2] or "")
+    said: dict[str, Any] = {"help": found[3]}
+    if flags := tuple(word for word in words if word.startswith("-")):
+        said["param_decls"] = flags
+    if words[-1] and not words[-1].startswith("-"):
+        said["metavar"] = words[-1]
+    return found[1], said
+
+
+def _with_help(parameter: inspect.Parameter, said: dict[str, Any] | None) -> inspect.Parameter:
+    """A parameter as typer takes it: with what its docstring says, or as it is where that says nothing."""
+    if said is None:
+        return parameter
+    kind, infos = _hoisted(parameter.annotation)
+    info = copy.copy(infos[0]) if infos else typer.Option()
+    info.param_decls = (f"--{parameter.name.replace('_', '-')}",)
+    info.show_default = parameter.default not in (None, parameter.empty)
+    vars(info).update(said)
+    return parameter.replace(annotation=Annotated[kind, info])
+
+
+def _hoisted(annotation: Any) -> tuple[Any, list[Any]]:
+    """A type, and what is annotated anywhere in it: typer looks at the outside alone."""
+    if get_origin(annotation) is Annotated:
+        return annotation.__origin__, list(annotation.__metadata__)
+    parts = [_hoisted(part) for part in get_args(annotation)]
+    infos = [info for _, found in parts for info in found]
+    if not infos:
+        return annotation, []
+    kinds = [kind for kind, _ in parts]
+    whole: Any = list[kinds[0]] if get_origin(annotation) is list else functools.reduce(operator.or_, kinds)  # type: ignore[valid-type]
+    return whole, infos
+
+
+def epilog(*examples: str, codes: tuple[int, ...]) -> str:
+    """The text under a help page: examples, then what each exit code of this command means."""
+    shown = "\n".join(f"  {example}" for example in examples).replace("[", "\\[")
+    return f"Examples:\n{shown}\n\nExit codes:\n" + "\n".join(f"  {code}  {MEANING[code]}" for code in codes)
