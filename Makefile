@@ -56,7 +56,7 @@ docs: $(STAMP)   ## reference pages and figures that are made from the code
 	$(BIN)/python -m hapticd.cli.reference docs/reference
 	$(BIN)/python -m hapticd.effects.pages docs/effects
 	$(BIN)/python docs/figure_wiring.py
-	$(BIN)/python docs/make_figures.py
+	PYTHONPATH=. $(BIN)/python docs/make_figures.py
 	HAPTICD_PICTURES=docs/images $(BIN)/python -m pytest -q tests/scope/test_tutorial.py
 
 site: $(STAMP)   ## the documentation as a web site in site/; a broken link or anchor is an error

@@ -11,8 +11,8 @@ from hapticd.config import load_config
 from hapticd.figures.style import style
 from hapticd.gap.figures import over_time
 from hapticd.hil.compare import Trace
-from hapticd.hil.missing_effect import Story, find_hidden_effect
 from hapticd.servo.experiment import read_experiment
+from tests.gap.hidden_effect import Story, find_hidden_effect
 
 EXAMPLE = Path(__file__).parents[1] / "examples" / "missing_effect"
 DEFLECTION, SHOWN_TICKS = 31.3, 100.0

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Callable
 from functools import partial
@@ -18,6 +17,7 @@ from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Duration, ForceOption, JsonOption, Quantity, SocketOption, connect, guarded
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
+from hapticd.figures.files import whole
 
 if TYPE_CHECKING:
     from hapticd.client import Client
@@ -229,15 +229,12 @@ def _keeper(out: Path | None, no_wait: bool) -> Callable[[dict[str, Any]], dict[
 
     def keep(answer: dict[str, Any]) -> dict[str, Any]:
         source = Path((answer["result"] or {}).get("run") or answer["run"])
-        part = out.with_name(f".{out.name}.{os.getpid()}.part")
         try:
-            shutil.copyfile(source, part)
-            part.replace(out)
+            with whole(out) as part:
+                shutil.copyfile(source, part)
         except OSError as error:
             output.warn(f"the recording is {source}; it cannot be copied to {out}: {error.strerror or error}")
             return answer
-        finally:
-            part.unlink(missing_ok=True)
         return {**answer, "copy": str(out)}
 
     return keep

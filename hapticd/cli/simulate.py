@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -121,6 +120,7 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
         yield None
         return
     from hapticd.config import config_digest
+    from hapticd.figures.files import whole
     from hapticd.record import RunWriter
 
     metadata: dict[str, Any] = {
@@ -130,18 +130,17 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
     }
     if seed is not None:
         metadata["seed"] = seed
-    partial = out.with_name(f".{out.name}.{os.getpid()}")
     before = signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
-    writer = RunWriter(partial, metadata)
     try:
-        yield writer.write
-        writer.close()
-        partial.replace(out)
-    except BaseException:
-        with contextlib.suppress(Exception):
-            writer.close()
-        partial.unlink(missing_ok=True)
-        raise
+        with whole(out) as part:
+            writer = RunWriter(part, metadata)
+            try:
+                yield writer.write
+                writer.close()
+            except BaseException:
+                with contextlib.suppress(Exception):
+                    writer.close()
+                raise
     finally:
         signal.signal(signal.SIGTERM, before)
 

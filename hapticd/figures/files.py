@@ -25,6 +25,17 @@ def naming(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 
 
+@contextlib.contextmanager
+def whole(path: Path) -> Iterator[Path]:
+    """A file to be written beside a path: it takes the path's name where all goes well, and is gone otherwise."""
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        yield part
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+
+
 def save_figure(figure: Figure, path: Path, dpi: int = 130) -> None:
     """Write a figure in the format that the path's suffix names (png, svg, pdf); png without one.
 
@@ -33,10 +44,5 @@ def save_figure(figure: Figure, path: Path, dpi: int = 130) -> None:
         ValueError: matplotlib knows no such format.
     """
     kind = path.suffix.lstrip(".") or "png"
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    try:
-        with naming(path):
-            figure.savefig(partial, format=kind, dpi=dpi)
-            partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    with naming(path), whole(path) as part:
+        figure.savefig(part, format=kind, dpi=dpi)

@@ -17,6 +17,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from hapticd.record.errors import RunFileError
+from hapticd.record.files import refuse_existing, written
 from hapticd.record.metadata import encode_metadata
 from hapticd.record.reader import CSV_METADATA_LINE, Run
 
@@ -43,19 +44,11 @@ def export(run: Run, to: str, out: str | Path | None = None, *, force: bool = Fa
     target = Path(out) if out is not None else run.path.with_suffix(f".{to}")
     if target.is_dir():
         raise RunFileError(f"{target} is a folder; give a file name")
-    if target.exists() and not force:
-        raise RunFileError(f"{target} exists; give another name, or --force to replace it")
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            _WRITERS[to](run, file)
-            file.flush()
-            os.fsync(file.fileno())
-        part.replace(target)
-    except OSError as error:
-        raise RunFileError(f"cannot write {target}: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
+    refuse_existing(target, force=force)
+    with written(target) as part, part.open("wb") as file:
+        _WRITERS[to](run, file)
+        file.flush()
+        os.fsync(file.fileno())
     return target
 
 

@@ -10,7 +10,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from hapticd.record.errors import RecordingError, RunExistsError
+from hapticd.figures.files import whole
+from hapticd.record.errors import RecordingError, RunExistsError, RunFileError
 from hapticd.record.metadata import utc_now
 from hapticd.record.writer import RunWriter
 
@@ -30,6 +31,30 @@ def run_names(kind: str, label: str) -> Iterator[str]:
     yield f"{stem}.arrow"
     for number in itertools.count(2):
         yield f"{stem}-{number}.arrow"
+
+
+def refuse_existing(target: Path, *, force: bool) -> None:
+    """Refuse to replace a file.
+
+    Raises:
+        RunFileError: it exists, and ``force`` is not given.
+    """
+    if target.exists() and not force:
+        raise RunFileError(f"{target} exists; give another name, or --force to replace it")
+
+
+@contextlib.contextmanager
+def written(target: Path) -> Iterator[Path]:
+    """A file to write in the place of another; that one is there whole afterwards, or as it was.
+
+    Raises:
+        RunFileError: it cannot be written.
+    """
+    try:
+        with whole(target) as part:
+            yield part
+    except OSError as error:
+        raise RunFileError(f"cannot write {target}: {error.strerror or error}") from error
 
 
 def why_unwritable(directory: Path) -> str | None:

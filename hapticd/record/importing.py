@@ -6,7 +6,7 @@ from the first one on, before they lose digits. Positions become counts of the s
 
 from __future__ import annotations
 
-import os
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from hapticd.config import Config, load_config
 from hapticd.config.units import CURRENT_UNITS, TIME_UNITS
 from hapticd.record.errors import RunFileError
+from hapticd.record.files import refuse_existing, written
 from hapticd.record.importing_map import COUNT, ImportMap, Signal
 from hapticd.record.importing_sources import Source, read_source
 from hapticd.record.metadata import run_metadata
@@ -69,8 +70,7 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
         RecordingError: the run cannot be written; nothing is left behind.
     """
     path, target = Path(source), Path(out)
-    if target.exists() and not force:
-        raise RunFileError(f"{target} exists; give another name, or --force to replace it")
+    refuse_existing(target, force=force)
     model = load_config(mapping.model) if mapping.model is not None else None
     if model is not None and model.is_linear != mapping.is_linear:
         kind = "linear" if model.is_linear else "rotary"
@@ -81,28 +81,28 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
         counts_per_unit = _counts_per_unit(path, mapping, model)
         rows, origin = _rows(columns, mapping, model, counts_per_unit)
     metadata = _metadata(path, mapping, model, counts_per_unit, origin)
-    part = target.with_name(f".{target.name}.{os.getpid()}.part")
-    try:
-        with RunWriter(part, metadata) as writer:
-            writer.write(rows)
-        part.replace(target)
-    except OSError as error:
-        raise RunFileError(f"cannot write {target}: {error.strerror or error}") from error
-    finally:
-        part.unlink(missing_ok=True)
-    time_s = rows["time_s"]
+    with written(target) as part, RunWriter(part, metadata) as writer:
+        writer.write(rows)
     resolution = (1.0 if mapping.is_linear else 2.0 * np.pi) / counts_per_unit
+    return imported(target, rows, resolution, is_linear=mapping.is_linear, is_force=mapping.force is not None)
+
+
+def imported(
+    path: Path, columns: Rows | Mapping[str, Any], resolution: float, *, is_linear: bool, is_force: bool
+) -> Imported:
+    """What is said of the rows that an import wrote."""
+    time_s = columns["time_s"]
     period = median_period(time_s)
     return Imported(
-        path=target,
-        rows=rows.size,
+        path=path,
+        rows=time_s.size,
         duration_s=float(time_s[-1]) - float(time_s[0]),
         rate_hz=1.0 / period if period > 0.0 else float("nan"),
         resolution=resolution,
-        position=_ends(rows["encoder_counts"] * resolution),
-        command=_ends(rows["force_command" if mapping.force is not None else "current_command_A"]),
-        is_linear=mapping.is_linear,
-        is_force=mapping.force is not None,
+        position=_ends(columns["encoder_counts"] * resolution),
+        command=_ends(columns["force_command" if is_force else "current_command_A"]),
+        is_linear=is_linear,
+        is_force=is_force,
         warnings=tuple(time_warnings(time_s)),
     )
 

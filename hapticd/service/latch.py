@@ -8,6 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
+from hapticd.figures.files import whole
 from hapticd.servo import faults
 
 REQUIRED = ("code", "cause")
@@ -66,12 +67,10 @@ class FaultLatch:
     def store(self, fault: dict[str, Any]) -> None:
         """Write the fault, whole or not at all."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = self.path.with_suffix(".new")
-        with temporary.open("w") as file:
+        with whole(self.path) as part, part.open("w") as file:
             file.write(json.dumps(fault, indent=1) + "\n")
             file.flush()
             os.fsync(file.fileno())
-        temporary.replace(self.path)
 
     def remove(self) -> None:
         """Forget it."""

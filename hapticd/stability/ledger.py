@@ -12,7 +12,7 @@ The last two terms of (54) have the opposite sign of the printed ones; with them
     E_gq = (ρ(h) − ½)Δ⌊ξ⌋ − ½(ρ(τ₁) − ρ(l))² + (ρ(h) − ρ(l))(ρ(τ₁) − ρ(l)).
 
 Each of these is computed by itself, so that the balance (26) is a check of all of them: `Ledger.residual`.
-In units of KΔ², ticks and periods throughout; `Scales.h_to_energy` makes joules.
+In units of KΔ², ticks and periods throughout; times `Scales.energy` they are joules.
 """
 
 from __future__ import annotations

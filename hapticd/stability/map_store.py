@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 import time
 import zipfile
 from collections.abc import Callable
@@ -18,6 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from hapticd.figures.files import whole
 from hapticd.record.metadata import versions
 from hapticd.stability import map_kernel
 from hapticd.stability.map_engines import Results
@@ -63,13 +63,8 @@ def save(path: Path, maps: Maps) -> None:
         "metadata": np.array(json.dumps(metadata(study), ensure_ascii=False)),
         **{name: maps.points[name] for name in POINT.names or ()},
     }
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    try:
-        with part.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **arrays)
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with whole(path) as part, part.open("wb") as file:
+        np.savez_compressed(file, allow_pickle=False, **arrays)
 
 
 def load(path: Path) -> Maps:

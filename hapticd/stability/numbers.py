@@ -108,14 +108,6 @@ class Scales:
         """Velocity ξ̇ to ẋ = ξ̇Δ/T in rad/s or m/s."""
         return xi_dot * (self.resolution / self.period)
 
-    def acceleration_to_xi_ddot(self, a: Signal) -> Signal:
-        """Acceleration ẍ to ξ̈ = ẍT²/Δ in ticks per period²."""
-        return a * (self.period**2 / self.resolution)
-
-    def xi_ddot_to_acceleration(self, xi_ddot: Signal) -> Signal:
-        """Acceleration ξ̈ to ẍ = ξ̈Δ/T² in rad/s² or m/s²."""
-        return xi_ddot * (self.resolution / self.period**2)
-
     def force_to_phi(self, f: Signal) -> Signal:
         """Force F to φ = F/(KΔ)."""
         return f / self.force
@@ -124,21 +116,9 @@ class Scales:
         """Force φ to F = φKΔ in N m or N."""
         return phi * self.force
 
-    def energy_to_h(self, e: Signal) -> Signal:
-        """Energy E to H = E/(KΔ²)."""
-        return e / self.energy
-
-    def h_to_energy(self, h: Signal) -> Signal:
-        """Energy H to E = H KΔ² in J."""
-        return h * self.energy
-
     def omega_to_hz(self, omega: Signal) -> Signal:
         """Angular frequency ω in rad per period to f = ω/(2πT) in Hz."""
         return omega / (2.0 * math.pi * self.period)
-
-    def hz_to_omega(self, f: Signal) -> Signal:
-        """Frequency f in Hz to ω = 2πfT in rad per period."""
-        return f * (2.0 * math.pi * self.period)
 
 
 @dataclass(frozen=True)

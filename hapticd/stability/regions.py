@@ -1,21 +1,18 @@
-"""Regions of the (β, σ) plane (Fig. 3 and 5), their boundaries, and how far an operating point is from each.
+"""Regions of the (β, σ) plane (Fig. 3 and 5) and their boundaries.
 
 Without delay: A, B, C, D, E. With delay A splits: F1, where the second condition of (19) holds as well and energy falls
 all the time, and F2, where it may rise briefly. Points on a boundary count as the better side, as ≥ in (12) does.
-Region boundaries are the paper's (q = ½); `margins` also gives the corrected and the sharp criterion.
+Region boundaries are the paper's (q = ½).
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Final
 
 from hapticd.stability.criterion import (
     coulomb_margin,
     criterion_margin,
-    rest_margin,
-    velocity_margin,
     viscous_margin,
     xi_ddot_bound,
 )
@@ -33,29 +30,6 @@ MEANING: Final[dict[str, str]] = {
     "D|E": "depends on the speed: stable for slow motions, unstable for fast ones; give a velocity or a deflection",
     "F1|F2": "stable with delay; whether energy falls all the time depends on the speed",
 }
-
-
-@dataclass(frozen=True)
-class Margins:
-    """Signed distances of an operating point to the boundaries; positive is the side that dissipates.
-
-    Attributes:
-        beta: β − ½ − τ_D, to the vertical line between A and E, B and C (eq. 17).
-        sigma: σ − ½, to the horizontal line between A and B, E/D and C (eq. 18).
-        critical_line: left side of (12)·ξ̇_max or (19), to the line between D and E; None without a velocity.
-        acceleration: σ − ½ − ξ̈_max(τ_D² + τ_D), between F1 and F2; None without a velocity; equals sigma at τ_D = 0.
-        paper: the paper's criterion, the smaller of both conditions.
-        corrected: the corrected criterion (σ − 1).
-        sharp: the sharp criterion.
-    """
-
-    beta: float
-    sigma: float
-    critical_line: float | None
-    acceleration: float | None
-    paper: float
-    corrected: float
-    sharp: float
 
 
 def region(numbers: Dimensionless, xi_dot_max: float | None = None) -> str:
@@ -88,27 +62,6 @@ def region(numbers: Dimensionless, xi_dot_max: float | None = None) -> str:
     if viscous_enough:
         return "F1" if dissipating else "F2"
     return "E" if dissipating else "D"
-
-
-def margins(numbers: Dimensionless, xi_dot_max: float | None = None) -> Margins:
-    """Signed margins to every boundary, in the units of Fig. 3 and 5 (β and σ)."""
-    line = acceleration = None
-    if math.isinf(numbers.mu):
-        line = acceleration = math.inf
-    elif xi_dot_max is not None:
-        n = numbers
-        bound = xi_ddot_bound(n.mu, n.beta, n.sigma, xi_dot_max, n.kappa)
-        line = float(velocity_margin(n.beta, n.sigma, xi_dot_max, n.tau_d, bound))
-        acceleration = float(rest_margin(n.sigma, n.tau_d, bound))
-    return Margins(
-        beta=viscous_margin(numbers),
-        sigma=coulomb_margin(numbers),
-        critical_line=line,
-        acceleration=acceleration,
-        paper=criterion_margin(numbers, xi_dot_max, "paper"),
-        corrected=criterion_margin(numbers, xi_dot_max, "corrected"),
-        sharp=criterion_margin(numbers, xi_dot_max, "sharp"),
-    )
 
 
 def critical_sigma(numbers: Dimensionless, xi_dot_max: float, beta: float) -> float:

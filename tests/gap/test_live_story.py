@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from hapticd.config import load_config
-from hapticd.hil.missing_effect import Claim, Story, find_hidden_effect
 from hapticd.servo.experiment import read_experiment
 from tests.forked import fork_what_hil_starts
+from tests.gap.hidden_effect import Claim, Story, find_hidden_effect
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "missing_effect"
 SECRET_DELAY_S = 0.002

@@ -5,9 +5,15 @@ import math
 import numpy as np
 import pytest
 
-from hapticd.stability.criterion import dissipation_margin
+from hapticd.stability.criterion import (
+    coulomb_margin,
+    criterion_margin,
+    dissipation_margin,
+    velocity_margin,
+    viscous_margin,
+)
 from hapticd.stability.numbers import Dimensionless, Loop
-from hapticd.stability.regions import MEANING, critical_sigma, margins, region
+from hapticd.stability.regions import MEANING, critical_sigma, region
 from hapticd.stability.storage import velocity_bound
 
 
@@ -58,7 +64,7 @@ def test_the_four_cases_of_fig_8(rate: float, decimation: int, deflection: float
 def test_no_spring_is_passive() -> None:
     assert region(Loop(1.0, 0.0, 0.0, 0.0, 1.0, 1.0).numbers) == "A"
     assert region(Loop(1.0, 0.0, 0.0, 0.0, 1.0, 1.0, delay=2.0).numbers, 3.0) == "F1"
-    assert margins(Loop(1.0, 0.0, 0.0, 0.0, 1.0, 1.0, delay=2.0).numbers, 3.0).critical_line == math.inf
+    assert criterion_margin(Loop(1.0, 0.0, 0.0, 0.0, 1.0, 1.0, delay=2.0).numbers, 3.0) == math.inf
 
 
 @pytest.mark.parametrize("velocity", [-1.0, math.nan])
@@ -68,13 +74,13 @@ def test_a_velocity_must_be_a_velocity(velocity: float) -> None:
 
 
 def test_margins_are_distances_to_the_lines() -> None:
-    m = margins(Dimensionless(100.0, 0.4, 1.0), 3.0)
-    assert m.beta == pytest.approx(-0.1)
-    assert m.sigma == pytest.approx(0.5)
-    assert m.critical_line == pytest.approx(0.5 - 3.0 * 0.1)
-    assert (m.paper, m.corrected) == (pytest.approx(0.2), pytest.approx(-0.3))
-    assert m.sharp == pytest.approx(-0.0, abs=1e-12)  # at v → 0 it needs σ = 1, at v = 3 only 0.8
-    assert margins(Dimensionless(100.0, 0.4, 1.0)).critical_line is None
+    n = Dimensionless(100.0, 0.4, 1.0)
+    assert viscous_margin(n) == pytest.approx(-0.1)
+    assert coulomb_margin(n) == pytest.approx(0.5)
+    assert float(velocity_margin(n.beta, n.sigma, 3.0)) == pytest.approx(0.5 - 3.0 * 0.1)
+    assert criterion_margin(n, 3.0, "paper") == pytest.approx(0.2)
+    assert criterion_margin(n, 3.0, "corrected") == pytest.approx(-0.3)
+    assert criterion_margin(n, 3.0, "sharp") == pytest.approx(-0.0, abs=1e-12)  # v → 0 needs σ = 1, v = 3 only 0.8
 
 
 @pytest.mark.parametrize("tau_d", [0.0, 0.4, 1.25])
