@@ -52,8 +52,7 @@ soak: $(STAMP)   ## does memory stay, is every missed period counted: an hour at
 	$(BIN)/python -m benchmarks.soak --minutes $(MINUTES)
 
 docs: $(STAMP)   ## reference pages and figures that are made from the code
-	$(BIN)/python -m hapticd.config.reference > docs/reference/config.md
-	$(BIN)/python -m hapticd.cli.reference docs/reference
+	$(BIN)/python -m docs.make_pages
 	$(BIN)/python -m hapticd.effects.pages docs/effects
 	$(BIN)/python docs/figure_wiring.py
 	PYTHONPATH=. $(BIN)/python docs/make_figures.py

@@ -15,6 +15,7 @@ import typer
 from annotated_types import Ge
 from typer.testing import CliRunner
 
+from docs.config_page import reference_page
 from hapticd.cli import exits
 from hapticd.cli.command import register
 from hapticd.client import Client, RequestRefused
@@ -22,7 +23,6 @@ from hapticd.config import ConfigError, keys, parse_config
 from hapticd.config import loading as config_loading
 from hapticd.config.fields import Number, Section, quantity
 from hapticd.config.model import Config
-from hapticd.config.reference import reference_page
 from hapticd.config.sections import Spring
 from hapticd.control.endpoints import Endpoints, JsonDict, endpoint
 from hapticd.service.api import create_app

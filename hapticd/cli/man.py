@@ -3,13 +3,43 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import typer
 
 from hapticd.cli.main import build_app
-from hapticd.cli.reference import commands, parameters, plain
+
+
+def commands(command: Any, path: str) -> Iterator[tuple[str, Any]]:
+    """A command and everything below it, with the words that call it."""
+    yield path, command
+    for name, child in getattr(command, "commands", {}).items():
+        yield from commands(child, f"{path} {name}")
+
+
+def parameters(command: Any, context: typer.Context) -> Iterator[tuple[str, str]]:
+    """Arguments and options of a command: how each is written, and what it means."""
+    for parameter in command.params:
+        if parameter.name == "help":
+            continue
+        names = ", ".join(parameter.opts) if parameter.param_type_name == "option" else parameter.metavar
+        if parameter.param_type_name == "option" and not getattr(parameter, "is_flag", False):
+            names += f" {parameter.metavar or parameter.display_type(context)}"
+        meaning = plain(parameter.help)
+        if parameter.required:
+            meaning += " Required."
+        if parameter.envvar:
+            meaning += f" Variable: {parameter.envvar}."
+        if parameter.show_default and parameter.default not in (None, False):
+            meaning += f" Default: {parameter.default}."
+        yield names, meaning
+
+
+def plain(text: str | None) -> str:
+    """A help text without its mark-up."""
+    return (text or "").replace("\\[", "[").strip()
 
 
 def manual(path: str, command: Any) -> str:

@@ -12,8 +12,10 @@ from typing import Any
 import pytest
 import typer
 
-from hapticd.cli import exits, reference
+from docs.make_pages import command_line
+from hapticd.cli import exits
 from hapticd.cli.main import build_app
+from hapticd.cli.man import commands
 
 from .conftest import Run
 
@@ -29,7 +31,7 @@ HEAVY = (
     "yaml",
     "matplotlib",
 )
-COMMANDS = dict(reference.commands(typer.main.get_command(build_app()), "hapticd"))
+COMMANDS = dict(commands(typer.main.get_command(build_app()), "hapticd"))
 LEAVES = {path: command for path, command in COMMANDS.items() if not hasattr(command, "commands")}
 
 
@@ -77,9 +79,7 @@ def test_every_command_that_reports_takes_json(path: str) -> None:
 
 def test_reference_page_is_current() -> None:
     page = Path(__file__).parents[2] / "docs" / "reference" / "cli.md"
-    assert page.read_text(encoding="utf-8") == reference.command_line(), (
-        "run: python -m hapticd.cli.reference docs/reference"
-    )
+    assert page.read_text(encoding="utf-8") == command_line(), "run: python -m docs.make_pages"
 
 
 def test_version(hapticd: Run) -> None:

@@ -15,8 +15,8 @@ import pytest
 import typer
 import yaml
 
-from hapticd.cli import reference
 from hapticd.cli.main import build_app
+from hapticd.cli.man import commands
 from hapticd.client import Client
 from hapticd.config import parse_config
 from hapticd.config.model import Config
@@ -24,7 +24,7 @@ from hapticd.config.model import Config
 from .snippets import GENERATED, PAGES, ROOT, Snippet, hapticd_commands, snippets
 
 SHELL = ("sh", "console", "bash", "")
-PROGRAM = dict(reference.commands(typer.main.get_command(build_app()), "hapticd"))
+PROGRAM = dict(commands(typer.main.get_command(build_app()), "hapticd"))
 BLOCKS = [snippet for page in PAGES if page not in GENERATED for snippet in snippets(page)]
 COMMANDS = [
     pytest.param(words, id=f"{block}-{k}")

@@ -28,9 +28,7 @@ def operations(document: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]
 
 
 def test_committed_document_is_current(document: dict[str, Any]) -> None:
-    assert json.loads(COMMITTED.read_text(encoding="utf-8")) == document, (
-        "run: python -m hapticd.cli.reference docs/reference"
-    )
+    assert json.loads(COMMITTED.read_text(encoding="utf-8")) == document, "run: python -m docs.make_pages"
 
 
 def test_every_endpoint_is_there(document: dict[str, Any]) -> None:
