@@ -11,6 +11,7 @@ from hapticd.jit import njit
 from hapticd.plant import kernel
 from sim_hw import kinds, log
 from sim_hw import layout as w
+from sim_hw.held import hold, next_held
 from sim_hw.layout import BYTES, I64, SIM, Sim
 from sim_hw.motion import instant_ns, log_row, move_to
 
@@ -34,6 +35,33 @@ def next_fault(sim: Sim) -> int:
     return first
 
 
+@njit(I64(SIM), counted=False)
+def next_event_ns(sim: Sim) -> int:
+    """When the next held frame goes on or the next fault is due; FAR_NS when neither will."""
+    slot, row = next_held(sim), next_fault(sim)
+    held_ns = sim.held[slot, w.HELD_DUE_NS] if slot >= 0 else w.FAR_NS
+    return min(held_ns, fault_due_ns(sim, row)) if row >= 0 else held_ns
+
+
+@njit(I64(SIM, I64, I64), counted=False)
+def fault_end_ns(sim: Sim, row: int, begin_ns: int) -> int:
+    """When a fault that begins at an instant is over; FAR_NS for one that lasts."""
+    duration = sim.faults[row, w.FAULT_DURATION_NS]
+    return w.FAR_NS if duration == w.FAR_NS else begin_ns + duration
+
+
+@njit(numba.boolean(SIM, I64, I64, I64, BYTES, I64, I64), counted=False)
+def hold_back(sim: Sim, fate: int, due_ns: int, frame: int, data: NDArray[Any], length: int, now: int) -> bool:
+    """Hold a frame that its fate, or its instant, does not let go on now: whether it did. See :func:`sim_hw.held.hold`."""
+    if fate & kinds.REORDERED:
+        hold(sim, w.FAR_NS, frame, data, length)
+    elif due_ns > now:
+        hold(sim, due_ns, frame, data, length)
+    else:
+        return False
+    return True
+
+
 @njit(I64(SIM, I64), counted=False)
 def begin_fault(sim: Sim, row: int) -> int:
     """A fault falls due: it waits no longer, and its kind comes back for the device to act on.
@@ -49,7 +77,7 @@ def begin_fault(sim: Sim, row: int) -> int:
         return kind
     fault[w.FAULT_STATE] = w.OVER
     move_to(sim, due)
-    until = w.FAR_NS if fault[w.FAULT_DURATION_NS] == w.FAR_NS else due + fault[w.FAULT_DURATION_NS]
+    until = fault_end_ns(sim, row, due)
     if kind == kinds.FREEZE_COUNTER:
         sim.s[w.FROZEN_COUNTS] = kernel.plant_counts(sim.f, sim.i) + sim.s[w.COUNTS_OFFSET]
         sim.s[w.FROZEN_UNTIL_NS] = until

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,7 +11,9 @@ import numpy as np
 
 from hapticd.config import Config, load_config
 from hapticd.plant import kernel
-from sim_hw.layout import HAND_FROM, Sim, new_sim
+from sim_hw import kinds, log
+from sim_hw.layout import HAND_FROM, START_NS, Sim, new_sim
+from sim_hw.motion import log_row, move_to
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -50,3 +53,18 @@ def build_sim(config: Config, script: Script) -> Sim:
     sim = new_sim(f, script.hand_ns, script.hand_force, script.faults.copy(), start_ns, script.counts_offset)
     sim.s[HAND_FROM] = script.hand_from
     return sim
+
+
+def begin_log(sim: Sim, script: Script) -> None:
+    """The first row of a board's log, and that of a version it is made to lie about."""
+    start_ns = int(sim.s[START_NS])
+    log_row(sim, start_ns, log.START, 0, 0)
+    if script.wrong_version is not None:
+        log_row(sim, start_ns, log.FAULT_INJECTED, kinds.WRONG_VERSION, -1)
+
+
+def end_log(sim: Sim, ns: int) -> None:
+    """The last row of a board's log: when a command of an instant has reached the motor."""
+    end = ns + math.ceil(sim.f[kernel.LAG_NS])
+    move_to(sim, end)
+    log_row(sim, end, log.END, 0, 0)

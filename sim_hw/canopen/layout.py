@@ -19,85 +19,26 @@ F64, BOOL = numba.float64, numba.boolean
 NEVER = FAR_NS
 """An instant (ns) that does not come."""
 
-# Objects that compiled code looks at: (index, sub-index) of slot 0, 1, 2, … of the block.
+# Objects that compiled code looks at, and their slots in the block.
+_COMMUNICATION = (0x1001, 0x1002, 0x1005, 0x100C, 0x100D, 0x1014, 0x1017, 0x1029)
+ERROR_REGISTER, EVENT_STATUS, SYNC_COB_ID, GUARD_TIME, LIFE_TIME_FACTOR = range(5)
+EMCY_COB_ID, HEARTBEAT_TIME, ERROR_BEHAVIOUR = range(5, 8)
+_COPLEY = (0x2110, 0x2111, 0x2112, 0x2113, 0x2183, 0x221C, 0x2300, 0x2340)
+PEAK_LIMIT, CONTINUOUS_LIMIT, PEAK_TIME, CURRENT_RAMP = range(8, 12)
+LATCHED_FAULTS, ACTUAL_CURRENT, DESIRED_STATE, PROGRAMMED_CURRENT = range(12, 16)
+_STATES = (0x6007, 0x603F, 0x6040, 0x6041, 0x605A, 0x605E, 0x6060, 0x6061, 0x6502)
+ABORT_OPTION, ERROR_CODE, CONTROLWORD, STATUSWORD = range(16, 20)
+QUICK_STOP_OPTION, FAULT_OPTION, MODE, MODE_DISPLAY, SUPPORTED_MODES = range(20, 25)
+_MOTION = (0x6063, 0x6064, 0x606C, 0x6071, 0x6072, 0x6074, 0x6075, 0x6076, 0x6077, 0x6078, 0x6087)
+POSITION_INTERNAL, POSITION, VELOCITY, TARGET_TORQUE, MAX_TORQUE, TORQUE_DEMAND = range(25, 31)
+RATED_CURRENT, RATED_TORQUE, TORQUE_ACTUAL, CURRENT_ACTUAL, TORQUE_SLOPE = range(31, 36)
+ERROR_COUNT = 36
+"""First entry of 0x1003."""
 KNOWN_OBJECTS = (
-    (0x1001, 0),
-    (0x1002, 0),
-    (0x1005, 0),
-    (0x100C, 0),
-    (0x100D, 0),
-    (0x1014, 0),
-    (0x1017, 0),
-    (0x1029, 1),
-    (0x2110, 0),
-    (0x2113, 0),
-    (0x2183, 0),
-    (0x221C, 0),
-    (0x2300, 0),
-    (0x2340, 0),
-    (0x6007, 0),
-    (0x603F, 0),
-    (0x6040, 0),
-    (0x6041, 0),
-    (0x605A, 0),
-    (0x605E, 0),
-    (0x6060, 0),
-    (0x6061, 0),
-    (0x6063, 0),
-    (0x6064, 0),
-    (0x606C, 0),
-    (0x6071, 0),
-    (0x6072, 0),
-    (0x6074, 0),
-    (0x6075, 0),
-    (0x6076, 0),
-    (0x6077, 0),
-    (0x6078, 0),
-    (0x6087, 0),
-    (0x6502, 0),
-    (0x2111, 0),
-    (0x2112, 0),
+    *((index, int(index == 0x1029)) for index in (*_COMMUNICATION, *_COPLEY, *_STATES, *_MOTION)),
     *((0x1003, sub) for sub in range(9)),
 )
-(
-    ERROR_REGISTER,
-    EVENT_STATUS,
-    SYNC_COB_ID,
-    GUARD_TIME,
-    LIFE_TIME_FACTOR,
-    EMCY_COB_ID,
-    HEARTBEAT_TIME,
-    ERROR_BEHAVIOUR,
-    PEAK_LIMIT,
-    CURRENT_RAMP,
-    LATCHED_FAULTS,
-    ACTUAL_CURRENT,
-    DESIRED_STATE,
-    PROGRAMMED_CURRENT,
-    ABORT_OPTION,
-    ERROR_CODE,
-    CONTROLWORD,
-    STATUSWORD,
-    QUICK_STOP_OPTION,
-    FAULT_OPTION,
-    MODE,
-    MODE_DISPLAY,
-    POSITION_INTERNAL,
-    POSITION,
-    VELOCITY,
-    TARGET_TORQUE,
-    MAX_TORQUE,
-    TORQUE_DEMAND,
-    RATED_CURRENT,
-    RATED_TORQUE,
-    TORQUE_ACTUAL,
-    CURRENT_ACTUAL,
-    TORQUE_SLOPE,
-    SUPPORTED_MODES,
-    CONTINUOUS_LIMIT,
-    PEAK_TIME,
-    ERROR_COUNT,
-) = range(37)
+"""Index and sub-index of slot 0, 1, 2, … of the block."""
 ERROR_FIELDS = 8
 """Entries of 0x1003 that follow ERROR_COUNT."""
 OBJECT_WORDS = 256
@@ -105,40 +46,16 @@ OBJECT_WORDS = 256
 
 # The drive's own state.
 _OWN = OBJECT_WORDS
-(
-    STATE,
-    PREVIOUS_CONTROL,
-    NMT,
-    NODE_ID,
-    POWERED,
-    RESET,
-    GUARD_TOGGLE,
-    BUS_OFF_UNTIL_NS,
-    UNPLUGGED_UNTIL_NS,
-    SAMPLES,
-    COMMANDS,
-    SDO_COUNT,
-    OUT_COUNT,
-    LOST_FRAMES,
-    FOLDED,
-    HEAT_NS,
-) = range(_OWN, _OWN + 16)
+STATE, PREVIOUS_CONTROL, NMT, NODE_ID, POWERED, RESET, GUARD_TOGGLE, BUS_OFF_UNTIL_NS = range(_OWN, _OWN + 8)
+UNPLUGGED_UNTIL_NS, SAMPLES, COMMANDS, SDO_COUNT, OUT_COUNT, LOST_FRAMES, FOLDED, HEAT_NS = range(_OWN + 8, _OWN + 16)
 # f64 words.
 TARGET, DEMAND, HEAT = range(_OWN + 16, _OWN + 19)
 """A: what the master wants, behind limits; the same behind the slope. Then I²t, A² s above the continuous current."""
 
 TIMER = _OWN + 24
 """Instants (ns) at which the drive does something by itself; NEVER when it does not."""
-(
-    RAMP_TIMER,
-    HEAT_TIMER,
-    GUARD_TIMER,
-    HEARTBEAT_TIMER,
-    QUICK_STOP_TIMER,
-    REACTION_TIMER,
-    WAKE_TIMER,
-    TPDO_TIMER,
-) = range(8)
+RAMP_TIMER, HEAT_TIMER, GUARD_TIMER, HEARTBEAT_TIMER = range(4)
+QUICK_STOP_TIMER, REACTION_TIMER, WAKE_TIMER, TPDO_TIMER = range(4, 8)
 RPDO_TIMER = TPDO_TIMER + 4
 """Deadlines of RPDO 1…4, after four timers of TPDOs."""
 TIMERS = RPDO_TIMER + 4
@@ -147,18 +64,8 @@ LAZY_TIMERS = 2
 
 PDO = TIMER + TIMERS
 """Eight PDOs, RPDO 1…4 then TPDO 1…4."""
-(
-    PDO_COB_ID,
-    PDO_TYPE,
-    PDO_COUNT,
-    PDO_BYTES,
-    PDO_SYNCS,
-    PDO_PENDING,
-    PDO_DATA,
-    PDO_EVENT_MS,
-    PDO_INHIBIT_NS,
-    PDO_SENT_NS,
-) = range(10)
+PDO_COB_ID, PDO_TYPE, PDO_COUNT, PDO_BYTES, PDO_SYNCS = range(5)
+PDO_PENDING, PDO_DATA, PDO_EVENT_MS, PDO_INHIBIT_NS, PDO_SENT_NS = range(5, 10)
 """COB-ID (−1: not valid), transmission type, entries, bytes; SYNCs counted; waiting for SYNC, and with which data."""
 PDO_MAP = 10
 """Up to eight entries of (slot, first bit, bits, signed)."""

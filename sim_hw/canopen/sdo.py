@@ -13,7 +13,6 @@ from sim_hw.canopen.dictionary import AbortError
 TOGGLE_ERROR = 0x05030000
 UNKNOWN_COMMAND = 0x05040001
 OUT_OF_MEMORY = 0x05040005
-LENGTH_MISMATCH = 0x06070010
 
 _HEADER = struct.Struct("<BHB")
 _LONGEST = 256

@@ -10,8 +10,7 @@ from sim_hw.canopen import node, pdo, power, sending
 from sim_hw.canopen.drive import abort_connection, enter, fail, refresh_status
 from sim_hw.canopen.layout import MACHINE, Machine
 from sim_hw.canopen.states import FAULT, OPERATION_ENABLED, SWITCH_ON_DISABLED
-from sim_hw.faults import begin_fault, fault_due_ns, next_fault
-from sim_hw.held import next_held
+from sim_hw.faults import begin_fault, fault_due_ns, fault_end_ns, next_event_ns, next_fault
 from sim_hw.layout import I64
 from sim_hw.motion import move_to
 
@@ -25,7 +24,7 @@ _RPDO_TIMEOUT = 0x8250
 def _inject(m: Machine, row: int, now: int) -> None:
     kind = begin_fault(m.sim, row)
     code, duration = m.sim.faults[row, common.FAULT_CODE], m.sim.faults[row, common.FAULT_DURATION_NS]
-    until = common.FAR_NS if duration == common.FAR_NS else now + duration
+    until = fault_end_ns(m.sim, row, now)
     if kind == _EMERGENCY:
         fail(m, code, now)
     elif kind == _LEAVE:
@@ -92,13 +91,7 @@ def advance(m: Machine, now: int) -> None:
 @njit(I64(MACHINE), counted=False)
 def next_wake(m: Machine) -> int:
     """Instant of the next thing that somebody outside could notice, ns; FAR_NS when there is none."""
-    wake = common.FAR_NS
+    wake = next_event_ns(m.sim)
     for timer in range(w.LAZY_TIMERS, w.TIMERS):
         wake = min(wake, m.d[w.TIMER + timer])
-    fault = next_fault(m.sim)
-    if fault >= 0:
-        wake = min(wake, fault_due_ns(m.sim, fault))
-    slot = next_held(m.sim)
-    if slot >= 0:
-        wake = min(wake, m.sim.held[slot, common.HELD_DUE_NS])
     return wake

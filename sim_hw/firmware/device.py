@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import TYPE_CHECKING
 
 from hapticd.config import ConfigError, Problem
 from hapticd.plant import kernel
-from sim_hw import kinds, log
 from sim_hw import layout as w
+from sim_hw import log
 from sim_hw.firmware import words as b
 from sim_hw.firmware.emulator import EmulatorError
 from sim_hw.firmware.output import lose_power, show_inputs, take_outputs
 from sim_hw.firmware.service import BOARD_GONE, PLUG_IN, POWER_OFF, POWER_ON, STOPPED, UNPLUG, serve
-from sim_hw.motion import log_row, move_to, set_current
-from sim_hw.plant import build_sim
+from sim_hw.motion import log_row, set_current
+from sim_hw.plant import begin_log, build_sim, end_log
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -50,10 +49,7 @@ def set_up(config: Config, script: Script, plant_name: str, board: Board) -> Sim
     s[b.DAC_BITS], s[b.FULL_SCALE_UA] = board.dac_bits, round(board.full_scale_A * 1e6)
     s[b.VERSION] = -1 if script.wrong_version is None else script.wrong_version
     s[b.FRAMED] = int(len(script.faults) > 0)
-    start = int(s[w.START_NS])
-    log_row(sim, start, log.START, 0, 0)
-    if script.wrong_version is not None:
-        log_row(sim, start, log.FAULT_INJECTED, kinds.WRONG_VERSION, -1)
+    begin_log(sim, script)
     return sim
 
 
@@ -88,7 +84,4 @@ def run_bench(sim: Sim, emulator: Emulator, port: Port) -> None:
     take_outputs(sim, lines, now)
     emulator.power_off()
     set_current(sim, now, 0.0)
-    # The log ends when the last command has reached the motor.
-    end = now + math.ceil(sim.f[kernel.LAG_NS])
-    move_to(sim, end)
-    log_row(sim, end, log.END, 0, 0)
+    end_log(sim, now)

@@ -11,11 +11,21 @@ from hapticd.jit import atomic_load, njit
 from sim_hw import kinds, log
 from sim_hw import layout as w
 from sim_hw.clock import POLLHUP, POLLIN, monotonic_ns, pollfd, returned_events, wait_readable
-from sim_hw.faults import begin_fault, corrupt, fault_due_ns, frame_fate, next_fault, random_bits
+from sim_hw.faults import (
+    begin_fault,
+    corrupt,
+    fault_due_ns,
+    fault_end_ns,
+    frame_fate,
+    hold_back,
+    next_event_ns,
+    next_fault,
+    random_bits,
+)
 from sim_hw.firmware import words as b
 from sim_hw.firmware.output import show_inputs, take_outputs
 from sim_hw.firmware.words import LINES, Lines
-from sim_hw.held import hold, next_held, release, take
+from sim_hw.held import next_held, release, take
 from sim_hw.layout import BYTES, I64, SIM, Sim
 from sim_hw.motion import end_sample, log_row
 from sim_hw.serial_board.framing import LONGEST_FRAME, decode, encode
@@ -54,11 +64,7 @@ def _decide(sim: Sim, lines: Lines, raw: NDArray[Any], size: int, frame: int, ns
         corrupt(sim, raw, size - 1)
     copies = 2 if fate & kinds.DUPLICATED else 1
     for _ in range(copies):
-        if fate & kinds.REORDERED:
-            hold(sim, w.FAR_NS, frame, raw, size)
-        elif delay > 0:
-            hold(sim, ns + delay, frame, raw, size)
-        else:
+        if not hold_back(sim, fate, ns + delay, frame, raw, size, ns):
             _pass_on(sim, lines, raw, size, frame, ns)
             release(sim, frame, ns)
 
@@ -121,8 +127,7 @@ def _begin(sim: Sim, lines: Lines) -> int:
     """The next fault falls due; the service's reason to return, or STOPPED to go on."""
     row = next_fault(sim)
     due = fault_due_ns(sim, row)
-    duration = sim.faults[row, w.FAULT_DURATION_NS]
-    until = w.FAR_NS if duration == w.FAR_NS else due + duration
+    until = fault_end_ns(sim, row, due)
     kind = begin_fault(sim, row)
     if kind == kinds.GARBAGE:
         size = min(sim.faults[row, w.FAULT_SIZE], b.BUFFER_BYTES)
@@ -143,14 +148,7 @@ def _begin(sim: Sim, lines: Lines) -> int:
 @njit(I64(SIM), counted=False)
 def _next_due_ns(sim: Sim) -> int:
     """Instant of the next thing that happens without either side: FAR_NS for none."""
-    due = min(sim.s[b.OFF_UNTIL_NS], sim.s[b.PLUG_IN_NS])
-    slot = next_held(sim)
-    if slot >= 0:
-        due = min(due, sim.held[slot, w.HELD_DUE_NS])
-    row = next_fault(sim)
-    if row >= 0:
-        due = min(due, fault_due_ns(sim, row))
-    return due
+    return min(sim.s[b.OFF_UNTIL_NS], sim.s[b.PLUG_IN_NS], next_event_ns(sim))
 
 
 @njit(I64(SIM, LINES, I64), counted=False)

@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import math
 import time
 from typing import TYPE_CHECKING
 
 from hapticd.config import ConfigError, Problem
-from hapticd.plant import kernel
-from sim_hw import kinds, log
 from sim_hw import layout as w
-from sim_hw.motion import log_row, move_to
-from sim_hw.plant import build_sim
+from sim_hw import log
+from sim_hw.motion import log_row
+from sim_hw.plant import begin_log, build_sim, end_log
 from sim_hw.serial_board import words as b
 from sim_hw.serial_board.board import disable
 from sim_hw.serial_board.service import STOPPED, UNPLUG, serve
@@ -58,9 +56,7 @@ def switch_on(config: Config, script: Script, plant_name: str, *, line_baud: int
     s[b.VERSION] = PROTOCOL_VERSION if script.wrong_version is None else script.wrong_version
     s[b.POWER_UP_NS] = s[w.START_NS]
     s[b.BYTE_NS] = round(_BITS_PER_BYTE * 1e9 / line_baud) if line_baud else 0
-    log_row(sim, int(s[w.START_NS]), log.START, 0, 0)
-    if script.wrong_version is not None:
-        log_row(sim, int(s[w.START_NS]), log.FAULT_INJECTED, kinds.WRONG_VERSION, -1)
+    begin_log(sim, script)
     return sim
 
 
@@ -79,7 +75,4 @@ def run_board(sim: Sim, port: Port) -> None:
         log_row(sim, time.monotonic_ns(), log.STATE, int(sim.s[b.STATUS]), detail)
     now = time.monotonic_ns()
     disable(sim, now, b.OFF_COMMAND)
-    # The log ends when the last command has reached the motor.
-    end = now + math.ceil(sim.f[kernel.LAG_NS])
-    move_to(sim, end)
-    log_row(sim, end, log.END, 0, 0)
+    end_log(sim, now)

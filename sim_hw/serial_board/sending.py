@@ -7,8 +7,8 @@ from numba import types
 from hapticd.jit import njit
 from sim_hw import kinds
 from sim_hw import layout as w
-from sim_hw.faults import corrupt, frame_fate, random_bits
-from sim_hw.held import hold, release
+from sim_hw.faults import corrupt, frame_fate, hold_back, random_bits
+from sim_hw.held import release
 from sim_hw.layout import I64, SIM, Sim
 from sim_hw.serial_board import words as b
 from sim_hw.serial_board.framing import encode
@@ -46,11 +46,7 @@ def send(sim: Sim, line: Line, length: int, ns: int) -> bool:
         sim.s[b.SENDING_UNTIL_NS] = due
     copies = 2 if fate & kinds.DUPLICATED else 1
     for _ in range(copies):
-        if fate & kinds.REORDERED:
-            hold(sim, w.FAR_NS, kinds.REPLY, line.wire, size)
-        elif due > ns:
-            hold(sim, due, kinds.REPLY, line.wire, size)
-        else:
+        if not hold_back(sim, fate, due, kinds.REPLY, line.wire, size, ns):
             put_on_line(sim, line, size, ns)
     return fate & (kinds.CORRUPTED | kinds.REORDERED) == 0
 

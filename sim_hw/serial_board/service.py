@@ -8,8 +8,17 @@ from hapticd.jit import atomic_load, njit
 from sim_hw import kinds, log
 from sim_hw import layout as w
 from sim_hw.clock import POLLHUP, POLLIN, monotonic_ns, pollfd, returned_events, wait_readable
-from sim_hw.faults import begin_fault, corrupt, fault_due_ns, frame_fate, next_fault
-from sim_hw.held import hold, next_held, release, take
+from sim_hw.faults import (
+    begin_fault,
+    corrupt,
+    fault_due_ns,
+    fault_end_ns,
+    frame_fate,
+    hold_back,
+    next_event_ns,
+    next_fault,
+)
+from sim_hw.held import next_held, release, take
 from sim_hw.layout import I64, SIM, Sim
 from sim_hw.motion import log_row, move_to
 from sim_hw.serial_board import words as b
@@ -54,11 +63,7 @@ def _receive(sim: Sim, line: Line, ns: int) -> None:
     due = max(ns, sim.s[b.RECEIVING_UNTIL_NS]) + delay
     copies = 2 if fate & kinds.DUPLICATED else 1
     for _ in range(copies):
-        if fate & kinds.REORDERED:
-            hold(sim, w.FAR_NS, frame, line.raw, size)
-        elif due > ns:
-            hold(sim, due, frame, line.raw, size)
-        else:
+        if not hold_back(sim, fate, due, frame, line.raw, size, ns):
             _act(sim, line, length, ns)
             release(sim, frame, ns)
 
@@ -95,8 +100,7 @@ def _begin(sim: Sim, line: Line) -> int:
     """The next fault falls due; the service's reason to return, or STOPPED to go on."""
     row = next_fault(sim)
     due = fault_due_ns(sim, row)
-    duration = sim.faults[row, w.FAULT_DURATION_NS]
-    until = w.FAR_NS if duration == w.FAR_NS else due + duration
+    until = fault_end_ns(sim, row, due)
     kind = begin_fault(sim, row)
     if kind == kinds.GARBAGE:
         send_garbage(sim, line, sim.faults[row, w.FAULT_SIZE])
@@ -113,14 +117,7 @@ def _begin(sim: Sim, line: Line) -> int:
 @njit(I64(SIM), counted=False)
 def _next_due_ns(sim: Sim) -> int:
     """Instant of the next thing that happens without the host: FAR_NS for none."""
-    due = min(sim.s[b.WATCHDOG_DUE_NS], sim.s[b.RESET_UNTIL_NS], sim.s[b.PLUG_IN_NS])
-    slot = next_held(sim)
-    if slot >= 0:
-        due = min(due, sim.held[slot, w.HELD_DUE_NS])
-    row = next_fault(sim)
-    if row >= 0:
-        due = min(due, fault_due_ns(sim, row))
-    return due
+    return min(sim.s[b.WATCHDOG_DUE_NS], sim.s[b.RESET_UNTIL_NS], sim.s[b.PLUG_IN_NS], next_event_ns(sim))
 
 
 @njit(I64(SIM, LINE, I64), counted=False)
