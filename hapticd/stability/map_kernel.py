@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions, propagate, step, time_and_way_to_rest
+from hapticd.stability.outcome import RISE_TOLERANCE, STRETCHES
 
 FloatArray = NDArray[np.float64]
 
@@ -35,10 +36,19 @@ HORIZON: Final = 4
 
 #: Position in ticks at which a run ends as grown, if growth was not proven before.
 LIMIT: Final = 1e9
-#: Rise of the energy, relative to it, that counts as rounding (as in `hapticd.stability.outcome`).
-RISE_TOLERANCE: Final = 1e-9
-#: Stretches into which the second half of a run is cut.
-STRETCHES: Final = 6
+
+#: Where a point is and its motion starts, ticks and ticks per period; `threshold` is that of `escape.Escape.threshold`.
+START: Final = np.dtype([(name, "f8") for name in ("beta", "sigma", "xi", "xi_dot", "threshold")])
+
+#: What became of it: `reason` and `cycle` (periods, 0: none found) as in `run_point`, where it ended, half of peak to peak
+#: in ticks (0 at rest, infinite when it left) and ω in rad per period of what stays in motion.
+END: Final = np.dtype(
+    [
+        *((name, "i8") for name in ("reason", "periods", "cycle", "rose")),
+        *((name, "f8") for name in ("xi", "xi_dot", "amplitude", "omega")),
+        ("peaks", "f8", STRETCHES),
+    ]
+)
 
 # Escape and limit are looked at once in so many periods; a power of two.
 _LOOK = 64
@@ -79,42 +89,29 @@ def _resting_place(ring: FloatArray, x: float, v: float, mu: float, beta: float,
 @njit()
 def run_point(
     mu: float,
-    beta: float,
-    sigma: float,
     tau_d: float,
-    xi: float,
-    xi_dot: float,
+    start: Any,
     periods: int,
     early: bool,
-    threshold: float,
-    w_real: FloatArray,
-    w_imaginary: FloatArray,
+    growth: FloatArray,
     ring: FloatArray,
     saved: FloatArray,
     peaks: FloatArray,
 ) -> tuple[int, int, int, bool, float, float]:
-    """Run one point.
+    """Run one point of μ and τ_D, p commands under way; no force acts before the first of them arrives.
 
     Args:
-        mu: inertia μ.
-        beta: viscous friction β.
-        sigma: Coulomb friction σ.
-        tau_d: delay τ_D.
-        xi: initial position in ticks.
-        xi_dot: initial velocity in ticks per period; no force acts before the first command arrives.
-        periods: the horizon.
+        start: of `START`. periods: the horizon.
         early: end when the fate is certain; otherwise only at the limit and the horizon.
-        threshold: of the escape test, see `hapticd.stability.escape.Escape.threshold`.
-        w_real: (2 + p,) real part of its eigenvector, p commands under way.
-        w_imaginary: (2 + p,) imaginary part.
+        growth: (2, 2 + p) eigenvector of `hapticd.stability.escape.Escape`, real and imaginary part.
         ring: (p,) work space; holds the commands under way at the end, the oldest at ``periods run modulo p``.
-        saved: (p,) work space.
-        peaks: (STRETCHES,) out: largest energy in each stretch of the second half of the horizon.
+        saved: (p,) work space. peaks: (STRETCHES,) out: largest energy in each stretch of the horizon's second half.
 
     Returns:
         reason, periods run, cycle length in periods (0 if none was found), whether energy ever rose, ξ, ξ̇ (at rest: of the
         resting place, even if it is reached later).
     """
+    beta, sigma = start.beta, start.sigma
     whole = math.floor(tau_d)
     fraction = tau_d - whole
     rest = 1.0 - fraction
@@ -128,10 +125,10 @@ def run_point(
     edge, stretch = half, -1
     peak, last = 0.0, np.inf
     rose = False
-    x, v = xi, xi_dot
+    x, v = start.xi, start.xi_dot
     reference, next_reference = 0, 1
     x_saved, v_saved = np.nan, np.nan
-    limit2 = threshold * threshold
+    limit2 = start.threshold * start.threshold
     h = 0
     while h < periods:
         if early:
@@ -155,11 +152,11 @@ def run_point(
                 stop = _resting_place(ring, x, v, mu, beta, sigma)
                 if stop == stop:
                     return REST, h, 0, rose, stop, 0.0
-                real = w_real[0] * x + w_real[1] * v
-                imaginary = w_imaginary[0] * x + w_imaginary[1] * v
+                real = growth[0, 0] * x + growth[0, 1] * v
+                imaginary = growth[1, 0] * x + growth[1, 1] * v
                 for k in range(pending):
-                    real += w_real[2 + k] * ring[(slot + k) % pending]
-                    imaginary += w_imaginary[2 + k] * ring[(slot + k) % pending]
+                    real += growth[0, 2 + k] * ring[(slot + k) % pending]
+                    imaginary += growth[1, 2 + k] * ring[(slot + k) % pending]
                 if real * real + imaginary * imaginary > limit2:
                     return ESCAPED, h, 0, rose, x, v
         if h == edge:
@@ -247,52 +244,23 @@ def turning_point(x: float, v: float, force: float, mu: float, beta: float, sigm
 
 @njit()
 def run_points(
-    mu: float,
-    tau_d: float,
-    xi: FloatArray,
-    xi_dot: FloatArray,
-    beta: FloatArray,
-    sigma: FloatArray,
-    periods: int,
-    early: bool,
-    threshold: FloatArray,
-    w_real: FloatArray,
-    w_imaginary: FloatArray,
-    whole_numbers: NDArray[Any],
-    real_numbers: FloatArray,
-    peaks: FloatArray,
+    mu: float, tau_d: float, starts: Any, periods: int, early: bool, growth: NDArray[Any], ends: Any
 ) -> None:
-    """Run (n,) points of one μ and τ_D and measure what stays in motion; arrays as in `run_point`, one row a point.
+    """Run (n,) points of one μ and τ_D, as `run_point` does, and measure what stays in motion.
 
     Args:
-        mu: inertia μ.
-        tau_d: delay τ_D.
-        xi: (n,) initial positions.
-        xi_dot: (n,) initial velocities.
-        beta: (n,).
-        sigma: (n,).
-        periods: the horizon.
-        early: end when the fate is certain.
-        threshold: (n,).
-        w_real: (n, 2 + p).
-        w_imaginary: (n, 2 + p).
-        whole_numbers: (n, 4) int64 out: reason, periods run, cycle length, whether energy rose.
-        real_numbers: (n, 4) out: ξ, ξ̇ at the end, amplitude, ω.
-        peaks: (n, STRETCHES) out.
+        starts: (n,) of `START`. growth: (n, 2, 2 + p). ends: (n,) of `END`, filled.
     """
     pending = math.floor(tau_d) + 1
     ring, saved = np.zeros(pending), np.zeros(pending)
-    for i in range(beta.size):
-        reason, done, cycle, rose, x, v = run_point(
-            mu, beta[i], sigma[i], tau_d, xi[i], xi_dot[i], periods, early,
-            threshold[i], w_real[i], w_imaginary[i], ring, saved, peaks[i],
-        )  # fmt: skip
-        whole_numbers[i, 0], whole_numbers[i, 1], whole_numbers[i, 2] = reason, done, cycle
-        whole_numbers[i, 3] = int(rose)
+    for i in range(len(starts)):
+        start, end = starts[i], ends[i]
+        reason, done, cycle, rose, x, v = run_point(mu, tau_d, start, periods, early, growth[i], ring, saved, end.peaks)
         amplitude, omega = 0.0, 0.0
         if reason in (RECURRED, HORIZON):
             window = cycle if cycle else max(periods // (2 * STRETCHES), 1)
-            amplitude, omega = measure(mu, beta[i], sigma[i], tau_d, x, v, window, ring, done % pending)
+            amplitude, omega = measure(mu, start.beta, start.sigma, tau_d, x, v, window, ring, done % pending)
         elif reason != REST:
             amplitude = np.inf
-        real_numbers[i, 0], real_numbers[i, 1], real_numbers[i, 2], real_numbers[i, 3] = x, v, amplitude, omega
+        end.reason, end.periods, end.cycle, end.rose = reason, done, cycle, rose
+        end.xi, end.xi_dot, end.amplitude, end.omega = x, v, amplitude, omega

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from hapticd.stability import map_kernel as kernel
 from hapticd.stability.escape import Escape, escape
-from hapticd.stability.outcome import TREND_TOLERANCE, decide
+from hapticd.stability.outcome import STRETCHES, TREND_TOLERANCE, decide
 from hapticd.stability.storage import FloatArray
 
 #: Outcomes in the order of their codes.
@@ -93,7 +93,7 @@ class Study:
         for name, value in positive.items():
             if not 0.0 < value < math.inf:
                 raise ValueError(f"{name} must be above zero, got {value!r}")
-        for name, least in (("beta_count", 1), ("sigma_count", 1), ("periods", 2 * kernel.STRETCHES)):
+        for name, least in (("beta_count", 1), ("sigma_count", 1), ("periods", 2 * STRETCHES)):
             if getattr(self, name) < least:
                 raise ValueError(f"{name} must be at least {least}, got {getattr(self, name)!r}")
         for name in ("delays", "velocities"):
@@ -236,30 +236,15 @@ def run_points(
         if value not in loops:
             loops[value] = escape(mu, value, tau_d)
     linear = [loops[value] for value in beta.tolist()]
-    threshold = np.array([loop.threshold(s) for loop, s in zip(linear, sigma.tolist(), strict=True)])
-    whole = np.zeros((beta.size, 4), np.int64)
-    real = np.zeros((beta.size, 4))
-    peaks = np.zeros((beta.size, kernel.STRETCHES))
-    kernel.run_points(
-        mu,
-        tau_d,
-        np.zeros(beta.size) if xi is None else xi,
-        xi_dot,
-        beta,
-        sigma,
-        periods,
-        early,
-        threshold,
-        np.array([loop.real for loop in linear]).reshape(beta.size, -1),
-        np.array([loop.imaginary for loop in linear]).reshape(beta.size, -1),
-        whole,
-        real,
-        peaks,
-    )
+    starts, ends = np.zeros(beta.size, kernel.START), np.zeros(beta.size, kernel.END)
+    starts["beta"], starts["sigma"], starts["xi"], starts["xi_dot"] = beta, sigma, 0.0 if xi is None else xi, xi_dot
+    starts["threshold"] = [loop.threshold(s) for loop, s in zip(linear, sigma.tolist(), strict=True)]
+    growth = np.array([(loop.real, loop.imaginary) for loop in linear]).reshape(beta.size, 2, -1)
+    kernel.run_points(mu, tau_d, starts, periods, early, growth, ends)
     points = np.zeros(beta.size, POINT)
-    points["reason"], points["periods"], points["cycle"] = whole[:, 0], whole[:, 1], whole[:, 2]
-    points["xi"], points["xi_dot"], points["amplitude"], points["omega"] = real.T
-    rose, reason = whole[:, 3], whole[:, 0]
+    for name in ("reason", "periods", "cycle", "xi", "xi_dot", "amplitude", "omega"):
+        points[name] = ends[name]
+    rose, reason, peaks = ends["rose"], ends["reason"], ends["peaks"]
     points["outcome"] = np.select(
         [reason == kernel.REST, reason == kernel.RECURRED], [np.where(rose, DECAYING, MONOTONE), PERSISTENT], GROWING
     )

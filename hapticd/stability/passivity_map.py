@@ -22,9 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.stability.damping import Damper, passive_beta
-from hapticd.stability.maps import Study
+from hapticd.stability.maps import GROWING, PERSISTENT, Study
 from hapticd.stability.numbers import Dimensionless
-from hapticd.stability.sampled_loop import GROWING, LOOP, PERSISTENT, run_loops
+from hapticd.stability.sampled_loop import LOOP, run_loops
 
 #: Counts a tick: the coarsest encoder, and the paper's decimation.
 COUNTS: Final = (1, 217)

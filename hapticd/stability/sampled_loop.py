@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 
 from hapticd.jit import njit
 from hapticd.plant.spring import propagate_with_stiffness
-from hapticd.stability.map_kernel import LIMIT, RISE_TOLERANCE, STRETCHES, energy
-from hapticd.stability.maps import OUTCOMES
-from hapticd.stability.outcome import Outcome, decide
+from hapticd.stability.map_kernel import LIMIT, energy
+from hapticd.stability.maps import OUTCOMES, PERSISTENT
+from hapticd.stability.outcome import RISE_TOLERANCE, STRETCHES, Outcome, decide
 from hapticd.stability.passivity import dissipating_force, spring_potential
 
 if TYPE_CHECKING:
@@ -75,7 +75,6 @@ RUN: Final = np.dtype(
 )
 
 REST, VANISHED, LEFT, HORIZON = range(4)
-MONOTONE, DECAYING, PERSISTENT, GROWING = range(4)
 _VANISHED = 1e-12
 #: Ticks within which a motion that goes on is a creep.
 _CREEP = 1e-9

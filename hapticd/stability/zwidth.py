@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from hapticd.config import Config
 from hapticd.stability.damping import damper_from_config, passive_beta
+from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
-from hapticd.stability.sampled_loop import GROWING, LOOP, PERSISTENT, run_loops
+from hapticd.stability.sampled_loop import LOOP, run_loops
 from hapticd.stability.storage import FloatArray
 
 #: Whether the loop sees ticks, whether the device has Coulomb friction.

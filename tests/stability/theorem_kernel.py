@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions, step
-from hapticd.stability.map_kernel import RISE_TOLERANCE, STRETCHES, energy, run_point
+from hapticd.stability.map_kernel import START, energy, run_point
+from hapticd.stability.outcome import RISE_TOLERANCE, STRETCHES
 
 FloatArray = NDArray[np.float64]
 
@@ -126,14 +127,16 @@ def check_all(
         extremes: (n, 3) out: largest speed, largest acceleration, largest relative change of energy in a period.
         peaks: (n, STRETCHES) out, see `map_kernel.run_point`.
     """
+    starts = np.zeros(mu.size, START)
     for i in range(mu.size):
         pending = math.floor(tau_d[i]) + 1
-        ring, saved, no_escape = np.zeros(pending), np.zeros(pending), np.zeros(2 + pending)
+        ring, saved, no_escape = np.zeros(pending), np.zeros(pending), np.zeros((2, 2 + pending))
         check_one(mu[i], beta[i], sigma[i], tau_d[i], xi[i], xi_dot[i], periods, ring, counts[i], extremes[i])
+        start = starts[i]
+        start.beta, start.sigma, start.xi, start.xi_dot, start.threshold = beta[i], sigma[i], xi[i], xi_dot[i], np.inf
         reason, _, _, rose, _, _ = run_point(
-            mu[i], beta[i], sigma[i], tau_d[i], xi[i], xi_dot[i], fate_periods, True,
-            np.inf, no_escape, no_escape, ring, saved, peaks[i],
-        )  # fmt: skip
+            mu[i], tau_d[i], start, fate_periods, True, no_escape, ring, saved, peaks[i]
+        )
         counts[i, REASON], counts[i, ROSE] = reason, int(rose)
 
 
