@@ -61,19 +61,16 @@ def doctor(
         raise UsageError("--current goes with --device")
     from hapticd.doctor import examine
 
-    found = examine(resolved)
-    output.emit(found.document(), as_json, describe(found))
-    return exits.DONE if found.fit else exits.NO
+    return _report(examine(resolved), as_json)
 
 
 def _bring_up(config: Config, current: float | None, as_json: bool) -> int:
     if config.driver.name != "serial_dac":
         raise UsageError(f"driver.name = {config.driver.name}: --device brings up serial boards, driver serial_dac")
-    from hapticd.doctor.board import bring_up
+    from hapticd.doctor.board import bring_up, histogram
 
     found = bring_up(config, _Terminal(), current)
-    output.emit(found.document(), as_json, describe_board(found))
-    return exits.DONE if found.fit else exits.NO
+    return _report(found, as_json, [*histogram(found.round_trip_us), ""])
 
 
 class _Terminal:
@@ -96,17 +93,9 @@ class _Terminal:
             print(text, end="", file=sys.stderr, flush=True)
 
 
-def describe_board(found: BringUp) -> str:
-    """The report of a board."""
-    from hapticd.doctor.board import histogram
-
-    lines = _lines(found.findings)
-    return "\n".join([*lines, "", *histogram(found.round_trip_us), "", found.verdict])
-
-
-def describe(found: Examination) -> str:
-    """The report."""
-    return "\n".join([*_lines(found.findings), "", found.verdict])
+def _report(found: Examination | BringUp, as_json: bool, more: Sequence[str] = ()) -> int:
+    output.emit(found.document(), as_json, "\n".join([*_lines(found.findings), "", *more, found.verdict]))
+    return exits.DONE if found.fit else exits.NO
 
 
 def _lines(findings: Sequence[Finding]) -> list[str]:

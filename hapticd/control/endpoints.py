@@ -8,20 +8,20 @@ Plain standard library, so that ``hapticd --help`` stays quick: pydantic is impo
 
 import functools
 import inspect
-import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, Final, Literal, ParamSpec, TypeVar, cast
 
-from annotated_types import Ge, Gt, Le, Len
+from annotated_types import Ge, Le, Len
+
+from hapticd.control.fields import Force, PathText, Positive, Rule, Seconds, Setting, absolute
 
 JsonDict = dict[str, Any]
 Queue = Literal["query", "command", "stop", "estop"]
 P = ParamSpec("P")
 R = TypeVar("R")
 
-LONGEST_DURATION_S: Final = 3600.0
 TEXT: Final = "text"
 """Reply of an endpoint that answers with plain text."""
 _ERRORS: Final[dict[Queue, tuple[int, ...]]] = {
@@ -128,55 +128,6 @@ def endpoint_of(method: Callable[..., Any]) -> Endpoint:
 def declared(owner: type) -> list[Endpoint]:
     """The endpoints of a class, in the order of its text."""
     return [endpoint_of(value) for value in vars(owner).values() if hasattr(value, _MARK)]
-
-
-class Rule:
-    """A check of one value that its type does not make; pydantic asks for it by the names of the two methods.
-
-    Args:
-        check: takes the value and returns it; raises ValueError with what would be right.
-        json_type: JSON Schema of what it takes, if not that of the type.
-    """
-
-    def __init__(self, check: Callable[[Any], Any], json_type: JsonDict | None = None) -> None:
-        self.check, self.json_type = check, json_type
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        from pydantic_core import PydanticCustomError, core_schema
-
-        def checked(value: Any) -> Any:
-            try:
-                return self.check(value)
-            except ValueError as error:
-                raise PydanticCustomError("rule", str(error)) from None
-
-        return core_schema.no_info_after_validator_function(checked, handler(source))
-
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> JsonDict:
-        return self.json_type or handler(schema)
-
-
-def _scalar(value: Any) -> Any:
-    """What a YAML scalar can be."""
-    if isinstance(value, float) and not math.isfinite(value):
-        raise ValueError("input should be a finite number")
-    if value is not None and not isinstance(value, bool | int | float | str):
-        raise ValueError("input should be a number, text, true, false or null")
-    return value
-
-
-def _absolute(path: str | None) -> str | None:
-    if path is not None and not path.startswith("/"):
-        raise ValueError("the daemon has a working directory of its own: give an absolute path")
-    return path
-
-
-_SCALARS: Final = {"anyOf": [{"type": name} for name in ("boolean", "integer", "number", "string", "null")]}
-Setting = Annotated[Any, Rule(_scalar, _SCALARS)]
-PathText = Annotated[str, Len(1, 4096)]
-Positive = Annotated[float, Gt(0)]
-Seconds = Annotated[float, Gt(0), Le(LONGEST_DURATION_S)]
-Force = Annotated[bool, "Go on although theory says that the motion does not die out; noted in log and run."]
 
 
 class Endpoints:
@@ -333,7 +284,7 @@ class Endpoints:
     def record_start(
         self,
         path: Annotated[
-            PathText | None, Rule(_absolute), "Absolute path of a new run file. Default: a new one in record.directory."
+            PathText | None, Rule(absolute), "Absolute path of a new run file. Default: a new one in record.directory."
         ] = None,
     ) -> JsonDict:
         """Start recording every tick.

@@ -10,12 +10,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from drivers.serial_dac import messages
 from hapticd.doctor.board_session import REPLY_S, Board, NoReplyError, opened
-from hapticd.doctor.finding import Finding, Level
+from hapticd.doctor.finding import Finding, Findings, Level
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -51,40 +51,25 @@ class Person(Protocol):
 
 
 @dataclass(frozen=True)
-class BringUp:
+class BringUp(Findings):
     """What was found; ``round_trip_us`` in the order of measurement."""
 
-    findings: tuple[Finding, ...]
-    round_trip_us: tuple[float, ...] = field(default=())
-
-    @property
-    def fit(self) -> bool:
-        """Nothing found that keeps the board from being driven as configured."""
-        return all(finding.level is not Level.BAD for finding in self.findings)
+    round_trip_us: tuple[float, ...] = ()
 
     @property
     def verdict(self) -> str:
         """One sentence."""
-        bad = [finding.name for finding in self.findings if finding.level is Level.BAD]
-        left = [finding.name for finding in self.findings if finding.level is Level.NOTE]
-        if bad:
-            return f"Not fit to be driven: {', '.join(bad)}."
-        if left:
-            return f"Nothing wrong; look again at: {', '.join(left)}."
+        if not self.fit:
+            return f"Not fit to be driven: {self.named(Level.BAD)}."
+        if left := self.named(Level.NOTE):
+            return f"Nothing wrong; look again at: {left}."
         return "Fit to be driven. 'hapticd check' says what the theory thinks of the spring."
 
     def document(self) -> dict[str, Any]:
         """The JSON form."""
         p50, p99, largest = (percentile(self.round_trip_us, fraction) for fraction in (0.5, 0.99, 1.0))
-        return {
-            "fit": self.fit,
-            "verdict": self.verdict,
-            "round_trip_us": {"p50": p50, "p99": p99, "max": largest, "exchanges": len(self.round_trip_us)},
-            "findings": [
-                {"name": one.name, "level": one.level.value, "found": one.found, "matters": one.matters, "fix": one.fix}
-                for one in self.findings
-            ],
-        }
+        times = {"p50": p50, "p99": p99, "max": largest, "exchanges": len(self.round_trip_us)}
+        return {"fit": self.fit, "verdict": self.verdict, "round_trip_us": times, "findings": self.listed()}
 
 
 def percentile(values: Sequence[float], fraction: float) -> float | None:

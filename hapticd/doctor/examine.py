@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from hapticd.doctor import kernel, processors, storage
 from hapticd.doctor.device import device
-from hapticd.doctor.finding import Finding, Level, Machine
+from hapticd.doctor.finding import Finding, Findings, Level, Machine
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -21,48 +21,24 @@ CHECKS: Final[tuple[Callable[[Machine, Config], Finding], ...]] = (
 
 
 @dataclass(frozen=True)
-class Examination:
+class Examination(Findings):
     """What ``hapticd doctor`` found."""
 
     rate_hz: float
-    findings: tuple[Finding, ...]
-
-    @property
-    def fit(self) -> bool:
-        """Nothing found that keeps the loop from running as configured."""
-        return all(finding.level is not Level.BAD for finding in self.findings)
 
     @property
     def verdict(self) -> str:
         """One sentence."""
-        rate = f"{self.rate_hz:g} Hz"
-        bad = [finding.name for finding in self.findings if finding.level is Level.BAD]
-        notes = [finding.name for finding in self.findings if finding.level is Level.NOTE]
-        if bad:
-            return f"Not fit for {rate}: {', '.join(bad)}."
+        rate, notes = f"{self.rate_hz:g} Hz", self.named(Level.NOTE)
+        if not self.fit:
+            return f"Not fit for {rate}: {self.named(Level.BAD)}."
         if notes:
-            return (
-                f"Fit for {rate}, with late ticks to expect from: {', '.join(notes)}. 'hapticd latency' measures them."
-            )
+            return f"Fit for {rate}, with late ticks to expect from: {notes}. 'hapticd latency' measures them."
         return f"Fit for {rate}. 'hapticd latency' says how late it is."
 
     def document(self) -> dict[str, Any]:
         """The JSON form."""
-        return {
-            "fit": self.fit,
-            "verdict": self.verdict,
-            "rate_hz": self.rate_hz,
-            "findings": [
-                {
-                    "name": finding.name,
-                    "level": finding.level.value,
-                    "found": finding.found,
-                    "matters": finding.matters,
-                    "fix": finding.fix,
-                }
-                for finding in self.findings
-            ],
-        }
+        return {"fit": self.fit, "verdict": self.verdict, "rate_hz": self.rate_hz, "findings": self.listed()}
 
 
 def examine(config: Config, machine: Machine | None = None) -> Examination:
@@ -70,4 +46,4 @@ def examine(config: Config, machine: Machine | None = None) -> Examination:
     machine = machine or Machine()
     findings = [check(machine, config) for check in CHECKS]
     findings += device(machine, config)
-    return Examination(config.servo.rate_hz, tuple(findings))
+    return Examination(tuple(findings), config.servo.rate_hz)

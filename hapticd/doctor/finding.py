@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 
-class Level(enum.Enum):
+class Level(enum.StrEnum):
     """Whether what was found matters at the configured rate."""
 
     GOOD = "good"
@@ -28,6 +29,26 @@ class Finding:
     """Why, and at which rate."""
     fix: str = ""
     """The command that repairs it."""
+
+
+@dataclass(frozen=True)
+class Findings:
+    """What was found, line by line."""
+
+    findings: tuple[Finding, ...]
+
+    @property
+    def fit(self) -> bool:
+        """Nothing found that keeps the rig from running as configured."""
+        return not self.named(Level.BAD)
+
+    def named(self, level: Level) -> str:
+        """The names of the findings of a level, with commas."""
+        return ", ".join(finding.name for finding in self.findings if finding.level is level)
+
+    def listed(self) -> list[dict[str, Any]]:
+        """The JSON form of the lines."""
+        return [asdict(finding) for finding in self.findings]
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,6 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import drivers
-from drivers import DriverError
 from hapticd.config import Config, apply_settings, config_digest, load_config
 from hapticd.control.endpoints import Endpoints, JsonDict
 from hapticd.record import RecordingError
@@ -27,12 +25,13 @@ from hapticd.service.notify import Notifier, TickWatchdog
 from hapticd.service.recent import RecentTiming
 from hapticd.service.reconnect import Reconnector
 from hapticd.service.refusals import DriverFailure, Refused
-from hapticd.service.rendering import ANSWER_S, Rendering, enforce
+from hapticd.service.rendering import ANSWER_S, Rendering
+from hapticd.service.replacement import Replacement
 from hapticd.service.rig import Rig
 from hapticd.service.settings import changed_keys, is_live
-from hapticd.servo import atomics, faults
+from hapticd.servo import atomics
 from hapticd.servo import layout as w
-from hapticd.stability.guard import judge, same_loop
+from hapticd.stability.guard import same_loop
 
 if TYPE_CHECKING:
     from drivers.interface import Driver
@@ -57,18 +56,15 @@ class Daemon(Endpoints):
     """
 
     def __init__(self, config: Config, source: str | None, latch: FaultLatch, notifier: Notifier | None = None) -> None:
-        self.dead = False
-        """True when there is no working rig left; the process must end."""
         self._source = source
         self._lock = threading.RLock()
-        self._estops = 0
         self._ending = threading.Event()
         self.live = LiveStream()
-        self._name = latch.name
         self._recent = RecentTiming()
-        self._rendering = Rendering(Rig(config, latch.number, self.live, self._name))
+        self._rendering = Rendering(Rig(config, latch.number, self.live, latch.name))
         self._faults = FaultManager(latch, self._rendering, lambda: source_name(self._source))
         self._experiments = Experiments(self._rendering, self._faults)
+        self._replacement = Replacement(self._rendering, self._faults, self._experiments, self.live, latch.name)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self.rig.core.load(atomics.TICKS))
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self._supervisor.start()
@@ -78,6 +74,11 @@ class Daemon(Endpoints):
     def rig(self) -> Rig:
         """The rig in force."""
         return self._rendering.rig
+
+    @property
+    def dead(self) -> bool:
+        """True when there is no working rig left; the process must end."""
+        return self._replacement.dead
 
     def status(self) -> JsonDict:
         """State, fault, timing, operating point, motion, energies, recorder, experiment."""
@@ -128,10 +129,7 @@ class Daemon(Endpoints):
 
     def estop(self) -> JsonDict:
         """Zero current in the next tick and a latched fault. Takes no lock."""
-        self._estops += 1
-        rig = self.rig
-        rig.core.store(atomics.ESTOP, self._estops)
-        rig.halt()
+        rig = self._replacement.estop()
         if not (rig.wait(lambda: rig.state == w.FAULT, ANSWER_S) and rig.wait_ticks(1)):
             raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
         return self.status()
@@ -204,7 +202,7 @@ class Daemon(Endpoints):
             if not fixed:
                 _, judgement = self._apply_live(config, moves_origin=False, force=force)
             else:
-                judgement = self._replace_rig(config, fixed, force)
+                judgement = self._replacement.with_config(config, fixed, force)
             self._source = source
         log.info("configuration %s reloaded", source_name(source))
         return {**self.status(), "guard": judgement}
@@ -273,67 +271,13 @@ class Daemon(Endpoints):
         rig.guard = self._rendering.admit(config, deflection_of(rig, config, origin) if rendered else None, force=force)
         return rig.guard
 
-    def _replace_rig(self, config: Config, fixed: list[str], force: bool) -> JsonDict:
-        if self.rig.state in (w.READY, w.RUNNING):
-            raise Refused(
-                "restart_needed",
-                f"{', '.join(fixed)}: cannot change while the spring is rendered; 'hapticd stop' first",
-            )
-        self._experiments.cancel()
-        if any(key.startswith("api.") for key in fixed):
-            raise Refused("restart_needed", f"{', '.join(fixed)}: cannot change without a restart of the daemon")
-        try:
-            latency_s = drivers.create(config).latency_s
-        except DriverError as error:
-            raise Refused("driver", f"{error}; the configuration in force stays") from error
-        judgement = enforce(judge(config, latency_s, force=force))
-        old, estops = self.rig, self._estops
-        old.close()
-        try:
-            self._rendering.rig = Rig(
-                config, old.fault_number, self.live, self._name, position_known=old.position_known
-            )
-        except Exception as error:
-            log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
-            with self._faults.lock:
-                self._faults.latch(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
-                try:
-                    self._rendering.rig = Rig(
-                        old.config, faults.RELOAD_FAILED, self.live, self._name, position_known=old.position_known
-                    )
-                except Exception:
-                    log.critical("the old configuration failed too; the daemon ends", exc_info=True)
-                    self.dead = True
-            raise DriverFailure(f"reload failed: {error}") from error
-        self._estop_again(estops)
-        return judgement
-
     def _take_over(self, lost: Rig, driver: Driver) -> None:
-        """The lost device is open again: a new rig on it, with the fault still latched."""
+        """The lost device is open again."""
         with self._lock:
             if self.rig is not lost or self._ending.is_set():
                 driver.close()
-                return
-            estops = self._estops
-            self._experiments.cancel()
-            lost.close()
-            try:
-                fault = lost.fault_number or faults.DRIVER_LOST
-                self._rendering.rig = Rig(lost.config, fault, self.live, self._name, driver, position_known=False)
-            except Exception:
-                log.critical("the device is back, and cannot be used; the daemon ends", exc_info=True)
-                driver.close()
-                self.dead = True
-                return
-            self._estop_again(estops)
-        log.info(
-            "%s is open again; the fault stays until 'hapticd clear', the origin has to be set anew", driver.describe()
-        )
-
-    def _estop_again(self, before: int) -> None:
-        """An estop that came while the rig was replaced is for the new one."""
-        if self._estops != before:
-            self.rig.core.store(atomics.ESTOP, self._estops)
+            else:
+                self._replacement.on_device(lost, driver)
 
 
 def source_name(source: str | None) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
@@ -67,6 +67,12 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
         bodies: path to body model, to name the fields that exist when an unknown one is sent.
     """
 
+    def answer(status: int, code: str, text: str = "") -> Callable[[Request, Exception], Awaitable[Response]]:
+        async def handler(_: Request, error: Exception) -> Response:
+            return error_reply(status, code, text or str(error))
+
+        return handler
+
     async def refused(_: Request, error: Exception) -> Response:
         assert isinstance(error, Refused)
         return error_reply(409, error.code, error.message)
@@ -74,15 +80,6 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
     async def config(_: Request, error: Exception) -> Response:
         assert isinstance(error, ConfigError)
         return error_reply(422, "config", str(error), problems=[asdict(problem) for problem in error.problems])
-
-    async def excitation(_: Request, error: Exception) -> Response:
-        return error_reply(422, "excitation", str(error))
-
-    async def driver(_: Request, error: Exception) -> Response:
-        return error_reply(502, "driver", str(error))
-
-    async def internal(_: Request, error: Exception) -> Response:
-        return error_reply(500, "internal", "the daemon failed inside itself while answering; its log has the details")
 
     async def invalid(request: Request, error: Exception) -> Response:
         assert isinstance(error, RequestValidationError)
@@ -108,9 +105,9 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
     for kind, handler in (
         (Refused, refused),
         (ConfigError, config),
-        (ExcitationError, excitation),
-        (DriverFailure, driver),
-        (Internal, internal),
+        (ExcitationError, answer(422, "excitation")),
+        (DriverFailure, answer(502, "driver")),
+        (Internal, answer(500, "internal", "the daemon failed inside itself while answering; its log has the details")),
         (RequestValidationError, invalid),
         (HTTPException, http),
     ):

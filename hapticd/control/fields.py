@@ -1,0 +1,59 @@
+"""What a field of a request's body may be, beyond its type; pydantic is imported when a body is checked."""
+
+import math
+from collections.abc import Callable
+from typing import Annotated, Any, Final
+
+from annotated_types import Gt, Le, Len
+
+LONGEST_DURATION_S: Final = 3600.0
+
+
+class Rule:
+    """A check of one value that its type does not make; pydantic asks for it by the names of the two methods.
+
+    Args:
+        check: takes the value and returns it; raises ValueError with what would be right.
+        json_type: JSON Schema of what it takes, if not that of the type.
+    """
+
+    def __init__(self, check: Callable[[Any], Any], json_type: dict[str, Any] | None = None) -> None:
+        self.check, self.json_type = check, json_type
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import PydanticCustomError, core_schema
+
+        def checked(value: Any) -> Any:
+            try:
+                return self.check(value)
+            except ValueError as error:
+                raise PydanticCustomError("rule", str(error)) from None
+
+        return core_schema.no_info_after_validator_function(checked, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        return self.json_type or handler(schema)
+
+
+def _scalar(value: Any) -> Any:
+    """What a YAML scalar can be."""
+    if isinstance(value, float) and not math.isfinite(value):
+        raise ValueError("input should be a finite number")
+    if value is not None and not isinstance(value, bool | int | float | str):
+        raise ValueError("input should be a number, text, true, false or null")
+    return value
+
+
+def absolute(path: str | None) -> str | None:
+    """A path that does not depend on where the daemon was started."""
+    if path is not None and not path.startswith("/"):
+        raise ValueError("the daemon has a working directory of its own: give an absolute path")
+    return path
+
+
+_SCALARS: Final = {"anyOf": [{"type": name} for name in ("boolean", "integer", "number", "string", "null")]}
+Setting = Annotated[Any, Rule(_scalar, _SCALARS)]
+PathText = Annotated[str, Len(1, 4096)]
+Positive = Annotated[float, Gt(0)]
+Seconds = Annotated[float, Gt(0), Le(LONGEST_DURATION_S)]
+Force = Annotated[bool, "Go on although theory says that the motion does not die out; noted in log and run."]

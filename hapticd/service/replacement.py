@@ -1,0 +1,116 @@
+"""Another rig in the place of the one in force: for a config that no running rig can take, or for a device that is back."""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING
+
+import drivers
+from drivers import DriverError
+from hapticd.service.refusals import DriverFailure, Refused
+from hapticd.service.rendering import enforce
+from hapticd.service.rig import Rig
+from hapticd.servo import atomics, faults
+from hapticd.servo import layout as w
+from hapticd.stability.guard import judge
+
+if TYPE_CHECKING:
+    from drivers.interface import Driver
+    from hapticd.config import Config
+    from hapticd.control.endpoints import JsonDict
+    from hapticd.service.experiments import Experiments
+    from hapticd.service.fault_manager import FaultManager
+    from hapticd.service.live import LiveStream
+    from hapticd.service.rendering import Rendering
+
+log = logging.getLogger(__name__)
+
+
+class Replacement:
+    """Replaces the rig. Its methods are called with the daemon's lock held, except :meth:`estop`, which needs none.
+
+    Args:
+        rendering: holds the rig in force.
+        live: of every rig. name: of the daemon's segment.
+
+    Attributes:
+        dead: True when there is no working rig left; the process must end.
+    """
+
+    def __init__(
+        self, rendering: Rendering, fault_manager: FaultManager, experiments: Experiments, live: LiveStream, name: str
+    ) -> None:
+        self.dead = False
+        self._rendering, self._faults, self._experiments = rendering, fault_manager, experiments
+        self._live, self._name = live, name
+        self._estops = 0
+
+    def estop(self) -> Rig:
+        """Zero current in the next tick of the rig in force, which is returned, or of the one that is taking its place."""
+        self._estops += 1
+        rig = self._rendering.rig
+        rig.core.store(atomics.ESTOP, self._estops)
+        rig.halt()
+        return rig
+
+    def with_config(self, config: Config, fixed: list[str], force: bool) -> JsonDict:
+        """A rig for a config in which the keys ``fixed`` differ; what the guard says of it.
+
+        Raises:
+            Refused: the spring is rendered, the daemon would have to restart, or no driver or guard for it.
+            DriverFailure: it failed, and the config before it is in force again.
+        """
+        if self._rendering.rig.state in (w.READY, w.RUNNING):
+            raise Refused(
+                "restart_needed",
+                f"{', '.join(fixed)}: cannot change while the spring is rendered; 'hapticd stop' first",
+            )
+        self._experiments.cancel()
+        if any(key.startswith("api.") for key in fixed):
+            raise Refused("restart_needed", f"{', '.join(fixed)}: cannot change without a restart of the daemon")
+        try:
+            latency_s = drivers.create(config).latency_s
+        except DriverError as error:
+            raise Refused("driver", f"{error}; the configuration in force stays") from error
+        judgement = enforce(judge(config, latency_s, force=force))
+        old, estops = self._rendering.rig, self._estops
+        old.close()
+        try:
+            self._put(config, old.fault_number, known=old.position_known)
+        except Exception as error:
+            log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
+            with self._faults.lock:
+                self._faults.latch(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
+                try:
+                    self._put(old.config, faults.RELOAD_FAILED, known=old.position_known)
+                except Exception:
+                    log.critical("the old configuration failed too; the daemon ends", exc_info=True)
+                    self.dead = True
+            raise DriverFailure(f"reload failed: {error}") from error
+        self._estop_again(estops)
+        return judgement
+
+    def on_device(self, lost: Rig, driver: Driver) -> None:
+        """The lost device is open again: a new rig on it, with the fault still latched."""
+        estops = self._estops
+        self._experiments.cancel()
+        lost.close()
+        try:
+            self._put(lost.config, lost.fault_number or faults.DRIVER_LOST, driver, known=False)
+        except Exception:
+            log.critical("the device is back, and cannot be used; the daemon ends", exc_info=True)
+            driver.close()
+            self.dead = True
+            return
+        self._estop_again(estops)
+        log.info(
+            "%s is open again; the fault stays until 'hapticd clear', the origin has to be set anew", driver.describe()
+        )
+
+    def _put(self, config: Config, fault: int, driver: Driver | None = None, *, known: bool) -> None:
+        self._rendering.rig = Rig(config, fault, self._live, self._name, driver, position_known=known)
+
+    def _estop_again(self, before: int) -> None:
+        """An estop that came while the rig was replaced is for the new one."""
+        if self._estops != before:
+            self._rendering.rig.core.store(atomics.ESTOP, self._estops)
