@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from bisect import bisect_left
 from dataclasses import dataclass
 from typing import Any
 
@@ -123,13 +123,4 @@ def _rest(config: Config, case: Case) -> int:
     def stands(periods: int) -> bool:
         return bool(simulate(config, periods / case.rate_hz, deflection=case.deflection).report["at_rest"])
 
-    return _last_without(stands, case.periods)
-
-
-def _last_without(holds: Callable[[int], bool], known: int) -> int:
-    """The largest number for which something does not hold that holds from some number up to `known` on."""
-    low = 0
-    while known - low > 1:
-        middle = (low + known) // 2
-        low, known = (low, middle) if holds(middle) else (middle, known)
-    return low
+    return bisect_left(range(1, case.periods), True, key=stands)

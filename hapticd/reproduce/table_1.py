@@ -7,6 +7,7 @@ from dataclasses import replace
 
 from hapticd.config import apply_settings, load_config
 from hapticd.reproduce.items import Comparison, Item, Options, Progress, Table, compare
+from hapticd.stability.boundary import boundary
 from hapticd.stability.criterion import SAMPLING_FACTOR, mahvash_hayward_margin, sampling_bound_ok, sampling_ratio
 from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config, physical
 
@@ -89,8 +90,4 @@ def _comparisons(loop: Loop) -> list[Comparison]:
 
 
 def _mahvash_hayward() -> float:
-    low, high = 0.5, 8.0
-    while low < (middle := 0.5 * (low + high)) < high:
-        holds = mahvash_hayward_margin(Dimensionless(1.0, middle, 1.0, tau_d=1.0)) >= 0.0
-        low, high = (low, middle) if holds else (middle, high)
-    return high
+    return boundary(lambda beta: mahvash_hayward_margin(Dimensionless(1.0, beta, 1.0, tau_d=1.0)), 8.0, 0.5)

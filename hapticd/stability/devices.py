@@ -12,6 +12,7 @@ from decimal import Decimal
 from typing import Final
 
 from hapticd.stability.numbers import Loop
+from hapticd.stability.tuning import grip_damping
 
 #: The period behind the printed 0.33 ms of Delta and Omega: only 1/3 ms gives their printed μ.
 THIRD_OF_A_MILLISECOND: Final = 1e-3 / 3.0
@@ -181,7 +182,7 @@ def grip_fraction(loop: Loop, hand: Hand = HUMAN_OPERATOR) -> float:
     Returns:
         0 if the device has enough of its own; above 1 if this hand is not enough; infinite for a hand without damping.
     """
-    missing = max(0.0, loop.stiffness * (0.5 * loop.period + loop.delay) - loop.viscous)
+    missing = grip_damping(loop)
     if missing == 0.0:
         return 0.0
     return missing / hand.damping if hand.damping > 0.0 else math.inf
