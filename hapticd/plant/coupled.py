@@ -216,7 +216,7 @@ def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Forces, to: Co
         pull = pull_on(p, x, x + sign * way, sign * mean_speed, on)
         if attempt == 0:
             whole = pull + sign * to.inertia * (to.stiffness * twist + 2.0 * to.damping * twist_rate)
-            span = steady_span(p, speed, whole, on.inertia, span)
+            span = steady_span(p, speed, sign * whole, on.inertia, span)
         a, rate, omega2 = (
             (sign * pull - level) / on.inertia,
             (viscous + on.damping) / on.inertia,

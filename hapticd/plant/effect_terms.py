@@ -194,13 +194,15 @@ def steady_span(p: NDArray[Any], speed: float, pull: float, inertia: float, span
     Args:
         p: device vector.
         speed: present speed ≥ 0.
-        pull: sum of all torques but friction, at present.
+        pull: sum of all torques but friction, at present, along the motion.
         inertia: what moves.
         span: longest duration [s].
     """
     if p[_STRIBECK_S] == 0.0:
         return span
-    largest = (abs(pull) + coulomb_level(p) * (1.0 + p[_STRIBECK_S])) / inertia
+    # While the shaft moves its friction is between that of fast motion and stiction.
+    level = coulomb_level(p)
+    largest = max(abs(pull - level), abs(pull - level * (1.0 + p[_STRIBECK_S]))) / inertia
     if speed - largest * span > _STEADY_REACH * p[_STRIBECK_OMEGA]:
         return span
-    return min(span, STEADY_PART * p[_STRIBECK_OMEGA] / largest)
+    return min(span, STEADY_PART * p[_STRIBECK_OMEGA] / max(largest, 1e-300))

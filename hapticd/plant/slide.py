@@ -130,7 +130,7 @@ def slide(p: NDArray[Any], x: float, v: float, span: float, on: Forces) -> tuple
         level, total = damping_at(p, mean_speed, sign, friction_of(p, mean_speed, on), on.viscous)
         pull = pull_on(p, x, x + sign * way, sign * mean_speed, on)
         if attempt == 0:
-            span = steady_span(p, speed, pull, on.inertia, span)
+            span = steady_span(p, speed, sign * pull, on.inertia, span)
         way, end, time = glide_on_spring(
             speed,
             (sign * pull - level) / on.inertia,
