@@ -108,8 +108,9 @@ def create_app(control: Control, executors: Executors | None = None, rules: Rule
     executors = executors or Executors()
     app = FastAPI(title="hapticd", version="1", description=DESCRIPTION, docs_url=None, redoc_url=None)
     endpoints = declared(Endpoints)
-    replies.install(app, {endpoint.path: body for endpoint in endpoints if (body := body_of(endpoint))})
+    # Inside what `install` adds: the body is read before the answer, or a caller who still sends it never sees why.
     app.add_middleware(Access, rules=rules or Rules())
+    replies.install(app, {endpoint.path: body for endpoint in endpoints if (body := body_of(endpoint))})
     for endpoint in endpoints:
         app.add_api_route(
             endpoint.path,

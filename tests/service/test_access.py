@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import os
 import socket
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -73,6 +74,19 @@ def test_who_watches_looks_and_moves_nothing(
         assert (caught.value.status, caught.value.code) == (403, "forbidden")
     assert control.calls == []
     assert control.state == "off"
+
+
+def test_who_is_refused_while_still_sending_is_told_why(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(access, "caller_of", lambda connection: stranger(WATCH))
+    body = b"{}"
+    head = "POST /start HTTP/1.1\r\nHost: h\r\nContent-Type: application/json\r\nConnection: close\r\n"
+    with socket.socket(socket.AF_UNIX) as connection:
+        connection.settimeout(10.0)
+        connection.connect(str(client.socket_path))
+        connection.sendall(f"{head}Content-Length: {len(body)}\r\n\r\n".encode())
+        time.sleep(0.2)
+        connection.sendall(body)
+        assert connection.recv(4096).startswith(b"HTTP/1.1 403 ")
 
 
 def test_who_has_no_role_gets_nothing(client: Client, monkeypatch: pytest.MonkeyPatch) -> None:
