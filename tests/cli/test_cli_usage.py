@@ -167,3 +167,14 @@ def test_ctrl_c_ends_quietly() -> None:
     )
     ended = python(code, check=False)
     assert (ended.returncode, ended.stdout, ended.stderr) == (128 + signal.SIGINT, "", "hapticd: interrupted\n")
+
+
+def test_linear_algebra_has_one_thread_from_the_start() -> None:
+    """Decided before numpy is loaded; what somebody else has decided stays."""
+    program = "import os, sys, hapticd.cli; print('numpy' in sys.modules, os.environ['OPENBLAS_NUM_THREADS'])"
+    for given, expected in (({}, "False 1"), ({"OPENBLAS_NUM_THREADS": "2"}, "False 2")):
+        environment = {key: value for key, value in os.environ.items() if key != "OPENBLAS_NUM_THREADS"} | given
+        done = subprocess.run(
+            [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+        )
+        assert done.stdout.strip() == expected
