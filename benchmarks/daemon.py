@@ -160,3 +160,8 @@ def lateness_ns(run: Run, rate_hz: float) -> NDArray[np.float64]:
     late = np.asarray(run.columns["wake_late_ns"], dtype=np.float64)
     missed = np.diff(run.columns["tick"], prepend=run.columns["tick"][:1] - 1) - 1
     return late + missed * (1e9 / rate_hz)
+
+
+def quantile_us(samples_ns: NDArray[np.float64], q: float) -> float:
+    """A quantile of durations, µs."""
+    return float(np.quantile(samples_ns, q)) / 1e3

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from benchmarks import cyclictest
-from benchmarks.daemon import MeasuredDaemon, lateness_ns
+from benchmarks.daemon import MeasuredDaemon, lateness_ns, quantile_us
 from benchmarks.hammer import Hammer
 from benchmarks.report import Figure, progress, run_alone
 
@@ -55,7 +55,8 @@ def measure(quick: bool, daemon_kind: type[MeasuredDaemon] = MeasuredDaemon) -> 
                 else:
                     peer.append(cyclictest.lateness_ns(seconds, priority=PRIORITY))
             text = ", ".join(
-                f"{name} {_us(servo[-1], q):.1f} : {_us(peer[-1], q):.1f}" for name, q in QUANTILES.items()
+                f"{name} {quantile_us(servo[-1], q):.1f} : {quantile_us(peer[-1], q):.1f}"
+                for name, q in QUANTILES.items()
             )
             progress(f"pair {pair + 1} of {pairs}, hapticd : cyclictest, µs late: {text}")
         status = daemon.require_healthy()
@@ -63,24 +64,22 @@ def measure(quick: bool, daemon_kind: type[MeasuredDaemon] = MeasuredDaemon) -> 
     all_servo, all_peer, all_ran = np.concatenate(servo), np.concatenate(peer), np.concatenate(ran)
     figures = []
     for name, q in QUANTILES.items():
-        ours, theirs = _us(all_servo, q), _us(all_peer, q)
+        ours, theirs = quantile_us(all_servo, q), quantile_us(all_peer, q)
         details = {
             "hapticd_us": ours,
             "cyclictest_us": theirs,
-            "pairs_us": [(_us(mine, q), _us(other, q)) for mine, other in zip(servo, peer, strict=True)],
+            "pairs_us": [
+                (quantile_us(mine, q), quantile_us(other, q)) for mine, other in zip(servo, peer, strict=True)
+            ],
             "samples": (all_servo.size, all_peer.size),
         }
         shown = f"late {name}: {ours:.1f} µs, cyclictest {theirs:.1f} µs"
         goal = GOAL if name in WITH_GOAL else None
         figures.append(Figure(shown, ours / theirs, "×", goal, peer=cyclictest.PEER, details=details))
-    executed = {name: _us(all_ran, q) for name, q in QUANTILES.items()}
+    executed = {name: quantile_us(all_ran, q) for name, q in QUANTILES.items()}
     served = {"served": hammer.served, "missed": status["timing"]["missed"], **executed}
     figures.append(Figure("a tick runs, read to record, p50", executed["p50"], "µs", details=served))
     return figures
-
-
-def _us(samples: NDArray[np.float64], q: float) -> float:
-    return float(np.quantile(samples, q)) / 1e3
 
 
 def main(argv: list[str] | None = None) -> int:

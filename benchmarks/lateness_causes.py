@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks import cyclictest
-from benchmarks.daemon import MeasuredDaemon
+from benchmarks.daemon import MeasuredDaemon, quantile_us
 from benchmarks.hammer import Hammer
 from benchmarks.lateness import GOAL, IDLE_RATE_HZ, PRIORITY, servo_block
 from benchmarks.report import Figure, progress, run_alone
@@ -72,7 +72,8 @@ def measure(quick: bool) -> list[Figure]:
                     blocks[name].append(servo_block(daemon, seconds)[0])
                     disturbed[name].append(_disturbances(daemon) - before)
             progress(
-                f"round {turn + 1} of {rounds}: " + ", ".join(f"{n} {_us(b[-1], 0.999):.0f}" for n, b in blocks.items())
+                f"round {turn + 1} of {rounds}: "
+                + ", ".join(f"{n} {quantile_us(b[-1], 0.999):.0f}" for n, b in blocks.items())
             )
         daemon.require_healthy()
     return _figures(blocks, disturbed)
@@ -83,7 +84,7 @@ def _figures(
 ) -> list[Figure]:
     figures = []
     by_round = {
-        name: {q: np.array([_us(block, at) for block in found]) for q, at in QUANTILES.items()}
+        name: {q: np.array([quantile_us(block, at) for block in found]) for q, at in QUANTILES.items()}
         for name, found in blocks.items()
     }
     for arm in ARMS:
@@ -108,10 +109,6 @@ def _disturbances(daemon: MeasuredDaemon) -> NDArray[np.int64]:
     fields = (task / "stat").read_text().rpartition(")")[2].split()
     switches = (task / "status").read_text().rpartition("nonvoluntary_ctxt_switches:")[2]
     return np.array([int(fields[7]) + int(fields[9]), int(switches)])
-
-
-def _us(samples: NDArray[np.float64], q: float) -> float:
-    return float(np.quantile(samples, q)) / 1e3
 
 
 def main(argv: list[str] | None = None) -> int:

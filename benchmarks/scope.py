@@ -27,7 +27,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import psutil
 
-from benchmarks.daemon import MeasuredDaemon, lateness_ns
+from benchmarks.daemon import MeasuredDaemon, lateness_ns, quantile_us
 from benchmarks.report import BenchmarkError, Figure, document, print_table, progress, run_alone
 
 if TYPE_CHECKING:
@@ -146,12 +146,14 @@ def _load(daemon: MeasuredDaemon, scope: ScopeProcess, rate: float, pairs: int, 
             spent[watched].append(100 * np.array([others, servo]) / took)
             if watched:
                 scope_spent.append(100 * scope_s / took)
-        text = ", ".join(f"{q:g}: {_us(late[True][-1], q):.1f} : {_us(late[False][-1], q):.1f}" for q in (0.5, 0.99))
+        text = ", ".join(
+            f"{q:g}: {quantile_us(late[True][-1], q):.1f} : {quantile_us(late[False][-1], q):.1f}" for q in (0.5, 0.99)
+        )
         progress(f"{rate:g} Hz, pair {pair + 1} of {pairs}, µs late with {PAGES} pages : without, {text}")
     figures = []
     name = f"{rate / 1000:g} kHz"
     for label, q in (("p50", 0.5), ("p99", 0.99)):
-        ours, theirs = (_us(np.concatenate(late[watched]), q) for watched in (True, False))
+        ours, theirs = (quantile_us(np.concatenate(late[watched]), q) for watched in (True, False))
         details = {"watched_us": ours, "alone_us": theirs, "pairs": pairs, "seconds": seconds}
         shown = f"{name}, late {label}: {ours:.1f} µs, without pages {theirs:.1f} µs"
         goal = GOALS["late"] if rate == RATES_HZ[0] else None
@@ -249,10 +251,6 @@ def _clocks(daemon: MeasuredDaemon, scope: ScopeProcess) -> NDArray[np.float64]:
     servo = daemon.thread_cpu_s("hapticd-servo")
     times = psutil.Process(scope.process.pid).cpu_times()
     return np.array([daemon.cpu_s() - servo, servo, times.user + times.system, time.monotonic()])
-
-
-def _us(samples: NDArray[np.float64], q: float) -> float:
-    return float(np.quantile(samples, q)) / 1e3
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-import re
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -30,6 +29,7 @@ from hapticd.record import RunFileError
 from hapticd.scope import runs, theory
 from hapticd.scope.access import Access, Guard, Names, Role
 from hapticd.scope.answers import answer, error_answer, to_json
+from hapticd.scope.forms import CLIENT, BadRequest, body_of, client_of, fields_of
 from hapticd.scope.hub import Hub
 from hapticd.scope.lease import Lease
 from hapticd.scope.runs import RunError
@@ -39,25 +39,14 @@ STATIC = FOLDER / "static"
 """Of the source tree, else of the installation."""
 
 HELLO_TIMEOUT_S = 5.0
-MAX_BODY_BYTES = 64 * 1024
 MAX_FILE_BYTES = 256 * 1024 * 1024
 MAX_CONNECTIONS = 64
-JSON_TYPE = "application/json"
 FRAMES_TYPE = "application/vnd.hapticd.frames"
 RUN_TYPE = "application/vnd.apache.arrow.stream"
-"""No form and no page of another origin can send one of these without asking the server first (CORS), which says no."""
+"""No form and no page of another origin can send these, or JSON, without asking the server first (CORS), which says no."""
 
-_CLIENT = re.compile(r"[A-Za-z0-9_-]{8,64}")
 CLOSE_TOKEN = 4401
 CLOSE_FULL = 4429
-
-
-class BadRequest(Exception):  # noqa: N818 - becomes an answer
-    """The request is refused for its form."""
-
-    def __init__(self, status: int, code: str, message: str) -> None:
-        super().__init__(message)
-        self.status, self.code, self.message = status, code, message
 
 
 class ScopeServer:
@@ -101,38 +90,38 @@ class ScopeServer:
 
     async def start(self, request: Request) -> Any:
         """Render the spring."""
-        await _fields(request)
+        await fields_of(request)
         return await self.on("command", self.client.start)
 
     async def clear(self, request: Request) -> Any:
         """Clear a latched fault."""
-        await _fields(request)
+        await fields_of(request)
         return await self.on("command", self.client.clear)
 
     async def set(self, request: Request) -> Any:
         """Live settings."""
-        body = await _fields(request, settings=dict)
+        body = await fields_of(request, settings=dict)
         return await self.on("command", self.client.set, body["settings"])
 
     async def release(self, request: Request) -> Any:
         """The Fig. 8 experiment."""
-        body = await _fields(request, deflection=float, duration_s=float)
+        body = await fields_of(request, deflection=float, duration_s=float)
         return await self.on("command", self.client.release, body["deflection"], body["duration_s"])
 
     async def excite(self, request: Request) -> Any:
         """An identification experiment."""
-        body = await _fields(request, name=str)
+        body = await fields_of(request, name=str)
         return await self.on("command", self.client.excite, body["name"])
 
     async def record(self, request: Request) -> Any:
         """Start or stop recording."""
-        body = await _fields(request, on=bool)
+        body = await fields_of(request, on=bool)
         return await self.on("command", self.client.record_start if body["on"] else self.client.record_stop)
 
     async def take(self, request: Request) -> Any:
         """The controls: take them over, or give them back."""
-        body = await _fields(request, take=bool)
-        client = _client(request)
+        body = await fields_of(request, take=bool)
+        client = client_of(request)
         if body["take"]:
             self.lease.claim(client, take_over=True)
         else:
@@ -141,25 +130,25 @@ class ScopeServer:
 
     async def preview(self, request: Request) -> Any:
         """Where settings not yet sent would put the operating point."""
-        body = await _fields(request, settings=dict, deflection=float)
+        body = await fields_of(request, settings=dict, deflection=float)
         latency_s = self._known()["latency_s"]
         return await self.on("theory", theory.preview, self._config(), body["settings"], body["deflection"], latency_s)
 
     async def simulate(self, request: Request) -> Response:
         """The exact simulation of a release."""
-        body = await _fields(request, deflection=float, duration_s=float)
+        body = await fields_of(request, deflection=float, duration_s=float)
         stream = await self.on("file", runs.simulate_release, self._config(), body["deflection"], body["duration_s"])
         return Response(stream, media_type=FRAMES_TYPE)
 
     async def open(self, request: Request) -> Response:
         """A run file dropped onto the page, as frames."""
-        content = await _body(request, RUN_TYPE, MAX_FILE_BYTES)
+        content = await body_of(request, RUN_TYPE, MAX_FILE_BYTES)
         name = request.headers.get("x-file-name", "run.arrow")
         return Response(await self.on("file", runs.open_run, content, name), media_type=FRAMES_TYPE)
 
     async def save(self, request: Request) -> Response:
         """Frames that the page holds, as a run file."""
-        content = await _body(request, FRAMES_TYPE, MAX_FILE_BYTES)
+        content = await body_of(request, FRAMES_TYPE, MAX_FILE_BYTES)
         saved = await self.on("file", runs.save_run, content, self._config(), "scope")
         return Response(saved, media_type=RUN_TYPE)
 
@@ -201,7 +190,7 @@ class ScopeServer:
         await socket.accept()
         hello = await _hello(socket)
         role, client = self.access.role(hello.get("token")), hello.get("client")
-        if role is None or not isinstance(client, str) or not _CLIENT.fullmatch(client):
+        if role is None or not isinstance(client, str) or not CLIENT.fullmatch(client):
             await socket.close(CLOSE_TOKEN, "this token is not one of this start's; use the URL just printed")
             return None
         return role, client
@@ -308,47 +297,6 @@ def _endpoint(server: ScopeServer, handler: Callable[[Request], Any], role: Role
         return result if isinstance(result, Response) else answer(result)
 
     return endpoint
-
-
-async def _body(request: Request, media_type: str, limit: int) -> bytes:
-    kind = request.headers.get("content-type", "").partition(";")[0].strip().lower()
-    if kind != media_type:
-        raise BadRequest(415, "media_type", f"a body of type {media_type} is needed, not {kind or 'none'}")
-    body = bytearray()
-    async for part in request.stream():
-        body += part
-        if len(body) > limit:
-            raise BadRequest(413, "too_large", f"the body is longer than {limit} bytes")
-    return bytes(body)
-
-
-async def _fields(request: Request, **kinds: type) -> dict[str, Any]:
-    """The request's JSON object, with exactly these fields."""
-    try:
-        found = json.loads(await _body(request, JSON_TYPE, MAX_BODY_BYTES), parse_constant=_no_constant)
-    except ValueError as error:
-        raise BadRequest(400, "json", f"the body is not valid JSON: {error}") from error
-    if not isinstance(found, dict) or found.keys() != kinds.keys():
-        raise BadRequest(
-            422, "request", f"a JSON object with exactly the fields {', '.join(kinds) or '(none)'} is needed"
-        )
-    for name, kind in kinds.items():
-        value = found[name]
-        numeric = kind is float and isinstance(value, int | float) and not isinstance(value, bool)
-        if not (numeric or isinstance(value, kind)):
-            raise BadRequest(422, "request", f"{name}: {value!r:.60} is not of the right type ({kind.__name__})")
-    return found
-
-
-def _no_constant(name: str) -> float:
-    raise ValueError(f"{name} is not a number of JSON")
-
-
-def _client(request: Request) -> str:
-    client = request.headers.get("x-client", "")
-    if not _CLIENT.fullmatch(client):
-        raise BadRequest(422, "request", "an X-Client header is needed")
-    return client
 
 
 async def _hello(socket: WebSocket) -> dict[str, Any]:

@@ -128,7 +128,7 @@ def test_a_fault_freezes_the_trace_and_is_cleared(page: Page, testbed: Testbed) 
     # frozen: what is seen does not move, and holds the rows before and after the fault
     page.wait_for_timeout(500)
     rows = seen_rows(page)
-    assert rows > 100
+    assert rows > 50  # the single shot begins at the release; how many follow the fault depends on where its frame ends
     page.wait_for_timeout(500)
     assert seen_rows(page) == rows
     page.click("#clear")
