@@ -36,6 +36,8 @@ _SCANS = 3
 _POOR = 2
 """Steps in a row that gain nothing before a climb is over: on a curved ridge a single one may."""
 _FALL = 2.0
+_HELD_BACK = 1e-3
+"""Share of all data's information that holds a parameter back of which the other folds say nothing."""
 _SHORTER = 6
 """Attempts to shorten a step that does not climb."""
 
@@ -274,14 +276,14 @@ class Fit:
         effects &= self._free(self.scores.sum(axis=0))
         self.fold_u: list[Floats] = []
         total = np.zeros(series.blocks)
+        whole = np.sum(self.scores[:, effects] ** 2, axis=0) + 1e-12 / self.scale[effects] ** 2
         for fold in range(constants.FOLDS):
             inside = series.fold[series.block] == fold
             kept = self.scores[~inside][:, effects]
             u, log_p = self.u, self.out["log_p"]
             if effects.any():
-                H = kept.T @ kept
-                diagonal = np.diag(H) + 1e-12 / self.scale[effects] ** 2
-                step = np.linalg.solve(H + 1e-6 * np.diag(diagonal), kept.sum(axis=0))
+                H = kept.T @ kept + _HELD_BACK * np.diag(whole)
+                step = np.linalg.solve(H, kept.sum(axis=0))
                 here = float(self.out["log_p"][~inside].sum())
                 for share in (1.0, 0.3, 0.1):
                     trial = self.u.copy()

@@ -147,15 +147,23 @@ def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | No
 
 
 def explainable(fit: Fit, found: Missing, count: int = 8) -> float:
-    """Share of the missing force's power that flexible functions of all coordinates together predict on other blocks."""
-    columns = [np.ones((found.force.size, 1))]
+    """Share of the missing force's power that flexible functions of the coordinates predict on other blocks.
+
+    Of all coordinates together, or of the one that does best: many functions at once may fit what they were not shown badly.
+    """
+    among = found.moves
+    columns = [np.ones((int(among.sum()), 1))]
     for values, factor in coordinates(fit, found).values():
-        shape = hats(values, found.moves, count)
+        shape = hats(values, among, count)
         if shape is not None:
-            columns.append(shape if factor is None else shape * factor[:, None])
-    design = np.concatenate(columns, axis=1)[found.moves]
-    target = found.force[found.moves]
-    fold = fit.problem.series.fold[fit.problem.series.block][found.moves]
+            columns.append(shape[among] if factor is None else (shape * factor[:, None])[among])
+    fold = fit.problem.series.fold[fit.problem.series.block][among]
+    target = found.force[among]
+    return max(_predicted(design, target, fold) for design in (np.concatenate(columns, axis=1), *columns))
+
+
+def _predicted(design: Floats, target: Floats, fold: NDArray[np.int64]) -> float:
+    """Share of a force's power that columns predict on folds that they were not fitted to, at least 0."""
     total = float(np.sum(target**2))
     if total == 0.0:
         return 0.0

@@ -25,20 +25,24 @@ _ORDER_SHARE = 0.02
 
 
 def first_orders(space: Score, scale: Scale) -> list[Candidate]:
-    """Orders of a ripple. Those found first take noise away that hid others: looked for again until they stay."""
+    """Orders of a ripple. Those found first take noise away that hid others: looked for again as long as that helps."""
     found = _pursued(space, scale)
-    present = space.present
+    present, best, most = space.present, found, -math.inf
     for _ in range(_PURSUITS):
         if found is None or found.promise < constants.MATERIAL * present.out.size:
             break
         fit = present.extended(found.term).approach(present.u.size, 2)
+        if fit.log_likelihood <= most:
+            break
+        most = fit.log_likelihood
+        best = replace(found, promise=max(found.promise, most - present.log_likelihood))
         quiet = present.with_noise(fit.noise)
         quiet.differentiate()
         again = _pursued(Score(quiet), scale)
         if again is None or again.term.fixed == found.term.fixed:
             break
-        found = replace(again, promise=max(found.promise, fit.log_likelihood - present.log_likelihood))
-    return [] if found is None else [found]
+        found = again
+    return [] if best is None else [best]
 
 
 def _pursued(space: Score, scale: Scale) -> Candidate | None:

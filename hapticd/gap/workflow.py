@@ -38,8 +38,8 @@ _BASE = {"inertia": ("kg m²", "kg"), "viscous": ("N m s/rad", "N s/m"), "coulom
 _CORRECTIONS = ("inertia_error", "viscous_friction", "coulomb_friction", "torque_constant_error")
 _ROTARY_ONLY = ("gravity", "encoder_eccentricity")
 """Laws in an angle: on a linear device they would be sines of a metre."""
-_FARTHEST = 100.0
-"""Factor by which a base parameter may leave its nominal value."""
+_FARTHEST = 10.0
+"""Factor by which a base parameter may leave its nominal value: farther, a heavy shaft ignores the current."""
 
 
 def find_gap(

@@ -78,7 +78,7 @@ TORQUES: dict[str, tuple[Callable[[float], Term], Callable[[Any], Any]]] = {
 
 @pytest.mark.parametrize("slug", TORQUES)
 def test_sensitivities_are_the_filter_s_slopes(plain: Fit, slug: str) -> None:
-    """While the shaft moves, and with cells below the noise: what gains and sticking add is not in the linear path."""
+    """While the shaft moves, cells below the noise: what gains and the modes' weights add is not in the linear path."""
     noise = plain.noise.copy()
     noise[SENSOR] = np.log(3.0 * plain.problem.series.resolution)
     fit = plain.with_noise(noise)
@@ -88,7 +88,7 @@ def test_sensitivities_are_the_filter_s_slopes(plain: Fit, slug: str) -> None:
     answer = sensitivities(fit.out, torque(fit.out["x"])[:, None])[:, 0]
     moves = fit.out["v_v"] > MOVES
     slope, answer = slope[moves], answer[moves]
-    assert float(slope @ answer / (answer @ answer)) == pytest.approx(1.0, abs=0.1)
+    assert float(slope @ answer / (answer @ answer)) == pytest.approx(1.0, abs=0.15)
     # The filter takes most of a constant torque for its disturbance: kinks weigh more in the little that shows.
     assert np.corrcoef(slope, answer)[0, 1] > (0.7 if slug == "constant_bias" else 0.95)
 

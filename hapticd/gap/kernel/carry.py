@@ -1,0 +1,376 @@
+"""One period of the filter: a mode is cut where friction decides, and each piece goes through the exact plant.
+
+What decides is the velocity w that all forces but friction and what pulls besides the disturbance d would give the shaft in
+a period T. With a pull F and a stiction c the shaft goes up beyond (c − F) T/m, down below (−c − F) T/m, and is at rest in
+between. The mean of a piece moves as the plant says; what varies about it is carried linearly.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import from_dtype, types
+
+from hapticd.gap.kernel.cell import truncated
+from hapticd.gap.kernel.modes import DOWN, HELD, MODE, RARE, STATES, STOPPED, UP, W
+from hapticd.jit import njit
+from hapticd.plant.coupled import COUPLING, Coupling, is_underdamped, swing_apart
+from hapticd.plant.effect_terms import shared_inertia
+from hapticd.plant.exact import propagate
+from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA
+from hapticd.plant.layout import index_of as word
+from hapticd.plant.numeric import edited_base, holding, needs_effect_terms, substep
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_f8 = types.float64
+_i8 = types.int64
+_a = types.Array(_f8, 1, "C")
+
+_FAR, _SURE = 1e3, 4.0
+"""Standard deviations of w that stand for infinity; and beyond which a cut is none."""
+_FARTHEST_TWIST = 1.0
+"""Twist of a coupling [rad or m] beyond which the load is put back to the shaft."""
+
+_EXTERNAL = word("external_force")
+_GAP = word("backlash.gap")
+_GAP_SHARE = word("backlash.load_share")
+_RESTITUTION = word("backlash.restitution")
+_RESONANCE = word("flexible_coupling.f_r")
+_RESONANCE_SHARE = word("flexible_coupling.load_share")
+_BREAKAWAY = word("presliding.breakaway")
+_RESONANCE_DAMPING = word("flexible_coupling.damping")
+
+
+@njit(_f8(_a, _f8), counted=False)
+def moving_inertia(p: NDArray[Any], contact: float) -> float:
+    """Return the inertia that a torque on the shaft accelerates at once."""
+    inertia = edited_base(p)[0]
+    if p[_GAP] > 0.0 and contact == 0.0:
+        inertia -= shared_inertia(p, p[_GAP_SHARE])
+    if p[_RESONANCE] < math.inf:
+        inertia -= shared_inertia(p, p[_RESONANCE_SHARE])
+    return inertia
+
+
+LAWS = np.dtype(
+    [
+        ("simple", "?"),  # no effect is more than an edit of the base model
+        ("remembers", "?"),
+        ("has_bristle", "?"),
+        ("has_play", "?"),
+        ("has_coupling", "?"),
+        ("swings", "?"),  # how two motions on the coupling part is known in closed form
+        ("viscous", "f8"),
+        ("coulomb", "f8"),
+        ("torque_constant", "f8"),
+        ("bias", "f8"),
+        ("stiffness", "f8"),
+        ("inertia", "f8"),
+        ("size", "i8"),  # of the state
+        ("passed", "f8"),  # share of the inertia that is the load's, behind the play
+    ],
+    align=True,
+)
+"""What a device has, looked up once."""
+PERIOD = np.dtype(
+    [
+        ("time", "f8"),  # at its beginning [s]
+        ("span", "f8"),  # T [s]
+        ("decay", "f8"),  # of d
+        ("mean", "f8"),  # of d over the period, for a unit at its beginning
+        ("white", "f8"),  # variance of the impulse by the white force, and by commands that may have been lost
+        ("coloured", "f8"),  # by what is new in d
+        ("fresh", "f8"),  # covariance of that impulse with d at the end
+        ("renewed", "f8"),  # variance of d by what is new in it
+        ("slide", "f8"),  # out: d (velocity at its end) / dw, of all modes
+    ],
+    align=True,
+)
+"""One period, and the noise in it."""
+_law, _period = from_dtype(LAWS), from_dtype(PERIOD)
+_laws, _periods = types.Array(_law, 1, "C"), types.Array(_period, 1, "C")
+_modes = types.Array(from_dtype(MODE), 1, "C")
+_indices = types.Array(_i8, 1, "C")
+
+
+@njit(COUPLING(_a), counted=False)
+def _coupling(p: NDArray[Any]) -> Coupling:
+    natural, load = 2.0 * math.pi * p[_RESONANCE], shared_inertia(p, p[_RESONANCE_SHARE])
+    return Coupling(load, load / (edited_base(p)[0] - load), p[_RESONANCE_DAMPING] * natural, natural * natural)
+
+
+@njit(types.void(_a, _law), counted=False)
+def look_up(p: NDArray[Any], law: Any) -> None:
+    """Fill in what a device has."""
+    law.inertia, law.viscous, law.coulomb, law.torque_constant, law.bias, law.stiffness, _ = edited_base(p)
+    law.simple = not needs_effect_terms(p) and law.stiffness == 0.0
+    law.has_bristle = p[_BREAKAWAY] > 0.0
+    law.has_play = p[_GAP] > 0.0
+    law.has_coupling = p[_RESONANCE] < math.inf and not law.has_play
+    coupling = _coupling(p)
+    swings = law.has_coupling and not law.has_bristle
+    law.swings = swings and is_underdamped(coupling.ratio, p[_RESONANCE_DAMPING])
+    law.remembers = law.has_bristle or law.has_play or law.has_coupling
+    law.size = STATES if law.has_play or law.has_coupling else 4
+    law.passed = shared_inertia(p, p[_GAP_SHARE]) / law.inertia
+
+
+@njit(types.void(_a, _law, _period, _a, _a, _a, _f8, _f8, _f8), counted=False)
+def _go(
+    p: NDArray[Any],
+    law: Any,
+    period: Any,
+    duration: NDArray[Any],
+    current: NDArray[Any],
+    state: NDArray[Any],
+    x: float,
+    v: float,
+    torque: float,
+) -> None:
+    """Move the shaft through a period of the plant, under a torque besides; its memory is in `state`, changed in place."""
+    if law.simple:
+        for j in range(len(current)):
+            drive = law.torque_constant * current[j] + law.bias + torque
+            x, v = propagate(x, v, duration[j], drive, law.inertia, law.viscous, law.coulomb)
+        state[THETA], state[OMEGA] = x, v
+        return
+    state[THETA], state[OMEGA] = x, v
+    p[_EXTERNAL] = torque
+    now = period.time
+    for j in range(len(current)):
+        if duration[j] > 0.0:
+            substep(p, state, now, duration[j], current[j])
+            now += duration[j]
+    p[_EXTERNAL] = 0.0
+
+
+@njit(types.void(from_dtype(MODE), _f8, _f8, _i8), counted=False)
+def _spread(r: Any, half: float, slide: float, size: int) -> None:
+    """Carry the covariance of a piece: x′ = x + T/2 (v + v′), v′ = `slide` w, and the load coasts."""
+    S = r.covariance
+    for side in range(2):
+        for j in range(size):
+            a, b = (S[0, j], S[W, j]) if side == 0 else (S[j, 0], S[j, W])
+            c = S[1, j] if side == 0 else S[j, 1]
+            moved = slide * b
+            a += half * (c + moved)
+            if side == 0:
+                S[0, j], S[1, j] = a, moved
+            else:
+                S[j, 0], S[j, 1] = a, moved
+            if size > 4:
+                if side == 0:
+                    S[4, j] += 2.0 * half * S[5, j]
+                else:
+                    S[j, 4] += 2.0 * half * S[j, 5]
+
+
+@njit(types.void(from_dtype(MODE), _f8, _f8), counted=False)
+def impact(r: Any, J: float, K: float) -> None:
+    """An impact takes J of the relative motion from the shaft and gives K of it to the load, whenever it happens."""
+    S = r.covariance
+    for first, second in ((0, 4), (1, 5)):
+        for j in range(STATES):
+            a, b = S[first, j], S[second, j]
+            S[first, j], S[second, j] = a - J * (a - b), b + K * (a - b)
+        for j in range(STATES):
+            a, b = S[j, first], S[j, second]
+            S[j, first], S[j, second] = a - J * (a - b), b + K * (a - b)
+
+
+@njit(types.void(from_dtype(MODE)), counted=False)
+def tie(r: Any) -> None:
+    """The load is in contact: its position and velocity vary with the shaft's."""
+    S = r.covariance
+    for j in range(STATES):
+        S[4, j], S[5, j] = S[0, j], S[1, j]
+    for j in range(STATES):
+        S[j, 4], S[j, 5] = S[j, 0], S[j, 1]
+
+
+@njit(_i8(_a, _laws, _periods, _a, _a, _modes, _i8, _modes, _indices, _i8), counted=False)
+def cut(
+    p: NDArray[Any],
+    laws: NDArray[Any],
+    periods: NDArray[Any],
+    duration: NDArray[Any],
+    current: NDArray[Any],
+    modes: NDArray[Any],
+    mode: int,
+    pieces: NDArray[Any],
+    into: NDArray[Any],
+    count: int,
+) -> int:
+    """Cut a mode where w decides what the shaft will do; return how many pieces there are then.
+
+    The pieces know x and v as they are, d as it will be, and w.
+    """
+    law, period, m = laws[0], periods[0], modes[mode]
+    inertia = moving_inertia(p, m.contact) if law.size == STATES else law.inertia
+    unit = period.span / inertia
+    push = period.mean * unit
+    x, v = m.mean[0], m.mean[1]
+    strain = 0.0
+    if law.has_coupling:
+        to = _coupling(p)
+        strain = to.inertia * (to.stiffness * (m.mean[4] - x) + 2.0 * to.damping * (m.mean[5] - v))
+    most, least, mean, stiction = -math.inf, math.inf, strain, law.coulomb
+    for j in range(len(current)):
+        if duration[j] > 0.0:
+            pull = law.torque_constant * current[j] + law.bias
+            if not law.simple:
+                pull, stiction = holding(p, x, period.time + 0.5 * period.span, current[j])
+            most, least = max(most, pull + strain), min(least, pull + strain)
+            mean += pull * duration[j] / period.span
+    if mode != HELD:  # what moves is stopped by all of the period, what is held is let go by its strongest part
+        most = least = mean
+    for j in range(law.size):
+        m.gain[j] = m.covariance[j, 1] + push * m.covariance[j, 2]
+    ww = max(m.gain[1] + push * m.gain[2] + (period.white + period.coloured) / (inertia * inertia), 1e-30)
+    m.gain[2] = period.decay * m.gain[2] + period.fresh / inertia
+    m.gain[W] = ww
+    for j in range(law.size):
+        m.gain[j] /= ww
+    sw = math.sqrt(ww)
+    w = v + push * m.mean[2]
+    below = above = -_FAR
+    if stiction > 0.0:
+        below = min(max(((-stiction - least) * unit - w) / sw, -_FAR), _FAR)
+        above = min(max(((stiction - most) * unit - w) / sw, -_FAR), _FAR)
+    for to_mode in range(3):
+        low = below if to_mode == HELD else above if to_mode == UP else -_FAR
+        high = above if to_mode == HELD else _FAR if to_mode == UP else below
+        if high <= low or high < -_SURE or low > _SURE:
+            continue
+        weight, shift, kept = m.weight, 0.0, 1.0
+        if low > -_SURE or high < _SURE:
+            log_mass, shift, kept = truncated(low, high)
+            weight *= math.exp(log_mass)
+            if weight < RARE:
+                continue
+        r = pieces[count]
+        r.weight, r.bristle, r.bristle_x, r.contact = weight, m.bristle, m.bristle_x, m.contact
+        for j in range(law.size):
+            for k in range(law.size):
+                r.covariance[j, k] = m.covariance[j, k]
+        for j in range(law.size):
+            r.covariance[2, j] *= period.decay
+        for j in range(law.size):
+            r.covariance[j, 2] *= period.decay
+        for j in range(law.size):
+            r.covariance[j, W] = r.covariance[W, j] = m.gain[j] * ww
+            r.mean[j] = m.mean[j]
+        r.covariance[2, 2] += period.renewed
+        r.mean[2] *= period.decay
+        r.mean[W] = w
+        if kept < 1.0:
+            for j in range(law.size):
+                r.mean[j] += m.gain[j] * shift * sw
+                for k in range(law.size):
+                    r.covariance[j, k] -= m.gain[j] * m.gain[k] * ww * (1.0 - kept)
+        into[count] = STOPPED if to_mode == HELD and mode != HELD else to_mode
+        count += 1
+    return count
+
+
+@njit(_i8(_a, _laws, _periods, _a, _a, _modes, _i8, _i8, _a, _a), counted=False)
+def carry(
+    p: NDArray[Any],
+    laws: NDArray[Any],
+    periods: NDArray[Any],
+    duration: NDArray[Any],
+    current: NDArray[Any],
+    pieces: NDArray[Any],
+    index: int,
+    to_mode: int,
+    state: NDArray[Any],
+    other: NDArray[Any],
+) -> int:
+    """Carry a piece over a period, its mean through the plant; return the mode in which it arrives."""
+    law, period, r = laws[0], periods[0], pieces[index]
+    if to_mode == HELD and not law.remembers:
+        return HELD
+    inertia = moving_inertia(p, r.contact) if law.size == STATES else law.inertia
+    unit, half = period.span / inertia, 0.5 * period.span
+    x, v, before = r.mean[0], r.mean[1], r.contact
+    state[BRISTLE], state[CONTACT] = r.bristle, before
+    state[LOAD_THETA], state[LOAD_OMEGA] = x, v
+    if law.size == STATES:
+        state[LOAD_THETA], state[LOAD_OMEGA] = r.mean[4], r.mean[5]
+        if before != 0.0:
+            state[LOAD_THETA], state[LOAD_OMEGA] = x - 0.5 * before * p[_GAP], v
+    for j in range(STATE):
+        other[j] = state[j]
+    load_v = state[LOAD_OMEGA]
+    _go(p, law, period, duration, current, state, x, v, (r.mean[W] - v) / unit)
+    ends = HELD if to_mode == STOPPED else to_mode
+    if not law.has_bristle:
+        ends = UP if state[OMEGA] > 0.0 else DOWN if state[OMEGA] < 0.0 else HELD
+    slide = math.exp(-law.viscous * period.span / inertia) if ends != HELD else 0.0
+    load_x_x = load_v_v = r.bristle_x = 0.0
+    if law.has_coupling or law.has_bristle:
+        step = math.sqrt(r.covariance[W, W])
+        along_x, along_v = r.covariance[0, W] / step, r.covariance[1, W] / step
+        strain = 2.0 * (abs(r.mean[W] - v) + abs(state[OMEGA] - v)) + unit * 2.0 * law.coulomb
+        if law.swings and abs(v) > strain + _SURE * step:
+            far, fast, load_far, load_fast = swing_apart(
+                period.span,
+                along_x,
+                along_v,
+                (step - along_v) / period.span,
+                law.viscous / inertia,
+                law.stiffness / inertia,
+                _coupling(p),
+            )
+            slide, load_x_x, load_v_v = fast / step, load_far / far, load_fast / fast
+        else:
+            if to_mode == DOWN:
+                along_x, along_v, step = -along_x, -along_v, -step
+            _go(
+                p,
+                law,
+                period,
+                duration,
+                current,
+                other,
+                x + along_x,
+                v + along_v,
+                (r.mean[W] - v + step - along_v) / unit,
+            )
+            slide = min(max((other[OMEGA] - state[OMEGA]) / step, 0.0), 2.0)
+            far = other[THETA] - state[THETA]
+            if far * step > 0.0:
+                r.bristle_x = (other[BRISTLE] - state[BRISTLE]) / far
+                load_x_x = (other[LOAD_THETA] - state[LOAD_THETA]) / far
+            if slide > 0.0:
+                load_v_v = (other[LOAD_OMEGA] - state[LOAD_OMEGA]) / (slide * step)
+    _spread(r, half, slide, law.size)
+    if slide > 0.0:
+        span, moved = period.span, slide * slide / (inertia * inertia)
+        r.covariance[0, 0] += moved * span * span * (period.white / 12.0 - period.coloured / 10.0)
+        r.covariance[0, 1] -= moved * span * period.coloured / 8.0
+        r.covariance[0, 2] -= slide * period.fresh / inertia * span / 6.0
+        r.covariance[1, 0], r.covariance[2, 0] = r.covariance[0, 1], r.covariance[0, 2]
+    r.mean[0], r.mean[1], r.bristle = state[THETA], state[OMEGA], state[BRISTLE]
+    if law.has_play:
+        hits = before == 0.0 and state[LOAD_OMEGA] != load_v
+        bounce = (1.0 if state[CONTACT] != 0.0 else 1.0 + p[_RESTITUTION]) if hits else 0.0
+        r.contact = state[CONTACT]
+        impact(r, bounce * law.passed, bounce * (1.0 - law.passed))
+        r.mean[4], r.mean[5] = state[LOAD_THETA], state[LOAD_OMEGA]
+        if r.contact != 0.0:
+            tie(r)
+    if law.has_coupling:
+        r.mean[4], r.mean[5] = state[LOAD_THETA], state[LOAD_OMEGA]
+        if abs(r.mean[4] - r.mean[0]) > _FARTHEST_TWIST:
+            r.mean[4], r.mean[5] = r.mean[0], r.mean[1]  # that no data would have: it must not cost what it would
+        r.covariance[4:] = 0.0
+        r.covariance[:, 4:] = 0.0
+        r.covariance[4, 0] = r.covariance[0, 4] = load_x_x * r.covariance[0, 0]
+        r.covariance[5, 0] = r.covariance[0, 5] = load_v_v * r.covariance[0, 1]
+    period.slide += r.weight * slide
+    return ends

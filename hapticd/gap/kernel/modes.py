@@ -1,0 +1,241 @@
+"""What is known of the shaft: up to three normal distributions, one for each thing that it may be doing.
+
+Held by friction, moving up, or moving down: each mode has a probability, and mean and covariance of the state. No single
+normal distribution has that shape: a held shaft has no velocity at all, and a disturbance that broke it loose is known by
+that.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import from_dtype, types
+
+from hapticd.gap.kernel.cell import truncated
+from hapticd.gap.kernel.ticks import TICK
+from hapticd.jit import njit
+from hapticd.plant.layout import index_of as word
+from hapticd.plant.numeric import measured
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+HELD, UP, DOWN, STOPPED = range(4)
+"""What the shaft does; and, of a piece on its way, that it moved and will be held."""
+STATES, W = 6, 3
+"""Position, velocity, disturbance torque, w in a piece on its way, and the load's position and velocity."""
+
+MODE = np.dtype(
+    [
+        ("weight", "f8"),  # probability; 0 for a mode that is not
+        ("mean", "f8", STATES),
+        ("covariance", "f8", (STATES, STATES)),
+        ("bristle", "f8"),
+        ("bristle_x", "f8"),  # regression of the bristle on the position
+        ("contact", "f8"),  # side on which a play is closed, or 0
+        ("gain", "f8", STATES),  # scratch: regression of the state on what is seen, or on w
+        ("expected", "f8"),  # scratch: predicted measurement, its slope, its variance, and what its cell says of it
+        ("seen", "f8"),
+        ("variance", "f8"),
+        ("log_mass", "f8"),
+        ("cell_mean", "f8"),
+        ("kept", "f8"),
+    ],
+    align=True,
+)
+"""A mode, or a piece of one that is on its way to another."""
+
+OUTLIER = 1e-3 / 64.0
+"""Probability of an arbitrary count: what a gross outlier costs at most."""
+RARE = 1e-4
+"""Probability below which a mode is not followed."""
+
+_f8 = types.float64
+_i8 = types.int64
+_a = types.Array(_f8, 1, "C")
+_mode = from_dtype(MODE)
+_modes = types.Array(_mode, 1, "C")
+_rows = types.Array(from_dtype(TICK), 1, "C")
+_ECCENTRICITY = word("encoder_eccentricity.e")
+
+
+@njit(types.void(_modes, _i8, _modes, _i8, _i8, _f8), counted=False)
+def _copy(to: NDArray[Any], at: int, source: NDArray[Any], index: int, size: int, weight: float) -> None:
+    """Make a mode of a single piece."""
+    a, b = to[at], source[index]
+    a.weight, a.bristle, a.bristle_x, a.contact = weight, b.bristle, b.bristle_x, b.contact
+    for j in range(size):
+        a.mean[j] = b.mean[j]
+        for k in range(size):
+            a.covariance[j, k] = b.covariance[j, k]
+
+
+@njit(types.void(_modes, _modes, types.Array(_i8, 1, "C"), _i8, _i8), counted=False)
+def merge(modes: NDArray[Any], pieces: NDArray[Any], into: NDArray[Any], count: int, size: int) -> None:
+    """Make every mode of the pieces that lead into it, with their mean and covariance, and the memory of the likeliest.
+
+    Args:
+        modes: out, one for every number in `into`, of `MODE`.
+        pieces: shape (9,) of `MODE`; `count` of them are there.
+        into: mode of each piece, shape (9,).
+        count: number of pieces.
+        size: of the state.
+    """
+    whole = 0.0
+    for k in range(count):
+        whole += pieces[k].weight
+    for mode in range(len(modes)):
+        m = modes[mode]
+        m.weight = 0.0
+        members, last, likeliest = 0, 0, 0.0
+        for k in range(count):
+            if into[k] == mode and pieces[k].weight > 0.0:
+                members += 1
+                m.weight += pieces[k].weight
+                if pieces[k].weight > likeliest:
+                    last, likeliest = k, pieces[k].weight
+        if members == 0:
+            continue
+        _copy(modes, mode, pieces, last, size, m.weight / whole)
+        if members == 1:
+            continue
+        total = m.weight * whole
+        for j in range(size):
+            m.mean[j] = 0.0
+            for k in range(size):
+                m.covariance[j, k] = 0.0
+        m.bristle = m.bristle_x = 0.0
+        for n in range(count):
+            if into[n] == mode:
+                part = pieces[n].weight / total
+                m.bristle += part * pieces[n].bristle
+                m.bristle_x += part * pieces[n].bristle_x
+                for j in range(size):
+                    m.mean[j] += part * pieces[n].mean[j]
+        for n in range(count):
+            if into[n] == mode:
+                part = pieces[n].weight / total
+                for j in range(size):
+                    off = part * (pieces[n].mean[j] - m.mean[j])
+                    for k in range(size):
+                        m.covariance[j, k] += part * pieces[n].covariance[j, k] + off * (pieces[n].mean[k] - m.mean[k])
+
+
+@njit(types.void(_mode, _f8, _f8, _f8, _f8, _i8), counted=False, inline=True)
+def take(mode: Any, seen: float, variance: float, share: float, moved: float, size: int) -> None:
+    """Move the mean of a mode, and narrow its covariance, by what a measurement tells.
+
+    Args:
+        mode: changed in place.
+        seen: d measurement / d position. variance: of the measurement. share: of it that the count takes away.
+        moved: mean of the measurement given the count, less what was predicted.
+        size: of the state.
+    """
+    for j in range(size):
+        mode.gain[j] = seen * mode.covariance[0, j] / variance
+        mode.mean[j] += mode.gain[j] * moved
+    for j in range(size):
+        for k in range(size):
+            mode.covariance[j, k] -= mode.gain[j] * mode.gain[k] * variance * share
+
+
+@njit(_f8(_a, _modes, _f8, _f8, _f8, _f8, _i8, _rows, _i8), counted=False)
+def see(
+    p: NDArray[Any],
+    modes: NDArray[Any],
+    cell: float,
+    resolution: float,
+    sensor: float,
+    jitter: float,
+    size: int,
+    out: NDArray[Any],
+    at: int,
+) -> float:
+    """Take what a count tells; return the log of its probability, and leave the rest of it in the sample's row.
+
+    Args:
+        p: device vector.
+        modes: shape (3,) of `MODE`, changed in place.
+        cell: lower edge of the count's cell over the resolution.
+        resolution: width of a cell [rad or m].
+        sensor: standard deviation of the measurement [rad or m].
+        jitter: of the sample's instant [s].
+        size: of the state.
+        out: rows of the samples. at: which of them.
+    """
+    row = out[at]
+    largest = -math.inf
+    row.mean = row.x = row.v = row.d = row.seen = 0.0
+    for k in range(3):
+        m = modes[k]
+        if m.weight == 0.0:
+            continue
+        x = m.mean[0]
+        m.expected, m.seen = x, 1.0
+        if p[_ECCENTRICITY] != 0.0:
+            m.expected = measured(p, x)
+            m.seen = (measured(p, x + 1e-4) - measured(p, x - 1e-4)) / 2e-4
+        m.covariance[0, 0] = max(m.covariance[0, 0], 0.0)  # rounding
+        m.variance = m.seen * m.seen * m.covariance[0, 0] + sensor * sensor + (jitter * m.mean[1]) ** 2
+        deviation = math.sqrt(m.variance)
+        low = (cell * resolution - m.expected) / deviation
+        m.log_mass, m.cell_mean, m.kept = truncated(low, low + resolution / deviation)
+        m.log_mass += math.log(m.weight)
+        largest = max(largest, m.log_mass)
+        row.mean += m.weight * m.expected
+        row.seen += m.weight * m.seen
+        row.x += m.weight * x
+        row.v += m.weight * m.mean[1]
+        row.d += m.weight * m.mean[2]
+    # The prediction as one normal distribution: what is linearised along the filter's path starts from it.
+    row.variance = row.xx = row.xv = row.xd = row.vv = row.vd = row.dd = 0.0
+    mass = 0.0
+    for k in range(3):
+        m = modes[k]
+        if m.weight == 0.0:
+            continue
+        x, v, d = m.mean[0] - row.x, m.mean[1] - row.v, m.mean[2] - row.d
+        row.variance += m.weight * (m.variance + (m.expected - row.mean) ** 2)
+        row.xx += m.weight * (m.covariance[0, 0] + x * x)
+        row.xv += m.weight * (m.covariance[0, 1] + x * v)
+        row.xd += m.weight * (m.covariance[0, 2] + x * d)
+        row.vv += m.weight * (m.covariance[1, 1] + v * v)
+        row.vd += m.weight * (m.covariance[1, 2] + v * d)
+        row.dd += m.weight * (m.covariance[2, 2] + d * d)
+        mass += math.exp(m.log_mass - largest)
+    row.gain_x, row.gain_v, row.gain_d = (
+        row.seen * row.xx / row.variance,
+        row.seen * row.xv / row.variance,
+        row.seen * row.xd / row.variance,
+    )
+    probability = mass * math.exp(largest)
+    row.log_p = math.log(probability + OUTLIER)
+    regular = probability / (probability + OUTLIER)
+    row.moved = left = 0.0
+    row.x = row.v = row.d = row.bristle = row.load_x = row.load_v = row.contact = 0.0
+    for k in range(3):
+        m = modes[k]
+        if m.weight == 0.0:
+            continue
+        weight = math.exp(m.log_mass - largest) / mass
+        deviation, share = math.sqrt(m.variance), 1.0 - m.kept
+        moved = deviation * m.cell_mean
+        off = m.expected + moved - row.mean
+        row.moved += weight * off
+        left += weight * (m.variance * m.kept + off * off)
+        m.bristle += m.bristle_x * m.seen * m.covariance[0, 0] / m.variance * moved
+        take(m, m.seen, m.variance, share, moved, size)
+        m.weight = weight if weight > RARE else 0.0
+        row.x += weight * m.mean[0]
+        row.v += weight * m.mean[1]
+        row.d += weight * m.mean[2]
+        row.bristle += weight * m.bristle
+        row.load_x += weight * m.mean[4]
+        row.load_v += weight * m.mean[5]
+        row.contact += weight * m.contact
+    left -= row.moved * row.moved
+    row.share = min(max(1.0 - left / row.variance, 0.0), 1.0)
+    row.score, row.information = regular * row.moved / row.variance, regular * row.share / row.variance
+    return float(row.log_p)
