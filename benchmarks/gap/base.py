@@ -1,0 +1,108 @@
+"""``python -m benchmarks.gap.base --seed 0:20``: are inertia and friction right beside a torque that no catalogue knows?
+
+The cases of the benchmark with nothing hidden. The three base parameters are fitted beside the disturbance, from the truth;
+printed are their mean error, the same in standard errors, and how many 95 % intervals hold the truth.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+import tempfile
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.stats import t as student
+
+from benchmarks.gap import tasks
+from benchmarks.gap.cases import write_files
+from benchmarks.gap.options import seeds
+from benchmarks.gap.plan import FULL, Case, draw
+from benchmarks.gap.rate import Rate
+from benchmarks.report import progress
+
+
+class Fitted(NamedTuple):
+    """One base parameter in one case."""
+
+    name: str
+    coloured: bool
+    error: float
+    """Relative."""
+    deviation: float
+    """Its standard error."""
+    inside: bool
+
+
+def fitted(case: Case) -> list[Fitted]:
+    """The base parameters of one case."""
+    from hapticd.config import load_config
+    from hapticd.gap.data import load_recording
+    from hapticd.gap.nominal import nominal_fit
+    from hapticd.gap.workflow import base_terms, problem_of
+
+    files, _ = tasks.make(case)
+    with tempfile.TemporaryDirectory(prefix="gap-") as folder:
+        write_files(Path(folder), files)
+        model = load_config(Path(folder) / "model.yaml")
+        recording = load_recording(tasks.run_file(Path(folder)), model)
+    problem = problem_of([recording], model).with_free_memory()
+    fit = nominal_fit(problem, base_terms(problem))
+    fit.held_out()
+    reach = float(student.isf(0.025, problem.series.blocks - 1))
+    variance = np.diag(fit.covariance())
+    found = []
+    for number, item in enumerate(fit.terms):
+        at = fit.share(number).start
+        error, deviation = float(fit.u[at] - item.start[0]), math.sqrt(variance[at])
+        found.append(Fitted(item.slug, case.coloured is not None, error, deviation, abs(error) < reach * deviation))
+    return found
+
+
+def rows(found: list[Fitted]) -> list[list[str]]:
+    """A line for each parameter, with and without coloured torque."""
+    lines = []
+    for coloured in (False, True):
+        for name in dict.fromkeys(one.name for one in found):
+            those = [one for one in found if one.name == name and one.coloured == coloured]
+            if those:
+                held = Rate(sum(one.inside for one in those), len(those))
+                scores = [one.error / one.deviation for one in those]
+                lines.append(
+                    [
+                        "with coloured torque" if coloured else "without",
+                        name,
+                        f"{100.0 * np.mean([one.error for one in those]):+.2f} %",
+                        f"{np.mean(scores):+.2f}",
+                        f"{np.sqrt(np.mean(np.square(scores))):.2f}",
+                        str(held),
+                    ]
+                )
+    return lines
+
+
+def main() -> int:
+    """Fit and print."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap.base", description=__doc__.split("\n\n")[1])
+    parser.add_argument("--seed", type=seeds, default=range(10), metavar="A:B", help="seeds of the cases, as 0:20")
+    parser.add_argument("--processes", type=int, default=2)
+    options = parser.parse_args()
+    cases = [case for case in draw(FULL, options.seed) if case.kind == "none"]
+    found: list[Fitted] = []
+    with ProcessPoolExecutor(options.processes) as pool:
+        for done, parameters in enumerate(pool.map(fitted, cases), 1):
+            found += parameters
+            progress(f"{done} of {len(cases)} cases")
+    print(
+        "| | parameter | mean error | in standard errors | their RMS | truth inside 95 % |\n|---|---|---|---|---|---|"
+    )
+    for line in rows(found):
+        print("| " + " | ".join(line) + " |")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
