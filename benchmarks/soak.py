@@ -139,26 +139,37 @@ def growth_mb(memory: list[tuple[float, int]], settled_s: float = SETTLED_S) -> 
     return (max(later) - later[0]) / 1e6 if len(later) > 1 else float("nan")
 
 
+def gaps(tick: NDArray[np.int64], flags: NDArray[np.int64]) -> dict[str, int]:
+    """A recording against its own tick column.
+
+    Returns:
+        ``periods`` from the first row to the last; ``missed_in_a_row``, the most of them in a row that have none. What must
+        be 0: ``unmarked``, gaps whose next row does not say so and rows that say so without one; ``backwards``, places where
+        the tick does not rise.
+    """
+    steps = np.diff(tick)
+    marked = (flags[1:] & FLAG_MISSED_PERIOD) != 0
+    return {
+        "periods": int(tick[-1] - tick[0]) + 1,
+        "missed_in_a_row": int(steps.max(initial=1)) - 1,
+        "unmarked": int(np.count_nonzero(marked != (steps > 1))),
+        "backwards": int(np.count_nonzero(steps < 1)),
+    }
+
+
 def accounts(tick: NDArray[np.int64], flags: NDArray[np.int64], totals: Totals) -> dict[str, int]:
     """The recording against its tick column and against the daemon's counters.
 
     Returns:
-        ``periods`` from the first row to the last; ``missed`` of them, which have no row and were not dropped; the longest
-        row of those.
-        What must be 0: ``unaccounted``, periods since the daemon's first tick, tick 0, that it counted neither as done nor
-        as missed; ``unmarked``, gaps whose next row does not say so and rows that say so without one; ``backwards``, places
-        where the tick does not rise; ``rows_differ``, rows in the file less those that the daemon counted.
+        What `gaps` does; ``missed`` periods, which have no row and were not dropped. What must be 0: ``unaccounted``,
+        periods since the daemon's first tick, tick 0, that it counted neither as done nor as missed; ``rows_differ``, rows
+        in the file less those that the daemon counted.
     """
-    steps = np.diff(tick)
-    marked = (flags[1:] & FLAG_MISSED_PERIOD) != 0
-    periods = int(tick[-1] - tick[0]) + 1
+    found = gaps(tick, flags)
     return {
-        "periods": periods,
-        "missed": periods - len(tick) - totals.dropped,
-        "missed_in_a_row": int(steps.max(initial=1)) - 1,
+        **found,
+        "missed": found["periods"] - len(tick) - totals.dropped,
         "unaccounted": int(tick[-1]) + 1 - totals.ticks - totals.missed,
-        "unmarked": int(np.count_nonzero(marked != (steps > 1))),
-        "backwards": int(np.count_nonzero(steps < 1)),
         "rows_differ": len(tick) - totals.rows,
     }
 

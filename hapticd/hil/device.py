@@ -29,6 +29,7 @@ class Device(Child):
         plant: the device's own plant, which the daemon does not see; None: the config's.
         script: hand forces and faults to play (``docs/reference/simulated-hardware.md``).
         board: the reference firmware as a binary on this board in place of the simulated one.
+        log: whether it writes down what happens; in an hour that is half a gigabyte.
 
     Raises:
         HilError: the config's driver has no simulated device.
@@ -42,6 +43,7 @@ class Device(Child):
         plant: Config | None = None,
         script: dict[str, Any] | None = None,
         board: str | None = None,
+        log: bool = True,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.log_path = folder / "device.arrow"
@@ -50,7 +52,9 @@ class Device(Child):
         plant_file, script_file = folder / "plant.yaml", folder / "script.yaml"
         plant_file.write_text(config_to_yaml(plant or config))
         script_file.write_text(yaml.safe_dump(script or {}))
-        common = ["--plant", str(plant_file), "--script", str(script_file), "--log", str(self.log_path)]
+        common = ["--plant", str(plant_file), "--script", str(script_file)]
+        if log:
+            common += ["--log", str(self.log_path)]
         address = self._address(config, folder, board)
         super().__init__(
             "the simulated device", [sys.executable, "-m", "sim_hw", *address, *common], folder / "device.out"

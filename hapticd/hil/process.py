@@ -53,6 +53,7 @@ class Child:
                 stdout=out,
                 stderr=out,
                 env=self._environment,
+                process_group=0,  # Ctrl-C at a terminal is for us alone: we end our processes, in our order
             )
         return self
 
