@@ -28,7 +28,7 @@ from benchmarks.report import BenchmarkError, Figure, document, print_table, pro
 from benchmarks.soak import GROWTH_MB, SETTLED_S
 from benchmarks.soak_loaded.judge import balance, growth
 from benchmarks.soak_loaded.rigs import DRIVERS, Rig
-from benchmarks.soak_loaded.schedule import CALM_S, Episode, explaining, schedule
+from benchmarks.soak_loaded.schedule import AFTERMATH_S, CALM_S, Episode, each_came_once_s, explaining, schedule
 from benchmarks.soak_loaded.troubles import NotDoneError, SmallDisk, Troubles, fresh_settings, stress_ng
 from hapticd.hil.clock import JumpingClock
 from hapticd.hil.errors import HilError
@@ -58,8 +58,10 @@ class Soaked:
 
     @property
     def settled_s(self) -> float:
-        """Until then memory may grow: caches fill, code is loaded on first use; each kind of episode comes once."""
-        return max(SETTLED_S, min(_LONGEST_SETTLING_S, 0.2 * self.seconds))
+        """Until then memory may grow: caches fill, code is loaded on first use, and each kind of episode comes once."""
+        return max(
+            SETTLED_S, min(_LONGEST_SETTLING_S, 0.2 * self.seconds), each_came_once_s(self.planned) + AFTERMATH_S
+        )
 
 
 def carried_rates(seconds: float) -> dict[str, float]:
@@ -254,7 +256,9 @@ def print_faults(soaked: Soaked) -> None:
         for fault in rig.faults:
             over = "not over" if fault.over_s is None else f"{fault.over_s - fault.seen_s:.0f} s"
             why = fault.explained_by or "NOT EXPLAINED"
-            print(f"{rig.name}: {fault.seen_s:.0f} s: {fault.code} ({fault.cause}); {over}; {why}")
+            print(
+                f"{rig.name}: {fault.seen_s:.0f} s: {fault.code} ({fault.cause}), load {fault.load:.1f}; {over}; {why}"
+            )
         for finding in rig.findings:
             print(f"{rig.name}: FOUND: {finding}")
     for kind, count in sorted(Counter((episode.kind, reason) for episode, reason in soaked.not_done).items()):

@@ -149,6 +149,8 @@ class SeenFault:
     code: str
     cause: str
     seen_s: float
+    load: float
+    """Processes that wanted a processor then, on average over a minute: of all that runs on the machine, ours or not."""
     over_s: float | None = None
     explained_by: str | None = None
 

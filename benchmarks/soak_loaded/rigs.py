@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from types import TracebackType
@@ -115,6 +117,9 @@ class Rig:
     def begin(self, began_s: float) -> None:
         """Render and record; times count from here on."""
         self._began_s = began_s
+        # The daemon's pools make their threads when these are first needed at once: now, or by chance hours later.
+        with ThreadPoolExecutor(4) as together:
+            list(together.map(lambda _: self.client.status(), range(100)))
         self._render()
         self._record(self.daemon.runs)
 
@@ -154,7 +159,7 @@ class Rig:
                 # A fault that came while the one before it was being left behind is another one.
                 if known is not None:
                     known.over_s = self.now_s()
-                self.faults.append(SeenFault(fault["code"], fault["cause"], self.now_s()))
+                self.faults.append(SeenFault(fault["code"], fault["cause"], self.now_s(), os.getloadavg()[0]))
                 progress(f"{self.name}: {self.now_s():.0f} s: fault {fault['code']}: {fault['cause']}")
             self._cleared = False
             self._leave_fault()

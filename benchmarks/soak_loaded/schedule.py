@@ -79,6 +79,14 @@ def schedule(seconds: float, seed: int) -> list[Episode]:
     return sorted(episodes, key=lambda one: one.begin_s)
 
 
+def each_came_once_s(episodes: Iterable[Episode]) -> float:
+    """When the first episode of every kind was over, s."""
+    first: dict[str, float] = {}
+    for one in episodes:
+        first.setdefault(one.kind, one.end_s)
+    return max(first.values(), default=0.0)
+
+
 def explaining(code: str, seen_s: float, episodes: Iterable[Episode]) -> Episode | None:
     """The episode that may have brought about a fault which was seen then; None: a finding."""
     for one in episodes:

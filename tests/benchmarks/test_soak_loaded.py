@@ -13,7 +13,16 @@ import pytest
 from benchmarks.soak import Totals
 from benchmarks.soak_loaded.judge import Sample, Segment, balance, growth, kept_rows
 from benchmarks.soak_loaded.rigs import DRIVERS, config_of
-from benchmarks.soak_loaded.schedule import AFTERMATH_S, BURSTS, CALM_S, KINDS, Episode, explaining, schedule
+from benchmarks.soak_loaded.schedule import (
+    AFTERMATH_S,
+    BURSTS,
+    CALM_S,
+    KINDS,
+    Episode,
+    each_came_once_s,
+    explaining,
+    schedule,
+)
 from benchmarks.soak_loaded.troubles import fresh_settings
 from hapticd.config import LIVE_KEYS, apply_settings
 from hapticd.record.schema import FLAG_MISSED_PERIOD
@@ -109,6 +118,12 @@ def test_what_explains_a_fault() -> None:
     assert explaining("missed_exchanges", 99.0, episodes) is None
     assert explaining("non_finite", 110.0, episodes) is None, "no load makes a command infinite"
     assert explaining("missed_exchanges", 210.0, episodes) is None, "a full disk makes no exchange fail"
+
+
+def test_a_soak_has_settled_when_each_kind_came_once() -> None:
+    planned = [Episode("cpu", 1.0, 2.0), Episode("hdd", 5.0, 9.0), Episode("cpu", 20.0, 30.0), Episode("vm", 6.0, 8.0)]
+    assert each_came_once_s(planned) == 9.0
+    assert each_came_once_s(schedule(2 * 3600.0, 0)) < 900.0
 
 
 def samples(files: list[int], megabytes: list[float]) -> list[Sample]:
