@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import random
 import signal
 import sys
@@ -27,8 +28,17 @@ from typing import Any, Final
 from benchmarks.report import BenchmarkError, Figure, document, print_table, progress
 from benchmarks.soak import GROWTH_MB, SETTLED_S
 from benchmarks.soak_loaded.judge import balance, growth
+from benchmarks.soak_loaded.machine import MUCH, Others
 from benchmarks.soak_loaded.rigs import DRIVERS, Rig
-from benchmarks.soak_loaded.schedule import AFTERMATH_S, CALM_S, Episode, each_came_once_s, explaining, schedule
+from benchmarks.soak_loaded.schedule import (
+    AFTERMATH_S,
+    CALM_S,
+    OF_TIMING,
+    Episode,
+    each_came_once_s,
+    explaining,
+    schedule,
+)
 from benchmarks.soak_loaded.troubles import NotDoneError, SmallDisk, Troubles, fresh_settings, stress_ng
 from hapticd.hil.clock import JumpingClock
 from hapticd.hil.errors import HilError
@@ -36,6 +46,7 @@ from hapticd.hil.errors import HilError
 RATES_HZ: Final = (1000.0, 500.0, 250.0)
 _CARRIED: Final = 0.01
 """A rate is carried when no more than this share of the periods, and of the exchanges, is missed without load."""
+OTHERS: Final = "other work on the machine"
 _ENDING: Final = (signal.SIGINT, signal.SIGTERM)
 _LOOK_S: Final = 1.0
 _BEAT_S: Final = 0.1
@@ -142,6 +153,7 @@ def _live(
     """The soak itself: one thread that looks what is due; whether Ctrl-C ended it, between two things that were."""
     looked_s = rotated_s = told_s = 0.0
     changes = 0
+    others = Others()
     interrupted = threading.Event()
     for number in _ENDING:
         signal.signal(number, lambda *_: interrupted.set())
@@ -154,8 +166,9 @@ def _live(
             changes += 1
         if now_s - looked_s >= _LOOK_S:
             looked_s = now_s
+            others.look([os.getpid(), *(process for rig in rigs for process in rig.processes)])
             for rig in alive:
-                rig.look()
+                rig.look(others.share)
                 _explain(rig, troubles)
         if now_s - rotated_s >= _ROTATE_S and "disk_full" not in troubles.now:
             rotated_s = now_s
@@ -174,7 +187,10 @@ def _explain(rig: Rig, troubles: Troubles) -> None:
     fault = rig.open_fault
     if fault is not None and fault.explained_by is None:
         episode = explaining(fault.code, fault.seen_s, troubles.acted())
-        fault.explained_by = None if episode is None else f"{episode.kind}, begun at {episode.begin_s:.0f} s"
+        if episode is not None:
+            fault.explained_by = f"{episode.kind}, begun at {episode.begin_s:.0f} s"
+        elif fault.code in OF_TIMING and fault.others >= MUCH:
+            fault.explained_by = OTHERS
 
 
 def _line(now_s: float, rigs: Sequence[Rig], troubles: Troubles, changes: int) -> str:
@@ -197,6 +213,7 @@ def _of_rig(rig: Rig, soaked: Soaked) -> list[Figure]:
     faults = [fault.details() for fault in rig.faults]
     lost_s = sum((fault.over_s or soaked.seconds) - fault.seen_s for fault in rig.faults)
     unexplained = sum(fault.explained_by is None for fault in rig.faults)
+    by_others = sum(fault.explained_by == OTHERS for fault in rig.faults)
     grown = growth(rig.samples, soaked.settled_s)
     known = grown["resident"] == grown["resident"]
     samples = [list(asdict(one).values()) for one in rig.samples]
@@ -212,7 +229,8 @@ def _of_rig(rig: Rig, soaked: Soaked) -> list[Figure]:
         Figure("growth of open file descriptors", grown["files"], "", 0.0 if known else None),
         Figure("growth of threads", grown["threads"], "", 0.0 if known else None),
         Figure("faults", len(rig.faults), "", details={"faults": faults}),
-        Figure("faults that no episode explains", unexplained, "", 0.0),
+        Figure("of them while others loaded the machine", by_others, ""),
+        Figure("faults that nothing explains", unexplained, "", 0.0),
         Figure("time lost by faults", lost_s, "s"),
         Figure("other findings", len(rig.findings), "", 0.0, details={"findings": rig.findings}),
         Figure("settings changed", rig.settings, ""),
@@ -256,9 +274,8 @@ def print_faults(soaked: Soaked) -> None:
         for fault in rig.faults:
             over = "not over" if fault.over_s is None else f"{fault.over_s - fault.seen_s:.0f} s"
             why = fault.explained_by or "NOT EXPLAINED"
-            print(
-                f"{rig.name}: {fault.seen_s:.0f} s: {fault.code} ({fault.cause}), load {fault.load:.1f}; {over}; {why}"
-            )
+            others = f"others {fault.others:.2f} processors"
+            print(f"{rig.name}: {fault.seen_s:.0f} s: {fault.code} ({fault.cause}), {others}; {over}; {why}")
         for finding in rig.findings:
             print(f"{rig.name}: FOUND: {finding}")
     for kind, count in sorted(Counter((episode.kind, reason) for episode, reason in soaked.not_done).items()):

@@ -149,8 +149,8 @@ class SeenFault:
     code: str
     cause: str
     seen_s: float
-    load: float
-    """Processes that wanted a processor then, on average over a minute: of all that runs on the machine, ours or not."""
+    others: float
+    """Share of one processor that others took then; in a burst it is one of them."""
     over_s: float | None = None
     explained_by: str | None = None
 

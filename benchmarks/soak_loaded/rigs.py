@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +27,7 @@ DRIVERS: Final[dict[str, dict[str, Any]]] = {
 }
 _TOLERATED_S: Final = 0.05
 """So long exchanges may fail in a row."""
+_WATCHDOG_MS: Final = 100
 
 T = TypeVar("T")
 
@@ -35,10 +35,12 @@ T = TypeVar("T")
 def config_of(name: str, rate_hz: float) -> Config:
     """The testbed on one of `DRIVERS`.
 
-    The two trips that judge how loaded the machine is would end the soak where it is to count.
+    The two trips that judge how loaded the machine is would end the soak where it is to count. The board's watchdog time,
+    20 ms where nobody says otherwise, is the drive's: what the daemon tolerates, the device must.
     """
+    watchdog = {} if name == "loopback" else {"watchdog_ms": _WATCHDOG_MS}
     sections = {
-        "driver": DRIVERS[name],
+        "driver": {**DRIVERS[name], **watchdog},
         "servo": {"rate_hz": rate_hz, "overrun": {"fault_after": None}},
         "safety": {"missed_exchanges": round(_TOLERATED_S * rate_hz), "heartbeat_timeout_s": 10},
         "record": {"enabled": False},
@@ -140,8 +142,17 @@ class Rig:
             self.find(f"{what}: {error}")
             return None
 
-    def look(self) -> None:
-        """Ask how it is, note what its process holds, and start it again after a fault."""
+    @property
+    def processes(self) -> list[int]:
+        """Of daemon and device."""
+        return [child.pid for child in (self.daemon, self._device) if child is not None]
+
+    def look(self, others: float) -> None:
+        """Ask how it is, note what its process holds, and start it again after a fault.
+
+        Args:
+            others: share of one processor that others take now.
+        """
         status = self.ask("status", self.client.status)
         if status is None:
             return
@@ -150,16 +161,16 @@ class Rig:
         process = Path(f"/proc/{self.daemon.pid}")
         files, threads = (sum(1 for _ in (process / name).iterdir()) for name in ("fd", "task"))
         self.samples.append(Sample(self.now_s(), resident_bytes(self.daemon.pid), files, threads))
-        self._follow_fault(status)
+        self._follow_fault(status, others)
 
-    def _follow_fault(self, status: dict[str, Any]) -> None:
+    def _follow_fault(self, status: dict[str, Any], others: float) -> None:
         fault, known = status["fault"], self.open_fault
         if fault is not None:
             if known is None or self._cleared:
                 # A fault that came while the one before it was being left behind is another one.
                 if known is not None:
                     known.over_s = self.now_s()
-                self.faults.append(SeenFault(fault["code"], fault["cause"], self.now_s(), os.getloadavg()[0]))
+                self.faults.append(SeenFault(fault["code"], fault["cause"], self.now_s(), others))
                 progress(f"{self.name}: {self.now_s():.0f} s: fault {fault['code']}: {fault['cause']}")
             self._cleared = False
             self._leave_fault()

@@ -12,7 +12,7 @@ CALM_S: Final = 15.0
 AFTERMATH_S: Final = 5.0
 """How long after an episode's end a fault may be seen that is of its making: the daemons are looked at every second."""
 
-_OF_TIMING: Final = frozenset(
+OF_TIMING: Final = frozenset(
     {"missed_exchanges", "overrun", "heartbeat_lost", "device_fault", "amplifier_dropped", "enable_timeout"}
 )
 """What a machine that is late may bring about. A device whose watchdog time has passed reports a fault of its own."""
@@ -34,9 +34,9 @@ class Kind:
 
 
 KINDS: Final[dict[str, Kind]] = {
-    "cpu": Kind(120.0, 20.0, _OF_TIMING),
-    "vm": Kind(120.0, 20.0, _OF_TIMING),
-    "hdd": Kind(120.0, 20.0, _OF_TIMING),
+    "cpu": Kind(120.0, 20.0, OF_TIMING),
+    "vm": Kind(120.0, 20.0, OF_TIMING),
+    "hdd": Kind(120.0, 20.0, OF_TIMING),
     "disk_full": Kind(600.0, 30.0),
     "clock_step": Kind(300.0, 15.0),
     "deaf_reader": Kind(400.0, 60.0),

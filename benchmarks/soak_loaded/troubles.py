@@ -113,6 +113,7 @@ class Troubles:
         self._planned = list(planned)
         self._rigs, self._folder, self._clock, self._disk, self._chance = rigs, folder, clock, disk, chance
         self._running: list[tuple[Episode, float, ExitStack]] = []
+        self._cut_short = False
         self.done: list[Episode] = []
         self.not_done: list[tuple[Episode, str]] = []
         self._acts: dict[str, Callable[[], AbstractContextManager[None]]] = {
@@ -160,7 +161,8 @@ class Troubles:
             self.done.append(Episode(episode.kind, begun_s, now_s))
 
     def end(self, now_s: float) -> None:
-        """End what goes on."""
+        """End what goes on, before its time."""
+        self._cut_short = True
         for entry in list(self._running):
             self._end(entry, now_s)
 
@@ -194,7 +196,7 @@ class Troubles:
         finally:
             for rig in rigs:
                 if rig.alive:
-                    if not rig.recording_failed():
+                    if not rig.recording_failed() and not self._cut_short:
                         rig.find("it recorded on, on a disk that is full")
                     rig.rotate()
             filler.unlink()

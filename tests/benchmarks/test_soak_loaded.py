@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import os
 import random
+import time
 from dataclasses import replace
 from itertools import pairwise
 
@@ -12,6 +14,7 @@ import pytest
 
 from benchmarks.soak import Totals
 from benchmarks.soak_loaded.judge import Sample, Segment, balance, growth, kept_rows
+from benchmarks.soak_loaded.machine import Others, busy_s
 from benchmarks.soak_loaded.rigs import DRIVERS, config_of
 from benchmarks.soak_loaded.schedule import (
     AFTERMATH_S,
@@ -124,6 +127,21 @@ def test_a_soak_has_settled_when_each_kind_came_once() -> None:
     planned = [Episode("cpu", 1.0, 2.0), Episode("hdd", 5.0, 9.0), Episode("cpu", 20.0, 30.0), Episode("vm", 6.0, 8.0)]
     assert each_came_once_s(planned) == 9.0
     assert each_came_once_s(schedule(2 * 3600.0, 0)) < 900.0
+
+
+def test_idle_processors_are_not_busy() -> None:
+    ticks = os.sysconf("SC_CLK_TCK")
+    assert busy_s("cpu  200 0 100 9000 500 10 20 70 0 0\ncpu0 1 2 3\n") == pytest.approx(400 / ticks)
+
+
+def test_our_own_work_is_not_that_of_others() -> None:
+    others, ours = Others(), Others()
+    for one, processes in ((others, []), (ours, [os.getpid()])) * 2:
+        one.look(processes)
+        end = time.monotonic() + 0.3
+        while time.monotonic() < end:
+            pass
+    assert others.share - ours.share > 0.2
 
 
 def samples(files: list[int], megabytes: list[float]) -> list[Sample]:
