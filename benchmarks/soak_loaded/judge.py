@@ -129,16 +129,16 @@ def growth(samples: Sequence[Sample], settled_s: float) -> dict[str, float]:
     """From the first to the last tenth of a soak, once settled; NaN where it was too short for that.
 
     Returns:
-        ``resident`` memory in MB, by the medians; ``files`` and ``threads`` by the least: what an episode has opened is
-        closed again after it, and what leaks is not.
+        By the medians: what an episode has opened is closed again after it, and so is a recording while the next begins.
+        ``resident`` is memory in MB, ``files`` and ``threads`` are counts.
     """
     first, last = _ends(samples, settled_s)
     if len(first) + len(last) < 4:
         return dict.fromkeys(("resident", "files", "threads"), float("nan"))
     return {
         "resident": (median(one.resident for one in last) - median(one.resident for one in first)) / 1e6,
-        "files": float(min(one.files for one in last) - min(one.files for one in first)),
-        "threads": float(min(one.threads for one in last) - min(one.threads for one in first)),
+        "files": float(median(one.files for one in last) - median(one.files for one in first)),
+        "threads": float(median(one.threads for one in last) - median(one.threads for one in first)),
     }
 
 
