@@ -10,16 +10,14 @@ import argparse
 import math
 import sys
 import tempfile
-from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from scipy.stats import t as student
 
-from benchmarks.gap import tasks
+from benchmarks.gap import options, tasks
 from benchmarks.gap.cases import write_files
-from benchmarks.gap.options import seeds
 from benchmarks.gap.plan import FULL, Case, draw
 from benchmarks.gap.rate import Rate
 from benchmarks.report import progress
@@ -39,16 +37,13 @@ class Fitted(NamedTuple):
 
 def fitted(case: Case) -> list[Fitted]:
     """The base parameters of one case."""
-    from hapticd.config import load_config
-    from hapticd.gap.data import load_recording
     from hapticd.gap.nominal import nominal_fit
     from hapticd.gap.workflow import base_terms, problem_of
 
     files, _ = tasks.make(case)
     with tempfile.TemporaryDirectory(prefix="gap-") as folder:
         write_files(Path(folder), files)
-        model = load_config(Path(folder) / "model.yaml")
-        recording = load_recording(tasks.run_file(Path(folder)), model)
+        recording, model = tasks.loaded(Path(folder))
     problem = problem_of([recording], model).with_free_memory()
     fit = nominal_fit(problem, base_terms(problem))
     fit.held_out()
@@ -87,12 +82,15 @@ def rows(found: list[Fitted]) -> list[list[str]]:
 def main() -> int:
     """Fit and print."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.gap.base", description=__doc__.split("\n\n")[1])
-    parser.add_argument("--seed", type=seeds, default=range(10), metavar="A:B", help="seeds of the cases, as 0:20")
-    parser.add_argument("--processes", type=int, default=2)
-    options = parser.parse_args()
-    cases = [case for case in draw(FULL, options.seed) if case.kind == "none"]
+    parser.add_argument(
+        "--seed", type=options.seeds, default=range(10), metavar="A:B", help="seeds of the cases, as 0:20"
+    )
+    options.add_engine(parser)
+    chosen = parser.parse_args()
+    options.check(parser, chosen)
+    cases = [case for case in draw(FULL, chosen.seed) if case.kind == "none"]
     found: list[Fitted] = []
-    with ProcessPoolExecutor(options.processes) as pool:
+    with options.engine(chosen) as pool:
         for done, parameters in enumerate(pool.map(fitted, cases), 1):
             found += parameters
             progress(f"{done} of {len(cases)} cases")

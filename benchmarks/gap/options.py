@@ -34,6 +34,11 @@ def seeds(text: str) -> range:
 def add_common(parser: argparse.ArgumentParser, output: Path) -> None:
     """Options of every command that runs cases."""
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", default=output)
+    add_engine(parser)
+
+
+def add_engine(parser: argparse.ArgumentParser) -> None:
+    """Options of where cases run."""
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes")
     parser.add_argument("--dask", metavar="ADDRESS", help="run on this Dask cluster instead, e.g. tcp://host:8786")
 

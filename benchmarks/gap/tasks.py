@@ -13,7 +13,7 @@ import time
 import traceback
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from benchmarks.gap.cases import Files, case_files, write_files
 from benchmarks.gap.generate import STEP_S, UnstableError, generate, visibility
 from benchmarks.gap.hidden import Effect
 from benchmarks.gap.plan import Case
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from hapticd.gap.recording import Recording
 
 _MOST_DRAWS = 8
 _OBSERVER_STEP_S = 4.0 * STEP_S
@@ -99,6 +103,15 @@ def run_file(folder: Path) -> Path:
     return next(folder.glob("run.*"))
 
 
+def loaded(folder: Path) -> tuple[Recording, Config]:
+    """The recording in a case's folder, and the nominal model beside it."""
+    from hapticd.config import load_config
+    from hapticd.gap.data import load_recording
+
+    model = load_config(folder / "model.yaml")
+    return load_recording(run_file(folder), model), model
+
+
 def workflow(files: Files, excluded: Sequence[str] = (), constants: Mapping[str, float] | None = None) -> Answer:
     """What hapticd's gap workflow answers, as gap.json has it, and the time it took.
 
@@ -112,13 +125,11 @@ def workflow(files: Files, excluded: Sequence[str] = (), constants: Mapping[str,
 
 def find(folder: Path, excluded: Sequence[str] = (), constants: Mapping[str, float] | None = None) -> Answer:
     """The workflow's answer on a case's folder, through its public call."""
-    from hapticd.config import EFFECT_SLUGS, load_config
+    from hapticd.config import EFFECT_SLUGS
     from hapticd.gap import find_gap
-    from hapticd.gap.data import load_recording
 
-    model = load_config(folder / "model.yaml")
+    recording, model = loaded(folder)
     candidates = [slug for slug in EFFECT_SLUGS if slug not in excluded] if excluded else None
-    recording = load_recording(run_file(folder), model)
     with changed_constants(constants or {}):
         return find_gap([recording], model, candidates=candidates, refit_base=False).to_json()
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import os
 import random
 import signal
@@ -215,7 +216,7 @@ def _of_rig(rig: Rig, soaked: Soaked) -> list[Figure]:
     unexplained = sum(fault.explained_by is None for fault in rig.faults)
     by_others = sum(fault.explained_by == OTHERS for fault in rig.faults)
     grown = growth(rig.samples, soaked.settled_s)
-    known = grown["resident"] == grown["resident"]
+    known = not math.isnan(grown["resident"])
     samples = [list(asdict(one).values()) for one in rig.samples]
     figures = [
         Figure(

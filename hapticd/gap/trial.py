@@ -19,7 +19,7 @@ import numpy as np
 
 from hapticd.config import ConfigError, apply_settings
 from hapticd.gap.fit import Fit
-from hapticd.gap.kernel.filter import OUTLIER
+from hapticd.gap.kernel.modes import OUTLIER
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.model_file import with_effects
 from hapticd.gap.problem import Problem

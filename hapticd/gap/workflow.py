@@ -38,8 +38,8 @@ _BASE = {"inertia": ("kg m²", "kg"), "viscous": ("N m s/rad", "N s/m"), "coulom
 _CORRECTIONS = ("inertia_error", "viscous_friction", "coulomb_friction", "torque_constant_error")
 _ROTARY_ONLY = ("gravity", "encoder_eccentricity")
 """Laws in an angle: on a linear device they would be sines of a metre."""
-_FARTHEST = 10.0
-"""Factor by which a base parameter may leave its nominal value: farther, a heavy shaft ignores the current."""
+_FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
+"""Factor by which a base parameter may leave its nominal value. A shaft heavier than that ignores the current."""
 
 
 def find_gap(
@@ -110,11 +110,11 @@ def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
 def base_terms(problem: Problem) -> tuple[Term, ...]:
     """Terms that fit the base model: the logarithms of inertia, viscous and Coulomb friction, with a wide prior."""
     found = []
-    for name in _BASE:
+    for name, farthest in _FARTHEST.items():
         index = word(name)
         value = float(problem.base[index])
         if value > 0.0:
-            centre, far = np.log(value), np.log(_FARTHEST)
+            centre, far = np.log(value), np.log(farthest)
             coordinate = Coordinate(name, index, True, centre - far, centre + far, 0.3, constants.BASE_PRIOR, centre)
             found.append(Term(name, (coordinate,), (centre,)))
     return tuple(found)

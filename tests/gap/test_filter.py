@@ -9,7 +9,7 @@ import pytest
 from scipy.stats import norm, truncnorm
 
 from hapticd.gap.kernel.cell import truncated
-from hapticd.gap.kernel.filter import OUTLIER
+from hapticd.gap.kernel.modes import OUTLIER
 
 from . import linear_case
 from .linear_case import case, filtered, textbook

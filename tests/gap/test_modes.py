@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import truncnorm
 
 from hapticd.gap.kernel import carry
-from hapticd.gap.kernel.modes import DOWN, HELD, MODE, STATES, STOPPED, UP, W, merge, take
+from hapticd.gap.kernel.modes import DOWN, HELD, MODE, STATES, STOPPED, UP, W, impact, merge, spread, take, tie
 from hapticd.plant.layout import index_of, neutral_vector
 
 Floats = NDArray[np.float64]
@@ -115,15 +115,26 @@ def test_an_impact_within_the_period_has_one_effect_whenever_it_happens() -> Non
     coasted = np.array([x + PERIOD_S * v, v, 0.0, 0.0, load + PERIOD_S * load_v, load_v])
     piece = np.zeros(1, MODE)
     piece[0]["covariance"] = np.outer(coasted, coasted)
-    carry.impact(piece[0], (1.0 + e) * part, (1.0 + e) * (1.0 - part))
+    impact(piece[0], (1.0 + e) * part, (1.0 + e) * (1.0 - part))
     expected = np.array([difference[0], difference[1], 0.0, 0.0, difference[2], difference[3]])
     np.testing.assert_allclose(piece[0]["covariance"], np.outer(expected, expected), rtol=1e-9, atol=1e-15)
+
+
+def test_what_varies_is_carried_linearly(rng: np.random.Generator) -> None:
+    piece, half, slide = np.zeros(1, MODE), 0.5 * PERIOD_S, 0.9
+    whole = _covariance(rng)
+    piece[0]["covariance"] = whole
+    spread(piece[0], half, slide, STATES)
+    A = np.eye(STATES)
+    A[0, [1, W]], A[1] = (half, half * slide), slide * np.eye(STATES)[W]
+    A[4, 5] = PERIOD_S
+    np.testing.assert_allclose(piece[0]["covariance"], A @ whole @ A.T, rtol=1e-12)
 
 
 def test_in_contact_the_load_varies_with_the_shaft(rng: np.random.Generator) -> None:
     piece = np.zeros(1, MODE)
     whole = _covariance(rng)
     piece[0]["covariance"] = whole
-    carry.tie(piece[0])
+    tie(piece[0])
     order = [0, 1, 2, 3, 0, 1]
     np.testing.assert_array_equal(piece[0]["covariance"], whole[np.ix_(order, order)])

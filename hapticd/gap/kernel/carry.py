@@ -14,7 +14,7 @@ import numpy as np
 from numba import from_dtype, types
 
 from hapticd.gap.kernel.cell import truncated
-from hapticd.gap.kernel.modes import DOWN, HELD, MODE, RARE, STATES, STOPPED, UP, W
+from hapticd.gap.kernel.modes import DOWN, HELD, MODE, RARE, STATES, STOPPED, UP, W, impact, spread, tie
 from hapticd.jit import njit
 from hapticd.plant.coupled import COUPLING, Coupling, is_underdamped, swing_apart
 from hapticd.plant.effect_terms import shared_inertia
@@ -87,6 +87,7 @@ PERIOD = np.dtype(
         ("fresh", "f8"),  # covariance of that impulse with d at the end
         ("renewed", "f8"),  # variance of d by what is new in it
         ("slide", "f8"),  # out: d (velocity at its end) / dw, of all modes
+        ("moves", "f8"),  # out: probability that the shaft moves
     ],
     align=True,
 )
@@ -146,50 +147,6 @@ def _go(
             substep(p, state, now, duration[j], current[j])
             now += duration[j]
     p[_EXTERNAL] = 0.0
-
-
-@njit(types.void(from_dtype(MODE), _f8, _f8, _i8), counted=False)
-def _spread(r: Any, half: float, slide: float, size: int) -> None:
-    """Carry the covariance of a piece: x′ = x + T/2 (v + v′), v′ = `slide` w, and the load coasts."""
-    S = r.covariance
-    for side in range(2):
-        for j in range(size):
-            a, b = (S[0, j], S[W, j]) if side == 0 else (S[j, 0], S[j, W])
-            c = S[1, j] if side == 0 else S[j, 1]
-            moved = slide * b
-            a += half * (c + moved)
-            if side == 0:
-                S[0, j], S[1, j] = a, moved
-            else:
-                S[j, 0], S[j, 1] = a, moved
-            if size > 4:
-                if side == 0:
-                    S[4, j] += 2.0 * half * S[5, j]
-                else:
-                    S[j, 4] += 2.0 * half * S[j, 5]
-
-
-@njit(types.void(from_dtype(MODE), _f8, _f8), counted=False)
-def impact(r: Any, J: float, K: float) -> None:
-    """An impact takes J of the relative motion from the shaft and gives K of it to the load, whenever it happens."""
-    S = r.covariance
-    for first, second in ((0, 4), (1, 5)):
-        for j in range(STATES):
-            a, b = S[first, j], S[second, j]
-            S[first, j], S[second, j] = a - J * (a - b), b + K * (a - b)
-        for j in range(STATES):
-            a, b = S[j, first], S[j, second]
-            S[j, first], S[j, second] = a - J * (a - b), b + K * (a - b)
-
-
-@njit(types.void(from_dtype(MODE)), counted=False)
-def tie(r: Any) -> None:
-    """The load is in contact: its position and velocity vary with the shaft's."""
-    S = r.covariance
-    for j in range(STATES):
-        S[4, j], S[5, j] = S[0, j], S[1, j]
-    for j in range(STATES):
-        S[j, 4], S[j, 5] = S[j, 0], S[j, 1]
 
 
 @njit(_i8(_a, _laws, _periods, _a, _a, _modes, _i8, _modes, _indices, _i8), counted=False)
@@ -348,7 +305,7 @@ def carry(
                 load_x_x = (other[LOAD_THETA] - state[LOAD_THETA]) / far
             if slide > 0.0:
                 load_v_v = (other[LOAD_OMEGA] - state[LOAD_OMEGA]) / (slide * step)
-    _spread(r, half, slide, law.size)
+    spread(r, half, slide, law.size)
     if slide > 0.0:
         span, moved = period.span, slide * slide / (inertia * inertia)
         r.covariance[0, 0] += moved * span * span * (period.white / 12.0 - period.coloured / 10.0)
@@ -373,4 +330,6 @@ def carry(
         r.covariance[4, 0] = r.covariance[0, 4] = load_x_x * r.covariance[0, 0]
         r.covariance[5, 0] = r.covariance[0, 5] = load_v_v * r.covariance[0, 1]
     period.slide += r.weight * slide
+    if slide > 0.0:
+        period.moves += r.weight
     return ends

@@ -29,8 +29,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import from_dtype, types
 
-from hapticd.gap.kernel.carry import LAWS, PERIOD, carry, cut, look_up, moving_inertia, tie
-from hapticd.gap.kernel.modes import MODE, OUTLIER, STATES, UP, merge, see
+from hapticd.gap.kernel.carry import LAWS, PERIOD, carry, cut, look_up, moving_inertia
+from hapticd.gap.kernel.modes import MODE, STATES, UP, merge, see, tie
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, SENSOR, TICK, WHITE
 from hapticd.jit import njit
 from hapticd.plant.layout import STATE
@@ -38,8 +38,6 @@ from hapticd.plant.layout import index_of as word
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-__all__ = ["OUTLIER", "run_filter"]
 
 _EXTERNAL, _GAP = word("external_force"), word("backlash.gap")
 _PIECES = 9
@@ -131,7 +129,7 @@ def run_filter(
         period.coloured = 2.0 * power / tau * period.span**3 / 3.0
         period.fresh = 2.0 * power / tau * period.span**2 / 2.0
         period.renewed = power * (1.0 - period.decay * period.decay)
-        period.slide = 0.0
+        period.slide = period.moves = 0.0
         count, likeliest = 0, 0
         for mode in range(3):
             if modes[mode].weight > 0.0:
@@ -139,7 +137,7 @@ def run_filter(
                 if modes[mode].weight > modes[likeliest].weight:
                     likeliest = mode
         unit = period.span / (moving_inertia(p, modes[likeliest].contact) if law.size == STATES else law.inertia)
-        if law.has_play or count == 1:
+        if count == 1:
             for k in range(count):
                 into[k] = carry(p, laws, periods, duration[i], current[i], pieces, k, into[k], state, other)
             merge(modes, pieces, into, count, law.size)
@@ -155,5 +153,5 @@ def run_filter(
             row.next_v += modes[mode].weight * modes[mode].mean[1] if modes[mode].weight > 0.0 else 0.0
         slide, half = period.slide, 0.5 * period.span
         row.v_v, row.v_d, row.d_d, row.v_force = slide, period.mean * unit * slide, period.decay, unit * slide
-        row.x_v, row.x_d, row.x_force = half * (min(2.0 * slide, 1.0) + slide), half * row.v_d, half * row.v_force
+        row.x_v, row.x_d, row.x_force = half * (period.moves + slide), half * row.v_d, half * row.v_force
     return total

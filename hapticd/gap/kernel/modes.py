@@ -141,6 +141,47 @@ def take(mode: Any, seen: float, variance: float, share: float, moved: float, si
             mode.covariance[j, k] -= mode.gain[j] * mode.gain[k] * variance * share
 
 
+@njit(types.void(_mode, _f8, _f8, _i8), counted=False)
+def spread(r: Any, half: float, slide: float, size: int) -> None:
+    """Carry the covariance of a piece: x′ = x + T/2 (v + v′), v′ = `slide` w, and the load coasts."""
+    S = r.covariance
+    for j in range(size):
+        moved = slide * S[W, j]
+        S[0, j] += half * (S[1, j] + moved)
+        S[1, j] = moved
+        if size == STATES:
+            S[4, j] += 2.0 * half * S[5, j]
+    for j in range(size):
+        moved = slide * S[j, W]
+        S[j, 0] += half * (S[j, 1] + moved)
+        S[j, 1] = moved
+        if size == STATES:
+            S[j, 4] += 2.0 * half * S[j, 5]
+
+
+@njit(types.void(_mode, _f8, _f8), counted=False)
+def impact(r: Any, J: float, K: float) -> None:
+    """An impact takes J of the relative motion from the shaft and gives K of it to the load, whenever it happens."""
+    S = r.covariance
+    for first, second in ((0, 4), (1, 5)):
+        for j in range(STATES):
+            a, b = S[first, j], S[second, j]
+            S[first, j], S[second, j] = a - J * (a - b), b + K * (a - b)
+        for j in range(STATES):
+            a, b = S[j, first], S[j, second]
+            S[j, first], S[j, second] = a - J * (a - b), b + K * (a - b)
+
+
+@njit(types.void(_mode), counted=False)
+def tie(r: Any) -> None:
+    """The load is in contact: its position and velocity vary with the shaft's."""
+    S = r.covariance
+    for j in range(STATES):
+        S[4, j], S[5, j] = S[0, j], S[1, j]
+    for j in range(STATES):
+        S[j, 4], S[j, 5] = S[j, 0], S[j, 1]
+
+
 @njit(_f8(_a, _modes, _f8, _f8, _f8, _f8, _i8, _rows, _i8), counted=False)
 def see(
     p: NDArray[Any],
