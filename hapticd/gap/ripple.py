@@ -56,10 +56,15 @@ def _pursued(space: Score, scale: Scale) -> Candidate | None:
     orders = unit * np.arange(lowest, highest + 1)
     x = space.present.out["x"]
     count = orders.size
-    angle = orders * x[:, None]
-    D = sensitivities(space.present.out, np.concatenate([np.sin(angle), np.cos(angle)], axis=1))
+    torques = np.empty((x.size, 2 * count))
+    sines, cosines = torques[:, :count], torques[:, count:]
+    np.multiply.outer(x, orders, out=sines)
+    np.cos(sines, out=cosines)
+    np.sin(sines, out=sines)
+    D = sensitivities(space.present.out, torques)
+    del torques, sines, cosines
     g, H = space.reduced(D)
-    del D, angle
+    del D
     apart = 0.99 * turn
     chosen: list[int] = []
     total = 0.0
@@ -85,11 +90,11 @@ def _pursued(space: Score, scale: Scale) -> Candidate | None:
         return None
     held = [*chosen, *(k + count for k in chosen)]
     sizes = np.linalg.solve(H[np.ix_(held, held)], g[held])
-    sines, cosines = sizes[: len(chosen)], sizes[len(chosen) :]
+    of_sine, of_cosine = sizes[: len(chosen)], sizes[len(chosen) :]
     values = {
         "orders": [float(orders[k]) for k in chosen],
-        "amplitudes": [float(a) for a in np.maximum(np.hypot(sines, cosines), 1e-9 * scale.torque)],
-        "phases": [float(a) for a in np.arctan2(cosines, sines)],
+        "amplitudes": [float(a) for a in np.maximum(np.hypot(of_sine, of_cosine), 1e-9 * scale.torque)],
+        "phases": [float(a) for a in np.arctan2(of_cosine, of_sine)],
     }
     item = term(SLUG, values, ("orders",), 0.1)
     return Candidate(SLUG, item, total, len(chosen) * math.log(count))
