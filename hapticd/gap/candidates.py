@@ -15,7 +15,7 @@ import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.effects.spec import Scale
-from hapticd.gap import grip, ripple
+from hapticd.gap import grip, late_record, ripple
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import SENSOR
@@ -86,6 +86,8 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
             found += _input(space, slug, scale)
         else:
             starts = both_signs(term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale))
+            if slug == late_record.DELAY:
+                starts += late_record.starts(scale.period_s)
             rough = CATALOGUE[slug].acts_on == "memory"
             tried = each((part if rough else space).along, starts)
             found += _apart(sorted(tried, key=lambda candidate: -candidate.promise), _CLIMBS if rough else 1)

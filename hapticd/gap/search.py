@@ -9,7 +9,7 @@ import numpy as np
 from scipy.stats import t as student
 
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.gap import constants, grip
+from hapticd.gap import constants, grip, late_record
 from hapticd.gap.candidates import HALVINGS, Climb, candidates, scale_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, WHITE
@@ -134,7 +134,8 @@ def search(
     Args:
         first: the nominal model. slugs: effects that may be named.
         progress: told the share done and what is being done.
-        rounds: out: what happened in each round; an interruption leaves those that were finished.
+        rounds: out: what happened in each round; an interruption leaves those that were finished. A round that takes a late
+            record is the last one: the search is to begin again beside it.
 
     Returns:
         The last model.
@@ -155,6 +156,8 @@ def search(
             break
         contenders = _simplest_first(contenders)
         best = contenders[0]
+        is_late = late_record.is_late(best.law)
+        contenders = [c for c in contenders if c is best or not late_record.is_late(c.law)]
         if best.evidence < needed_errors or best.gain < needed:
             break
         tied = tuple(
@@ -168,6 +171,8 @@ def search(
         rounds.append(Round(present, (best, *contenders[1:]), tied))
         look_back(rounds, len(first.fit.terms), needed_errors, needed)
         present = rounds[-1].taken.judged
+        if is_late:
+            break
     return present
 
 
@@ -294,10 +299,14 @@ def _keeps_the_drive(fit: Fit, present: Fit) -> bool:
 
 
 def _simplest_first(contenders: list[Contender]) -> list[Contender]:
-    """The order of the held-out score, but a law that is a limit of the best one goes before it where it is as good."""
+    """The order of the held-out score, but a law that is a limit of the best one goes before it where it is as good.
+
+    So does any law of the device before a late record.
+    """
     best = contenders[0]
     for other in contenders[1:]:
-        if other.slug in CATALOGUE[best.slug].contains and evidence(best.judged, other.judged)[1] < constants.TIE:
+        is_simpler = other.slug in CATALOGUE[best.slug].contains or late_record.is_late(best.law)
+        if is_simpler and evidence(best.judged, other.judged)[1] < constants.TIE:
             return [other, *(contender for contender in contenders if contender is not other)]
     return contenders
 

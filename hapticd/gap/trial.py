@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.config import ConfigError, apply_settings
+from hapticd.gap import late_record
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.modes import OUTLIER
 from hapticd.gap.kernel.ticks import NOISE
@@ -89,11 +90,12 @@ def rival_of(model: Config, fit: Fit, last: Fit, slug: str, base: int) -> Rival 
     """
     whole = [term.moved(fit.u[fit.share(k)]) for k, term in enumerate(fit.terms)]
     whole += [last.terms[k].moved(last.u[last.share(k)]) for k in range(len(whole), len(last.terms))]
-    # In an experiment to come nobody holds the handle.
-    terms = tuple(term for term in whole if term.slug != HAND)
+    # In an experiment to come nobody holds the handle, and how late its record will be is another matter.
+    terms = tuple(term for term in whole if term.slug not in (HAND, late_record.SLUG))
     entries = [(term.slug, parameters_of_term(term, term.start)) for term in whole[base:] if term.slug != HAND]
+    own = {term.slug: float(np.exp(term.start[0])) for term in whole[:base] if term.slug != late_record.SLUG}
     try:
-        config = with_effects(model, entries, {term.slug: float(np.exp(term.start[0])) for term in whole[:base]})
+        config = with_effects(model, entries, own)
     except ConfigError:
         return None
     known = Fit.started(fit.problem, terms, last.noise)

@@ -116,8 +116,10 @@ def timing(document: Mapping[str, Any]) -> str:
     missed, jitter_s = recording["missed"], float(recording["jitter_s"])
     of = f" of {samples + missed}" if samples else ""
     text = f"{missed}{of} sample{'' if missed == 1 and not of else 's'} missed, jitter {1e6 * jitter_s:.3g} µs"
-    period_s = recording.get("period_s")
-    return f"{text} ({percent(jitter_s / period_s)} of a period)" if period_s else text
+    if period_s := recording.get("period_s"):
+        text = f"{text} ({percent(jitter_s / period_s)} of a period)"
+    late = recording.get("current_late_s")
+    return f"{text}, its current {1e3 * late['value']:.3g} ms late" if late else text
 
 
 def timing_is_off(document: Mapping[str, Any]) -> bool:

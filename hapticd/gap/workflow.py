@@ -11,7 +11,7 @@ from scipy.stats import t as student
 
 from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
-from hapticd.gap import constants, grip, missing
+from hapticd.gap import constants, grip, late_record, missing
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.missing import Missing, missing_force
@@ -75,6 +75,12 @@ def find_gap(
     interrupted = False
     try:
         search(first, slugs, progress, rounds)
+        if rounds and late_record.is_late(law := rounds[-1].taken.law):
+            slugs = [slug for slug in slugs if slug != late_record.DELAY]
+            base = (*base, late_record.along(law))
+            rounds.clear()
+            first = cross_validate(nominal_fit(problem, base))
+            search(first, slugs, progress, rounds)
     except KeyboardInterrupt:
         if not rounds:
             raise
@@ -167,6 +173,10 @@ def _result(
     }
     laws = [(last.fit.terms[number], last.fit.share(number)) for number in range(fixed, len(last.fit.terms))]
     at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share]))}
+    reach = float(student.isf(0.025, last.fit.problem.series.blocks - 1))
+    late = late_record.told(last.fit, np.diag(covariance), reach)
+    timing = _timing(recordings)
+    timing = {**timing, **late, "warnings": [*timing["warnings"], *late["warnings"]]}
     verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten), numbers, remainder)
     series = first.fit.problem.series
     noise = last.fit.noise_values()
@@ -180,7 +190,7 @@ def _result(
         where=tuple(missing.where(first.fit, found[0])),
         base=_base_estimates(last.fit, model.is_linear) if fixed else {},
         prediction=prediction_errors(first.fit, last.fit, model.is_linear),
-        recording=_timing(recordings),
+        recording=timing,
         details={
             "samples": series.size,
             "blocks": series.blocks,

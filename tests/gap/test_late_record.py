@@ -1,0 +1,47 @@
+"""A record of the current that says later than it was what the motor had."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticd.gap import find_gap
+from hapticd.gap.recording import Recording
+from hapticd.gap.words import timing
+
+ROWS = 2
+
+
+def delayed(recording: Recording, rows: int = ROWS) -> Recording:
+    """The same recording with the current of some rows before in each row."""
+    current = np.concatenate([np.full(rows, recording.current[0]), recording.current[:-rows]])
+    return replace(recording, current=current)
+
+
+@pytest.mark.parametrize("effect", [None, {"name": "constant_bias", "tau_0": 6e-4}])
+def test_a_late_record_is_told_and_no_effect_is_named_for_it(hidden: Callable[..., Any], effect: Any) -> None:
+    recording, model = hidden([effect] if effect else [], 29, 8.0)
+    result = find_gap([delayed(recording)], model, design=False)
+    assert result.effects == (("constant_bias",) if effect else ()), result.statement
+    late = result.recording["current_late_s"]
+    assert late["value"] == pytest.approx(ROWS * recording.period_s, rel=0.03)
+    assert late["ci95"][0] < late["value"] < late["ci95"][1]
+    assert any("recorded 2 ms late" in warning for warning in result.warnings)
+    assert "its current 2 ms late" in timing(result.to_json())
+
+
+def test_a_record_in_time_says_nothing_of_it(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([], 29, 8.0)
+    result = find_gap([recording], model, design=False)
+    assert "current_late_s" not in result.recording
+
+
+def test_a_late_device_is_no_late_record(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([{"name": "transport_delay", "t_d": 2e-3}], 29, 8.0)
+    result = find_gap([recording], model, design=False)
+    assert result.effects == ("transport_delay",), result.statement
+    assert "current_late_s" not in result.recording
