@@ -44,7 +44,7 @@ def answer(recording: Recording, model: Config, *, refit_base: bool) -> Answered
 
 
 def tell(name: str, found: Answered) -> None:
-    """Verdict, names with their parameters, and what is left, on stderr."""
+    """Verdict, names with their parameters, warnings, and what is left, on stderr."""
     document = found.document
     progress(f"{name}: {document['verdict']} in {found.seconds:.1f} s")
     for step in document["steps"]:
@@ -54,6 +54,8 @@ def tell(name: str, found: Answered) -> None:
         )
         ties = step["indistinguishable_from"]
         progress(f"  {step['effect']}: {values}{' or ' + ', '.join(ties) if ties else ''}")
+    for warning in document["warnings"]:
+        progress(f"  {warning}")
     if words := document.get("remainder", {}).get("words"):
         progress(f"  left: {words}")
 

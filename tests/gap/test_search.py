@@ -12,12 +12,14 @@ from scipy.stats import t as student
 
 from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.gap import constants, find_gap
+from hapticd.gap import constants, find_gap, late_record
 from hapticd.gap.candidates import both_signs
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.search import (
+    Contender,
     CrossValidated,
     Round,
+    _simplest_first,
     compete,
     critical,
     cross_validate,
@@ -27,7 +29,7 @@ from hapticd.gap.search import (
     search,
     withstanding,
 )
-from hapticd.gap.terms import term
+from hapticd.gap.terms import Term, term
 from hapticd.gap.workflow import problem_of
 
 SECONDS = 6.0
@@ -208,3 +210,16 @@ def test_what_a_slow_torque_explains_as_well_is_not_named(hidden: Hidden) -> Non
     assert rounds == []
     assert [judged.fit.terms for judged in path] == [()]
     assert path[0].fit.noise_values()[3] > constants.SHORT_MEMORY_S
+
+
+def test_a_late_record_wins_only_where_no_law_of_the_device_does_as_well(biased: CrossValidated) -> None:
+    fit = biased.fit
+
+    def contender(item: Term) -> Contender:
+        return Contender(item.slug, cross_validate(fit.extended(item)), 0.0, 0.0)
+
+    late = contender(late_record.starts(fit.problem.series.period_s)[0])
+    as_good, poor = (contender(term("viscous_friction", {"r": r}, (), 1.0)) for r in (1e-6, 5.0))
+    assert late_record.is_late(late.law)
+    assert [one.slug for one in _simplest_first([late, as_good])] == ["viscous_friction", "transport_delay"]
+    assert [one.slug for one in _simplest_first([late, poor])] == ["transport_delay", "viscous_friction"]
