@@ -127,7 +127,7 @@ def timing_is_off(document: Mapping[str, Any]) -> bool:
     recording, samples = document["recording"], document["details"].get("samples", 0)
     period_s = recording.get("period_s")
     jitters = period_s is not None and recording["jitter_s"] > _JITTER * period_s
-    return bool(jitters or recording["missed"] > 1e-3 * samples)
+    return bool(jitters or recording["missed"] > 1e-3 * samples or "current_late_s" in recording)
 
 
 def predictions(document: Mapping[str, Any]) -> list[str]:

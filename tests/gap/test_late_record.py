@@ -11,7 +11,7 @@ import pytest
 
 from hapticd.gap import find_gap
 from hapticd.gap.recording import Recording
-from hapticd.gap.words import timing
+from hapticd.gap.words import timing, timing_is_off
 
 ROWS = 2
 
@@ -32,6 +32,7 @@ def test_a_late_record_is_told_and_no_effect_is_named_for_it(hidden: Callable[..
     assert late["ci95"][0] < late["value"] < late["ci95"][1]
     assert any("recorded 2 ms late" in warning for warning in result.warnings)
     assert "its current 2 ms late" in timing(result.to_json())
+    assert timing_is_off(result.to_json())
 
 
 def test_a_record_in_time_says_nothing_of_it(hidden: Callable[..., Any]) -> None:
