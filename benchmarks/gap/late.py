@@ -1,7 +1,7 @@
 """``python -m benchmarks.gap.late --seed 0:5``: what a late record of the current does to the names.
 
-The cases of the benchmark with one effect hidden or none, but each row of the recording has the current of 0.5 to 5 periods
-before, drawn by seed. Effects on the timing are left out: data tell no more than their difference from the lateness.
+The cases of the benchmark with one effect hidden or none, but each row of the recording has the current of one to five
+rows before, drawn by seed. Effects on the timing are left out: data tell no more than their difference from the lateness.
 Printed are how often names are right, and whether the lateness is told.
 """
 
@@ -22,8 +22,8 @@ from benchmarks.gap.plan import FULL, Case, draw
 from benchmarks.gap.rate import Rate
 from benchmarks.report import progress
 
-_LEAST, _MOST = 0.5, 5.0
-"""Periods that a record is late."""
+_MOST = 5
+"""Rows that a record is late at most."""
 _VISIBLE = 0.3
 """Strength from which an effect should be named."""
 
@@ -54,12 +54,11 @@ def answered(case: Case) -> Answered:
     with tempfile.TemporaryDirectory(prefix="gap-") as folder:
         write_files(Path(folder), files)
         recording, model = tasks.loaded(Path(folder))
-    late_s = recording.period_s * np.random.default_rng([case.seed, case.number]).uniform(_LEAST, _MOST)
-    row = np.searchsorted(recording.time_s, recording.time_s - late_s, side="right") - 1
-    current = recording.current[np.maximum(row, 0)]
+    late = int(np.random.default_rng([case.seed, case.number]).integers(1, _MOST, endpoint=True))
+    current = np.concatenate([np.full(late, recording.current[0]), recording.current[:-late]])
     found = find_gap([replace(recording, current=current, current_measured=None)], model, design=False)
     told = found.recording.get("current_late_s")
-    return Answered(case, found.effects, late_s, tuple(told["ci95"]) if told else None)
+    return Answered(case, found.effects, late * recording.period_s, tuple(told["ci95"]) if told else None)
 
 
 def rows(found: list[Answered]) -> list[list[str]]:
