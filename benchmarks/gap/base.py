@@ -6,7 +6,6 @@ printed are their mean error, the same in standard errors, and how many 95 % int
 
 from __future__ import annotations
 
-import argparse
 import math
 import sys
 import tempfile
@@ -18,7 +17,7 @@ from scipy.stats import t as student
 
 from benchmarks.gap import options, tasks
 from benchmarks.gap.cases import write_files
-from benchmarks.gap.plan import FULL, Case, draw
+from benchmarks.gap.plan import Case
 from benchmarks.gap.rate import Rate
 from benchmarks.report import progress
 
@@ -81,24 +80,15 @@ def rows(found: list[Fitted]) -> list[list[str]]:
 
 def main() -> int:
     """Fit and print."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap.base", description=__doc__.split("\n\n")[1])
-    parser.add_argument(
-        "--seed", type=options.seeds, default=range(10), metavar="A:B", help="seeds of the cases, as 0:20"
-    )
-    options.add_engine(parser)
-    chosen = parser.parse_args()
-    options.check(parser, chosen)
-    cases = [case for case in draw(FULL, chosen.seed) if case.kind == "none"]
+    chosen, drawn = options.cases("benchmarks.gap.base", __doc__, range(10))
+    cases = [case for case in drawn if case.kind == "none"]
     found: list[Fitted] = []
     with options.engine(chosen) as pool:
         for done, parameters in enumerate(pool.map(fitted, cases), 1):
             found += parameters
             progress(f"{done} of {len(cases)} cases")
-    print(
-        "| | parameter | mean error | in standard errors | their RMS | truth inside 95 % |\n|---|---|---|---|---|---|"
-    )
-    for line in rows(found):
-        print("| " + " | ".join(line) + " |")
+    head = ["", "parameter", "mean error", "in standard errors", "their RMS", "truth inside 95 %"]
+    print(options.table(head, rows(found)))
     return 0
 
 

@@ -7,7 +7,6 @@ Printed are how often names are right, and whether the lateness is told.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import tempfile
 from dataclasses import replace
@@ -18,14 +17,13 @@ import numpy as np
 
 from benchmarks.gap import options, tasks
 from benchmarks.gap.cases import write_files
-from benchmarks.gap.plan import FULL, Case, draw
+from benchmarks.gap.plan import Case, exact_class
 from benchmarks.gap.rate import Rate
+from benchmarks.gap.summary import STRONG
 from benchmarks.report import progress
 
 _MOST = 5
 """Rows that a record is late at most."""
-_VISIBLE = 0.3
-"""Strength from which an effect should be named."""
 
 
 class Answered(NamedTuple):
@@ -63,17 +61,15 @@ def answered(case: Case) -> Answered:
 
 def rows(found: list[Answered]) -> list[list[str]]:
     """Name of a rate, and the rate with and without coloured torque."""
-    from hapticd.effects.catalogue import CATALOGUE
 
     def is_right(one: Answered) -> bool:
-        slug = one.case.slugs[0]
-        return bool(one.effects) and one.effects[0] in (slug, *CATALOGUE[slug].equivalent_to)
+        return bool(one.effects) and one.effects[0] in exact_class(one.case.slugs[0])
 
     single = [one for one in found if one.case.slugs]
-    visible = [one for one in single if one.case.strengths[0] >= _VISIBLE]
+    visible = [one for one in single if one.case.strengths[0] >= STRONG]
     none = [one for one in found if not one.case.slugs]
     judged = {
-        f"first name, strength ≥ {_VISIBLE}": [(one, is_right(one)) for one in visible],
+        f"first name, strength ≥ {STRONG}": [(one, is_right(one)) for one in visible],
         "a wrong first name": [(one, bool(one.effects) and not is_right(one)) for one in single],
         "wrong further names": [(one, is_right(one) and len(one.effects) > 1) for one in single],
         "nothing hidden: a name": [(one, bool(one.effects)) for one in none],
@@ -93,14 +89,8 @@ def rows(found: list[Answered]) -> list[list[str]]:
 
 def main() -> int:
     """Answer and print."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.gap.late", description=__doc__.split("\n\n")[1])
-    parser.add_argument(
-        "--seed", type=options.seeds, default=range(5), metavar="A:B", help="seeds of the cases, as 0:20"
-    )
-    options.add_engine(parser)
-    chosen = parser.parse_args()
-    options.check(parser, chosen)
-    cases = [case for case in draw(FULL, chosen.seed) if is_tried(case)]
+    chosen, drawn = options.cases("benchmarks.gap.late", __doc__, range(5))
+    cases = [case for case in drawn if is_tried(case)]
     found: list[Answered] = []
     with options.engine(chosen) as pool:
         for done, one in enumerate(pool.map(answered, cases), 1):
@@ -110,9 +100,7 @@ def main() -> int:
             progress(
                 f"{done} of {len(cases)}: {hidden}, {1e3 * one.late_s:.2f} ms late ({told}): {', '.join(one.effects)}"
             )
-    print("| | without | with coloured torque |\n|---|---|---|")
-    for line in rows(found):
-        print("| " + " | ".join(line) + " |")
+    print(options.table(["", "without", "with coloured torque"], rows(found)))
     return 0
 
 

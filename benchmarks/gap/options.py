@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterable, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -41,6 +42,25 @@ def add_engine(parser: argparse.ArgumentParser) -> None:
     """Options of where cases run."""
     parser.add_argument("--jobs", type=int, default=len(os.sched_getaffinity(0)), metavar="N", help="processes")
     parser.add_argument("--dask", metavar="ADDRESS", help="run on this Dask cluster instead, e.g. tcp://host:8786")
+
+
+def cases(module: str, doc: str, default: range) -> tuple[argparse.Namespace, list[plan.Case]]:
+    """Options of a command that prints a table of some cases, and all cases of the seeds that were asked for.
+
+    Args:
+        module: its name. doc: its docstring; the second paragraph says what it does. default: seeds.
+    """
+    parser = argparse.ArgumentParser(prog=f"python -m {module}", description=doc.split("\n\n")[1])
+    parser.add_argument("--seed", type=seeds, default=default, metavar="A:B", help="seeds of the cases, as 0:20")
+    add_engine(parser)
+    chosen = parser.parse_args()
+    check(parser, chosen)
+    return chosen, plan.draw(plan.FULL, chosen.seed)
+
+
+def table(head: Sequence[str], lines: Iterable[Sequence[str]]) -> str:
+    """A table in Markdown."""
+    return "\n".join(f"| {' | '.join(line)} |" for line in (head, ["---"] * len(head), *lines))
 
 
 def check(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> None:

@@ -21,8 +21,6 @@ DELAY = "transport_delay"
 _PERIODS = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0)
 _LATEST = 20.0
 """Longest that a record may be late, in periods."""
-_SURE = 2.0
-"""Standard errors from 0 at which it is told."""
 
 
 def starts(period_s: float) -> list[Term]:
@@ -42,13 +40,17 @@ def along(law: Term) -> Term:
 
 
 def told(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
-    """``current_late_s`` and a warning, where a record is surely late; `variance`: (k,) of the fit's coordinates."""
+    """``current_late_s`` and a warning where a record is surely late.
+
+    Args:
+        fit: the last model. variance: (k,) of its coordinates. reach: standard errors to the ends of a 95 % interval.
+    """
     for number, item in enumerate(fit.terms):
         if item.slug == SLUG:
             at = fit.share(number).start
             late_s, error = -float(fit.u[at]), float(variance[at]) ** 0.5
-            if late_s > _SURE * error:
-                low, high = late_s - reach * error, late_s + reach * error
+            low, high = late_s - reach * error, late_s + reach * error
+            if low > 0.0:
                 words = (
                     f"the current is recorded {1e3 * late_s:.3g} ms late ({1e3 * low:.3g} to {1e3 * high:.3g} ms), or the "
                     "device answers by so much sooner than the model says: these data cannot tell. It is fitted along."

@@ -156,7 +156,6 @@ def search(
             break
         contenders = _simplest_first(contenders)
         best = contenders[0]
-        is_late = late_record.is_late(best.law)
         contenders = [c for c in contenders if c is best or not late_record.is_late(c.law)]
         if best.evidence < needed_errors or best.gain < needed:
             break
@@ -169,10 +168,10 @@ def search(
         )
         best = replace(best, judged=cross_validate(_polished(best.judged.fit), best.penalty))
         rounds.append(Round(present, (best, *contenders[1:]), tied))
+        if late_record.is_late(best.law):
+            return best.judged
         look_back(rounds, len(first.fit.terms), needed_errors, needed)
         present = rounds[-1].taken.judged
-        if is_late:
-            break
     return present
 
 

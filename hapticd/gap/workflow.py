@@ -76,12 +76,14 @@ def find_gap(
     try:
         search(first, slugs, progress, rounds)
         if rounds and late_record.is_late(law := rounds[-1].taken.law):
+            beside = (*base, late_record.along(law))
+            first, base = cross_validate(nominal_fit(problem, beside)), beside
             slugs = [slug for slug in slugs if slug != late_record.DELAY]
-            base = (*base, late_record.along(law))
             rounds.clear()
-            first = cross_validate(nominal_fit(problem, base))
             search(first, slugs, progress, rounds)
     except KeyboardInterrupt:
+        if rounds and late_record.is_late(rounds[-1].taken.law):
+            rounds.pop()  # no effect, and not yet fitted along
         if not rounds:
             raise
         interrupted = True
@@ -173,12 +175,11 @@ def _result(
     }
     laws = [(last.fit.terms[number], last.fit.share(number)) for number in range(fixed, len(last.fit.terms))]
     at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share]))}
-    reach = float(student.isf(0.025, last.fit.problem.series.blocks - 1))
-    late = late_record.told(last.fit, np.diag(covariance), reach)
+    series = first.fit.problem.series
+    late = late_record.told(last.fit, np.diag(covariance), _reach(series.blocks))
     timing = _timing(recordings)
     timing = {**timing, **late, "warnings": [*timing["warnings"], *late["warnings"]]}
     verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten), numbers, remainder)
-    series = first.fit.problem.series
     noise = last.fit.noise_values()
     return GapResult(
         verdict,
@@ -248,11 +249,16 @@ def _step(
     )
 
 
+def _reach(blocks: int) -> float:
+    """Standard errors to the ends of a 95 % interval."""
+    return float(student.isf(0.025, blocks - 1))
+
+
 def _estimates(
     term: Term, u: np.ndarray[Any, np.dtype[np.float64]], variance: np.ndarray[Any, Any], blocks: int, is_linear: bool
 ) -> dict[str, Estimate]:
     units = {p.name: p.unit_linear if is_linear else p.unit for p in CATALOGUE[term.slug].parameters}
-    reach = float(student.isf(0.025, blocks - 1))
+    reach = _reach(blocks)
     found = {}
     for index, chosen in term.fixed:
         name = WORDS[index].partition(".")[2]
@@ -269,7 +275,7 @@ def _estimates(
 
 
 def _base_estimates(fit: Fit, is_linear: bool) -> dict[str, Estimate]:
-    reach = float(student.isf(0.025, fit.problem.series.blocks - 1))
+    reach = _reach(fit.problem.series.blocks)
     variance = np.diag(fit.covariance())
     found = {}
     for number, term in enumerate(fit.terms):

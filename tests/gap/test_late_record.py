@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hapticd.gap import find_gap
+from hapticd.gap import find_gap, workflow
+from hapticd.gap.fit import Fit
+from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
+from hapticd.gap.terms import Term
 from hapticd.gap.words import timing, timing_is_off
 
 ROWS = 2
@@ -46,3 +50,21 @@ def test_a_late_device_is_no_late_record(hidden: Callable[..., Any]) -> None:
     result = find_gap([recording], model, design=False)
     assert result.effects == ("transport_delay",), result.statement
     assert "current_late_s" not in result.recording
+
+
+def test_an_interruption_before_it_is_fitted_along_names_nothing(
+    hidden: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording, model = hidden([], 29, 8.0)
+    fits = []
+
+    def once(problem: Problem, terms: Sequence[Term]) -> Fit:
+        if fits:
+            raise KeyboardInterrupt
+        fits.append(nominal_fit(problem, terms))
+        return fits[0]
+
+    monkeypatch.setattr(workflow, "nominal_fit", once)
+    with pytest.raises(KeyboardInterrupt):
+        find_gap([delayed(recording)], model, design=False)
+    assert fits
