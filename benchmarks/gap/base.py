@@ -36,6 +36,7 @@ class Fitted(NamedTuple):
 
 def fitted(case: Case) -> list[Fitted]:
     """The base parameters of one case."""
+    from hapticd.gap.covariance import covariance_of
     from hapticd.gap.nominal import nominal_fit
     from hapticd.gap.workflow import base_terms, problem_of
 
@@ -47,7 +48,7 @@ def fitted(case: Case) -> list[Fitted]:
     fit = nominal_fit(problem, base_terms(problem))
     fit.held_out()
     reach = float(student.isf(0.025, problem.series.blocks - 1))
-    variance = np.diag(fit.covariance())
+    variance = np.diag(covariance_of(fit))
     found = []
     for number, item in enumerate(fit.terms):
         at = fit.share(number).start

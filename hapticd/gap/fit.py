@@ -1,4 +1,4 @@
-"""Maximum likelihood of a hypothesis, its held-out score, and its covariance.
+"""Maximum likelihood of a hypothesis, and its held-out score.
 
 Coordinates: the logarithms of the noise parameters, then those of every term. Steps are Gauss–Newton with the outer product
 of the samples' scores (Berndt, Hall, Hall and Hausman 1974), which finite differences of the filter give.
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants
 from hapticd.gap.kernel.filter import run_filter
 from hapticd.gap.kernel.linear import sensitivities
@@ -35,7 +34,6 @@ _NEVER = -1e12
 _SCANS = 3
 _POOR = 2
 """Steps in a row that gain nothing before a climb is over: on a curved ridge a single one may."""
-_FALL = 2.0
 _HELD_BACK = 1e-3
 """Share of all data's information that holds a parameter back of which the other folds say nothing."""
 _SHORTER = 6
@@ -124,7 +122,8 @@ class Fit:
         prior = -0.5 * float(np.sum(((u - self.centre) / self.prior) ** 2))
         return (total + prior if np.isfinite(total) else _NEVER), out
 
-    def _free(self, gradient: Floats | None = None) -> NDArray[np.bool_]:
+    def free(self, gradient: Floats | None = None) -> NDArray[np.bool_]:
+        """(k,) which coordinates may move; with the gradient, not those that it pushes against their bounds."""
         free = np.ones(self.u.size, dtype=bool)
         off = self.u[DISTURBANCE] <= self.lower[DISTURBANCE] + 1e-9
         free[DISTURBANCE] = free[CORRELATION] = not off
@@ -135,7 +134,7 @@ class Fit:
 
     def differentiate(self, only: NDArray[np.bool_] | None = None) -> None:
         """Find scores and slopes at the present coordinates."""
-        free = (self._free() if only is None else only).copy()
+        free = (self.free() if only is None else only).copy()
         self.scores, self.slopes, self.spreads = (np.zeros((self.out.size, self.u.size)) for _ in range(3))
         for number, item in enumerate(self.terms):
             own = self.share(number)
@@ -150,7 +149,7 @@ class Fit:
         def differentiate_by(j: int) -> None:
             u = self.u.copy()
             u[j] += steps[j]
-            self._set_slopes(j, self.evaluate(u)[1], self.out, float(steps[j]))
+            self.set_slopes(j, self.evaluate(u)[1], self.out, float(steps[j]))
 
         each(differentiate_by, np.flatnonzero(free).tolist())
 
@@ -175,7 +174,7 @@ class Fit:
             before = self.log_likelihood
             if iteration < _SCANS:
                 self.scan_power()
-            damping = self._step(self._free(), damping)
+            damping = self._step(self.free(), damping)
             poor = poor + 1 if self.log_likelihood - before < tolerance else 0
             if poor == _POOR:
                 break
@@ -183,10 +182,10 @@ class Fit:
 
     def _step(self, among: NDArray[np.bool_], damping: float) -> float:
         """One damped Gauss–Newton step; returns the damping for the next."""
-        self.differentiate(among & self._free())
+        self.differentiate(among & self.free())
         precision = np.where(np.isfinite(self.prior), self.prior**-2.0, 0.0)
         gradient = self.scores.sum(axis=0) - precision * (self.u - self.centre)
-        free = among & self._free(gradient)
+        free = among & self.free(gradient)
         if not free.any():
             return damping
         H = self.scores.T @ self.scores + np.diag(precision)
@@ -273,7 +272,7 @@ class Fit:
         series = self.problem.series
         effects = np.zeros(self.u.size, dtype=bool)
         effects[_NOISES:] = True
-        effects &= self._free(self.scores.sum(axis=0))
+        effects &= self.free(self.scores.sum(axis=0))
         self.fold_u: list[Floats] = []
         total = np.zeros(series.blocks)
         whole = np.sum(self.scores[:, effects] ** 2, axis=0) + 1e-12 / self.scale[effects] ** 2
@@ -297,55 +296,8 @@ class Fit:
             total += np.where(series.fold == fold, series.per_block(log_p), 0.0)
         return total
 
-    def _secants(self, free: NDArray[np.bool_]) -> None:
-        """Differentiate over the widest steps along which the likelihood falls by no more than `_FALL`.
-
-        With impacts it is rough: its slope at a point says nothing of how far the data let a parameter go.
-        """
-
-        def differentiate_by(j: int) -> None:
-            step = 0.1 * self.scale[j]
-            for _ in range(_SHORTER):
-                sides = []
-                for sign in (1.0, -1.0):
-                    u = self.u.copy()
-                    u[j] = np.clip(u[j] + sign * step, self.lower[j], self.upper[j])
-                    sides.append((u[j], *self.evaluate(u)))
-                if self.log_likelihood - max(value for _, value, _ in sides) < _FALL:
-                    break
-                step *= 0.2
-            (upper, _, above), (lower, _, below) = sides
-            self._set_slopes(j, above, below, upper - lower)
-
-        each(differentiate_by, np.flatnonzero(free).tolist())
-
-    def _set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:
+    def set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:
+        """Set what one coordinate changes, from the ticks of two runs that are `step` apart in it."""
         self.scores[:, j] = (above["log_p"] - below["log_p"]) / step
         self.slopes[:, j] = (above["mean"] - below["mean"]) / step
         self.spreads[:, j] = np.log(above["variance"] / below["variance"]) / step
-
-    def covariance(self) -> Floats:
-        """Covariance of the coordinates, shape (k, k); call `held_out` before.
-
-        The expected information, of means and of variances, is the bread of the sandwich (White 1982); scores summed over
-        blocks are between, so that it is robust to what the model has wrong about single samples and their dependence. No
-        variance is less than what the model by itself says.
-        """
-        free = self._free(self.scores.sum(axis=0))
-        if any(CATALOGUE[item.slug].acts_on == "memory" for item in self.terms if item.slug in CATALOGUE):
-            self._secants(free)
-        scores, slopes, spreads = self.scores[:, free], self.slopes[:, free], self.spreads[:, free]
-        A = slopes.T @ (slopes * self.out["information"][:, None])
-        A += 0.5 * spreads.T @ (spreads * self.out["share"][:, None] ** 2)
-        A += np.diag(np.where(np.isfinite(self.prior[free]), self.prior[free] ** -2.0, 0.0))
-        diagonal = np.diag(A) + 1e-12 / self.scale[free] ** 2
-        bread = np.linalg.pinv(A + 1e-9 * np.diag(diagonal), hermitian=True)
-        sums = self.problem.series.per_block(scores)
-        filling = [scores.T @ scores, sums.T @ sums]
-        variances = [np.diag(bread @ part @ bread) for part in filling]
-        robust = bread @ filling[1] @ bread
-        largest = np.maximum(np.maximum(variances[0], variances[1]), np.diag(bread))
-        scale = np.sqrt(largest / np.maximum(variances[1], 1e-300))
-        covariance = np.zeros((self.u.size, self.u.size))
-        covariance[np.ix_(free, free)] = robust * np.outer(scale, scale)
-        return covariance

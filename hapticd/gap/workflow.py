@@ -12,6 +12,7 @@ from scipy.stats import t as student
 from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
 from hapticd.gap import constants, grip, late_record, missing
+from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.missing import Missing, missing_force
@@ -159,7 +160,7 @@ def _result(
     unit = "N" if model.is_linear else "N m"
     numbers = GapNumbers(found[0].rms, found[-1].rms, held[0], held[1], missing.noise_floor(last.fit), unit)
     possible = max(missing.explainable(first.fit, found[0]) * power[0], power[0] - power[-1], 1e-300)
-    covariance = last.fit.covariance()
+    covariance = covariance_of(last.fit)
     steps = tuple(
         _step(each, number, last.fit, covariance, fixed, model.is_linear, power, possible)
         for number, each in enumerate(rounds)
@@ -189,7 +190,7 @@ def _result(
         numbers,
         remainder,
         where=tuple(missing.where(first.fit, found[0])),
-        base=_base_estimates(last.fit, model.is_linear) if fixed else {},
+        base=_base_estimates(last.fit, covariance, model.is_linear) if fixed else {},
         prediction=prediction_errors(first.fit, last.fit, model.is_linear),
         recording=timing,
         details={
@@ -274,9 +275,11 @@ def _estimates(
     return found
 
 
-def _base_estimates(fit: Fit, is_linear: bool) -> dict[str, Estimate]:
+def _base_estimates(
+    fit: Fit, covariance: np.ndarray[Any, np.dtype[np.float64]], is_linear: bool
+) -> dict[str, Estimate]:
     reach = _reach(fit.problem.series.blocks)
-    variance = np.diag(fit.covariance())
+    variance = np.diag(covariance)
     found = {}
     for number, term in enumerate(fit.terms):
         if term.slug in _BASE:

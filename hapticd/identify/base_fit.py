@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import t as student
 
+from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import DISTURBANCE
 from hapticd.gap.nominal import first_noise
@@ -116,7 +117,7 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     values = fit.u[-len(FITTED) :].copy()
     values[0] = np.exp(values[0])
     slopes = _slopes(values)
-    covariance = fit.covariance()[-len(FITTED) :, -len(FITTED) :] * np.outer(slopes, slopes)
+    covariance = covariance_of(fit)[-len(FITTED) :, -len(FITTED) :] * np.outer(slopes, slopes)
     wider = np.ones(len(FITTED))
     wider[_BIAS] = max(1.0, _least_error_of_bias(fit) / np.sqrt(covariance[_BIAS, _BIAS]))
     return BaseFit(values, covariance * np.outer(wider, wider), fit)

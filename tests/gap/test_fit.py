@@ -11,6 +11,7 @@ import pytest
 from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap.candidates import scale_of
+from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.terms import term
@@ -45,7 +46,7 @@ def test_intervals_of_a_bias_hold_the_truth(hidden: Callable[..., Any]) -> None:
         problem = problem_of([recording], model)
         fit = nominal_fit(problem, [term("constant_bias", {"tau_0": 2e-4}, (), 0.1)])
         fit.held_out()
-        deviation = float(np.sqrt(fit.covariance()[5, 5]))
+        deviation = float(np.sqrt(covariance_of(fit)[5, 5]))
         assert 0.0 < deviation < 3e-4
         z.append((float(fit.u[5]) - 3e-4) / deviation)
     assert np.abs(z).max() < 4.0

@@ -1,0 +1,72 @@
+"""Covariance of a fitted hypothesis."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap.parallel import each
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.gap.fit import Fit
+
+    Floats = NDArray[np.float64]
+
+_FALL = 2.0
+"""Nats by which the likelihood may fall along a secant."""
+_NARROWER = 6
+"""Attempts to find such a secant."""
+
+
+def covariance_of(fit: Fit) -> Floats:
+    """Covariance of the coordinates, shape (k, k); call `Fit.held_out` before.
+
+    The expected information, of means and of variances, is the bread of the sandwich (White 1982); scores summed over
+    blocks are between, so that it is robust to what the model has wrong about single samples and their dependence. No
+    variance is less than what the model by itself says.
+    """
+    free = fit.free(fit.scores.sum(axis=0))
+    if any(CATALOGUE[item.slug].acts_on == "memory" for item in fit.terms if item.slug in CATALOGUE):
+        _secants(fit, free)
+    scores, slopes, spreads = fit.scores[:, free], fit.slopes[:, free], fit.spreads[:, free]
+    A = slopes.T @ (slopes * fit.out["information"][:, None])
+    A += 0.5 * spreads.T @ (spreads * fit.out["share"][:, None] ** 2)
+    A += np.diag(np.where(np.isfinite(fit.prior[free]), fit.prior[free] ** -2.0, 0.0))
+    diagonal = np.diag(A) + 1e-12 / fit.scale[free] ** 2
+    bread = np.linalg.pinv(A + 1e-9 * np.diag(diagonal), hermitian=True)
+    sums = fit.problem.series.per_block(scores)
+    filling = [scores.T @ scores, sums.T @ sums]
+    variances = [np.diag(bread @ part @ bread) for part in filling]
+    robust = bread @ filling[1] @ bread
+    largest = np.maximum(np.maximum(variances[0], variances[1]), np.diag(bread))
+    scale = np.sqrt(largest / np.maximum(variances[1], 1e-300))
+    covariance = np.zeros((fit.u.size, fit.u.size))
+    covariance[np.ix_(free, free)] = robust * np.outer(scale, scale)
+    return covariance
+
+
+def _secants(fit: Fit, free: NDArray[np.bool_]) -> None:
+    """Differentiate over the widest steps along which the likelihood falls by no more than `_FALL`.
+
+    With impacts it is rough: its slope at a point says nothing of how far the data let a parameter go.
+    """
+
+    def differentiate_by(j: int) -> None:
+        step = 0.1 * fit.scale[j]
+        for _ in range(_NARROWER):
+            sides = []
+            for sign in (1.0, -1.0):
+                u = fit.u.copy()
+                u[j] = np.clip(u[j] + sign * step, fit.lower[j], fit.upper[j])
+                sides.append((u[j], *fit.evaluate(u)))
+            if fit.log_likelihood - max(value for _, value, _ in sides) < _FALL:
+                break
+            step *= 0.2
+        (upper, _, above), (lower, _, below) = sides
+        fit.set_slopes(j, above, below, upper - lower)
+
+    each(differentiate_by, np.flatnonzero(free).tolist())
