@@ -45,6 +45,7 @@ WALL_CLOCK = (
     "service/test_reconnect.py",
     "service/test_release.py",
     "service/test_socket.py",
+    "servo/test_heartbeat.py",
     "servo/test_mailbox.py",
 )
 PATIENT = (

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from hapticd.record.flight import FlightRing
 
 _WARM_UP_TICKS = 64
+_TICKS_TO_SEE = 2
 _FIRST_TICK_AFTER_NS = 20_000_000
 _HOLD_S = 30.0
 _LEAST_RING_ROWS = 1 << 18
@@ -67,6 +68,7 @@ class ServoThread:
         self._latched_fault = latched_fault
         self._cpu_latency = CpuLatencyRequest()
         self._granted = threading.Event()
+        self._woke_at: int | None = None
         self._thread = threading.Thread(target=self._body, name="hapticd-servo", daemon=True)
 
     def start(self) -> None:
@@ -91,8 +93,20 @@ class ServoThread:
             raise RealtimeError(f"servo.require_realtime is true, but {reasons}")
 
     def beat(self) -> None:
-        """The supervisor's heartbeat; without it the loop faults after ``safety.heartbeat_timeout_s``."""
-        self.core.store(atomics.HEARTBEAT_NS, time.monotonic_ns())
+        """The supervisor's heartbeat; without it the loop faults after ``safety.heartbeat_timeout_s``.
+
+        Where the whole process was frozen, either thread may wake first: after so long a silence the first beat waits until
+        the loop has seen it, in a tick that may have begun before and a whole one.
+        """
+        now_ns, ticks = time.monotonic_ns(), self.core.load(atomics.TICKS)
+        limit_ns = float(self.core.params["heartbeat_ns"])
+        if self.alive() and 0.0 < limit_ns < now_ns - self.core.load(atomics.HEARTBEAT_NS):
+            if self._woke_at is None:
+                self._woke_at = ticks
+            if ticks < self._woke_at + _TICKS_TO_SEE:
+                return
+        self._woke_at = None
+        self.core.store(atomics.HEARTBEAT_NS, now_ns)
 
     def alive(self) -> bool:
         """Whether the thread still runs."""
