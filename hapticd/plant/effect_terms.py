@@ -65,7 +65,7 @@ _ripple_gain = effect_term(torque_ripple.gain)
 _RIPPLE_ORDERS = torque_ripple.ORDERS
 
 STEADY_PART = 0.5
-"""Largest change of speed over which friction may be taken at the mean speed, in units of `speed_scale`."""
+"""Largest change of speed over which friction may be taken at the mean speed where it changes, in units of `speed_scale`."""
 _STEADY_REACH = 4.0
 """Speed in those units from which on friction is as good as constant."""
 SMALLEST_BREAKAWAY = 1e-12
@@ -203,6 +203,7 @@ def steady_span(p: NDArray[Any], speed: float, pull: float, inertia: float, span
     # While the shaft moves its friction is between that of fast motion and stiction.
     level = coulomb_level(p)
     largest = max(abs(pull - level), abs(pull - level * (1.0 + p[_STRIBECK_S]))) / inertia
-    if speed - largest * span > _STEADY_REACH * p[_STRIBECK_OMEGA]:
-        return span
-    return min(span, STEADY_PART * p[_STRIBECK_OMEGA] / max(largest, 1e-300))
+    omega_s = p[_STRIBECK_OMEGA]
+    # Far above half of the way to where friction begins to rise: what brakes besides may be as much again.
+    change = max(STEADY_PART * omega_s, 0.5 * (speed - _STEADY_REACH * omega_s))
+    return min(span, change / max(largest, 1e-300))

@@ -5,6 +5,7 @@ The motor has the encoder, the friction, the springs and the hand; the load has 
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from numba import types
@@ -24,14 +25,19 @@ if TYPE_CHECKING:
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
 _HALVINGS = 80
+_EXACT = 1e-15
+"""Fraction of a position, or of a time, that is rounding."""
 _RESTITUTION = index_of("backlash.restitution")
 _common_velocity = effect_term(backlash.common_velocity)
 _LEAST_REBOUND = 2.0
 """Slowest rebound, in half gaps a second. Slower masses stay together, or the rebounds would never end."""
+_LOWEST_FLIGHT = 4e-3
+"""Four times the height of the lowest rebound that is followed by another one, in half gaps."""
 _APART = 1e-9
 """Masses that rebound start this fraction of the half gap apart, so that their next contact can be found."""
-_AT_ONCE = 1e-6
-"""Fraction of a step that counts as no time."""
+_AT_ONCE = 1e-4
+"""Fraction of a step that counts as no time: on a bristle, two masses that part within rounding of the positions meet again
+soon after, and would do so for ever."""
 
 
 @njit(FORCES(FORCES, _f8, _f8), inline=True)
@@ -54,31 +60,35 @@ def _with_torque(on: Forces, inertia: float, torque: float) -> Forces:
 def _time_of_contact(
     p: NDArray[Any], state: NDArray[Any], latest: float, side: float, half_gap: float, motor: Forces
 ) -> float:
-    """Return when the motor reaches one side of the play, in a phase in which it does (regula falsi, Illinois)."""
+    """Return when the motor reaches one side of the play, in a phase in which it does.
+
+    A parabola through both ends and the first slope is where a constant acceleration meets; from there Newton's method,
+    within the bracket.
+    """
     early, late = 0.0, latest
-    gap_early = side * (state[THETA] - state[LOAD_THETA]) - half_gap
-    if gap_early >= 0.0:
+    first = side * (state[THETA] - state[LOAD_THETA]) - half_gap
+    if first >= 0.0:
         return 0.0
     x, _, _, _ = phase(p, state[THETA], state[OMEGA], state[BRISTLE], latest, motor)
-    gap_late = side * (x - state[LOAD_THETA] - state[LOAD_OMEGA] * latest) - half_gap
-    kept = 0
+    last = side * (x - state[LOAD_THETA] - state[LOAD_OMEGA] * latest) - half_gap
+    slope = side * (state[OMEGA] - state[LOAD_OMEGA])
+    curve = (last - first - slope * latest) / (latest * latest)
+    root = math.sqrt(max(slope * slope - 4.0 * curve * first, 0.0))
+    time = -2.0 * first / (slope + root) if slope > 0.0 else (root - slope) / (2.0 * curve)
     for _ in range(_HALVINGS):
-        if not (late - early > 1e-13 * latest and gap_late > 0.0 > gap_early):
-            break
-        time = (early * gap_late - late * gap_early) / (gap_late - gap_early)
-        time = min(max(time, early), late)
-        x, _, _, taken = phase(p, state[THETA], state[OMEGA], state[BRISTLE], time, motor)
+        if not early < time < late:
+            time = 0.5 * (early + late)
+        x, v, _, taken = phase(p, state[THETA], state[OMEGA], state[BRISTLE], time, motor)
         gap = side * (x - state[LOAD_THETA] - state[LOAD_OMEGA] * taken) - half_gap
         if gap >= 0.0:
-            late, gap_late = time, gap
-            if kept == 1:
-                gap_early *= 0.5
-            kept = 1
+            late = time
         else:
-            early, gap_early = time, gap
-            if kept == -1:
-                gap_late *= 0.5
-            kept = -1
+            early = time
+        if abs(gap) <= _EXACT * (abs(x) + half_gap):
+            return time
+        if late - early <= _EXACT * latest:
+            break
+        time -= gap / (side * (v - state[LOAD_OMEGA]))
     return late
 
 
@@ -105,7 +115,8 @@ def move_with_backlash(
     if abs(apart) > half_gap:
         state[LOAD_THETA] = state[THETA] - (half_gap if apart > 0.0 else -half_gap)
     remaining = span
-    parted = False
+    parted = rebounds = False
+    flight = 0.0  # since the last rebound in this step
     for _ in range(MOST_PHASES):
         if not remaining > 0.0:
             break
@@ -133,15 +144,19 @@ def move_with_backlash(
             v = _common_velocity(motor.inertia, v, load_inertia, state[LOAD_OMEGA])
             state[LOAD_OMEGA] = v
             rebound = p[_RESTITUTION] * closing
-            if abs(rebound) > _LEAST_REBOUND * half_gap:
+            # Of rebounds that follow each other in a step the flight is a parabola, four times lower than this.
+            is_high = not rebounds or abs(closing) * (flight + time) > _LOWEST_FLIGHT * half_gap
+            rebounds = is_high and abs(rebound) > _LEAST_REBOUND * half_gap
+            if rebounds:
                 v -= rebound * load_inertia / joined.inertia
                 state[LOAD_OMEGA] += rebound * motor.inertia / joined.inertia
                 load = x - hit * half_gap * (1.0 - _APART)
-                hit = 0.0
+                hit, flight = 0.0, -time
         state[THETA], state[OMEGA], state[BRISTLE] = x, v, z
         state[LOAD_THETA] = load
         state[CONTACT] = hit
         remaining -= time
+        flight += time
         parted = parted and time <= _AT_ONCE * span
 
 

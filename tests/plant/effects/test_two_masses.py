@@ -207,6 +207,26 @@ def test_masses_rebound_at_the_restitution() -> None:
     assert ratios == pytest.approx(-restitution, rel=1e-6)
 
 
+@pytest.mark.parametrize("restitution", [0.3, 0.8, 0.95])
+@pytest.mark.parametrize("stribeck", [0.0, 0.5])
+def test_rebounds_end_where_they_part_the_masses_no_more(stribeck: float, restitution: float) -> None:
+    gap = 0.01
+    p = vector(
+        backlash__gap=gap,
+        backlash__load_share=0.5,
+        backlash__restitution=restitution,
+        stribeck__s=stribeck,
+        stribeck__omega_s=1.0,
+    )
+    currents = np.full(120, 0.4)
+    got, end = simulated(p, currents)
+    finer, finer_end = simulated(p, currents, substeps=64)  # fewer rebounds share a step, so fewer are left out
+    assert np.abs(got - finer).max() < 5e-3 * gap
+    assert end[CONTACT] == finer_end[CONTACT] == 1.0
+    assert end[OMEGA] == end[LOAD_OMEGA]
+    assert end[OMEGA] == pytest.approx(finer_end[OMEGA], rel=1e-5)
+
+
 def test_play_on_a_bristle_does_not_stop_the_clock() -> None:
     """A contact that the end of a phase denies and its beginning demands once used up all phases of a tick."""
     gap = 0.03834951969714103
