@@ -2,25 +2,34 @@
 
 ``python -m benchmarks.fault_matrix [--trials 20] [--device serial|canopen|firmware] [--only FAULT] [--markdown FILE]``.
 
-A trial counts when the machine was not busy around it. The witness is a thread of ordinary priority, as the kernel's
-carriers of a pseudo-terminal's bytes are, which sleeps a millisecond and looks how late it wakes: where it was once later
-than half the time in which a fault must be seen, the trial is none, whatever came of it, and is repeated. How many is said.
+A trial counts when the machine was not busy around it. The witnesses are threads of ordinary priority, as the kernel's
+carriers of a pseudo-terminal's bytes are, one on each processor, which sleep a millisecond and look how late they wake:
+where one was once later than half the time in which a fault must be seen, the trial is none, whatever came of it, and
+is repeated. How many is said.
+
+Daemons and devices are forked from a server that has loaded all code, so that a trial takes two seconds in place of
+six; where the host's clock jumps they are started as programs, for the library that moves their clock has to be loaded
+first.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import subprocess
 import sys
 import tempfile
 import threading
 import time
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from benchmarks.report import BenchmarkError, Figure, document, progress
 from hapticd.config import Config, apply_settings, load_config, parse_config
@@ -28,10 +37,10 @@ from hapticd.hil.cases import FIRMWARE_CONFIG, FIRMWARE_RATE_HZ, slower_rig
 from hapticd.hil.errors import HilError
 from hapticd.hil.injections import INJECTIONS, Injection
 from hapticd.hil.matrix import SETTLE_S, Row, detection_s, limit_s, run_injection
+from tests.forked import fork_what_hil_starts
 
 ROOT = Path(__file__).parent.parent
 DEVICES = ("serial", "canopen", "firmware")
-MARKS = ("<!-- table: python -m benchmarks.fault_matrix -->", "<!-- end of the table -->")
 _LOOK_S = 1e-3
 _BEFORE_S = 0.1
 _MOST_REPEATS = 3
@@ -39,22 +48,26 @@ _MOST_REPEATS = 3
 
 
 class Witness:
-    """Notes every time at which a thread of ordinary priority woke late."""
+    """Notes every time at which a thread of ordinary priority woke late, on any processor."""
 
     def __init__(self) -> None:
         self._late: list[tuple[int, int]] = []
         self._end = threading.Event()
-        self._thread = threading.Thread(target=self._watch, daemon=True)
+        processors = sorted(os.sched_getaffinity(0))
+        self._threads = [threading.Thread(target=self._watch, args=(one,), daemon=True) for one in processors]
 
     def __enter__(self) -> Witness:
-        self._thread.start()
+        for thread in self._threads:
+            thread.start()
         return self
 
     def __exit__(self, *exception: object) -> None:
         self._end.set()
-        self._thread.join()
+        for thread in self._threads:
+            thread.join()
 
-    def _watch(self) -> None:
+    def _watch(self, processor: int) -> None:
+        os.sched_setaffinity(0, {processor})  # of this thread alone
         while not self._end.is_set():
             due = time.monotonic_ns() + round(_LOOK_S * 1e9)
             time.sleep(_LOOK_S)
@@ -123,6 +136,15 @@ def _config(device: str) -> Config:
     return apply_settings(config, {"servo.rate_hz": "500", **extra}, source="benchmarks.fault_matrix")
 
 
+@contextmanager
+def _forked(injection: Injection) -> Iterator[None]:
+    """Fork daemon and device, unless a library has to be loaded before them."""
+    with pytest.MonkeyPatch.context() as patch:
+        if not injection.clock_jump:
+            fork_what_hil_starts(patch)
+        yield
+
+
 def tally(device: str, injection: Injection, trials: int, witness: Witness) -> Tally:
     """Inject one fault until there are ``trials`` undisturbed trials."""
     config = _config(device)
@@ -131,7 +153,7 @@ def tally(device: str, injection: Injection, trials: int, witness: Witness) -> T
     for _ in range(_MOST_REPEATS * trials):
         if len(found.rows) == trials:
             break
-        with tempfile.TemporaryDirectory(prefix="hapticd-fault-") as folder:
+        with tempfile.TemporaryDirectory(prefix="hapticd-fault-") as folder, _forked(injection):
             try:
                 row = run_injection(config, injection, Path(folder), "mps2-an385" if device == "firmware" else None)
             except HilError as error:
@@ -151,30 +173,36 @@ HEADER = ("injected", "raised", "median, ms", "worst, ms", "limit, ms", "as it m
 
 
 def markdown(tallies: Sequence[Tally], trials: int) -> str:
-    """The page's tables."""
+    """The table of a device."""
     asked = ["git", "describe", "--always", "--dirty"]
     commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False)
     date = time.strftime("%Y-%m-%d", time.gmtime())
     lines = [f"Undisturbed trials of each fault: {trials}; commit {commit.stdout.strip() or 'unknown'}, {date}."]
-    for device in DEVICES:
-        of_device = [one for one in tallies if one.device == device]
-        if of_device:
-            lines += ["", f"### {device}", "", "| " + " | ".join(HEADER) + " |", "|" + "---|" * len(HEADER)]
-            lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in one.cells()) + " |" for one in of_device]
+    lines += ["", "| " + " | ".join(HEADER) + " |", "|" + "---|" * len(HEADER)]
+    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in one.cells()) + " |" for one in tallies]
     return "\n".join(lines) + "\n"
 
 
-def replace_table(page: Path, text: str) -> None:
-    """Put the tables between the marks of a page.
+def marks(device: str) -> tuple[str, str]:
+    """Between which lines of a page the table of a device stands."""
+    return (
+        f"<!-- table: python -m benchmarks.fault_matrix --device {device} -->",
+        f"<!-- end of the table: {device} -->",
+    )
+
+
+def replace_table(page: Path, device: str, text: str) -> None:
+    """Put the table of a device between its marks in a page.
 
     Raises:
         BenchmarkError: the page has no such marks.
     """
+    first, last = marks(device)
     whole = page.read_text(encoding="utf-8")
-    before, begin, rest = whole.partition(MARKS[0])
-    _, end, after = rest.partition(MARKS[1])
+    before, begin, rest = whole.partition(first)
+    _, end, after = rest.partition(last)
     if not begin or not end:
-        raise BenchmarkError(f"{page} has no lines {MARKS[0]} and {MARKS[1]}")
+        raise BenchmarkError(f"{page} has no lines {first} and {last}")
     page.write_text(f"{before}{begin}\n\n{text}\n{end}{after}", encoding="utf-8")
 
 
@@ -185,7 +213,7 @@ def main() -> int:
     parser.add_argument("--device", action="append", choices=DEVICES, help="repeatable; default: all")
     parser.add_argument("--only", action="append", metavar="FAULT", help="repeatable; 'hapticd hil --json' names them")
     parser.add_argument(
-        "--markdown", type=Path, metavar="FILE", help="replace the tables between the marks of this page"
+        "--markdown", type=Path, metavar="FILE", help="replace the devices' tables between the marks of this page"
     )
     parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
@@ -195,14 +223,17 @@ def main() -> int:
     with Witness() as witness:
         for device in options.device or DEVICES:
             driver = _config(device).driver.name
+            of_device: list[Tally] = []
             for injection in INJECTIONS:
                 if driver not in injection.devices or (options.only and injection.name not in options.only):
                     continue
-                tallies.append(tally(device, injection, options.trials, witness))
-                progress(" | ".join([device, *tallies[-1].cells()]))
+                of_device.append(tally(device, injection, options.trials, witness))
+                progress(" | ".join([device, *of_device[-1].cells()]))
                 if options.markdown:  # an interrupted run leaves what it has
-                    replace_table(options.markdown, markdown(tallies, options.trials))
-    print(markdown(tallies, options.trials))
+                    replace_table(options.markdown, device, markdown(of_device, options.trials))
+            tallies += of_device
+            if of_device:
+                print(f"### {device}\n\n{markdown(of_device, options.trials)}")
     if options.json:
         found = document("fault_matrix", _figures(tallies), quick=False)
         options.json.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")

@@ -6,6 +6,7 @@ that the tests use. The tests of the documentation start everything as a user do
 
 from __future__ import annotations
 
+import ctypes
 import importlib
 import multiprocessing
 import os
@@ -22,6 +23,7 @@ import pytest
 
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.sim_hw.forked_device", "tests.service.forked_daemon", "tests.frozen"])
+_PR_SET_PDEATHSIG = 1
 _PROGRAMS = {"sim_hw": "sim_hw.__main__:main", "hapticd.cli": "hapticd.cli.main:main"}
 
 
@@ -131,7 +133,8 @@ def _run(
     out: Connection,
     err: Connection,
 ) -> None:
-    """The child's whole life."""
+    """The child's whole life; it ends with the server, which ends with us."""
+    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
     os.chdir(cwd)
     os.environ.clear()
     os.environ.update(environment)

@@ -30,6 +30,8 @@ HOLDING_A: Final = 0.03
 SETTLE_S: Final = 0.8
 """Time after the fault in which everything must have happened."""
 _SIGTERM_S: Final = 1.0
+CRASH_REPORT_S: Final = 5e-3
+"""In which a daemon that crashes writes the stacks of its threads. Its loop goes on meanwhile, and the watchdog hears it."""
 
 
 @dataclass(frozen=True)
@@ -131,7 +133,8 @@ def limit_s(config: Config, injection: Injection) -> float | None:
     if injection.name == "sigterm":
         return _SIGTERM_S
     if injection.by_watchdog:
-        return watchdog_s(config) + 1.0 / config.servo.rate_hz
+        report_s = CRASH_REPORT_S if injection.name == "sigsegv" else 0.0
+        return watchdog_s(config) + 1.0 / config.servo.rate_hz + report_s
     return detection_s(config) if injection.codes else None
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.fault_matrix import HEADER, MARKS, Tally, Witness, markdown, replace_table
+from benchmarks.fault_matrix import DEVICES, HEADER, Tally, Witness, markdown, marks, replace_table
 from benchmarks.report import BenchmarkError
 from hapticd.hil.injections import INJECTIONS
 from hapticd.hil.matrix import Row
@@ -50,13 +50,18 @@ def test_the_witness_watches() -> None:
 
 def test_the_page_keeps_what_is_around_the_table(tmp_path: Path) -> None:
     page = tmp_path / "page.md"
-    page.write_text(f"before\n\n{MARKS[0]}\nold\n{MARKS[1]}\nafter\n")
-    replace_table(page, markdown([Tally("canopen", SIGKILL, 0.102, [GOOD])], 1))
+    tables = "\n".join(
+        f"before\n\n{first}\nold {device}\n{last}" for device in DEVICES for first, last in [marks(device)]
+    )
+    page.write_text(f"{tables}\nafter\n")
+    replace_table(page, "canopen", markdown([Tally("canopen", SIGKILL, 0.102, [GOOD])], 1))
     text = page.read_text()
-    assert text.startswith(f"before\n\n{MARKS[0]}\n\nUndisturbed trials of each fault: 1")
-    assert text.endswith(f"{MARKS[1]}\nafter\n")
-    assert "### canopen" in text
-    assert "old" not in text
+    assert "old serial" in text
+    assert "old firmware" in text
+    assert "old canopen" not in text
+    assert text.count("before") == len(DEVICES)
+    assert text.endswith("after\n")
+    assert f"{marks('canopen')[0]}\n\nUndisturbed trials of each fault: 1" in text
     page.write_text("no marks\n")
     with pytest.raises(BenchmarkError, match="has no lines"):
-        replace_table(page, "")
+        replace_table(page, "serial", "")
