@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-_BEGINNING = 0.3
 _CLIMBS = 4
 _BASIN = 0.4
 """Difference of the logarithms of two starts that lead to the same maximum."""
@@ -72,7 +71,9 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
     """The best start of every effect on top of a model; `needed`: what one must gain [nats]."""
     scale = scale_of(present)
     space = Score(present)
-    part = _beginning(present) if any(CATALOGUE[slug].acts_on == "memory" for slug in slugs) else space
+    look = present.on(present.problem.first_look())
+    look.differentiate()
+    part = Score(look, look.out.size / present.out.size)
     found: list[Candidate] = []
     for number, slug in enumerate(slugs):
         if set(CATALOGUE[slug].equivalent_to) & set(slugs[number:]):
@@ -80,20 +81,20 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
         if slug == ripple.SLUG:
             found += ripple.first_orders(space, scale)
         elif slug == grip.SLUG:
-            first = grip.first_grip(space, scale)
-            found += [_gripped(space, c, scale) for c in first if c.promise > _WORTH_A_CLIMB * needed]
+            found += grip.first_grip(space, scale)
         elif CATALOGUE[slug].acts_on == "input":
-            found += _input(space, slug, scale)
+            found += _input(space, part, slug, scale)
         else:
             starts = both_signs(term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale))
             if slug == late_record.DELAY:
                 starts += late_record.starts(scale.period_s)
-            rough = CATALOGUE[slug].acts_on == "memory"
-            tried = each((part if rough else space).along, starts)
-            found += _apart(sorted(tried, key=lambda candidate: -candidate.promise), _CLIMBS if rough else 1)
-    best = max((candidate.promise for candidate in found), default=0.0)
-    least = max(_HOPEFUL * best, _WORTH_A_CLIMB * needed)
-    followed = _followed(part, [candidate for candidate in found if candidate.promise > least])
+            tried = [candidate for candidate in each(part.along, starts) if candidate.promise > 0.0]
+            tried.sort(key=lambda candidate: -candidate.promise)
+            remembers = CATALOGUE[slug].acts_on == "memory"
+            found += _apart(tried, _CLIMBS) if remembers else [space.along(c.term) for c in tried[:1]]
+    least = max(_HOPEFUL * max((c.promise for c in found), default=0.0), _WORTH_A_CLIMB * needed)
+    hopeful = [_gripped(space, c, scale) if c.slug == grip.SLUG else c for c in found if c.promise > least]
+    followed = _followed(space, part, hopeful)
     best_of: dict[str, Candidate] = {}
     for candidate in sorted(followed, key=lambda candidate: -candidate.promise):
         best_of.setdefault(candidate.slug, candidate)
@@ -117,8 +118,11 @@ def _gripped(space: Score, candidate: Candidate, scale: Scale) -> Candidate:
     return replace(candidate, term=fit.terms[-1].moved(fit.u[space.present.u.size :]), promise=promise)
 
 
-def _followed(part: Score, hopeful: Sequence[Candidate]) -> list[Candidate]:
-    """Candidates, those climbed whose likelihood is too rough for slopes; of several starts the best goes on."""
+def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates, those climbed whose likelihood is too rough for slopes; of several starts the best goes on.
+
+    They climb in a part of the record, and promise what they then gain in the whole.
+    """
     rough = [c for c in hopeful if CATALOGUE[c.slug].acts_on == "memory"]
     found = [c for c in hopeful if c not in rough]
     for slug in dict.fromkeys(c.slug for c in rough):
@@ -127,10 +131,9 @@ def _followed(part: Score, hopeful: Sequence[Candidate]) -> list[Candidate]:
         each(lambda climb: climb.go(_TRIAL_HALVINGS), climbs)
         k = int(np.argmax([climb.fit.log_likelihood for climb in climbs]))
         climbs[k].go(HALVINGS - _TRIAL_HALVINGS)
-        fit = climbs[k].fit
-        promise = part.weight * (fit.log_likelihood - part.present.log_likelihood)
-        item = tried[k].term.moved(fit.u[climbs[k].own])
-        found.append(replace(tried[k], term=item, promise=max(promise, tried[k].promise)))
+        item = tried[k].term.moved(climbs[k].fit.u[climbs[k].own])
+        promise = space.present.extended(item).log_likelihood - space.present.log_likelihood
+        found.append(replace(tried[k], term=item, promise=promise))
     return found
 
 
@@ -142,14 +145,6 @@ def _apart(tried: Sequence[Candidate], most: int) -> list[Candidate]:
         if len(chosen) < most and not any(bool(np.all(close)) for close in near):
             chosen.append(candidate)
     return chosen
-
-
-def _beginning(present: Fit) -> Score:
-    """The first part of the record: what remembers takes ten times as long to filter, and shows at every reversal."""
-    problem = replace(present.problem, series=present.problem.series.beginning(_BEGINNING))
-    part = present.on(problem)
-    part.differentiate()
-    return Score(part, _BEGINNING)
 
 
 class Climb:
@@ -174,35 +169,36 @@ class Climb:
             self.size *= 0.6
 
 
-def _input(space: Score, slug: str, scale: Scale) -> list[Candidate]:
+def _input(space: Score, part: Score, slug: str, scale: Scale) -> list[Candidate]:
     """An effect on the current is a known torque for each of its starts: many starts, one linear pass."""
+    starts = [term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale)]
+    parts = [_best_input(part, starts[k : k + _COLUMNS]) for k in range(0, len(starts), _COLUMNS)]
+    if not parts:
+        return []
+    _, coarse = max(parts, key=lambda part: part[0])
+    step = float(np.log(_ratio(starts)))
+    fine = [coarse.moved([coarse.start[0] + step * share]) for share in np.linspace(-1.0, 1.0, _COLUMNS // 4)]
+    promise, item = _best_input(space, fine)
+    return [Candidate(slug, item, promise, math.log(len(starts)))]
+
+
+def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
+    """The most that one of these starts promises, and which."""
     present = space.present
     series, p = present.problem.series, present.device()
     duration, base, _ = series.currents(p)
     constant = float(p[word("torque_constant")])
     whole = duration.sum(axis=1)
-
-    def best(starts: Sequence[Term]) -> tuple[float, Term]:
-        columns = np.empty((series.size, len(starts)))
-        for k, item in enumerate(starts):
-            q = p.copy()
-            item.put(q, item.start)
-            columns[:, k] = constant * ((series.currents(q)[1] - base) * duration).sum(axis=1) / whole
-        g, H = space.reduced(sensitivities(present.out, columns))
-        share = np.clip(g / np.maximum(np.diag(H), 1e-300), 0.0, 1.0)
-        promise = share * g - 0.5 * share**2 * np.diag(H)
-        k = int(np.argmax(promise))
-        return float(promise[k]), starts[k]
-
-    starts = [term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale)]
-    parts = [best(starts[k : k + _COLUMNS]) for k in range(0, len(starts), _COLUMNS)]
-    if not parts:
-        return []
-    _, coarse = max(parts, key=lambda part: part[0])
-    step = float(np.log(_ratio(starts)))
-    fine = [coarse.moved([coarse.start[0] + step * share]) for share in np.linspace(-1.0, 1.0, _COLUMNS // 2)]
-    promise, item = best(fine)
-    return [Candidate(slug, item, promise, math.log(len(starts)))]
+    columns = np.empty((series.size, len(starts)))
+    for k, item in enumerate(starts):
+        q = p.copy()
+        item.put(q, item.start)
+        columns[:, k] = constant * ((series.currents(q)[1] - base) * duration).sum(axis=1) / whole
+    g, H = space.reduced(sensitivities(present.out, columns))
+    share = np.clip(g / np.maximum(np.diag(H), 1e-300), 0.0, 1.0)
+    promise = share * g - 0.5 * share**2 * np.diag(H)
+    k = int(np.argmax(promise))
+    return float(promise[k]), starts[k]
 
 
 def _ratio(starts: Sequence[Term]) -> float:

@@ -12,14 +12,14 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from hapticd.gap import constants, options
-from hapticd.gap.search import evidence
+from hapticd.gap.competition import evidence
 from hapticd.gap.trial import HAND, Rival, rival_of, separation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hapticd.config import Config
-    from hapticd.gap.search import Round
+    from hapticd.gap.competition import Round
     from hapticd.servo.experiment import Experiment
 
 FILE = "next_experiment.yaml"
@@ -104,7 +104,7 @@ def _now(stage: Round) -> float:
 def _simplest(stage: Round) -> str:
     """Of the tied effects of a round the one with the fewest parameters."""
     among = [one for one in stage.contenders if one.slug in (stage.taken.slug, *stage.tied)]
-    return min(among, key=lambda one: len(one.judged.fit.terms[-1].coordinates)).slug
+    return min(among, key=lambda one: len(one.law.coordinates)).slug
 
 
 def pairs(rivals: Sequence[Rival]) -> list[tuple[Rival, Rival]]:

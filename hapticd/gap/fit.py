@@ -31,13 +31,18 @@ _NOISES = len(NOISE)
 _OFF = (DISTURBANCE, JITTER)
 """Noise that is off at its lower bound."""
 _NEVER = -1e12
-_SCANS = 3
 _POOR = 2
 """Steps in a row that gain nothing before a climb is over: on a curved ridge a single one may."""
+_HOPELESS = 0.05
+"""Share of what it is behind a rival that a climb must gain with a step."""
 _HELD_BACK = 1e-3
 """Share of all data's information that holds a parameter back of which the other folds say nothing."""
 _SHORTER = 6
 """Attempts to shorten a step that does not climb."""
+_STRAIGHT = 0.75
+"""Share of what the slope promised of a step beyond which it goes on: at a parabola's top it is a half."""
+_SCANNED = 0.05
+"""Nats that a longer step must gain."""
 
 
 class Fit:
@@ -104,7 +109,7 @@ class Fit:
         """Log-likelihood and ticks at coordinates."""
         series = self.problem.series
         p = self.device(u)
-        out = np.zeros(series.size, TICK)
+        out = np.empty(series.size, TICK)
         duration, current, spread = series.currents(p)
         total = run_filter(
             p,
@@ -167,27 +172,28 @@ class Fit:
                 break
         return self
 
-    def maximise(self, iterations: int = 25, tolerance: float = 0.05) -> Fit:
-        """Climb to the maximum; returns itself."""
+    def maximise(self, iterations: int = 25, tolerance: float = 0.05, rival: float = -np.inf) -> Fit:
+        """Climb to the maximum, and less closely the farther it stays behind the likelihood of a rival; returns itself."""
         damping, poor = 1e-2, 0
-        for iteration in range(iterations):
-            before = self.log_likelihood
-            if iteration < _SCANS:
-                self.scan_power()
-            damping = self._step(self.free(), damping)
-            poor = poor + 1 if self.log_likelihood - before < tolerance else 0
+        held = np.zeros(self.u.size, dtype=bool)  # at a bound; asked again where the climb gains no more
+        for _ in range(iterations):
+            before, among = self.log_likelihood, self.free() & ~held
+            damping, free = self._step(among, damping)
+            enough = max(tolerance, _HOPELESS * (rival - self.log_likelihood))
+            poor = poor + 1 if self.log_likelihood - before < enough else 0
+            held = (held | (among & ~free)) & (poor == 0)
             if poor == _POOR:
                 break
         return self
 
-    def _step(self, among: NDArray[np.bool_], damping: float) -> float:
-        """One damped Gauss–Newton step; returns the damping for the next."""
+    def _step(self, among: NDArray[np.bool_], damping: float) -> tuple[float, NDArray[np.bool_]]:
+        """One damped Gauss–Newton step; returns the damping for the next, and which coordinates could move."""
         self.differentiate(among & self.free())
         precision = np.where(np.isfinite(self.prior), self.prior**-2.0, 0.0)
         gradient = self.scores.sum(axis=0) - precision * (self.u - self.centre)
         free = among & self.free(gradient)
         if not free.any():
-            return damping
+            return damping, free
         H = self.scores.T @ self.scores + np.diag(precision)
         diagonal = np.diag(H) + 1e-12 / self.scale**2
         self.error = np.where(free, 1.0 / np.sqrt(diagonal), self.error)
@@ -196,10 +202,14 @@ class Fit:
             step = np.zeros(self.u.size)
             step[free] = np.linalg.solve(H[index] + damping * np.diag(diagonal[free]), gradient[free])
             step[:_NOISES] = np.clip(step[:_NOISES], -1.5, 1.5)
+            before = self.log_likelihood
             if self.move(self.u + step):
-                return max(damping / 10.0, 1e-6)
+                is_straight = self.log_likelihood - before > _STRAIGHT * float(gradient @ step)
+                while is_straight and self.move(self.u + step, _SCANNED):
+                    step *= 2.0
+                return max(damping / 10.0, 1e-6), free
             damping = max(damping * 10.0, 1e-3)
-        return damping
+        return damping, free
 
     def move(self, u: Floats, least: float = 0.0) -> bool:
         """Go to coordinates if that gains more than `least`; returns whether it did."""
@@ -229,10 +239,9 @@ class Fit:
 
     def replaced(self, number: int, item: Term) -> Fit:
         """The same hypothesis with one of its terms started anew, the rest at the same coordinates."""
+        own = self.share(number)
         terms = (*self.terms[:number], item, *self.terms[number + 1 :])
-        u = self.u.copy()
-        u[self.share(number)] = item.start
-        return Fit(self.problem, terms, u)
+        return Fit(self.problem, terms, np.concatenate([self.u[: own.start], item.start, self.u[own.stop :]]))
 
     def with_noise(self, noise: Floats) -> Fit:
         """The same hypothesis at the same coordinates with another noise."""
@@ -255,7 +264,7 @@ class Fit:
             while True:
                 u = self.u.copy()
                 u[[WHITE, DISTURBANCE]] += step
-                if not self.move(u, 0.05):
+                if not self.move(u, _SCANNED):
                     break
                 moved = True
                 step *= 1.5

@@ -62,4 +62,4 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
 
 def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:
     """The fit of the nominal model, with terms that correct its base parameters where asked for."""
-    return Fit(problem, terms, first_noise(problem, terms)).maximise(40)
+    return Fit(problem, terms, first_noise(problem.first_look(), terms)).maximise(40)

@@ -15,6 +15,8 @@ from hapticd.gap.terms import term
 
 if TYPE_CHECKING:
     from hapticd.effects.spec import Scale
+    from hapticd.gap.fit import Fit
+    from hapticd.gap.terms import Term
 
 SLUG = "torque_ripple"
 _PURSUITS = 3
@@ -22,6 +24,7 @@ _HIGHEST_ORDER = 90
 _MOST_ORDERS = 8
 _LEAST_ORDER_GAIN = 10.0
 _ORDER_SHARE = 0.02
+_SAME_ORDER = 0.3 / _HIGHEST_ORDER
 
 
 def first_orders(space: Score, scale: Scale) -> list[Candidate]:
@@ -43,6 +46,33 @@ def first_orders(space: Score, scale: Scale) -> list[Candidate]:
             break
         found = again
     return [] if best is None else [best]
+
+
+def settled(fit: Fit, number: int, scale: Scale) -> tuple[Fit, float]:
+    """The fit with the orders of its ripple, term `number`, looked for again beside all else, as long as that gains.
+
+    Returns:
+        The fit, and what the orders that it has more cost, nats.
+    """
+    dearer = 0.0
+    for _ in range(_PURSUITS):
+        smooth = fit.without(number)
+        smooth.differentiate()
+        found, present = _pursued(Score(smooth), scale), fit.terms[number]
+        if found is None or _are_alike(found.term, present):
+            break
+        price = found.penalty * (1.0 - len(present.fixed) / len(found.term.fixed))
+        again = fit.replaced(number, found.term).maximise()
+        if again.log_likelihood - price <= fit.log_likelihood:
+            break
+        fit, dearer = again, dearer + price
+    return fit, dearer
+
+
+def _are_alike(one: Term, other: Term) -> bool:
+    """Whether two ripples have the same orders; on a linear axis their unit is the travel, which is itself an estimate."""
+    a, b = (sorted(order for _, order in item.fixed) for item in (one, other))
+    return len(a) == len(b) and bool(np.allclose(a, b, rtol=_SAME_ORDER))
 
 
 def _pursued(space: Score, scale: Scale) -> Candidate | None:

@@ -71,6 +71,6 @@ class Score:
             step = min(max(factor, 0.0), 1.0)
             promise = step * float(g[0]) - 0.5 * step * step * float(H[0, 0])
             return Candidate(item.slug, item, self.weight * max(promise, value - present.log_likelihood))
-        if item.coordinates[0].is_log and factor <= 0.0:
+        if factor <= 0.0 and (item.coordinates[0].is_log or item.coordinates[0].lower >= 0.0):
             return Candidate(item.slug, item, 0.0)
         return Candidate(item.slug, item.scaled(amplitude, factor), self.weight * 0.5 * factor * float(g[0]))

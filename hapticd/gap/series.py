@@ -86,18 +86,22 @@ class Series:
         """Duration of all recordings together."""
         return float(self.time_s[np.append(np.flatnonzero(np.diff(self.recording)), -1)].sum())
 
-    def beginning(self, share: float) -> Series:
-        """The first samples, for a first look: what a device remembers is known best where a record begins."""
-        rows = slice(0, int(share * self.size))
+    def thinned(self, every: int) -> Series:
+        """One block of `every` so many, for a first look at a fraction of the time; nothing tells their first states.
+
+        Which one of them wanders, so that blocks and an excitation that repeats itself do not keep step.
+        """
+        rows = self.block % every == (self.block // every + every // 2) % every
+        block = np.unique(self.block[rows], return_inverse=True)[1]
         return replace(
             self,
             time_s=self.time_s[rows],
             cell=self.cell[rows],
             command=self.command[rows],
-            begins=self.begins[rows],
-            recording=self.recording[rows],
-            block=np.zeros(rows.stop, dtype=np.int64),
-            fold=np.zeros(1, dtype=np.int64),
+            begins=self.begins[rows] | (np.diff(np.flatnonzero(rows), prepend=-2) > 1),
+            recording=np.unique(self.recording[rows], return_inverse=True)[1],
+            block=block,
+            fold=self.fold[: int(block.max()) + 1],
             _currents={},
             _lock=Lock(),
         )
@@ -133,7 +137,7 @@ class Series:
         if np.isfinite(p[_LAG]):
             fine = np.empty((time_s.size, _FINE * substeps_for(p, self.period_s)))
             electrical(p, time_s, command, np.zeros(time_s.size, dtype=np.uint8), fine.shape[1], fine)
-            spans = np.diff(time_s, append=2.0 * time_s[-1] - time_s[-2])
+            spans = np.diff(time_s, append=time_s[-1] + self.period_s)
             return np.repeat(0.5 * spans[:, None], 2, axis=1), _halves(fine), np.repeat(deviation[:, None], 2, axis=1)
         parts = 2 if 0.0 < delay < self.period_s or delay % self.period_s else 1
         duration, current, spread = (np.empty((time_s.size, parts)) for _ in range(3))

@@ -12,17 +12,19 @@ from scipy.stats import t as student
 from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
 from hapticd.gap import constants, grip, late_record, missing
+from hapticd.gap.competition import CrossValidated, Round, cross_validate, evidence
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.missing import Missing, missing_force
 from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.parallel import one_blas_thread
 from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.problem import Problem
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.search import CrossValidated, Round, critical, cross_validate, evidence, is_quiet, search, withstanding
+from hapticd.gap.search import critical, is_quiet, search, withstanding
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
@@ -43,6 +45,7 @@ _FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
 """Factor by which a base parameter may leave its nominal value. A shaft heavier than that ignores the current."""
 
 
+@one_blas_thread
 def find_gap(
     recordings: Sequence[Recording],
     model: Config,

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
     from hapticd.config import Config
     from hapticd.gap.recording import Recording
-    from hapticd.gap.series import Series
     from hapticd.identify.balance import Balance
 
     Floats = NDArray[np.float64]
@@ -51,8 +50,6 @@ _MARGIN = 1e-6
 """Distance from the bounds at which the covariance is found, in scales of each coordinate."""
 _ROUGHLY = 0.5
 """Gain of a step that ends a climb, nats, as long as another start may be likelier."""
-_THINNED = 4
-"""The first fit takes every fourth block."""
 
 
 @dataclass(frozen=True)
@@ -107,8 +104,8 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     base[[index_of(name) for name in _OWN_ELEMENTS]] = 0.0
     problem = replace(problem, base=base)
     terms = _terms(start, problem.torque, problem.series.period_s)
-    thinned = replace(problem, series=_thinned(problem.series))
-    begun = Fit(thinned, terms, first_noise(thinned, terms))
+    look = problem.first_look()
+    begun = Fit(look, terms, first_noise(look, terms))
     found = max((_climbed(fit) for fit in (begun, _likeliest(begun, start.at_delays))), key=_likelihood)
     whole = found.on(problem.with_free_memory())
     _scan_bias(whole)
@@ -221,25 +218,6 @@ def _climb(fit: Fit) -> None:
             break
         if fit.log_likelihood - before < _POOR_STEP:
             break
-
-
-def _thinned(series: Series) -> Series:
-    """Some of the blocks, from all of the recordings, for a first fit at a fraction of the time."""
-    rows = np.flatnonzero(series.block % _THINNED == 0)
-    begins = series.begins[rows].copy()
-    begins[np.diff(rows, prepend=-2) > 1] = True
-    block = series.block[rows] // _THINNED
-    return replace(
-        series,
-        time_s=series.time_s[rows],
-        cell=series.cell[rows],
-        command=series.command[rows],
-        begins=begins,
-        recording=np.unique(series.recording[rows], return_inverse=True)[1],
-        block=block,
-        fold=series.fold[: int(block.max()) + 1],
-        _currents={},
-    )
 
 
 def _terms(start: Balance, torque: float, period_s: float) -> tuple[Term, ...]:

@@ -17,6 +17,7 @@ from drivers import declared_latency
 from hapticd.config import parse_config
 from hapticd.gap.checks import check_recording
 from hapticd.gap.data import recording_of
+from hapticd.gap.parallel import one_blas_thread
 from hapticd.gap.result import Estimate
 from hapticd.identify.balance import Balance, balance
 from hapticd.identify.base_fit import FITTED, BaseFit, base_fit
@@ -64,6 +65,7 @@ def readable(run: Run, model: Config) -> Recording:
     return replace(recording, warnings=run.warnings)
 
 
+@one_blas_thread
 def identify(
     recordings: Sequence[Recording],
     model: Config,

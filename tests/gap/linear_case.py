@@ -27,29 +27,33 @@ class Case(NamedTuple):
     resolution: float
 
 
-def system(noise: Floats) -> tuple[Floats, Floats, Floats]:
+def system(noise: Floats, period: float = PERIOD) -> tuple[Floats, Floats, Floats]:
     """Exact discretisation (Van Loan): transition and noise covariance of (x, v, d), and what a torque adds."""
     white, _, disturbance, tau, _ = noise
     F = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0 / INERTIA], [0.0, 0.0, -1.0 / tau]])
     L = np.diag([0.0, (white / INERTIA) ** 2, 2.0 * disturbance**2 / tau])
-    big = expm(np.block([[-F, L], [np.zeros((3, 3)), F.T]]) * PERIOD)
+    big = expm(np.block([[-F, L], [np.zeros((3, 3)), F.T]]) * period)
     A = big[3:, 3:].T
-    return A, A @ big[:3, 3:], np.array([0.5 * PERIOD**2, PERIOD, 0.0]) / INERTIA
+    return A, A @ big[:3, 3:], np.array([0.5 * period**2, period, 0.0]) / INERTIA
 
 
-def case(noise: Floats, n: int = 600, seed: int = 1, cell_share: float = 1e-3) -> Case:
-    """Draw a record; cells are that share of the sensor's noise wide."""
+def case(
+    noise: Floats, n: int = 600, seed: int = 1, cell_share: float = 1e-3, periods: tuple[float, ...] = (PERIOD,)
+) -> Case:
+    """Draw a record; cells are that share of the sensor's noise wide, and the periods take turns."""
     rng = np.random.default_rng(seed)
-    A, Q, B = system(noise)
-    root = np.linalg.cholesky(Q + 1e-30 * np.eye(3))
+    systems = [system(noise, period) for period in periods]
+    roots = [np.linalg.cholesky(Q + 1e-30 * np.eye(3)) for _, Q, _ in systems]
+    time_s = np.concatenate([[0.0], np.cumsum(np.resize(periods, n - 1))])
     current = np.sin(2.0 * np.pi * 3.0 * PERIOD * np.arange(n))
     states = np.zeros((n, 3))
     states[0] = 0.0, 0.5, rng.normal() * noise[2]
     for k in range(n - 1):
-        states[k + 1] = A @ states[k] + B * current[k] + root @ rng.normal(size=3)
+        A, _, B = systems[k % len(periods)]
+        states[k + 1] = A @ states[k] + B * current[k] + roots[k % len(periods)] @ rng.normal(size=3)
     resolution = cell_share * noise[1]
     measured = np.floor((states[:, 0] + rng.normal(size=n) * noise[1]) / resolution) * resolution
-    return Case(PERIOD * np.arange(n), current, measured, states, noise, resolution)
+    return Case(time_s, current, measured, states, noise, resolution)
 
 
 def device() -> Floats:
@@ -66,7 +70,7 @@ def filtered(one: Case, begins: NDArray[np.bool_] | None = None) -> tuple[float,
     if begins is None:
         begins = np.arange(n) == 0
     out = np.zeros(n, TICK)
-    spans = np.full((n, 1), PERIOD)
+    spans = np.diff(one.time_s, append=one.time_s[-1] + PERIOD)[:, None].copy()
     cell = one.measured / one.resolution
     total = run_filter(
         device(),
@@ -94,8 +98,9 @@ class Textbook(NamedTuple):
 
 def textbook(one: Case) -> Textbook:
     """Filter and smooth the case from the first state that the workflow's filter takes."""
-    A, Q, B = system(one.noise)
     n = one.time_s.size
+    spans = np.diff(one.time_s, append=one.time_s[-1] + PERIOD)
+    systems = [system(one.noise, span) for span in spans]
     y = one.measured + 0.5 * one.resolution
     span = one.time_s[5]
     v = (one.measured[5] - one.measured[0]) / span
@@ -112,11 +117,12 @@ def textbook(one: Case) -> Textbook:
         P = P - np.outer(gain, gain) * variance[k]
         after.append(x)
         spreads.append(P)
+        A, Q, B = systems[k]
         x = A @ x + B * one.current[k]
         P = A @ P @ A.T + Q
     smoothed, covariance = np.array(after), np.array(spreads)
     for k in range(n - 2, -1, -1):
-        G = np.linalg.solve(wider[k + 1], A @ spreads[k]).T
+        G = np.linalg.solve(wider[k + 1], systems[k][0] @ spreads[k]).T
         smoothed[k] = after[k] + G @ (smoothed[k + 1] - ahead[k + 1])
         covariance[k] = spreads[k] + G @ (covariance[k + 1] - wider[k + 1]) @ G.T
     return Textbook(mean, variance, smoothed, covariance)

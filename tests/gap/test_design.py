@@ -13,11 +13,11 @@ import yaml
 from hapticd.config import Config, load_config, parse_config
 from hapticd.gap import constants, find_gap
 from hapticd.gap import options as experiments
+from hapticd.gap.competition import Contender, CrossValidated, Round
 from hapticd.gap.design import next_experiment, pairs
 from hapticd.gap.fit import Fit
 from hapticd.gap.model_file import with_effects
 from hapticd.gap.recording import Recording
-from hapticd.gap.search import Contender, CrossValidated, Round
 from hapticd.gap.terms import term
 from hapticd.gap.trial import Rival, play, rival_of, separation
 from hapticd.gap.workflow import problem_of
@@ -47,8 +47,8 @@ def still() -> Recording:
     return recording
 
 
-def contender(recording: Recording, slug: str, *, base: Any = ()) -> Contender:
-    fit = Fit.started(problem_of([recording], MODEL), (*base, term(slug, LAWS[slug], (), 0.1)), NOISE)
+def contender(recording: Recording, slug: str, *, base: Any = (), **values: float) -> Contender:
+    fit = Fit.started(problem_of([recording], MODEL), (*base, term(slug, values or LAWS[slug], (), 0.1)), NOISE)
     return Contender(slug, CrossValidated(fit, np.zeros(fit.problem.series.blocks)), 40.0, 8.0)
 
 
@@ -126,10 +126,9 @@ def test_what_one_law_can_absorb_does_not_count(rivals: list[Rival]) -> None:
 
 def test_twins_cannot_be_separated_and_the_plan_says_so(still: Recording) -> None:
     stage = tied(still, "constant_bias")
-    twin = replace(stage.contenders[0], slug="twin")
-    plan = next_experiment(
-        MODEL, [replace(stage, contenders=(*stage.contenders, twin), tied=("twin",))], lambda share, what: None
-    )
+    twin = contender(still, "asymmetric_coulomb", a=-LAWS["constant_bias"]["tau_0"] / MODEL.plant.coulomb)
+    stage = replace(stage, contenders=(*stage.contenders, twin), tied=(twin.slug,))
+    plan = next_experiment(MODEL, [stage], lambda share, what: None)
     assert plan is not None
     assert plan["expected"] < 0.5
     assert (plan["experiment"], plan["file"]) == (None, None)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.stats import truncnorm
 
 from hapticd.gap.kernel import carry
-from hapticd.gap.kernel.modes import DOWN, HELD, MODE, STATES, STOPPED, UP, W, impact, merge, spread, take, tie
+from hapticd.gap.kernel.modes import DOWN, HELD, MODE, STATES, STOPPED, UP, W, impact, join, spread, take, tie
 from hapticd.plant.layout import index_of, neutral_vector
 
 Floats = NDArray[np.float64]
@@ -29,22 +29,25 @@ def _covariance(rng: np.random.Generator, size: int = STATES) -> Floats:
     return np.asarray(root @ root.T)
 
 
-def test_pieces_merge_into_their_mean_and_covariance(rng: np.random.Generator) -> None:
+def test_pieces_join_into_their_mean_and_covariance(rng: np.random.Generator) -> None:
     pieces = np.zeros(3, MODE)
-    for k, weight in enumerate((0.2, 0.3, 0.1)):
-        pieces[k]["weight"] = weight
-        pieces[k]["mean"] = rng.normal(size=STATES)
-        pieces[k]["covariance"] = _covariance(rng)
-    modes = np.zeros(3, MODE)
-    merge(modes, pieces, np.array([UP, HELD, UP]), 3, STATES)
-    assert modes["weight"] == pytest.approx([0.5, 0.5, 0.0])
-    np.testing.assert_array_equal(modes[HELD]["covariance"], pieces[1]["covariance"])
-    shares = np.array([2.0, 1.0]) / 3.0
-    means, spreads = pieces["mean"][[0, 2]], pieces["covariance"][[0, 2]]
+    weights, shifts, taken = np.array([0.2, 0.3, 0.1]), np.array([0.0, -0.4, 0.7]), np.array([0.0, 0.2, 0.3])
+    pieces["mean"] = rng.normal(size=(3, STATES))
+    pieces["gain"] = 0.3 * rng.normal(size=(3, STATES))
+    pieces["covariance"] = [_covariance(rng) for _ in range(3)]
+    pieces["contact"] = [-1.0, 0.0, 1.0]
+    joined = np.zeros(1, MODE)
+    for k in range(3):
+        join(joined[0], pieces[k], weights[k], shifts[k], taken[k], STATES)
+    assert joined["weight"] == pytest.approx([0.6])
+    assert joined["contact"] == [0.0]
+    shares = weights / weights.sum()
+    means = pieces["mean"] + shifts[:, None] * pieces["gain"]
+    spreads = pieces["covariance"] - taken[:, None, None] * np.einsum("ki,kj->kij", pieces["gain"], pieces["gain"])
     mean = shares @ means
     expected = np.einsum("k,kij->ij", shares, spreads) + (means - mean).T @ np.diag(shares) @ (means - mean)
-    np.testing.assert_allclose(modes[UP]["mean"], mean)
-    np.testing.assert_allclose(modes[UP]["covariance"], expected)
+    np.testing.assert_allclose(joined[0]["mean"], mean)
+    np.testing.assert_allclose(joined[0]["covariance"], expected)
 
 
 def test_a_count_tells_of_the_whole_state_as_in_a_kalman_filter(rng: np.random.Generator) -> None:
@@ -59,27 +62,28 @@ def test_a_count_tells_of_the_whole_state_as_in_a_kalman_filter(rng: np.random.G
     np.testing.assert_allclose(mode[0]["covariance"], whole - share * variance * np.outer(gain, gain))
 
 
-def _cut(mode: int, v: float, d: float, spread: Floats, current: float) -> tuple[Any, list[int]]:
-    """Pieces of a mode with the standard deviations `spread` of x, v, d, and where they lead."""
+def _cut(mode: int, v: float, d: float, spread: Floats, current: float) -> Any:
+    """Pieces of a mode with the standard deviations `spread` of x, v, d, by what they will do."""
     p = neutral_vector()
     for name, value in {"inertia": INERTIA, "viscous": 0.0, "coulomb": COULOMB, "torque_constant": 1.0}.items():
         p[index_of(name)] = value
     laws, periods = np.zeros(1, carry.LAWS), np.zeros(1, carry.PERIOD)
     carry.look_up(p, laws[0])
     periods[0]["span"], periods[0]["decay"], periods[0]["mean"] = PERIOD_S, 1.0, 1.0
-    modes, pieces, into = np.zeros(3, MODE), np.zeros(9, MODE), np.zeros(9, np.int64)
+    modes, pieces = np.zeros(3, MODE), np.zeros(4, MODE)
     modes[mode]["weight"] = 1.0
     modes[mode]["mean"][1:3] = v, d
     modes[mode]["covariance"][:3, :3] = np.diag(np.square(spread))
     span, amperes = np.array([PERIOD_S]), np.array([current])
-    count = carry.cut(p, laws, periods, span, amperes, modes, mode, pieces, into, 0)
-    return pieces[:count], into[:count].tolist()
+    carry.cut(p, laws, periods, span, amperes, modes, mode, pieces)
+    return pieces
 
 
 def test_a_held_shaft_is_cut_where_stiction_ends() -> None:
     spread = 0.3 * COULOMB
-    pieces, into = _cut(HELD, 0.0, 0.0, np.array([1e-6, 0.0, spread]), 0.8 * COULOMB)
-    assert into == [HELD, UP]
+    pieces = _cut(HELD, 0.0, 0.0, np.array([1e-6, 0.0, spread]), 0.8 * COULOMB)
+    np.testing.assert_array_equal(np.flatnonzero(pieces["weight"]), [HELD, UP])
+    pieces = pieces[[HELD, UP]]
     edge = 0.2 * COULOMB / spread
     held, loose = truncnorm(-1.8 * COULOMB / spread, edge), truncnorm(edge, math.inf)
     assert pieces["weight"].sum() == pytest.approx(1.0, abs=1e-6)
@@ -90,11 +94,11 @@ def test_a_held_shaft_is_cut_where_stiction_ends() -> None:
 
 
 def test_a_moving_shaft_goes_on_stops_or_turns() -> None:
-    pieces, into = _cut(UP, 0.0, 0.0, np.array([1e-6, UNIT * COULOMB, 0.0]), 0.0)
-    assert into == [STOPPED, UP, DOWN]
-    assert pieces["weight"] == pytest.approx([0.6827, 0.1587, 0.1587], abs=1e-4)
-    _, into = _cut(UP, 20.0 * UNIT * COULOMB, 0.0, np.array([1e-6, UNIT * COULOMB, 0.0]), 0.0)
-    assert into == [UP]
+    pieces = _cut(UP, 0.0, 0.0, np.array([1e-6, UNIT * COULOMB, 0.0]), 0.0)
+    assert pieces["weight"][[STOPPED, UP, DOWN]] == pytest.approx([0.6827, 0.1587, 0.1587], abs=1e-4)
+    assert pieces["weight"][HELD] == 0.0
+    pieces = _cut(UP, 20.0 * UNIT * COULOMB, 0.0, np.array([1e-6, UNIT * COULOMB, 0.0]), 0.0)
+    assert pieces["weight"].tolist() == [0.0, 1.0, 0.0, 0.0]
 
 
 def test_an_impact_within_the_period_has_one_effect_whenever_it_happens() -> None:

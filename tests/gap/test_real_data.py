@@ -49,7 +49,8 @@ def test_the_cogging_motor_s_ripple_is_named(tmp_path: Path) -> None:
     recording = imported(folder() / COGGING[1], odrive.MAP, model, tmp_path)
     found = find_gap([recording], model, refit_base=True, design=False)
     assert found.effects == ("torque_ripple",)
-    assert {7.0, 28.0, 36.0} <= set(odrive.named_orders(found.to_json()))
+    strongest = set(odrive.orders_of(np.load(folder() / COGGING_MAP)))
+    assert len(strongest & set(odrive.named_orders(found.to_json()))) >= 4
     assert found.gap.held_out_after < 0.9 * found.gap.held_out_before
 
 

@@ -14,21 +14,17 @@ from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, find_gap, late_record
 from hapticd.gap.candidates import both_signs
-from hapticd.gap.nominal import nominal_fit
-from hapticd.gap.search import (
+from hapticd.gap.competition import (
     Contender,
     CrossValidated,
     Round,
-    _simplest_first,
     compete,
-    critical,
     cross_validate,
     evidence,
-    is_quiet,
-    look_back,
-    search,
-    withstanding,
+    simplest_first,
 )
+from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.search import critical, is_quiet, look_back, search, withstanding
 from hapticd.gap.terms import Term, term
 from hapticd.gap.workflow import problem_of
 
@@ -112,6 +108,25 @@ def test_nothing_to_consider_is_no_round(biased: CrossValidated) -> None:
     assert rounds == []
 
 
+def test_a_tie_is_asked_again_when_more_is_known(hidden: Hidden) -> None:
+    ripple = {"name": "torque_ripple", "orders": [14], "amplitudes": [2e-3], "phases": [1.0]}
+    recording, model = hidden([{"name": "transport_delay", "t_d": 6e-4}, ripple], 3, SECONDS)
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    needed = constants.MATERIAL * first.fit.out.size
+    both = compete(first, ["dropped_samples", "transport_delay"], needed)
+    assert {contender.slug for contender in both} == {"dropped_samples", "transport_delay"}
+    wrong_first = sorted(both, key=lambda contender: contender.slug)
+    rounds = [Round(first, tuple(wrong_first), ("transport_delay",))]
+    rounds.append(Round(wrong_first[0].judged, tuple(compete(wrong_first[0].judged, ["torque_ripple"], needed)), ()))
+    look_back(rounds, list(CATALOGUE), 0, critical(first.held_out.size, 24), needed)
+    assert [found.taken.slug for found in rounds] == ["torque_ripple", "transport_delay"]
+    assert [found.tied for found in rounds] == [(), ()]
+    # What was named before is still there to be compared with, and its price is no longer paid.
+    assert [contender.slug for contender in rounds[-1].contenders] == ["transport_delay", "dropped_samples"]
+    assert evidence(rounds[-1].taken.judged, rounds[-1].contenders[1].judged)[1] > constants.TIE
+    assert rounds[-1].taken.judged.penalty == pytest.approx(sum(found.taken.penalty for found in rounds))
+
+
 CANCELS = ("current_saturation", "load_dependent_friction", "torque_constant_error", "dac_quantization")
 
 
@@ -192,7 +207,7 @@ def test_a_law_that_stood_in_gives_way_to_its_limit(hidden: Hidden) -> None:
     recording, model = hidden(effects, 11, SECONDS, Coloured(0.05, 0.05))
     first = cross_validate(nominal_fit(problem_of([recording], model)))
     rounds = _named(first, "return_spring", "inertia_error")
-    look_back(rounds, 0, critical(20, 24), constants.MATERIAL * first.fit.out.size)
+    look_back(rounds, list(CATALOGUE), 0, critical(20, 24), constants.MATERIAL * first.fit.out.size)
     assert [each.taken.slug for each in rounds] == ["inertia_error", "constant_bias"]
     path = withstanding(first.fit, rounds, len(CATALOGUE))
     assert [[item.slug for item in judged.fit.terms] for judged in path] == [
@@ -221,5 +236,5 @@ def test_a_late_record_wins_only_where_no_law_of_the_device_does_as_well(biased:
     late = contender(late_record.starts(fit.problem.series.period_s)[0])
     as_good, poor = (contender(term("viscous_friction", {"r": r}, (), 1.0)) for r in (1e-6, 5.0))
     assert late_record.is_late(late.law)
-    assert [one.slug for one in _simplest_first([late, as_good])] == ["viscous_friction", "transport_delay"]
-    assert [one.slug for one in _simplest_first([late, poor])] == ["transport_delay", "viscous_friction"]
+    assert [one.slug for one in simplest_first([late, as_good], 10.0)] == ["viscous_friction", "transport_delay"]
+    assert [one.slug for one in simplest_first([late, poor], 10.0)] == ["transport_delay", "viscous_friction"]

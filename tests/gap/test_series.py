@@ -1,4 +1,4 @@
-"""Recordings as the filter takes them: gaps, several of them, blocks and folds, and the beginning."""
+"""Recordings as the filter takes them: gaps, several of them, blocks and folds, and a first look."""
 
 from __future__ import annotations
 
@@ -85,15 +85,23 @@ def test_a_sum_over_blocks_is_the_whole() -> None:
     assert series.per_block(values[:, 0])[3] == pytest.approx(values[series.block == 3, 0].sum())
 
 
-def test_the_beginning_is_the_first_part_of_the_record() -> None:
-    series = series_of([recording(8000)])
-    part = series.beginning(0.25)
-    assert part.size == 2000
-    assert np.flatnonzero(part.begins).tolist() == [0]
-    assert np.array_equal(part.cell, series.cell[:2000])
-    assert np.array_equal(part.command, series.command[:2000])
-    duration, _, _ = part.currents(device_vector(model(), 0.0))
-    assert duration.sum(axis=1) == pytest.approx(np.full(2000, PERIOD))
+def test_a_thinned_record_has_whole_blocks_of_every_recording() -> None:
+    series = series_of([recording(8000), without(recording(8000), 6000, 6500)])
+    part = series.thinned(4)
+    kept = np.isin(series.block, [2, 7, 8, 13, 18])
+    assert np.array_equal(part.cell, series.cell[kept])
+    assert np.unique(part.recording).tolist() == [0, 1]
+    assert part.per_block(np.ones(part.size)).tolist() == np.bincount(series.block)[[2, 7, 8, 13, 18]].tolist()
+    first = np.isin(series.block[kept], [2, 7, 13, 18]) & (np.diff(part.block, prepend=-1) > 0)
+    assert np.array_equal(part.begins, first | series.begins[kept])
+    assert part.begins.sum() == 4  # block 8 goes on where 7 ends
+
+
+def test_a_thinned_record_keeps_no_step_with_what_repeats_itself() -> None:
+    series = series_of([recording(64_000)])
+    part = series.thinned(4)
+    phases = np.bincount((part.time_s // constants.BLOCK_S).astype(int) % 4)
+    assert phases.min() > 0.9 * phases.max()
 
 
 def test_currents_are_of_the_device_asked_for() -> None:

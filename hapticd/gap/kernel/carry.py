@@ -1,8 +1,9 @@
-"""One period of the filter: a mode is cut where friction decides, and each piece goes through the exact plant.
+"""One period of the filter: a mode is cut where friction decides, and what will do the same goes through the exact plant.
 
 What decides is the velocity w that all forces but friction and what pulls besides the disturbance d would give the shaft in
 a period T. With a pull F and a stiction c the shaft goes up beyond (c − F) T/m, down below (−c − F) T/m, and is at rest in
-between. The mean of a piece moves as the plant says; what varies about it is carried linearly.
+between. Pieces that will do the same are one group; its mean moves as the plant says, and what varies about it is carried
+linearly.
 """
 
 from __future__ import annotations
@@ -13,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import from_dtype, types
 
-from hapticd.gap.kernel.cell import truncated
-from hapticd.gap.kernel.modes import DOWN, HELD, MODE, RARE, STATES, STOPPED, UP, W, impact, spread, tie
+from hapticd.gap.kernel.cell import SURE, lower_tail
+from hapticd.gap.kernel.modes import DOWN, HELD, MODE, RARE, STATES, STOPPED, UP, W, impact, join, spread, tie
 from hapticd.jit import njit
 from hapticd.plant.coupled import COUPLING, Coupling, is_underdamped, swing_apart
 from hapticd.plant.effect_terms import shared_inertia
@@ -30,8 +31,6 @@ _f8 = types.float64
 _i8 = types.int64
 _a = types.Array(_f8, 1, "C")
 
-_FAR, _SURE = 1e3, 4.0
-"""Standard deviations of w that stand for infinity; and beyond which a cut is none."""
 _FARTHEST_TWIST = 1.0
 """Twist of a coupling [rad or m] beyond which the load is put back to the shaft."""
 
@@ -45,7 +44,7 @@ _BREAKAWAY = word("presliding.breakaway")
 _RESONANCE_DAMPING = word("flexible_coupling.damping")
 
 
-@njit(_f8(_a, _f8), counted=False)
+@njit(_f8(_a, _f8), counted=False, inline=True)
 def moving_inertia(p: NDArray[Any], contact: float) -> float:
     """Return the inertia that a torque on the shaft accelerates at once."""
     inertia = edited_base(p)[0]
@@ -87,6 +86,7 @@ PERIOD = np.dtype(
         ("fresh", "f8"),  # covariance of that impulse with d at the end
         ("renewed", "f8"),  # variance of d by what is new in it
         ("slide", "f8"),  # out: d (velocity at its end) / dw, of all modes
+        ("coast", "f8"),  # share of its velocity that the whole shaft keeps
         ("moves", "f8"),  # out: probability that the shaft moves
     ],
     align=True,
@@ -95,7 +95,6 @@ PERIOD = np.dtype(
 _law, _period = from_dtype(LAWS), from_dtype(PERIOD)
 _laws, _periods = types.Array(_law, 1, "C"), types.Array(_period, 1, "C")
 _modes = types.Array(from_dtype(MODE), 1, "C")
-_indices = types.Array(_i8, 1, "C")
 
 
 @njit(COUPLING(_a), counted=False)
@@ -120,7 +119,7 @@ def look_up(p: NDArray[Any], law: Any) -> None:
     law.passed = shared_inertia(p, p[_GAP_SHARE]) / law.inertia
 
 
-@njit(types.void(_a, _law, _period, _a, _a, _a, _f8, _f8, _f8), counted=False)
+@njit(types.void(_a, _law, _period, _a, _a, _a, _f8, _f8, _f8), counted=False, inline=True)
 def _go(
     p: NDArray[Any],
     law: Any,
@@ -149,7 +148,7 @@ def _go(
     p[_EXTERNAL] = 0.0
 
 
-@njit(_i8(_a, _laws, _periods, _a, _a, _modes, _i8, _modes, _indices, _i8), counted=False)
+@njit(types.void(_a, _laws, _periods, _a, _a, _modes, _i8, _modes), counted=False, inline=True)
 def cut(
     p: NDArray[Any],
     laws: NDArray[Any],
@@ -158,13 +157,16 @@ def cut(
     current: NDArray[Any],
     modes: NDArray[Any],
     mode: int,
-    pieces: NDArray[Any],
-    into: NDArray[Any],
-    count: int,
-) -> int:
-    """Cut a mode where w decides what the shaft will do; return how many pieces there are then.
+    groups: NDArray[Any],
+) -> None:
+    """Cut a mode where w decides what the shaft will do, and join each piece to those that do the same.
 
-    The pieces know x and v as they are, d as it will be, and w.
+    Args:
+        p: device vector.
+        laws: one of `LAWS`. periods: one of `PERIOD`.
+        duration: of the parts of the period [s]. current: in them [A].
+        modes: shape (3,) of `MODE`. mode: which of them; used up.
+        groups: pieces of all modes, shape (4,): those to be held, to go up, to go down, and to be stopped.
     """
     law, period, m = laws[0], periods[0], modes[mode]
     inertia = moving_inertia(p, m.contact) if law.size == STATES else law.inertia
@@ -194,61 +196,50 @@ def cut(
         m.gain[j] /= ww
     sw = math.sqrt(ww)
     w = v + push * m.mean[2]
-    below = above = -_FAR
-    if stiction > 0.0:
-        below = min(max(((-stiction - least) * unit - w) / sw, -_FAR), _FAR)
-        above = min(max(((stiction - most) * unit - w) / sw, -_FAR), _FAR)
-    for to_mode in range(3):
-        low = below if to_mode == HELD else above if to_mode == UP else -_FAR
-        high = above if to_mode == HELD else _FAR if to_mode == UP else below
-        if high <= low or high < -_SURE or low > _SURE:
-            continue
-        weight, shift, kept = m.weight, 0.0, 1.0
-        if low > -_SURE or high < _SURE:
-            log_mass, shift, kept = truncated(low, high)
-            weight *= math.exp(log_mass)
-            if weight < RARE:
-                continue
-        r = pieces[count]
-        r.weight, r.bristle, r.bristle_x, r.contact = weight, m.bristle, m.bristle_x, m.contact
-        for j in range(law.size):
-            for k in range(law.size):
-                r.covariance[j, k] = m.covariance[j, k]
-        for j in range(law.size):
-            r.covariance[2, j] *= period.decay
-        for j in range(law.size):
-            r.covariance[j, 2] *= period.decay
-        for j in range(law.size):
-            r.covariance[j, W] = r.covariance[W, j] = m.gain[j] * ww
-            r.mean[j] = m.mean[j]
-        r.covariance[2, 2] += period.renewed
-        r.mean[2] *= period.decay
-        r.mean[W] = w
-        if kept < 1.0:
-            for j in range(law.size):
-                r.mean[j] += m.gain[j] * shift * sw
-                for k in range(law.size):
-                    r.covariance[j, k] -= m.gain[j] * m.gain[k] * ww * (1.0 - kept)
-        into[count] = STOPPED if to_mode == HELD and mode != HELD else to_mode
-        count += 1
-    return count
+    # What a piece of the mode starts from: x and v as they are, d as it will be, and w.
+    for j in range(law.size):
+        m.covariance[2, j] *= period.decay
+    for j in range(law.size):
+        m.covariance[j, 2] *= period.decay
+    for j in range(law.size):
+        m.covariance[j, W] = m.covariance[W, j] = m.gain[j] * ww
+    m.covariance[2, 2] += period.renewed
+    m.mean[2] *= period.decay
+    m.mean[W] = w
+    if stiction <= 0.0:
+        join(groups[UP], m, m.weight, 0.0, 0.0, law.size)
+        return
+    below, above = ((-stiction - least) * unit - w) / sw, ((stiction - most) * unit - w) / sw
+    falls, density_below = lower_tail(below)
+    rises, density_above = lower_tail(-above)
+    stays = 1.0 - falls - rises
+    stop = HELD if mode == HELD else STOPPED
+    if m.weight * stays > RARE:
+        shift = (density_below - density_above) / stays
+        left = 1.0 + (below * density_below - above * density_above) / stays - shift * shift
+        join(groups[stop], m, m.weight * stays, shift * sw, ww * (1.0 - max(left, 0.0)), law.size)
+    if m.weight * rises > RARE:
+        shift = density_above / rises
+        join(groups[UP], m, m.weight * rises, shift * sw, ww * (shift * shift - above * shift), law.size)
+    if m.weight * falls > RARE:
+        shift = -density_below / falls
+        join(groups[DOWN], m, m.weight * falls, shift * sw, ww * (shift * shift - below * shift), law.size)
 
 
-@njit(_i8(_a, _laws, _periods, _a, _a, _modes, _i8, _i8, _a, _a), counted=False)
+@njit(_i8(_a, _laws, _periods, _a, _a, _modes, _i8, _a, _a), counted=False, inline=True)
 def carry(
     p: NDArray[Any],
     laws: NDArray[Any],
     periods: NDArray[Any],
     duration: NDArray[Any],
     current: NDArray[Any],
-    pieces: NDArray[Any],
-    index: int,
+    groups: NDArray[Any],
     to_mode: int,
     state: NDArray[Any],
     other: NDArray[Any],
 ) -> int:
-    """Carry a piece over a period, its mean through the plant; return the mode in which it arrives."""
-    law, period, r = laws[0], periods[0], pieces[index]
+    """Carry a group of pieces over a period, its mean through the plant; return the mode in which it arrives."""
+    law, period, r = laws[0], periods[0], groups[to_mode]
     if to_mode == HELD and not law.remembers:
         return HELD
     inertia = moving_inertia(p, r.contact) if law.size == STATES else law.inertia
@@ -267,13 +258,15 @@ def carry(
     ends = HELD if to_mode == STOPPED else to_mode
     if not law.has_bristle:
         ends = UP if state[OMEGA] > 0.0 else DOWN if state[OMEGA] < 0.0 else HELD
-    slide = math.exp(-law.viscous * period.span / inertia) if ends != HELD else 0.0
+    slide = 0.0
+    if ends != HELD:
+        slide = math.exp(-law.viscous * period.span / inertia) if law.size == STATES else period.coast
     load_x_x = load_v_v = r.bristle_x = 0.0
     if law.has_coupling or law.has_bristle:
         step = math.sqrt(r.covariance[W, W])
         along_x, along_v = r.covariance[0, W] / step, r.covariance[1, W] / step
         strain = 2.0 * (abs(r.mean[W] - v) + abs(state[OMEGA] - v)) + unit * 2.0 * law.coulomb
-        if law.swings and abs(v) > strain + _SURE * step:
+        if law.swings and abs(v) > strain + SURE * step:
             far, fast, load_far, load_fast = swing_apart(
                 period.span,
                 along_x,

@@ -1,4 +1,4 @@
-"""The normal density in one of the encoder's cells."""
+"""The normal density in one of the encoder's cells, and in a tail."""
 
 from __future__ import annotations
 
@@ -9,28 +9,40 @@ from numba import types
 from hapticd.jit import njit
 
 _f8 = types.float64
+SURE = 4.0
+"""Standard deviations beyond which there is no tail."""
 _ROOT_2 = math.sqrt(2.0)
 _DENSITY_0 = 1.0 / math.sqrt(2.0 * math.pi)
 
 
-@njit(types.UniTuple(_f8, 3)(_f8, _f8))
-def truncated(low: float, high: float) -> tuple[float, float, float]:
-    """Return log mass, mean and variance of the standard normal truncated to [low, high]."""
+@njit(types.UniTuple(_f8, 4)(_f8, _f8), inline=True)
+def truncated(low: float, high: float) -> tuple[float, float, float, float]:
+    """Return the mass m e^s of the standard normal in [low, high] as m and s, and its mean and variance there."""
     sign = 1.0
     if low > 0.0:
         sign, low, high = -1.0, -high, -low
     if high < -5.0:  # the far tail decays exponentially from the near edge
         k, width = -high, high - low
         e = math.exp(-k * width) if k * width < 50.0 else 0.0
-        log_mass = -0.5 * high * high - math.log(k / _DENSITY_0) + math.log1p(-e - (1.0 - e) / (k * k))
+        mass = _DENSITY_0 / k * (1.0 - e - (1.0 - e) / (k * k))
         depth = 1.0 / k - (width * e / (1.0 - e) if e > 0.0 else 0.0)
-        return log_mass, sign * (high - depth), min(1.0, 1.0 / (k * k))
+        return mass, -0.5 * high * high, sign * (high - depth), min(1.0, 1.0 / (k * k))
     mass = max(0.5 * (math.erfc(-high / _ROOT_2) - math.erfc(-low / _ROOT_2)), 1e-300)
     at_low = _DENSITY_0 * math.exp(-0.5 * low * low)
     at_high = _DENSITY_0 * math.exp(-0.5 * high * high)
     mean = (at_low - at_high) / mass
     width = high - low
     if width < 1e-3:  # nearly a point: the closed form would subtract equal numbers
-        return math.log(mass), sign * 0.5 * (low + high), width * width / 12.0
+        return mass, 0.0, sign * 0.5 * (low + high), width * width / 12.0
     variance = 1.0 + (low * at_low - high * at_high) / mass - mean * mean
-    return math.log(mass), sign * mean, min(max(variance, 1e-9), 1.0)
+    return mass, 0.0, sign * mean, min(max(variance, 1e-9), 1.0)
+
+
+@njit(types.UniTuple(_f8, 2)(_f8), inline=True)
+def lower_tail(high: float) -> tuple[float, float]:
+    """Return mass and density of the standard normal below `high` and at it; nothing is left beyond four deviations."""
+    if high < -SURE:
+        return 0.0, 0.0
+    if high > SURE:
+        return 1.0, 0.0
+    return 0.5 * math.erfc(-high / _ROOT_2), _DENSITY_0 * math.exp(-0.5 * high * high)

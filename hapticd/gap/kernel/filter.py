@@ -11,9 +11,9 @@ velocity that all forces but friction and what pulls besides d would give the sh
     w = v + (T/m) d + noise.
 
 With a pull F and a stiction c the shaft goes up beyond (c − F) T/m, down below (−c − F) T/m, and is at rest in between. Each
-mode is cut at these two places; the mean of each piece goes through the project's own exact plant
-(`hapticd.plant.numeric.substep`), so every law of the catalogue is in the filter as it stands; what varies about the mean is
-carried linearly; and the pieces that arrive in the same mode are merged. The load behind a play is part of the state; a
+mode is cut at these two places; pieces that will do the same are merged, and their mean goes through the project's own exact
+plant (`hapticd.plant.numeric.substep`), so every law of the catalogue is in the filter as it stands; what varies about the
+mean is carried linearly; and what arrives in the same mode is merged again. The load behind a play is part of the state; a
 bristle, and the load behind a coupling, are taken to be known as well as the shaft's path.
 
 The measurement is the probability of the encoder's cell, its update the moments of the normal truncated to that cell
@@ -30,7 +30,7 @@ import numpy as np
 from numba import from_dtype, types
 
 from hapticd.gap.kernel.carry import LAWS, PERIOD, carry, cut, look_up, moving_inertia
-from hapticd.gap.kernel.modes import MODE, STATES, UP, merge, see, tie
+from hapticd.gap.kernel.modes import MODE, STATES, UP, join, see, tie
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, SENSOR, TICK, WHITE
 from hapticd.jit import njit
 from hapticd.plant.layout import STATE
@@ -40,8 +40,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _EXTERNAL, _GAP = word("external_force"), word("backlash.gap")
-_PIECES = 9
-"""Each mode may lead into each."""
 
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
@@ -84,8 +82,7 @@ def run_filter(
     laws, periods = np.zeros(1, LAWS), np.zeros(1, PERIOD)
     law, period = laws[0], periods[0]
     look_up(p, law)
-    modes, groups, pieces = np.zeros(3, MODE), np.zeros(4, MODE), np.zeros(_PIECES, MODE)
-    into = np.zeros(_PIECES, np.int64)
+    modes, groups = np.zeros(3, MODE), np.zeros(4, MODE)
     state, other = np.zeros(STATE), np.zeros(STATE)
     total = 0.0
     for i in range(n):
@@ -119,39 +116,45 @@ def run_filter(
             row.next_v = row.v
             row.x_v = row.v_v = row.x_d = row.v_d = row.d_d = row.x_force = row.v_force = 0.0
             continue
-        period.time, period.span = time_s[i], time_s[i + 1] - time_s[i]
-        ratio = period.span / tau
-        period.decay = math.exp(-ratio)
-        period.mean = (1.0 - period.decay) / ratio if ratio > 1e-6 else 1.0
-        period.white = noise[WHITE] * noise[WHITE] * period.span
+        period.time, span = time_s[i], time_s[i + 1] - time_s[i]
+        if span != period.span:
+            period.span = span
+            ratio = span / tau
+            period.decay = math.exp(-ratio)
+            period.mean = (1.0 - period.decay) / ratio if ratio > 1e-6 else 1.0
+            period.coloured = 2.0 * power / tau * span**3 / 3.0
+            period.fresh = 2.0 * power / tau * span**2 / 2.0
+            period.renewed = power * (1.0 - period.decay * period.decay)
+            period.coast = math.exp(-law.viscous * span / law.inertia)
+        period.white = noise[WHITE] * noise[WHITE] * span
         for j in range(parts):
             period.white += (law.torque_constant * spread[i, j] * duration[i, j]) ** 2
-        period.coloured = 2.0 * power / tau * period.span**3 / 3.0
-        period.fresh = 2.0 * power / tau * period.span**2 / 2.0
-        period.renewed = power * (1.0 - period.decay * period.decay)
         period.slide = period.moves = 0.0
-        count, likeliest = 0, 0
+        likeliest = 0
+        for k in range(4):
+            groups[k].weight = 0.0
         for mode in range(3):
             if modes[mode].weight > 0.0:
-                count = cut(p, laws, periods, duration[i], current[i], modes, mode, pieces, into, count)
+                cut(p, laws, periods, duration[i], current[i], modes, mode, groups)
                 if modes[mode].weight > modes[likeliest].weight:
                     likeliest = mode
-        unit = period.span / (moving_inertia(p, modes[likeliest].contact) if law.size == STATES else law.inertia)
-        if count == 1:
-            for k in range(count):
-                into[k] = carry(p, laws, periods, duration[i], current[i], pieces, k, into[k], state, other)
-            merge(modes, pieces, into, count, law.size)
-        else:
-            merge(groups, pieces, into, count, law.size)
-            for k in range(4):
-                into[k] = 0
-                if groups[k].weight > 0.0:
-                    into[k] = carry(p, laws, periods, duration[i], current[i], groups, k, k, state, other)
-            merge(modes, groups, into, 4, law.size)
+        unit = span / (moving_inertia(p, modes[likeliest].contact) if law.size == STATES else law.inertia)
+        whole = 0.0
+        for k in range(4):
+            whole += groups[k].weight
+        if not whole > 0.0:
+            return math.nan  # a number of the device is none
+        for mode in range(3):
+            modes[mode].weight = 0.0
+        for k in range(4):
+            if groups[k].weight > 0.0:
+                groups[k].weight /= whole
+                ends = carry(p, laws, periods, duration[i], current[i], groups, k, state, other)
+                join(modes[ends], groups[k], groups[k].weight, 0.0, 0.0, law.size)
         row.next_v = 0.0
         for mode in range(3):
             row.next_v += modes[mode].weight * modes[mode].mean[1] if modes[mode].weight > 0.0 else 0.0
-        slide, half = period.slide, 0.5 * period.span
+        slide, half = period.slide, 0.5 * span
         row.v_v, row.v_d, row.d_d, row.v_force = slide, period.mean * unit * slide, period.decay, unit * slide
         row.x_v, row.x_d, row.x_force = half * (period.moves + slide), half * row.v_d, half * row.v_force
     return total

@@ -30,16 +30,18 @@ STATES, W = 6, 3
 MODE = np.dtype(
     [
         ("weight", "f8"),  # probability; 0 for a mode that is not
+        ("likeliest", "f8"),  # scratch: probability of the likeliest piece in it
         ("mean", "f8", STATES),
         ("covariance", "f8", (STATES, STATES)),
         ("bristle", "f8"),
         ("bristle_x", "f8"),  # regression of the bristle on the position
         ("contact", "f8"),  # side on which a play is closed, or 0
-        ("gain", "f8", STATES),  # scratch: regression of the state on what is seen, or on w
+        ("gain", "f8", STATES),  # scratch: regression of the state on what is seen, or on w; how far means are apart
         ("expected", "f8"),  # scratch: predicted measurement, its slope, its variance, and what its cell says of it
         ("seen", "f8"),
         ("variance", "f8"),
-        ("log_mass", "f8"),
+        ("mass", "f8"),
+        ("exponent", "f8"),
         ("cell_mean", "f8"),
         ("kept", "f8"),
     ],
@@ -61,66 +63,42 @@ _rows = types.Array(from_dtype(TICK), 1, "C")
 _ECCENTRICITY = word("encoder_eccentricity.e")
 
 
-@njit(types.void(_modes, _i8, _modes, _i8, _i8, _f8), counted=False)
-def _copy(to: NDArray[Any], at: int, source: NDArray[Any], index: int, size: int, weight: float) -> None:
-    """Make a mode of a single piece."""
-    a, b = to[at], source[index]
-    a.weight, a.bristle, a.bristle_x, a.contact = weight, b.bristle, b.bristle_x, b.contact
-    for j in range(size):
-        a.mean[j] = b.mean[j]
-        for k in range(size):
-            a.covariance[j, k] = b.covariance[j, k]
-
-
-@njit(types.void(_modes, _modes, types.Array(_i8, 1, "C"), _i8, _i8), counted=False)
-def merge(modes: NDArray[Any], pieces: NDArray[Any], into: NDArray[Any], count: int, size: int) -> None:
-    """Make every mode of the pieces that lead into it, with their mean and covariance, and the memory of the likeliest.
+@njit(types.void(_mode, _mode, _f8, _f8, _f8, _i8), counted=False)
+def join(r: Any, piece: Any, weight: float, shift: float, taken: float, size: int) -> None:
+    """Merge a piece of a mode into another: they have the mean and covariance of both, and the contact of the likelier.
 
     Args:
-        modes: out, one for every number in `into`, of `MODE`.
-        pieces: shape (9,) of `MODE`; `count` of them are there.
-        into: mode of each piece, shape (9,).
-        count: number of pieces.
+        r: changed in place; without weight, it becomes the piece.
+        piece: its mean is moved by `shift` times its `gain`, its covariance narrowed by `taken` times gain times gain.
+        weight: probability of the piece.
+        shift: see `piece`.
+        taken: see `piece`.
         size: of the state.
     """
-    whole = 0.0
-    for k in range(count):
-        whole += pieces[k].weight
-    for mode in range(len(modes)):
-        m = modes[mode]
-        m.weight = 0.0
-        members, last, likeliest = 0, 0, 0.0
-        for k in range(count):
-            if into[k] == mode and pieces[k].weight > 0.0:
-                members += 1
-                m.weight += pieces[k].weight
-                if pieces[k].weight > likeliest:
-                    last, likeliest = k, pieces[k].weight
-        if members == 0:
-            continue
-        _copy(modes, mode, pieces, last, size, m.weight / whole)
-        if members == 1:
-            continue
-        total = m.weight * whole
+    if r.weight == 0.0:
+        r.weight = r.likeliest = weight
+        r.bristle, r.bristle_x, r.contact = piece.bristle, piece.bristle_x, piece.contact
         for j in range(size):
-            m.mean[j] = 0.0
-            for k in range(size):
-                m.covariance[j, k] = 0.0
-        m.bristle = m.bristle_x = 0.0
-        for n in range(count):
-            if into[n] == mode:
-                part = pieces[n].weight / total
-                m.bristle += part * pieces[n].bristle
-                m.bristle_x += part * pieces[n].bristle_x
-                for j in range(size):
-                    m.mean[j] += part * pieces[n].mean[j]
-        for n in range(count):
-            if into[n] == mode:
-                part = pieces[n].weight / total
-                for j in range(size):
-                    off = part * (pieces[n].mean[j] - m.mean[j])
-                    for k in range(size):
-                        m.covariance[j, k] += part * pieces[n].covariance[j, k] + off * (pieces[n].mean[k] - m.mean[k])
+            r.mean[j] = piece.mean[j] + shift * piece.gain[j]
+            narrowed = taken * piece.gain[j]
+            for k in range(j + 1):
+                r.covariance[j, k] = r.covariance[k, j] = piece.covariance[j, k] - narrowed * piece.gain[k]
+        return
+    r.weight += weight
+    part = weight / r.weight
+    rest = 1.0 - part
+    if weight > r.likeliest:
+        r.likeliest, r.contact = weight, piece.contact
+    r.bristle += part * (piece.bristle - r.bristle)
+    r.bristle_x += part * (piece.bristle_x - r.bristle_x)
+    for j in range(size):
+        r.gain[j] = piece.mean[j] + shift * piece.gain[j] - r.mean[j]
+        r.mean[j] += part * r.gain[j]
+    for j in range(size):
+        narrowed, apart = part * taken * piece.gain[j], part * rest * r.gain[j]
+        for k in range(j + 1):
+            both = rest * r.covariance[j, k] + part * piece.covariance[j, k]
+            r.covariance[j, k] = r.covariance[k, j] = both - narrowed * piece.gain[k] + apart * r.gain[k]
 
 
 @njit(types.void(_mode, _f8, _f8, _f8, _f8, _i8), counted=False, inline=True)
@@ -182,7 +160,7 @@ def tie(r: Any) -> None:
         S[j, 4], S[j, 5] = S[j, 0], S[j, 1]
 
 
-@njit(_f8(_a, _modes, _f8, _f8, _f8, _f8, _i8, _rows, _i8), counted=False)
+@njit(_f8(_a, _modes, _f8, _f8, _f8, _f8, _i8, _rows, _i8), counted=False, inline=True)
 def see(
     p: NDArray[Any],
     modes: NDArray[Any],
@@ -222,9 +200,8 @@ def see(
         m.variance = m.seen * m.seen * m.covariance[0, 0] + sensor * sensor + (jitter * m.mean[1]) ** 2
         deviation = math.sqrt(m.variance)
         low = (cell * resolution - m.expected) / deviation
-        m.log_mass, m.cell_mean, m.kept = truncated(low, low + resolution / deviation)
-        m.log_mass += math.log(m.weight)
-        largest = max(largest, m.log_mass)
+        m.mass, m.exponent, m.cell_mean, m.kept = truncated(low, low + resolution / deviation)
+        largest = max(largest, m.exponent)
         row.mean += m.weight * m.expected
         row.seen += m.weight * m.seen
         row.x += m.weight * x
@@ -245,7 +222,8 @@ def see(
         row.vv += m.weight * (m.covariance[1, 1] + v * v)
         row.vd += m.weight * (m.covariance[1, 2] + v * d)
         row.dd += m.weight * (m.covariance[2, 2] + d * d)
-        mass += math.exp(m.log_mass - largest)
+        m.mass *= m.weight * math.exp(m.exponent - largest)
+        mass += m.mass
     row.gain_x, row.gain_v, row.gain_d = (
         row.seen * row.xx / row.variance,
         row.seen * row.xv / row.variance,
@@ -260,7 +238,7 @@ def see(
         m = modes[k]
         if m.weight == 0.0:
             continue
-        weight = math.exp(m.log_mass - largest) / mass
+        weight = m.mass / mass
         deviation, share = math.sqrt(m.variance), 1.0 - m.kept
         moved = deviation * m.cell_mean
         off = m.expected + moved - row.mean

@@ -1,0 +1,258 @@
+"""One round of the selection: which effects compete, what one gains over another, and what may be named."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap import constants, grip, late_record, ripple
+from hapticd.gap.candidates import HALVINGS, Climb, candidates, scale_of
+from hapticd.gap.missing import MOVES, missing_power
+from hapticd.plant.layout import index_of as word
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from hapticd.gap.fit import Fit
+    from hapticd.gap.score import Candidate
+    from hapticd.gap.terms import Term
+
+    Floats = NDArray[np.float64]
+
+_FIRST_STEPS = 3
+_SHORTLIST = 8
+_PROMISING = 0.05
+_HALF_WAY = 0.25
+_CLOSE = 0.3
+_MOST_FITTED = 4
+_CLOSER = 0.3
+"""First steps of the last climb over those of the first."""
+ROUGH = 0.05
+"""Share of what an effect must gain to which contenders are fitted; the one that is taken is fitted to the end."""
+
+
+@dataclass(frozen=True)
+class CrossValidated:
+    """A fit with its held-out score."""
+
+    fit: Fit
+    held_out: Floats
+    """(blocks,) log-likelihood of each block under the estimate without its fold, less the price of discrete choices."""
+    penalty: float = 0.0
+    """That price: the logarithm of the number of discrete choices that were made for all of the model's laws."""
+
+    @property
+    def total(self) -> float:
+        """Held-out score of all blocks."""
+        return float(self.held_out.sum())
+
+    def less(self, penalty: float) -> CrossValidated:
+        """The same less the logarithm of the number of discrete choices that were made for it."""
+        return replace(self, held_out=self.held_out - penalty / self.held_out.size, penalty=self.penalty + penalty)
+
+
+@dataclass(frozen=True)
+class Contender:
+    """An effect that competed in a round."""
+
+    slug: str
+    judged: CrossValidated
+    gain: float
+    """Held-out gain over the model before the round, nats."""
+    evidence: float
+    """The same in standard errors."""
+    penalty: float = 0.0
+    """Logarithm of the number of discrete choices made for this law."""
+
+    @property
+    def law(self) -> Term:
+        """The effect at its estimate."""
+        fit = self.judged.fit
+        number = [item.slug for item in fit.terms].index(self.slug)
+        return fit.terms[number].moved(fit.u[fit.share(number)])
+
+
+@dataclass(frozen=True)
+class Round:
+    """One step of the selection."""
+
+    before: CrossValidated
+    contenders: tuple[Contender, ...]
+    """Best first; the first was taken."""
+    tied: tuple[str, ...]
+    """Others that these data do not tell from it."""
+
+    @property
+    def taken(self) -> Contender:
+        """The one that was added."""
+        return self.contenders[0]
+
+
+def cross_validate(fit: Fit, penalty: float = 0.0) -> CrossValidated:
+    """Score a fit; `penalty` is the logarithm of the number of discrete choices that were made for it."""
+    return CrossValidated(fit, fit.held_out()).less(penalty)
+
+
+def evidence(better: CrossValidated, other: CrossValidated) -> tuple[float, float]:
+    """Held-out gain of one hypothesis over another, nats, and the same in standard errors.
+
+    If the better one is true, the gain varies by the sum of its own scores times the difference of the two predictions; sums
+    over blocks make that robust to scores that hang together. Twice the gain over that deviation is the z-statistic of a
+    likelihood ratio.
+    """
+    gain = better.total - other.total
+    a, b = better.fit.out, other.fit.out
+    shift = a["mean"] - b["mean"]
+    noise = shift * (a if gain >= 0.0 else b)["score"]
+    blocks = better.fit.problem.series.per_block(noise)
+    deviation = np.sqrt(max(float(np.sum(blocks**2)), float(np.sum(noise**2))) + 4.0)
+    return gain, 2.0 * gain / deviation
+
+
+def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> list[Contender]:
+    """Fit what promises most on top of the present model, where an effect must gain `needed` nats; best first."""
+    found = sorted(candidates(present.fit, slugs, needed), key=lambda candidate: -candidate.promise)
+    if not found:
+        return []
+    likely = [c for c in found[:_SHORTLIST] if c.promise > max(_PROMISING * found[0].promise, _HALF_WAY * needed)]
+    # A law competes with its limits, however little they promise by themselves.
+    limits = {slug for candidate in likely for slug in CATALOGUE[candidate.slug].contains}
+    likely += [c for c in found if c.slug in limits and c not in likely]
+    fits = [(candidate, _approached(present.fit, candidate)) for candidate in likely]
+    fits.sort(key=lambda pair: -pair[1].log_likelihood)
+    base = present.fit.log_likelihood
+    if not fits:
+        return []
+    contenders: list[Contender] = []
+    before = missing_power(present.fit)
+    gains = [fit.log_likelihood - base for _, fit in fits]
+    closed = [(before - missing_power(fit)) / before for _, fit in fits]
+    for (candidate, fit), gain, part in zip(fits, gains, closed, strict=True):
+        beaten = (
+            gain < _CLOSE * other and part < most + constants.FORCE_MARGIN
+            for other, most in zip(gains, closed, strict=True)
+        )
+        if gain < _HALF_WAY * needed or any(beaten):
+            continue
+        if len(contenders) == _MOST_FITTED:
+            break
+        rival = max((other.judged.fit.log_likelihood for other in contenders), default=-np.inf)
+        fit.maximise(tolerance=ROUGH * needed, rival=rival)
+        judged = cross_validate(fit, present.penalty + candidate.penalty)
+        gain, errors = evidence(judged, present)
+        contenders.append(Contender(candidate.slug, judged, gain, errors, candidate.penalty))
+    return sorted(contenders, key=lambda contender: -contender.gain)
+
+
+def _approached(present: Fit, candidate: Candidate) -> Fit:
+    """The model with a candidate close enough to its maximum to be compared; what remembers was climbed as a candidate."""
+    fit = present.extended(candidate.term)
+    if CATALOGUE[candidate.slug].acts_on == "memory":
+        fit.scan_power()
+        return fit
+    return fit.approach(present.u.size, _FIRST_STEPS)
+
+
+def admitted(
+    contenders: list[Contender], present: CrossValidated, needed_errors: float, *, is_further: bool
+) -> list[Contender]:
+    """Those that may be named. A law at its limit is another law: an answer may be that vague, but does not grow by it."""
+    if is_further:
+        contenders = [contender for contender in contenders if not contender.law.at_bounds(contender.law.start)]
+    return _closing(contenders, present, needed_errors)
+
+
+def _closing(contenders: list[Contender], present: CrossValidated, needed_errors: float) -> list[Contender]:
+    """Those that make the missing force smaller; and of those with evidence only such as do it about as well as the best.
+
+    The likelihood of the next count lives at high frequencies, where a recorded current may be late or filtered; the missing
+    force is what the device lacks. A law that gains the one without closing the other is none.
+    """
+    power = missing_power(present.fit)
+    left = {contender.slug: missing_power(contender.judged.fit) for contender in contenders}
+    contenders = [
+        contender
+        for contender in contenders
+        if left[contender.slug] < (1.0 - constants.SHARE) * power
+        and _keeps_the_drive(contender.judged.fit, present.fit)
+    ]
+    sure = [left[contender.slug] for contender in contenders if contender.evidence >= needed_errors]
+    if not sure:
+        return []
+    limit = min(sure) + constants.FORCE_MARGIN * power
+    return [contender for contender in contenders if left[contender.slug] <= limit]
+
+
+def _keeps_the_drive(fit: Fit, present: Fit) -> bool:
+    """Whether a law leaves current and motion their part: one that cancels the drive fits anything."""
+    drives = []
+    for model in (fit, present):
+        p = model.device()
+        duration, current, _ = model.problem.series.currents(p)
+        constant = p[word("torque_constant")] * (1.0 + p[word("torque_constant_error.r")])
+        friction = 1.0 - p[word("load_dependent_friction.kappa")]
+        drives.append(constant * friction * float(np.sqrt(np.sum(duration * current**2))))
+    moves = [float(np.mean(model.out["v_v"] > MOVES)) for model in (fit, present)]
+    return drives[0] > constants.DRIVE_KEPT * drives[1] and moves[0] > constants.DRIVE_KEPT * moves[1]
+
+
+def simplest_first(contenders: list[Contender], needed: float) -> list[Contender]:
+    """The order of the held-out score, but a law that is a limit of the best one goes before it where it is as good.
+
+    So does any law of the device before a late record.
+    """
+    best = contenders[0]
+    for other in contenders[1:]:
+        is_simpler = other.slug in CATALOGUE[best.slug].contains or late_record.is_late(best.law)
+        if is_simpler and is_as_good(other.judged, best.judged, needed):
+            return [other, *(contender for contender in contenders if contender is not other)]
+    return contenders
+
+
+def is_as_good(simpler: CrossValidated, other: CrossValidated, needed: float) -> bool:
+    """Whether what the other one gains is no more than chance, or does not matter."""
+    gain, errors = evidence(other, simpler)
+    return errors < constants.TIE or gain < needed
+
+
+def tied_with(best: Contender, others: Sequence[Contender]) -> tuple[str, ...]:
+    """Laws that the data do not tell from the best one; a law that it is a limit of is no rival."""
+    return tuple(
+        other.slug
+        for other in others
+        if best.slug not in CATALOGUE[other.slug].contains
+        and other.evidence > constants.TIE
+        and evidence(best.judged, other.judged)[1] < constants.TIE
+    )
+
+
+def round_of(before: CrossValidated, contenders: Sequence[Contender], tied: tuple[str, ...]) -> Round:
+    """A round in which the first of the contenders is taken, climbed to the end."""
+    best = contenders[0]
+    fit, dearer = _polished(best.judged.fit)
+    own = dearer if best.slug == ripple.SLUG else 0.0
+    best = replace(best, judged=cross_validate(fit, best.judged.penalty + dearer), penalty=best.penalty + own)
+    return Round(before, (best, *contenders[1:]), tied)
+
+
+def _polished(fit: Fit) -> tuple[Fit, float]:
+    """The fit climbed to the end, and what more discrete choices in it cost.
+
+    A grip, or orders of a ripple, that were found beside what was still missing are looked for again. What a device
+    remembers was climbed in a part of the record, and fitted by slopes that a rough likelihood does not have.
+    """
+    dearer = 0.0
+    for number, item in enumerate(fit.terms):
+        if item.slug == grip.SLUG:
+            fit = grip.settled(fit, number, scale_of(fit))
+        elif item.slug == ripple.SLUG:
+            fit, more = ripple.settled(fit.maximise(), number, scale_of(fit))
+            dearer += more
+        elif item.slug in CATALOGUE and CATALOGUE[item.slug].acts_on == "memory":
+            Climb(fit, number, _CLOSER).go(HALVINGS)
+    return fit.maximise(), dearer

@@ -1,0 +1,32 @@
+"""Orders of a ripple, looked for again beside what the first ones explain."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from hapticd.gap import ripple
+from hapticd.gap.candidates import scale_of
+from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.terms import term
+from hapticd.gap.workflow import problem_of
+
+HIDDEN = {"name": "torque_ripple", "orders": [7, 28], "amplitudes": [6e-4, 3e-4], "phases": [0.4, -1.0]}
+
+
+@pytest.mark.parametrize(("begun", "more"), [([7, 50], 0), ([7], 1), ([7, 28], 0)])
+def test_orders_are_looked_for_again(hidden: Callable[..., Any], begun: list[int], more: int) -> None:
+    recording, model = hidden([HIDDEN], 3, 8.0)
+    present = nominal_fit(problem_of([recording], model))
+    values = {"orders": begun, "amplitudes": [3e-4] * len(begun), "phases": [0.0] * len(begun)}
+    fit = present.extended(term(ripple.SLUG, values, ("orders",), 0.1)).maximise()
+    found, dearer = ripple.settled(fit, 0, scale_of(fit))
+    orders = {order for _, order in found.terms[0].fixed}
+    assert {7.0, 28.0} <= orders <= {7.0, 28.0, *begun}
+    assert found.log_likelihood - dearer >= fit.log_likelihood
+    # Each order costs the logarithm of how many there are to choose from.
+    assert dearer == pytest.approx((len(orders) - len(begun)) * math.log(89.0), rel=0.2)
+    assert len(orders) - len(begun) <= more
