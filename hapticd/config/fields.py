@@ -57,12 +57,18 @@ def _whole_ideal(value: Any) -> int:
     return 0 if value is None else _whole(value)
 
 
+def _off(value: Any) -> Any:
+    return "off" if value is False else value
+
+
 Number = Annotated[float, BeforeValidator(_number)]
 Whole = Annotated[int, BeforeValidator(_whole)]
 Limit = Annotated[float | None, BeforeValidator(_limit)]
 WholeLimit = Annotated[int | None, BeforeValidator(_whole_limit)]
 Ideal = Annotated[float, BeforeValidator(_ideal)]
 WholeIdeal = Annotated[int, BeforeValidator(_whole_ideal)]
+Off = BeforeValidator(_off)
+"""For fields with a choice ``off``, which YAML 1.1 reads as false."""
 Flag = StrictBool
 Text = StrictStr
 

@@ -18,6 +18,7 @@ from hapticd.config.fields import (
     Ideal,
     Limit,
     Number,
+    Off,
     Section,
     Whole,
     WholeIdeal,
@@ -279,12 +280,12 @@ class Safety(Section):
     heartbeat_timeout_s: Number = quantity(
         0.5, "Silence of the supervisor after which the loop faults", "s", ge=0.2, le=10
     )
-    guard: Literal["refuse", "warn", "off"] = quantity(
+    guard: Annotated[Literal["refuse", "warn", "off"], Off] = quantity(
         "refuse",
         "What becomes of a spring whose motion, says the theory, does not die out: refuse: not rendered unless forced; "
         "warn: rendered, and said; off: not looked at",
     )
-    passivity: Literal["off", "observe", "control"] = quantity(
+    passivity: Annotated[Literal["off", "observe", "control"], Off] = quantity(
         "off",
         "Passivity in the time domain: off: not looked at; observe: the loop books the energy that the rendered spring puts "
         "out; control: it also adds the damping that dissipates what the spring had not stored",

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.config import Config, Effect, config_to_yaml, load_config, parse_config, parse_yaml
+from hapticd.config import Config, Effect, apply_settings, config_to_yaml, load_config, parse_config, parse_yaml
 from hapticd.config.problems import ConfigError
 from hapticd.effects.catalogue import CATALOGUE
 
@@ -43,6 +43,13 @@ def test_octal_mode_with_and_without_quotes(mode: str) -> None:
 @pytest.mark.parametrize(("text", "value"), [("true", True), ("yes", True), ("On", True), ("no", False)])
 def test_switches(text: str, value: bool) -> None:
     assert parse_yaml(f"encoder: {{invert: {text}}}", "lab.yaml").encoder.invert is value
+
+
+@pytest.mark.parametrize("text", ["off", "'off'", "OFF"])
+def test_off_without_quotes_is_the_choice_of_that_name(text: str) -> None:
+    safety = parse_yaml(f"safety: {{guard: {text}, passivity: {text}}}", "lab.yaml").safety
+    assert (safety.guard, safety.passivity) == ("off", "off")
+    assert apply_settings(Config(), {"safety.guard": "off"}).safety.guard == "off"
 
 
 def test_empty_sections_mean_their_defaults() -> None:
