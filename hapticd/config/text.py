@@ -59,7 +59,7 @@ def legible(text: str, longest: int = 20_000) -> str:
 
 def shown(value: object, width: int = 60) -> str:
     """A value as it is quoted in a message: YAML text, cut to ``width`` characters."""
-    text = yaml_value(value)
+    text = yaml_value(value[: width + 1] if isinstance(value, str) else value)
     return text if len(text) <= width else text[: width - 1] + "…"
 
 

@@ -23,6 +23,7 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from scipy.io import loadmat, savemat
 
+from benchmarks.hostile import isolation
 from benchmarks.hostile.loaders import LOADERS, Loader
 from drivers import DriverConfigError
 from drivers.canopen.eds import load_eds
@@ -86,6 +87,10 @@ def test_what_was_found_once_is_refused(tmp_path: Path, name: str) -> None:
         warnings.simplefilter("error")
         with pytest.raises(loader.errors, match="case"):
             loader.load(path)
+
+
+def test_a_long_text_that_aliases_repeat_is_refused_within_the_limits() -> None:
+    assert isolation.run(BY_NAME["config"], first=5289, count=1, seed=7).findings == {}
 
 
 @pytest.mark.timeout(30)
