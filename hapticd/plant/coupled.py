@@ -89,26 +89,34 @@ def _longest_phase(rate: float, to: Coupling, omega2: float) -> float:
     return 1.0 / (math.sqrt(to.stiffness * (1.0 + to.ratio) + omega2) + rate)
 
 
-@njit(_MOTION(_f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
+@njit(_MOTION(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
 def swing_apart(
-    span: float, way: float, speed: float, a: float, rate: float, omega2: float, to: Coupling
+    span: float,
+    way: float,
+    speed: float,
+    load_way: float,
+    load_speed: float,
+    a: float,
+    rate: float,
+    omega2: float,
+    to: Coupling,
 ) -> tuple[float, float, float, float]:
-    """Return by how much two motions of a motor that keeps its direction differ after `span`, the loads starting alike.
+    """Return by how much two motions of a motor that keeps its direction differ after `span`: motors, then loads.
 
     Args:
         span: duration [s].
-        way: difference of the motors' positions [rad or m].
-        speed: of their speeds [rad/s or m/s].
-        a: of the accelerations that torques on them give [rad/s² or m/s²].
+        way: difference of the motors' positions [rad or m]. speed: of their speeds [rad/s or m/s].
+        load_way: of the loads' positions. load_speed: of their speeds.
+        a: of the accelerations that torques on the motors give [rad/s² or m/s²].
         rate: viscous friction of the motor over its inertia [1/s].
         omega2: stiffness about the motor over its inertia [1/s²].
-        to: the load, `is_underdamped`.
+        to: the load.
 
     Returns:
         Differences of the motors' positions and speeds, and of the loads'.
     """
-    parts = math.ceil(span / _longest_phase(rate, to, omega2))
-    twist, twist_rate = -way, -speed
+    parts = math.ceil(span / _longest_phase(rate + 2.0 * to.damping * (1.0 + to.ratio), to, omega2))
+    twist, twist_rate = load_way - way, load_speed - speed
     for _ in range(parts):
         further, speed, twist, twist_rate = swing(
             span / parts, speed, twist, twist_rate, a - omega2 * way, rate, omega2, to
@@ -163,7 +171,8 @@ def _latest_moving(
 
 
 @njit(types.UniTuple(_f8, 2)(_f8, _f8, _f8, COUPLING), counted=False, inline=True)
-def _swing_on_fixed_end(t: float, twist: float, twist_rate: float, to: Coupling) -> tuple[float, float]:
+def swing_on_fixed_end(t: float, twist: float, twist_rate: float, to: Coupling) -> tuple[float, float]:
+    """Return twist and twist rate of a load behind a motor at rest after a time `t`."""
     rate, s, c = spring_functions(t, to.damping, to.stiffness)
     return twist * (1.0 - to.stiffness * c) + twist_rate * s, twist_rate * rate - to.stiffness * twist * s
 
@@ -177,19 +186,19 @@ def _stick(state: NDArray[Any], span: float, x: float, pull: float, level: float
     """
     twist, twist_rate = state[LOAD_THETA] - x, state[LOAD_OMEGA]
     time = span
-    end, end_rate = _swing_on_fixed_end(span, twist, twist_rate, to)
+    end, end_rate = swing_on_fixed_end(span, twist, twist_rate, to)
     torque = pull + to.inertia * (to.stiffness * end + 2.0 * to.damping * end_rate)
     if abs(torque) > level:
         side = math.copysign(1.0, torque)
         early = 0.0
         while time - early > _PRECISION * span:
             middle = 0.5 * (early + time)
-            end, end_rate = _swing_on_fixed_end(middle, twist, twist_rate, to)
+            end, end_rate = swing_on_fixed_end(middle, twist, twist_rate, to)
             if side * (pull + to.inertia * (to.stiffness * end + 2.0 * to.damping * end_rate)) > level:
                 time = middle
             else:
                 early = middle
-        end, end_rate = _swing_on_fixed_end(time, twist, twist_rate, to)
+        end, end_rate = swing_on_fixed_end(time, twist, twist_rate, to)
     state[LOAD_THETA], state[LOAD_OMEGA] = x + end, end_rate
     return time
 

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import from_dtype, types
 
-from hapticd.gap.kernel.cell import SURE, lower_tail
+from hapticd.gap.kernel.cell import lower_tail
 from hapticd.gap.kernel.modes import DOWN, HELD, MODE, RARE, STATES, STOPPED, UP, W, impact, join, spread, tie
 from hapticd.jit import njit
-from hapticd.plant.coupled import COUPLING, Coupling, is_underdamped, swing_apart
+from hapticd.plant.coupled import COUPLING, Coupling, swing_apart, swing_on_fixed_end
 from hapticd.plant.effect_terms import shared_inertia
 from hapticd.plant.exact import propagate
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA
@@ -62,7 +62,6 @@ LAWS = np.dtype(
         ("has_bristle", "?"),
         ("has_play", "?"),
         ("has_coupling", "?"),
-        ("swings", "?"),  # how two motions on the coupling part is known in closed form
         ("viscous", "f8"),
         ("coulomb", "f8"),
         ("torque_constant", "f8"),
@@ -88,11 +87,14 @@ PERIOD = np.dtype(
         ("slide", "f8"),  # out: d (velocity at its end) / dw, of all modes
         ("coast", "f8"),  # share of its velocity that the whole shaft keeps
         ("moves", "f8"),  # out: probability that the shaft moves
+        ("moving", "f8", (4, 5)),  # what x, v, w and the load's x and v do to x, v and the load's, on a coupling
+        ("held", "f8", (4, 5)),  # the same while friction holds the shaft
+        ("now", "f8", (4, 5)),  # scratch
     ],
     align=True,
 )
 """One period, and the noise in it."""
-_law, _period = from_dtype(LAWS), from_dtype(PERIOD)
+_law, _period, _mode = from_dtype(LAWS), from_dtype(PERIOD), from_dtype(MODE)
 _laws, _periods = types.Array(_law, 1, "C"), types.Array(_period, 1, "C")
 _modes = types.Array(from_dtype(MODE), 1, "C")
 
@@ -111,9 +113,6 @@ def look_up(p: NDArray[Any], law: Any) -> None:
     law.has_bristle = p[_BREAKAWAY] > 0.0
     law.has_play = p[_GAP] > 0.0
     law.has_coupling = p[_RESONANCE] < math.inf and not law.has_play
-    coupling = _coupling(p)
-    swings = law.has_coupling and not law.has_bristle
-    law.swings = swings and is_underdamped(coupling.ratio, p[_RESONANCE_DAMPING])
     law.remembers = law.has_bristle or law.has_play or law.has_coupling
     law.size = STATES if law.has_play or law.has_coupling else 4
     law.passed = shared_inertia(p, p[_GAP_SHARE]) / law.inertia
@@ -146,6 +145,54 @@ def _go(
             substep(p, state, now, duration[j], current[j])
             now += duration[j]
     p[_EXTERNAL] = 0.0
+
+
+@njit(types.void(_a, _law, _period), counted=False)
+def couple(p: NDArray[Any], law: Any, period: Any) -> None:
+    """Fill in what a period does to small differences of motor and load."""
+    to, span = _coupling(p), period.span
+    inertia = moving_inertia(p, 0.0)
+    rate, omega2 = law.viscous / inertia, law.stiffness / inertia
+    M, H = period.moving, period.held
+    M[0, 0], M[1, 0], M[2, 0], M[3, 0] = swing_apart(span, 1.0, 0.0, 0.0, 0.0, 0.0, rate, omega2, to)
+    M[0, 1], M[1, 1], M[2, 1], M[3, 1] = swing_apart(span, 0.0, 1.0, 0.0, 0.0, -1.0 / span, rate, omega2, to)
+    M[0, 2], M[1, 2], M[2, 2], M[3, 2] = swing_apart(span, 0.0, 0.0, 0.0, 0.0, 1.0 / span, rate, omega2, to)
+    M[0, 3], M[1, 3], M[2, 3], M[3, 3] = swing_apart(span, 0.0, 0.0, 1.0, 0.0, 0.0, rate, omega2, to)
+    M[0, 4], M[1, 4], M[2, 4], M[3, 4] = swing_apart(span, 0.0, 0.0, 0.0, 1.0, 0.0, rate, omega2, to)
+    H[:] = 0.0
+    H[0, 0], H[0, 1] = 1.0, 0.5 * span
+    H[2, 3], H[3, 3] = swing_on_fixed_end(span, 1.0, 0.0, to)
+    H[2, 4], H[3, 4] = swing_on_fixed_end(span, 0.0, 1.0, to)
+    H[2, 0], H[3, 0] = 1.0 - H[2, 3], -H[3, 3]
+
+
+@njit(types.void(_mode, _period, _f8), counted=False)
+def _swing(r: Any, period: Any, share: float) -> None:
+    """Carry the covariance of a piece whose load is on a coupling; the shaft makes a `share`, 0 to 1, of its motion."""
+    S, M = r.covariance, period.now
+    for k in range(4):
+        for j in range(5):
+            M[k, j] = share * period.moving[k, j] + (1.0 - share) * period.held[k, j]
+    for j in range(STATES):
+        x, v, w, load_x, load_v = S[0, j], S[1, j], S[W, j], S[4, j], S[5, j]
+        for k in range(4):
+            moved = M[k, 0] * x + M[k, 1] * v + M[k, 2] * w + M[k, 3] * load_x + M[k, 4] * load_v
+            S[k if k < 2 else k + 2, j] = moved
+    for j in range(STATES):
+        x, v, w, load_x, load_v = S[j, 0], S[j, 1], S[j, W], S[j, 4], S[j, 5]
+        for k in range(4):
+            moved = M[k, 0] * x + M[k, 1] * v + M[k, 2] * w + M[k, 3] * load_x + M[k, 4] * load_v
+            S[j, k if k < 2 else k + 2] = moved
+
+
+@njit(types.void(_a, _law, _mode, _f8), counted=False)
+def begin_coupled(p: NDArray[Any], law: Any, m: Any, current: float) -> None:
+    """Where a load behind a coupling may be at first: it swings as far as a current of that size would twist it."""
+    natural = 2.0 * math.pi * p[_RESONANCE]
+    acceleration = (law.torque_constant * current + law.coulomb) / moving_inertia(p, 0.0)
+    tie(m)
+    m.covariance[4, 4] += (acceleration / natural**2) ** 2
+    m.covariance[5, 5] += (acceleration / natural) ** 2
 
 
 @njit(types.void(_a, _laws, _periods, _a, _a, _modes, _i8, _modes), counted=False, inline=True)
@@ -261,44 +308,24 @@ def carry(
     slide = 0.0
     if ends != HELD:
         slide = math.exp(-law.viscous * period.span / inertia) if law.size == STATES else period.coast
-    load_x_x = load_v_v = r.bristle_x = 0.0
-    if law.has_coupling or law.has_bristle:
+    r.bristle_x = 0.0
+    if law.has_bristle:
         step = math.sqrt(r.covariance[W, W])
         along_x, along_v = r.covariance[0, W] / step, r.covariance[1, W] / step
-        strain = 2.0 * (abs(r.mean[W] - v) + abs(state[OMEGA] - v)) + unit * 2.0 * law.coulomb
-        if law.swings and abs(v) > strain + SURE * step:
-            far, fast, load_far, load_fast = swing_apart(
-                period.span,
-                along_x,
-                along_v,
-                (step - along_v) / period.span,
-                law.viscous / inertia,
-                law.stiffness / inertia,
-                _coupling(p),
-            )
-            slide, load_x_x, load_v_v = fast / step, load_far / far, load_fast / fast
-        else:
-            if to_mode == DOWN:
-                along_x, along_v, step = -along_x, -along_v, -step
-            _go(
-                p,
-                law,
-                period,
-                duration,
-                current,
-                other,
-                x + along_x,
-                v + along_v,
-                (r.mean[W] - v + step - along_v) / unit,
-            )
-            slide = min(max((other[OMEGA] - state[OMEGA]) / step, 0.0), 2.0)
-            far = other[THETA] - state[THETA]
-            if far * step > 0.0:
-                r.bristle_x = (other[BRISTLE] - state[BRISTLE]) / far
-                load_x_x = (other[LOAD_THETA] - state[LOAD_THETA]) / far
-            if slide > 0.0:
-                load_v_v = (other[LOAD_OMEGA] - state[LOAD_OMEGA]) / (slide * step)
-    spread(r, half, slide, law.size)
+        if to_mode == DOWN:
+            along_x, along_v, step = -along_x, -along_v, -step
+        torque = (r.mean[W] - v + step - along_v) / unit
+        _go(p, law, period, duration, current, other, x + along_x, v + along_v, torque)
+        slide = min(max((other[OMEGA] - state[OMEGA]) / step, 0.0), 2.0)
+        far = other[THETA] - state[THETA]
+        if far * step > 0.0:
+            r.bristle_x = (other[BRISTLE] - state[BRISTLE]) / far
+    if law.has_coupling:
+        share = min(slide, 1.0) if law.has_bristle else 1.0 if ends != HELD else 0.0
+        _swing(r, period, share)
+        slide = max(r.covariance[1, W] / r.covariance[W, W], 0.0)
+    else:
+        spread(r, half, slide, law.size)
     if slide > 0.0:
         span, moved = period.span, slide * slide / (inertia * inertia)
         r.covariance[0, 0] += moved * span * span * (period.white / 12.0 - period.coloured / 10.0)
@@ -318,10 +345,7 @@ def carry(
         r.mean[4], r.mean[5] = state[LOAD_THETA], state[LOAD_OMEGA]
         if abs(r.mean[4] - r.mean[0]) > _FARTHEST_TWIST:
             r.mean[4], r.mean[5] = r.mean[0], r.mean[1]  # that no data would have: it must not cost what it would
-        r.covariance[4:] = 0.0
-        r.covariance[:, 4:] = 0.0
-        r.covariance[4, 0] = r.covariance[0, 4] = load_x_x * r.covariance[0, 0]
-        r.covariance[5, 0] = r.covariance[0, 5] = load_v_v * r.covariance[0, 1]
+            tie(r)
     period.slide += r.weight * slide
     if slide > 0.0:
         period.moves += r.weight

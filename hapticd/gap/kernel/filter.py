@@ -13,8 +13,8 @@ velocity that all forces but friction and what pulls besides d would give the sh
 With a pull F and a stiction c the shaft goes up beyond (c − F) T/m, down below (−c − F) T/m, and is at rest in between. Each
 mode is cut at these two places; pieces that will do the same are merged, and their mean goes through the project's own exact
 plant (`hapticd.plant.numeric.substep`), so every law of the catalogue is in the filter as it stands; what varies about the
-mean is carried linearly; and what arrives in the same mode is merged again. The load behind a play is part of the state; a
-bristle, and the load behind a coupling, are taken to be known as well as the shaft's path.
+mean is carried linearly; and what arrives in the same mode is merged again. The load behind a play or a coupling is part of
+the state; a bristle is taken to be known as well as the shaft's path.
 
 The measurement is the probability of the encoder's cell, its update the moments of the normal truncated to that cell
 (grey-box identification: Kristensen, Madsen and Jørgensen, Automatica 40, 2004; latent force: Rogers and Friis,
@@ -29,7 +29,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import from_dtype, types
 
-from hapticd.gap.kernel.carry import LAWS, PERIOD, carry, cut, look_up, moving_inertia
+from hapticd.gap.kernel.carry import (
+    LAWS,
+    PERIOD,
+    begin_coupled,
+    carry,
+    couple,
+    cut,
+    look_up,
+    moving_inertia,
+)
 from hapticd.gap.kernel.modes import MODE, STATES, UP, join, see, tie
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, SENSOR, TICK, WHITE
 from hapticd.jit import njit
@@ -84,6 +93,7 @@ def run_filter(
     look_up(p, law)
     modes, groups = np.zeros(3, MODE), np.zeros(4, MODE)
     state, other = np.zeros(STATE), np.zeros(STATE)
+    usual = math.sqrt(np.mean(current * current))
     total = 0.0
     for i in range(n):
         if begins[i]:
@@ -110,6 +120,8 @@ def run_filter(
             if law.has_play:
                 tie(m)
                 m.covariance[4, 4] += p[_GAP] * p[_GAP] / 12.0
+            if law.has_coupling:
+                begin_coupled(p, law, m, usual)
         total += see(p, modes, cell[i], resolution, sensor, noise[JITTER], law.size, out, i)
         row = out[i]
         if i + 1 == n or begins[i + 1]:
@@ -126,6 +138,8 @@ def run_filter(
             period.fresh = 2.0 * power / tau * span**2 / 2.0
             period.renewed = power * (1.0 - period.decay * period.decay)
             period.coast = math.exp(-law.viscous * span / law.inertia)
+            if law.has_coupling:
+                couple(p, law, period)
         period.white = noise[WHITE] * noise[WHITE] * span
         for j in range(parts):
             period.white += (law.torque_constant * spread[i, j] * duration[i, j]) ** 2

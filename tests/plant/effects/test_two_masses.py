@@ -53,6 +53,7 @@ def test_a_coupled_motor_that_stops_and_breaks_away_is_exact_whatever_the_step(c
 @pytest.mark.parametrize("f_r", [15.0, 400.0])
 def test_two_motors_that_keep_moving_part_as_the_linear_motion_says(f_r: float) -> None:
     share, damping, way, speed, more = 0.4, 0.05, 1e-4, 0.2, 0.3
+    load_way, load_speed = -2e-4, 0.5
     p = vector(flexible_coupling__f_r=f_r, flexible_coupling__load_share=share, flexible_coupling__damping=damping)
     natural, motor = 2.0 * math.pi * f_r, (1.0 - share) * J
     to = Coupling(share * J, share / (1.0 - share), damping * natural, natural * natural)
@@ -61,9 +62,11 @@ def test_two_motors_that_keep_moving_part_as_the_linear_motion_says(f_r: float) 
     other = start.copy()
     other[THETA] += way
     other[OMEGA] += speed
+    other[LOAD_THETA] += load_way
+    other[LOAD_OMEGA] += load_speed
     _, end = simulated(p, np.array([1.0]), start)
     _, other_end = simulated(p, np.array([1.0 + more]), other)
-    expected = swing_apart(PERIOD, way, speed, KT * more / motor, B / motor, 0.0, to)
+    expected = swing_apart(PERIOD, way, speed, load_way, load_speed, KT * more / motor, B / motor, 0.0, to)
     rows = [THETA, OMEGA, LOAD_THETA, LOAD_OMEGA]
     assert (other_end - end)[rows] == pytest.approx(expected, rel=1e-9, abs=1e-13)
 

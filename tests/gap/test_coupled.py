@@ -1,0 +1,92 @@
+"""The filter with a load behind a coupling, against a textbook Kalman filter of four states and a disturbance."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.linalg import expm
+
+from hapticd.gap.kernel.filter import run_filter
+from hapticd.gap.kernel.ticks import TICK
+from hapticd.plant.layout import index_of, neutral_vector
+
+Floats = NDArray[np.float64]
+PERIOD, RESONANCE, SHARE, DAMPING = 1e-3, 25.0, 0.4, 0.05
+NOISE = np.array([0.05, 1e-4, 0.3, 0.02, 0.0])
+"""White force, sensor, disturbance, its correlation time, jitter."""
+
+
+def _system() -> tuple[Floats, Floats, Floats]:
+    """Exact discretisation (Van Loan) of (x, v, d, load's x, load's v), inertia 1 in all; and what a torque adds."""
+    white, _, disturbance, tau, _ = NOISE
+    natural, motor = 2.0 * np.pi * RESONANCE, 1.0 - SHARE
+    spring, damper = SHARE * natural**2, 2.0 * SHARE * DAMPING * natural
+    F = np.array(
+        [
+            [0.0, 1.0, 0.0, 0.0, 0.0],
+            [-spring / motor, -damper / motor, 1.0 / motor, spring / motor, damper / motor],
+            [0.0, 0.0, -1.0 / tau, 0.0, 0.0],
+            [0.0, 0.0, 0.0, 0.0, 1.0],
+            [spring / SHARE, damper / SHARE, 0.0, -spring / SHARE, -damper / SHARE],
+        ]
+    )
+    L = np.diag([0.0, (white / motor) ** 2, 2.0 * disturbance**2 / tau, 0.0, 0.0])
+    big = expm(np.block([[-F, L], [np.zeros((5, 5)), F.T]]) * PERIOD)
+    A = big[5:, 5:].T
+    column = expm(np.block([[F, np.eye(5)[:, 1:2] / motor], [np.zeros((1, 6))]]) * PERIOD)[:5, 5]
+    return A, A @ big[:5, 5:], column
+
+
+def _record(n: int, seed: int) -> tuple[Floats, Floats]:
+    """Current, and what the encoder showed of a shaft whose load swings from the beginning on."""
+    A, Q, B = _system()
+    rng = np.random.default_rng(seed)
+    root = np.linalg.cholesky(Q + 1e-24 * np.eye(5))
+    current = 3.0 * np.sin(2.0 * np.pi * 3.0 * PERIOD * np.arange(n))
+    state, shown = np.array([0.0, 0.5, 0.0, 3e-4, 0.55]), np.empty(n)
+    for k in range(n):
+        shown[k] = state[0] + NOISE[1] * rng.normal()
+        state = A @ state + B * current[k] + root @ rng.normal(size=5)
+    return current, shown
+
+
+def _filtered(current: Floats, shown: Floats) -> NDArray[Any]:
+    p = neutral_vector()
+    p[index_of("inertia")] = p[index_of("torque_constant")] = 1.0
+    p[index_of("viscous")] = p[index_of("coulomb")] = 0.0
+    p[index_of("flexible_coupling.f_r")] = RESONANCE
+    p[index_of("flexible_coupling.load_share")], p[index_of("flexible_coupling.damping")] = SHARE, DAMPING
+    n, resolution = current.size, 1e-3 * NOISE[1]
+    time_s, spans, drive = PERIOD * np.arange(n), np.full((n, 1), PERIOD), current[:, None].copy()
+    out = np.zeros(n, TICK)
+    cell = np.floor(shown / resolution)
+    run_filter(p, NOISE, resolution, time_s, cell, spans, drive, np.zeros((n, 1)), np.arange(n) == 0, out)
+    return out
+
+
+def test_it_is_a_kalman_filter_once_the_beginning_is_forgotten() -> None:
+    current, shown = _record(1500, 3)
+    out = _filtered(current, shown)
+    A, Q, B = _system()
+    state, P = np.zeros(5), np.diag([1e-6, 1.0, NOISE[2] ** 2, 1e-4, 1.0])
+    predicted, variance = np.empty(1500), np.empty(1500)
+    for k in range(1500):
+        predicted[k], variance[k] = state[0], P[0, 0] + NOISE[1] ** 2
+        gain = P[:, 0] / variance[k]
+        state = state + gain * (shown[k] - state[0])
+        P = P - np.outer(gain, gain) * variance[k]
+        state, P = A @ state + B * current[k], A @ P @ A.T + Q
+    settled = slice(500, None)
+    assert np.abs(out["mean"] - predicted)[settled].max() < 0.01 * np.sqrt(variance[-1])
+    assert out["variance"][settled] == pytest.approx(variance[settled], rel=0.01)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_load_that_swings_when_the_record_begins_is_no_surprise(seed: int) -> None:
+    current, shown = _record(200, seed)
+    out = _filtered(current, shown)
+    surprise = (shown - out["mean"]) / np.sqrt(out["variance"])
+    assert np.sqrt(np.mean(surprise[:100] ** 2)) < 1.5
