@@ -1,4 +1,8 @@
-"""Forward selection: round after round an effect is added, and what was named before is looked at again."""
+"""Forward selection: round after round an effect is added, and what was named before is looked at again.
+
+How sure a right name is depends on what else is missing: a rare event that no law explains yet may cost one block what all
+others gain. So a name in doubt may stay while the next is looked for, and stands if both are sure beside each other.
+"""
 
 from __future__ import annotations
 
@@ -62,29 +66,44 @@ def search(
         The last model.
     """
     present, needed = first, constants.MATERIAL * first.fit.out.size
+    needed_errors = critical(first.held_out.size, len(slugs))
+    doubtful: list[Round] = []  # one at most, which may become sure beside the next
     for number in range(constants.MOST_EFFECTS):
         progress(number / (constants.MOST_EFFECTS + 1), "trying effects")
         if is_quiet(present.fit):
             break
-        contenders = compete(present, [slug for slug in slugs if slug not in _settled(rounds)], needed)
+        path = [*rounds, *doubtful]
+        found = compete(present, [slug for slug in slugs if slug not in _settled(path)], needed)
+        contenders = _choice(found, present, needed, needed_errors, is_further=bool(path))
         if not contenders:
+            contenders = _choice(found, present, needed, constants.TIE, is_further=bool(path))
+            if doubtful or not contenders or late_record.is_late(contenders[0].law):
+                break
+            doubtful = [round_of(present, contenders, tied_with(contenders[0], contenders[1:]))]
+            present = doubtful[0].taken.judged
+            continue
+        rounds[:] = [*path, round_of(present, contenders, tied_with(contenders[0], contenders[1:]))]
+        if late_record.is_late(contenders[0].law):
             break
-        needed_errors = critical(present.held_out.size, len(slugs))
-        contenders = admitted(contenders, present, needed_errors, is_further=bool(rounds))
-        if not contenders:
-            break
-        contenders = simplest_first(contenders, needed)
-        best = contenders[0]
-        contenders = [c for c in contenders if c is best or not late_record.is_late(c.law)]
-        if best.evidence < needed_errors or best.gain < needed:
-            break
-        tied = tied_with(best, contenders[1:])
-        rounds.append(round_of(present, contenders, tied))
-        if late_record.is_late(best.law):
-            return rounds[-1].taken.judged
         look_back(rounds, slugs, len(first.fit.terms), needed_errors, needed)
-        present = rounds[-1].taken.judged
-    return present
+        if len(rounds) <= len(path) and doubtful:
+            rounds[:] = path[:-1]
+            break
+        present, doubtful = rounds[-1].taken.judged, []
+    return rounds[-1].taken.judged if rounds else first
+
+
+def _choice(
+    found: list[Contender], present: CrossValidated, needed: float, needed_errors: float, *, is_further: bool
+) -> list[Contender]:
+    """Those that may be named, the one to take first; none where its evidence or its gain is not enough."""
+    contenders = admitted(found, present, needed_errors, is_further=is_further)
+    if not contenders:
+        return []
+    best, *others = simplest_first(contenders, needed)
+    if best.evidence < needed_errors or best.gain < needed:
+        return []
+    return [best, *(contender for contender in others if not late_record.is_late(contender.law))]
 
 
 def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_errors: float, needed: float) -> None:

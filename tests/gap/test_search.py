@@ -238,3 +238,27 @@ def test_a_late_record_wins_only_where_no_law_of_the_device_does_as_well(biased:
     assert late_record.is_late(late.law)
     assert [one.slug for one in simplest_first([late, as_good], 10.0)] == ["viscous_friction", "transport_delay"]
     assert [one.slug for one in simplest_first([late, poor], 10.0)] == ["transport_delay", "viscous_friction"]
+
+
+def test_a_name_in_doubt_stands_if_it_is_sure_beside_the_next(hidden: Hidden, monkeypatch: pytest.MonkeyPatch) -> None:
+    effects = [{"name": "constant_bias", "tau_0": 4e-4}, {"name": "viscous_friction", "r": 1.0}]
+    recording, model = hidden(effects, 11, SECONDS)
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    needed = constants.MATERIAL * first.fit.out.size
+    slugs = ["constant_bias", "viscous_friction"]
+    alone = compete(first, slugs, needed)
+    (beside,) = compete(alone[0].judged, [slug for slug in slugs if slug != alone[0].slug], needed)
+    without = cross_validate(beside.judged.fit.without(0).maximise())
+    before = max(contender.evidence for contender in alone)
+    after = min(beside.evidence, evidence(beside.judged, without)[1])
+    assert after > before
+
+    def found(level: float) -> list[str]:
+        rounds: list[Round] = []
+        monkeypatch.setattr("hapticd.gap.search.critical", lambda blocks, tried: level)
+        last = search(first, slugs, lambda share, text: None, rounds)
+        assert last is (rounds[-1].taken.judged if rounds else first)
+        return [each.taken.slug for each in rounds]
+
+    assert sorted(found(0.5 * (before + after))) == slugs
+    assert found(2.0 * after) == []
