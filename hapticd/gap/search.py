@@ -126,6 +126,7 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         gain, errors = evidence(last.judged, without)
         if errors < needed_errors or gain < needed:
             _take_out(rounds, number, without)
+            number = _reopen(rounds, number)
             continue
         limits = set(CATALOGUE[named.taken.slug].contains) & set(slugs)
         others = (limits | set(named.tied)) - _settled([*rounds[:number], *rounds[number + 1 :]])
@@ -145,11 +146,20 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
             former = Contender(named.taken.slug, last.judged, gain, errors, named.taken.penalty)
             others_of_it = [former, *(rival for rival in rivals if rival is not better[0])]
             del rounds[number]
+            _reopen(rounds, number)
             rounds.append(round_of(without, [better[0], *others_of_it], tied_with(better[0], others_of_it)))
             number = len(rounds) - 1
         else:
             still = tuple(slug for slug in named.tied if behind.get(slug, np.inf) < constants.TIE)
             rounds[number] = replace(named, tied=still)
+
+
+def _reopen(rounds: list[Round], number: int) -> int:
+    """What was judged beside a law that is gone, from `number` on, is to be asked again with all that competed."""
+    for k in range(number, len(rounds)):
+        others = rounds[k].contenders[1:]
+        rounds[k] = replace(rounds[k], tied=tuple(one.slug for one in others if not late_record.is_late(one.law)))
+    return len(rounds)
 
 
 def _take_out(rounds: list[Round], number: int, without: CrossValidated) -> None:
