@@ -5,6 +5,7 @@ Written so that YAML 1.1 and 1.2 readers agree: no bare ``1e-3`` (text in 1.1), 
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections.abc import Mapping
 
@@ -59,8 +60,19 @@ def legible(text: str, longest: int = 20_000) -> str:
 
 def shown(value: object, width: int = 60) -> str:
     """A value as it is quoted in a message: YAML text, cut to ``width`` characters."""
-    text = yaml_value(value[: width + 1] if isinstance(value, str) else value)
+    text = yaml_value(_clipped(value, width + 1))
     return text if len(text) <= width else text[: width - 1] + "…"
+
+
+def _clipped(value: object, width: int) -> object:
+    """The value without what would stand beyond so many characters: texts and lists may be huge, and aliases repeat them."""
+    if isinstance(value, str):
+        return value[:width]
+    if isinstance(value, Mapping):
+        return {_clipped(key, width): _clipped(item, width) for key, item in itertools.islice(value.items(), width)}
+    if isinstance(value, list | tuple):
+        return [_clipped(item, width) for item in value[:width]]
+    return value
 
 
 def _float(value: float) -> str:

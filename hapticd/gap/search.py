@@ -75,19 +75,21 @@ def search(
         path = [*rounds, *doubtful]
         found = compete(present, [slug for slug in slugs if slug not in _settled(path)], needed)
         contenders = _choice(found, present, needed, needed_errors, is_further=bool(path))
-        if not contenders:
-            contenders = _choice(found, present, needed, constants.TIE, is_further=bool(path))
-            if doubtful or not contenders or late_record.is_late(contenders[0].law):
-                break
-            doubtful = [round_of(present, contenders, tied_with(contenders[0], contenders[1:]))]
-            present = doubtful[0].taken.judged
-            continue
-        rounds[:] = [*path, round_of(present, contenders, tied_with(contenders[0], contenders[1:]))]
-        if late_record.is_late(contenders[0].law):
+        is_sure = bool(contenders)
+        if not is_sure and not doubtful and number + 1 < constants.MOST_EFFECTS:
+            contenders = _choice(found, present, needed, min(constants.TIE, needed_errors), is_further=bool(path))
+        is_late = bool(contenders) and late_record.is_late(contenders[0].law)
+        if not contenders or (is_late and (doubtful or not is_sure)):
             break
-        look_back(rounds, slugs, len(first.fit.terms), needed_errors, needed)
-        if len(rounds) <= len(path) and doubtful:
-            rounds[:] = path[:-1]
+        path.append(round_of(present, contenders, tied_with(contenders[0], contenders[1:])))
+        if not is_sure:
+            doubtful, present = path[-1:], path[-1].taken.judged
+            continue
+        gone = set() if is_late else look_back(path, slugs, len(first.fit.terms), needed_errors, needed)
+        if doubtful and doubtful[0].taken.slug in gone:
+            break
+        rounds[:] = path
+        if is_late or not rounds:
             break
         present, doubtful = rounds[-1].taken.judged, []
     return rounds[-1].taken.judged if rounds else first
@@ -106,7 +108,7 @@ def _choice(
     return [best, *(contender for contender in others if not late_record.is_late(contender.law))]
 
 
-def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_errors: float, needed: float) -> None:
+def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_errors: float, needed: float) -> set[str]:
     """Take out again what an effect that was named later makes unnecessary.
 
     And what stood in for something that had no name yet: a law that was tied with it takes its place where that does better
@@ -115,8 +117,12 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
     Args:
         rounds: changed in place. slugs: effects that may be named. base: terms that come before the effects.
         needed_errors: evidence that an effect needs. needed: what it must gain, nats.
+
+    Returns:
+        What was taken out with nothing in its place.
     """
-    number = len(rounds) - 1
+    number, gone = len(rounds) - 1, set()
+    seen = [_names(rounds)]  # each choice of names once, or two could take turns for ever
     while number > 0:
         number -= 1
         last, named = rounds[-1].taken, rounds[number]
@@ -125,8 +131,10 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         without = cross_validate(poorer.maximise(tolerance=ROUGH * needed), price)
         gain, errors = evidence(last.judged, without)
         if errors < needed_errors or gain < needed:
+            gone.add(named.taken.slug)
             _take_out(rounds, number, without)
-            number = _reopen(rounds, number)
+            _reopen(rounds, number)
+            number = len(rounds)
             continue
         limits = set(CATALOGUE[named.taken.slug].contains) & set(slugs)
         others = (limits | set(named.tied)) - _settled([*rounds[:number], *rounds[number + 1 :]])
@@ -140,7 +148,8 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         better = [
             rival
             for rival in rivals
-            if behind[rival.slug] < 0.0 or (rival.slug in limits and is_as_good(rival.judged, last.judged, needed))
+            if (behind[rival.slug] < 0.0 or (rival.slug in limits and is_as_good(rival.judged, last.judged, needed)))
+            and _names(rounds) - {named.taken.slug} | {rival.slug} not in seen
         ]
         if better:
             former = Contender(named.taken.slug, last.judged, gain, errors, named.taken.penalty)
@@ -148,18 +157,27 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
             del rounds[number]
             _reopen(rounds, number)
             rounds.append(round_of(without, [better[0], *others_of_it], tied_with(better[0], others_of_it)))
+            seen.append(_names(rounds))
             number = len(rounds) - 1
         else:
             still = tuple(slug for slug in named.tied if behind.get(slug, np.inf) < constants.TIE)
-            rounds[number] = replace(named, tied=still)
+            taken = named.taken
+            if taken.evidence < needed_errors:  # it was in doubt alone
+                taken = replace(taken, gain=gain, evidence=errors)
+            rounds[number] = replace(named, contenders=(taken, *named.contenders[1:]), tied=still)
+    return gone
 
 
-def _reopen(rounds: list[Round], number: int) -> int:
+def _names(rounds: Sequence[Round]) -> frozenset[str]:
+    return frozenset(each.taken.slug for each in rounds)
+
+
+def _reopen(rounds: list[Round], number: int) -> None:
     """What was judged beside a law that is gone, from `number` on, is to be asked again with all that competed."""
     for k in range(number, len(rounds)):
-        others = rounds[k].contenders[1:]
-        rounds[k] = replace(rounds[k], tied=tuple(one.slug for one in others if not late_record.is_late(one.law)))
-    return len(rounds)
+        taken, *others = rounds[k].contenders
+        asked = (one for one in others if taken.slug not in CATALOGUE[one.slug].contains)
+        rounds[k] = replace(rounds[k], tied=tuple(one.slug for one in asked if not late_record.is_late(one.law)))
 
 
 def _take_out(rounds: list[Round], number: int, without: CrossValidated) -> None:

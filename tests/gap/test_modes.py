@@ -68,7 +68,7 @@ def _cut(mode: int, v: float, d: float, spread: Floats, current: float) -> Any:
     for name, value in {"inertia": INERTIA, "viscous": 0.0, "coulomb": COULOMB, "torque_constant": 1.0}.items():
         p[index_of(name)] = value
     laws, periods = np.zeros(1, carry.LAWS), np.zeros(1, carry.PERIOD)
-    carry.look_up(p, laws[0])
+    carry.look_up(p, np.zeros((1, 1)), laws[0])
     periods[0]["span"], periods[0]["decay"], periods[0]["mean"] = PERIOD_S, 1.0, 1.0
     modes, pieces = np.zeros(3, MODE), np.zeros(4, MODE)
     modes[mode]["weight"] = 1.0

@@ -70,6 +70,8 @@ LAWS = np.dtype(
         ("inertia", "f8"),
         ("size", "i8"),  # of the state
         ("passed", "f8"),  # share of the inertia that is the load's, behind the play
+        ("twist", "f8"),  # that a coupling usually has [rad or m], and how fast it changes
+        ("twist_rate", "f8"),
     ],
     align=True,
 )
@@ -105,9 +107,9 @@ def _coupling(p: NDArray[Any]) -> Coupling:
     return Coupling(load, load / (edited_base(p)[0] - load), p[_RESONANCE_DAMPING] * natural, natural * natural)
 
 
-@njit(types.void(_a, _law), counted=False)
-def look_up(p: NDArray[Any], law: Any) -> None:
-    """Fill in what a device has."""
+@njit(types.void(_a, types.Array(_f8, 2, "C"), _law), counted=False)
+def look_up(p: NDArray[Any], current: NDArray[Any], law: Any) -> None:
+    """Fill in what a device has; `current` is the motor's [A]."""
     law.inertia, law.viscous, law.coulomb, law.torque_constant, law.bias, law.stiffness, _ = edited_base(p)
     law.simple = not needs_effect_terms(p) and law.stiffness == 0.0
     law.has_bristle = p[_BREAKAWAY] > 0.0
@@ -116,6 +118,14 @@ def look_up(p: NDArray[Any], law: Any) -> None:
     law.remembers = law.has_bristle or law.has_play or law.has_coupling
     law.size = STATES if law.has_play or law.has_coupling else 4
     law.passed = shared_inertia(p, p[_GAP_SHARE]) / law.inertia
+    if law.has_coupling:
+        natural = 2.0 * math.pi * p[_RESONANCE]
+        square = 0.0
+        for one in current.flat:
+            square += one * one
+        usual = law.torque_constant * math.sqrt(square / current.size) + law.coulomb
+        law.twist = min(usual / law.inertia / natural**2, _FARTHEST_TWIST / 4.0)
+        law.twist_rate = law.twist * natural
 
 
 @njit(types.void(_a, _law, _period, _a, _a, _a, _f8, _f8, _f8), counted=False, inline=True)
@@ -185,14 +195,12 @@ def _swing(r: Any, period: Any, share: float) -> None:
             S[j, k if k < 2 else k + 2] = moved
 
 
-@njit(types.void(_a, _law, _mode, _f8), counted=False)
-def begin_coupled(p: NDArray[Any], law: Any, m: Any, current: float) -> None:
-    """Where a load behind a coupling may be at first: it swings as far as a current of that size would twist it."""
-    natural = 2.0 * math.pi * p[_RESONANCE]
-    acceleration = (law.torque_constant * current + law.coulomb) / moving_inertia(p, 0.0)
+@njit(types.void(_law, _mode), counted=False)
+def loosen(law: Any, m: Any) -> None:
+    """All that is known of the load behind a coupling: it is near the shaft, and swings as far as it usually does."""
     tie(m)
-    m.covariance[4, 4] += (acceleration / natural**2) ** 2
-    m.covariance[5, 5] += (acceleration / natural) ** 2
+    m.covariance[4, 4] += law.twist * law.twist
+    m.covariance[5, 5] += law.twist_rate * law.twist_rate
 
 
 @njit(types.void(_a, _laws, _periods, _a, _a, _modes, _i8, _modes), counted=False, inline=True)
@@ -298,8 +306,9 @@ def carry(
         state[LOAD_THETA], state[LOAD_OMEGA] = r.mean[4], r.mean[5]
         if before != 0.0:
             state[LOAD_THETA], state[LOAD_OMEGA] = x - 0.5 * before * p[_GAP], v
-    for j in range(STATE):
-        other[j] = state[j]
+    if law.has_bristle:
+        for j in range(STATE):
+            other[j] = state[j]
     load_v = state[LOAD_OMEGA]
     _go(p, law, period, duration, current, state, x, v, (r.mean[W] - v) / unit)
     ends = HELD if to_mode == STOPPED else to_mode
@@ -321,7 +330,7 @@ def carry(
         if far * step > 0.0:
             r.bristle_x = (other[BRISTLE] - state[BRISTLE]) / far
     if law.has_coupling:
-        share = min(slide, 1.0) if law.has_bristle else 1.0 if ends != HELD else 0.0
+        share = min(slide / period.moving[1, 2], 1.0) if law.has_bristle else 1.0 if ends != HELD else 0.0
         _swing(r, period, share)
         slide = max(r.covariance[1, W] / r.covariance[W, W], 0.0)
     else:
@@ -345,7 +354,7 @@ def carry(
         r.mean[4], r.mean[5] = state[LOAD_THETA], state[LOAD_OMEGA]
         if abs(r.mean[4] - r.mean[0]) > _FARTHEST_TWIST:
             r.mean[4], r.mean[5] = r.mean[0], r.mean[1]  # that no data would have: it must not cost what it would
-            tie(r)
+            loosen(law, r)
     period.slide += r.weight * slide
     if slide > 0.0:
         period.moves += r.weight

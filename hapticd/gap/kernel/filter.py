@@ -32,11 +32,11 @@ from numba import from_dtype, types
 from hapticd.gap.kernel.carry import (
     LAWS,
     PERIOD,
-    begin_coupled,
     carry,
     couple,
     cut,
     look_up,
+    loosen,
     moving_inertia,
 )
 from hapticd.gap.kernel.modes import MODE, STATES, UP, join, see, tie
@@ -49,6 +49,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _EXTERNAL, _GAP = word("external_force"), word("backlash.gap")
+
+SAME_SPAN = 1e-9
+"""Difference of two periods, relative, that is the rounding of time stamps."""
 
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
@@ -90,10 +93,9 @@ def run_filter(
     p[_EXTERNAL] = 0.0
     laws, periods = np.zeros(1, LAWS), np.zeros(1, PERIOD)
     law, period = laws[0], periods[0]
-    look_up(p, law)
+    look_up(p, current, law)
     modes, groups = np.zeros(3, MODE), np.zeros(4, MODE)
     state, other = np.zeros(STATE), np.zeros(STATE)
-    usual = math.sqrt(np.mean(current * current))
     total = 0.0
     for i in range(n):
         if begins[i]:
@@ -121,7 +123,7 @@ def run_filter(
                 tie(m)
                 m.covariance[4, 4] += p[_GAP] * p[_GAP] / 12.0
             if law.has_coupling:
-                begin_coupled(p, law, m, usual)
+                loosen(law, m)
         total += see(p, modes, cell[i], resolution, sensor, noise[JITTER], law.size, out, i)
         row = out[i]
         if i + 1 == n or begins[i + 1]:
@@ -129,7 +131,7 @@ def run_filter(
             row.x_v = row.v_v = row.x_d = row.v_d = row.d_d = row.x_force = row.v_force = 0.0
             continue
         period.time, span = time_s[i], time_s[i + 1] - time_s[i]
-        if span != period.span:
+        if abs(span - period.span) > SAME_SPAN * span:
             period.span = span
             ratio = span / tau
             period.decay = math.exp(-ratio)

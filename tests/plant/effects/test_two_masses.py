@@ -7,6 +7,7 @@ import math
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from scipy.linalg import expm
 
 from hapticd.plant.coupled import Coupling, swing_apart
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, initial_state
@@ -69,6 +70,23 @@ def test_two_motors_that_keep_moving_part_as_the_linear_motion_says(f_r: float) 
     expected = swing_apart(PERIOD, way, speed, load_way, load_speed, KT * more / motor, B / motor, 0.0, to)
     rows = [THETA, OMEGA, LOAD_THETA, LOAD_OMEGA]
     assert (other_end - end)[rows] == pytest.approx(expected, rel=1e-9, abs=1e-13)
+
+
+@pytest.mark.parametrize("damping", [0.02, 0.8, 3.0])
+@pytest.mark.parametrize("f_r", [5.0, 900.0])
+def test_two_linear_motions_part_as_their_matrix_says(f_r: float, damping: float) -> None:
+    """The matrix exponential of (x, v, load x, load v, acceleration), with friction and a spring about the motor."""
+    ratio, rate, omega2, natural = 0.7, 3.0, 400.0, 2.0 * math.pi * f_r
+    q = np.array([-(natural**2), -2.0 * damping * natural, natural**2, 2.0 * damping * natural, 0.0])
+    F = np.zeros((5, 5))
+    F[0, 1] = F[2, 3] = 1.0
+    F[1] = ratio * q + np.array([-omega2, -rate, 0.0, 0.0, 1.0])
+    F[3] = -q
+    start = np.array([1e-3, 0.2, -2e-3, 0.4, 30.0])
+    way, speed, load_way, load_speed, a = start
+    to = Coupling(0.7, ratio, damping * natural, natural * natural)
+    found = swing_apart(PERIOD, way, speed, load_way, load_speed, a, rate, omega2, to)
+    assert found == pytest.approx((expm(F * PERIOD) @ start)[:4], rel=1e-9, abs=1e-12)
 
 
 def test_coupling_keeps_momentum_and_loses_no_more_energy_than_its_damper_takes() -> None:
