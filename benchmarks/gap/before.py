@@ -73,7 +73,8 @@ def extracted(root: Path) -> Path:
     part = Path(tempfile.mkdtemp(dir=root, prefix=f".{tree.name}."))
     try:
         with tarfile.open(fileobj=io.BytesIO(archive)) as files:
-            files.extractall(part, filter="data")
+            files.extraction_filter = getattr(tarfile, "data_filter", lambda member, path: member)  # from 3.11.4 on
+            files.extractall(part)
         part.rename(tree)
     except BaseException:
         shutil.rmtree(part)

@@ -16,7 +16,12 @@ FOLDER = ROOT / "docs/notebooks"
 SHOWN = {
     "simulated-testbed": (r"Region F1", r"'monotone'|'decaying'", r"unstable +growing", r"servo\.rate_hz"),
     "first-run": (r"the sign is right", r"the model has 2 mN m", r"'running'", r"'off'"),
-    "scope": (r"unstable", r"region D, at rest 20\.3 ticks", r"growing \| over_speed \|.*'hapticd clear'", r"'off'"),
+    "scope": (
+        r"unstable",
+        r"region D, at rest 20\.3 ticks",
+        r"growing \| (over_speed|excursion) \|.*'hapticd clear'",
+        r"'off'",
+    ),
     "missing-effect": (r"Missing: viscous_friction", r"N m"),
 }
 FIGURES = {"simulated-testbed": 2, "first-run": 1, "missing-effect": 1, "scope": 2}
