@@ -164,7 +164,7 @@ def admitted(
     """Those that may be named. A law at its limit is another law: an answer may be that vague, but does not grow by it."""
     if is_further:
         contenders = [contender for contender in contenders if not contender.law.at_bounds(contender.law.start)]
-    return _closing(contenders, present, needed_errors)
+    return _closing(contenders, present, needed_errors) if contenders else []
 
 
 def _closing(contenders: list[Contender], present: CrossValidated, needed_errors: float) -> list[Contender]:

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import truncnorm
 
-from hapticd.gap.kernel import carry
+from hapticd.gap.kernel import carry, device
 from hapticd.gap.kernel.modes import DOWN, HELD, MODE, STATES, STOPPED, UP, W, impact, join, spread, take, tie
 from hapticd.plant.layout import index_of, neutral_vector
 
@@ -67,8 +67,8 @@ def _cut(mode: int, v: float, d: float, spread: Floats, current: float) -> Any:
     p = neutral_vector()
     for name, value in {"inertia": INERTIA, "viscous": 0.0, "coulomb": COULOMB, "torque_constant": 1.0}.items():
         p[index_of(name)] = value
-    laws, periods = np.zeros(1, carry.LAWS), np.zeros(1, carry.PERIOD)
-    carry.look_up(p, np.zeros((1, 1)), laws[0])
+    laws, periods = np.zeros(1, device.LAWS), np.zeros(1, device.PERIOD)
+    device.look_up(p, np.zeros((1, 1)), laws[0])
     periods[0]["span"], periods[0]["decay"], periods[0]["mean"] = PERIOD_S, 1.0, 1.0
     modes, pieces = np.zeros(3, MODE), np.zeros(4, MODE)
     modes[mode]["weight"] = 1.0

@@ -29,16 +29,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import from_dtype, types
 
-from hapticd.gap.kernel.carry import (
-    LAWS,
-    PERIOD,
-    carry,
-    couple,
-    cut,
-    look_up,
-    loosen,
-    moving_inertia,
-)
+from hapticd.gap.kernel.carry import carry, cut
+from hapticd.gap.kernel.device import LAWS, PERIOD, couple, look_up, loosen, moving_inertia
 from hapticd.gap.kernel.modes import MODE, STATES, UP, join, see, tie
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, SENSOR, TICK, WHITE
 from hapticd.jit import njit

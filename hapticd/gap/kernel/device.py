@@ -1,0 +1,142 @@
+"""What a device has, as the filter asks for it, looked up once; and what a coupling does in each length of a period."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numba import from_dtype, types
+
+from hapticd.gap.kernel.modes import MODE, STATES, tie
+from hapticd.jit import njit
+from hapticd.plant.coupled import COUPLING, Coupling, swing_apart, swing_on_fixed_end
+from hapticd.plant.effect_terms import shared_inertia
+from hapticd.plant.layout import index_of as word
+from hapticd.plant.numeric import edited_base, needs_effect_terms
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+_f8 = types.float64
+_a = types.Array(_f8, 1, "C")
+
+FARTHEST_TWIST = 1.0
+"""Twist of a coupling [rad or m] beyond which the load is put back to the shaft."""
+
+_GAP = word("backlash.gap")
+_GAP_SHARE = word("backlash.load_share")
+_RESONANCE = word("flexible_coupling.f_r")
+_RESONANCE_SHARE = word("flexible_coupling.load_share")
+_RESONANCE_DAMPING = word("flexible_coupling.damping")
+_BREAKAWAY = word("presliding.breakaway")
+
+
+@njit(_f8(_a, _f8), counted=False, inline=True)
+def moving_inertia(p: NDArray[Any], contact: float) -> float:
+    """Return the inertia that a torque on the shaft accelerates at once."""
+    inertia = edited_base(p)[0]
+    if p[_GAP] > 0.0 and contact == 0.0:
+        inertia -= shared_inertia(p, p[_GAP_SHARE])
+    if p[_RESONANCE] < math.inf:
+        inertia -= shared_inertia(p, p[_RESONANCE_SHARE])
+    return inertia
+
+
+LAWS = np.dtype(
+    [
+        ("simple", "?"),  # no effect is more than an edit of the base model
+        ("remembers", "?"),
+        ("has_bristle", "?"),
+        ("has_play", "?"),
+        ("has_coupling", "?"),
+        ("viscous", "f8"),
+        ("coulomb", "f8"),
+        ("torque_constant", "f8"),
+        ("bias", "f8"),
+        ("stiffness", "f8"),
+        ("inertia", "f8"),
+        ("size", "i8"),  # of the state
+        ("passed", "f8"),  # share of the inertia that is the load's, behind the play
+        ("twist", "f8"),  # that a coupling usually has [rad or m], and how fast it changes
+        ("twist_rate", "f8"),
+    ],
+    align=True,
+)
+"""What a device has, looked up once."""
+PERIOD = np.dtype(
+    [
+        ("time", "f8"),  # at its beginning [s]
+        ("span", "f8"),  # T [s]
+        ("decay", "f8"),  # of d
+        ("mean", "f8"),  # of d over the period, for a unit at its beginning
+        ("white", "f8"),  # variance of the impulse by the white force, and by commands that may have been lost
+        ("coloured", "f8"),  # by what is new in d
+        ("fresh", "f8"),  # covariance of that impulse with d at the end
+        ("renewed", "f8"),  # variance of d by what is new in it
+        ("slide", "f8"),  # out: d (velocity at its end) / dw, of all modes
+        ("coast", "f8"),  # share of its velocity that the whole shaft keeps
+        ("moves", "f8"),  # out: probability that the shaft moves
+        ("moving", "f8", (4, 5)),  # what x, v, w and the load's x and v do to x, v and the load's, on a coupling
+        ("held", "f8", (4, 5)),  # the same while friction holds the shaft
+        ("now", "f8", (4, 5)),  # scratch
+    ],
+    align=True,
+)
+"""One period, and the noise in it."""
+_law, _period, _mode = from_dtype(LAWS), from_dtype(PERIOD), from_dtype(MODE)
+
+
+@njit(COUPLING(_a), counted=False)
+def coupling_of(p: NDArray[Any]) -> Coupling:
+    """Return what joins motor and load."""
+    natural, load = 2.0 * math.pi * p[_RESONANCE], shared_inertia(p, p[_RESONANCE_SHARE])
+    return Coupling(load, load / (edited_base(p)[0] - load), p[_RESONANCE_DAMPING] * natural, natural * natural)
+
+
+@njit(types.void(_a, types.Array(_f8, 2, "C"), _law), counted=False)
+def look_up(p: NDArray[Any], current: NDArray[Any], law: Any) -> None:
+    """Fill in what a device has; `current` is the motor's [A]."""
+    law.inertia, law.viscous, law.coulomb, law.torque_constant, law.bias, law.stiffness, _ = edited_base(p)
+    law.simple = not needs_effect_terms(p) and law.stiffness == 0.0
+    law.has_bristle = p[_BREAKAWAY] > 0.0
+    law.has_play = p[_GAP] > 0.0
+    law.has_coupling = p[_RESONANCE] < math.inf and not law.has_play
+    law.remembers = law.has_bristle or law.has_play or law.has_coupling
+    law.size = STATES if law.has_play or law.has_coupling else 4
+    law.passed = shared_inertia(p, p[_GAP_SHARE]) / law.inertia
+    if law.has_coupling:
+        natural = 2.0 * math.pi * p[_RESONANCE]
+        square = 0.0
+        for one in current.flat:
+            square += one * one
+        usual = law.torque_constant * math.sqrt(square / current.size) + law.coulomb
+        law.twist = min(usual / law.inertia / natural**2, FARTHEST_TWIST / 4.0)
+        law.twist_rate = law.twist * natural
+
+
+@njit(types.void(_a, _law, _period), counted=False)
+def couple(p: NDArray[Any], law: Any, period: Any) -> None:
+    """Fill in what a period does to small differences of motor and load."""
+    to, span = coupling_of(p), period.span
+    inertia = moving_inertia(p, 0.0)
+    rate, omega2 = law.viscous / inertia, law.stiffness / inertia
+    M, H = period.moving, period.held
+    M[0, 0], M[1, 0], M[2, 0], M[3, 0] = swing_apart(span, 1.0, 0.0, 0.0, 0.0, 0.0, rate, omega2, to)
+    M[0, 1], M[1, 1], M[2, 1], M[3, 1] = swing_apart(span, 0.0, 1.0, 0.0, 0.0, -1.0 / span, rate, omega2, to)
+    M[0, 2], M[1, 2], M[2, 2], M[3, 2] = swing_apart(span, 0.0, 0.0, 0.0, 0.0, 1.0 / span, rate, omega2, to)
+    M[0, 3], M[1, 3], M[2, 3], M[3, 3] = swing_apart(span, 0.0, 0.0, 1.0, 0.0, 0.0, rate, omega2, to)
+    M[0, 4], M[1, 4], M[2, 4], M[3, 4] = swing_apart(span, 0.0, 0.0, 0.0, 1.0, 0.0, rate, omega2, to)
+    H[:] = 0.0
+    H[0, 0], H[0, 1] = 1.0, 0.5 * span
+    H[2, 3], H[3, 3] = swing_on_fixed_end(span, 1.0, 0.0, to)
+    H[2, 4], H[3, 4] = swing_on_fixed_end(span, 0.0, 1.0, to)
+    H[2, 0], H[3, 0] = 1.0 - H[2, 3], -H[3, 3]
+
+
+@njit(types.void(_law, _mode), counted=False)
+def loosen(law: Any, m: Any) -> None:
+    """All that is known of the load behind a coupling: it is near the shaft, and swings as far as it usually does."""
+    tie(m)
+    m.covariance[4, 4] += law.twist * law.twist
+    m.covariance[5, 5] += law.twist_rate * law.twist_rate
