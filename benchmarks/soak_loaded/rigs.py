@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -28,6 +29,7 @@ DRIVERS: Final[dict[str, dict[str, Any]]] = {
 _TOLERATED_S: Final = 0.05
 """So long exchanges may fail in a row."""
 _WATCHDOG_MS: Final = 100
+_BACK_S: Final = 30.0
 
 T = TypeVar("T")
 
@@ -123,11 +125,25 @@ class Rig:
         with ThreadPoolExecutor(4) as together:
             list(together.map(lambda _: self.client.status(), range(100)))
         self._render()
+        if self._device is not None:
+            self._fault_once(self._device)
         self._record(self.daemon.runs)
 
     def _render(self) -> None:
         self.client.start()
         self.daemon.wait_state("running")
+
+    def _fault_once(self, device: Device) -> None:
+        """What a fault and the run file of the seconds before it need is loaded once: now, or by chance hours later."""
+        device.signal(signal.SIGSTOP)
+        time.sleep(1.5 * _TOLERATED_S)
+        device.signal(signal.SIGCONT)
+        self.daemon.wait_state("fault")
+        self.daemon.wait_until(self._left_fault, "it rendered again", _BACK_S)
+
+    def _left_fault(self) -> bool:
+        self._leave_fault()
+        return bool(self.client.status()["state"] == "running")
 
     def find(self, what: str) -> None:
         """Note what should not be, and say it."""
