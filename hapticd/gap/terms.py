@@ -74,9 +74,14 @@ class Term:
         for coordinate, value in zip(self.coordinates, u, strict=True):
             p[coordinate.word] = np.exp(value) if coordinate.is_log else value
 
-    def at_bounds(self, u: Sequence[float] | Floats) -> list[str]:
-        """Parameters whose coordinates in `u` are at the end of their range."""
-        return [c.name for c, value in zip(self.coordinates, u, strict=True) if not c.lower < value < c.upper]
+    def at_bounds(self, u: Sequence[float] | Floats, half: Sequence[float] | Floats | float = 0.0) -> list[str]:
+        """Parameters whose coordinates in `u` are, give or take `half`, at the end of their range."""
+        halves = np.broadcast_to(half, len(self.coordinates))
+        return [
+            c.name
+            for c, value, width in zip(self.coordinates, u, halves, strict=True)
+            if not c.lower < value - width <= value + width < c.upper
+        ]
 
     def moved(self, u: Sequence[float] | Floats) -> Term:
         """The same term with another start."""

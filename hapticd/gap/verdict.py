@@ -54,11 +54,11 @@ def doubts_about(at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, st
     """Why named laws may not be the whole truth, a sentence each.
 
     Args:
-        at_bounds: effect to those of its parameters that the data push to the end of what they may be.
+        at_bounds: effect to those of its parameters that the data do not tell from the end of what they may be.
         beaten: effect to the coordinate of which a flexible function predicts better than that effect.
     """
     return [
-        f"The data push {' and '.join(names)} of {effect} to the end of its range: a law at its limit is another law."
+        f"These data do not tell {' and '.join(names)} of {effect} from a limit: a law at its limit is another law."
         for effect, names in at_bounds.items()
     ] + [
         f"A flexible function of the {coordinate} predicts better than {effect}: the law itself may be another."

@@ -178,8 +178,9 @@ def _result(
         and (coordinate := missing.better_function(each.before.fit, each.taken.law)) is not None
     }
     laws = [(last.fit.terms[number], last.fit.share(number)) for number in range(fixed, len(last.fit.terms))]
-    at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share]))}
     series = first.fit.problem.series
+    half = _reach(series.blocks) * np.sqrt(np.diag(covariance))
+    at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share], half[share]))}
     late = late_record.told(last.fit, np.diag(covariance), _reach(series.blocks))
     timing = _timing(recordings)
     timing = {**timing, **late, "warnings": [*timing["warnings"], *late["warnings"]]}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hapticd.gap.result import GapNumbers, Remainder
+from hapticd.gap.terms import term
 from hapticd.gap.verdict import decide, doubts_about
 
 GAP = GapNumbers(3e-4, 1e-5, 3.1e-4, 1.2e-5, 2e-6, "N m")
@@ -61,7 +62,7 @@ def test_what_is_left_is_said() -> None:
 @pytest.mark.parametrize(
     ("at_bounds", "beaten", "words"),
     [
-        ({"gravity": ["theta_0"]}, {}, "push theta_0 of gravity to the end of its range"),
+        ({"gravity": ["theta_0"]}, {}, "do not tell theta_0 of gravity from a limit"),
         ({}, {"gravity": "position"}, "A flexible function of the position predicts better than gravity"),
     ],
 )
@@ -74,6 +75,15 @@ def test_a_doubt_makes_it_a_part_of_the_answer(
     assert verdict == "partly_explained"
     assert words in statement
     assert decide(["gravity"], [("constant_bias",)], doubts, GAP, CLEAN)[0] == "ambiguous"
+
+
+def test_an_interval_that_reaches_the_end_of_a_range_does_not_tell_the_law_from_its_limit() -> None:
+    hand = term("hand_impedance", {"m_h": 1e-6, "b_h": 1e-4}, (), 0.1)
+    least, damping = hand.coordinates[0].lower, hand.start[1]
+    assert hand.at_bounds(hand.start) == []
+    assert hand.at_bounds((least, damping)) == ["m_h"]
+    assert hand.at_bounds((least + 1.0, damping), (0.9, 0.1)) == []
+    assert hand.at_bounds((least + 1.0, damping), (1.1, 0.1)) == ["m_h"]
 
 
 def test_without_a_reason_there_is_no_doubt() -> None:
