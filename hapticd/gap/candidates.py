@@ -132,8 +132,9 @@ def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[C
         k = int(np.argmax([climb.fit.log_likelihood for climb in climbs]))
         climbs[k].go(HALVINGS - _TRIAL_HALVINGS)
         item = tried[k].term.moved(climbs[k].fit.u[climbs[k].own])
-        promise = space.present.extended(item).log_likelihood - space.present.log_likelihood
-        found.append(replace(tried[k], term=item, promise=promise))
+        whole = space.present.extended(item)
+        whole.scan_power()
+        found.append(replace(tried[k], term=item, promise=whole.log_likelihood - space.present.log_likelihood))
     return found
 
 

@@ -158,34 +158,35 @@ def _approached(present: Fit, candidate: Candidate) -> Fit:
     return fit.approach(present.u.size, _FIRST_STEPS)
 
 
-def admitted(
-    contenders: list[Contender], present: CrossValidated, needed_errors: float, *, is_further: bool
-) -> list[Contender]:
+def admitted(contenders: Sequence[Contender], present: CrossValidated, *, is_further: bool) -> list[Contender]:
     """Those that may be named. A law at its limit is another law: an answer may be that vague, but does not grow by it."""
-    if is_further:
-        contenders = [contender for contender in contenders if not contender.law.at_bounds(contender.law.start)]
-    return _closing(contenders, present, needed_errors) if contenders else []
+    return [
+        contender
+        for contender in contenders
+        if not (is_further and contender.law.at_bounds(contender.law.start))
+        and _keeps_the_drive(contender.judged.fit, present.fit)
+    ]
 
 
-def _closing(contenders: list[Contender], present: CrossValidated, needed_errors: float) -> list[Contender]:
+def closing(contenders: Sequence[Contender], present: CrossValidated, needed_errors: float) -> list[Contender]:
     """Those that make the missing force smaller; and of those with evidence only such as do it about as well as the best.
 
     The likelihood of the next count lives at high frequencies, where a recorded current may be late or filtered; the missing
     force is what the device lacks. A law that gains the one without closing the other is none.
     """
+    if not contenders:
+        return []
     power = missing_power(present.fit)
     left = {contender.slug: missing_power(contender.judged.fit) for contender in contenders}
-    contenders = [
-        contender
-        for contender in contenders
-        if left[contender.slug] < (1.0 - constants.SHARE) * power
-        and _keeps_the_drive(contender.judged.fit, present.fit)
-    ]
+    contenders = [contender for contender in contenders if left[contender.slug] < (1.0 - constants.SHARE) * power]
     sure = [left[contender.slug] for contender in contenders if contender.evidence >= needed_errors]
-    if not sure:
-        return []
-    limit = min(sure) + constants.FORCE_MARGIN * power
+    limit = min(sure, default=-np.inf) + constants.FORCE_MARGIN * power
     return [contender for contender in contenders if left[contender.slug] <= limit]
+
+
+def closes(fit: Fit, other: Fit) -> bool:
+    """Whether one model leaves less of the missing force than another, by a share that matters."""
+    return missing_power(fit) < (1.0 - constants.SHARE) * missing_power(other)
 
 
 def _keeps_the_drive(fit: Fit, present: Fit) -> bool:

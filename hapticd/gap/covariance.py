@@ -32,10 +32,10 @@ def covariance_of(fit: Fit) -> Floats:
     free = fit.free(fit.scores.sum(axis=0))
     if any(CATALOGUE[item.slug].acts_on == "memory" for item in fit.terms if item.slug in CATALOGUE):
         _secants(fit, free)
-    scores, slopes, spreads = fit.scores[:, free], fit.slopes[:, free], fit.spreads[:, free]
-    A = slopes.T @ (slopes * fit.out["information"][:, None])
-    A += 0.5 * spreads.T @ (spreads * fit.out["share"][:, None] ** 2)
-    A += np.diag(np.where(np.isfinite(fit.prior[free]), fit.prior[free] ** -2.0, 0.0))
+    scores = fit.scores[:, free]
+    A = fit.information()[np.ix_(free, free)] + np.diag(
+        np.where(np.isfinite(fit.prior[free]), fit.prior[free] ** -2.0, 0.0)
+    )
     diagonal = np.diag(A) + 1e-12 / fit.scale[free] ** 2
     bread = np.linalg.pinv(A + 1e-9 * np.diag(diagonal), hermitian=True)
     sums = fit.problem.series.per_block(scores)

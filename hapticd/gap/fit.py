@@ -1,7 +1,7 @@
 """Maximum likelihood of a hypothesis, and its held-out score.
 
-Coordinates: the logarithms of the noise parameters, then those of every term. Steps are Gauss–Newton with the outer product
-of the samples' scores (Berndt, Hall, Hall and Hausman 1974), which finite differences of the filter give.
+Coordinates: the logarithms of the noise parameters, then those of every term. Steps are those of Fisher's scoring, with the
+expected information of means and variances; finite differences of the filter give their slopes.
 """
 
 from __future__ import annotations
@@ -158,6 +158,12 @@ class Fit:
 
         each(differentiate_by, np.flatnonzero(free).tolist())
 
+    def information(self) -> Floats:
+        """Expected information of the coordinates that were differentiated, shape (k, k): of means and of variances."""
+        of_means: Floats = self.slopes.T @ (self.slopes * self.out["information"][:, None])
+        of_variances: Floats = 0.5 * self.spreads.T @ (self.spreads * self.out["share"][:, None] ** 2)
+        return of_means + of_variances
+
     def approach(self, first: int, rounds: int) -> Fit:
         """Climb towards the maximum in the coordinates from `first` on, the noise following as a whole; returns itself.
 
@@ -187,14 +193,14 @@ class Fit:
         return self
 
     def _step(self, among: NDArray[np.bool_], damping: float) -> tuple[float, NDArray[np.bool_]]:
-        """One damped Gauss–Newton step; returns the damping for the next, and which coordinates could move."""
+        """One damped step of Fisher's scoring; returns the damping for the next, and which coordinates could move."""
         self.differentiate(among & self.free())
         precision = np.where(np.isfinite(self.prior), self.prior**-2.0, 0.0)
         gradient = self.scores.sum(axis=0) - precision * (self.u - self.centre)
         free = among & self.free(gradient)
         if not free.any():
             return damping, free
-        H = self.scores.T @ self.scores + np.diag(precision)
+        H = self.information() + np.diag(precision)
         diagonal = np.diag(H) + 1e-12 / self.scale**2
         self.error = np.where(free, 1.0 / np.sqrt(diagonal), self.error)
         index = np.ix_(free, free)

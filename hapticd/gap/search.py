@@ -1,7 +1,8 @@
 """Forward selection: round after round an effect is added, and what was named before is looked at again.
 
-How sure a right name is depends on what else is missing: a rare event that no law explains yet may cost one block what all
-others gain. So a name in doubt may stay while the next is looked for, and stands if both are sure beside each other.
+How sure a right name is, and whether less force is missing with it, depends on what else is missing: two errors may make up
+for each other. So a law that gains may stay in doubt while the next is looked for, and stands if both are sure beside each
+other.
 """
 
 from __future__ import annotations
@@ -20,6 +21,8 @@ from hapticd.gap.competition import (
     CrossValidated,
     Round,
     admitted,
+    closes,
+    closing,
     compete,
     cross_validate,
     evidence,
@@ -36,6 +39,8 @@ if TYPE_CHECKING:
 
     from hapticd.gap.fit import Fit
 
+CORRECTIONS = ("inertia_error", "viscous_friction", "coulomb_friction", "torque_constant_error")
+"""Effects that are nothing but a base parameter's error."""
 _QUIET = 2.0
 
 
@@ -73,20 +78,24 @@ def search(
         if is_quiet(present.fit):
             break
         path = [*rounds, *doubtful]
-        found = compete(present, [slug for slug in slugs if slug not in _settled(path)], needed)
-        contenders = _choice(found, present, needed, needed_errors, is_further=bool(path))
-        is_sure = bool(contenders)
-        if not is_sure and not doubtful and number + 1 < constants.MOST_EFFECTS:
-            contenders = _choice(found, present, needed, min(constants.TIE, needed_errors), is_further=bool(path))
-        is_late = bool(contenders) and late_record.is_late(contenders[0].law)
-        if not contenders or (is_late and (doubtful or not is_sure)):
+        tried = [slug for slug in _beside(doubtful, slugs) if slug not in _settled(path)]
+        possible = admitted(compete(present, tried, needed), present, is_further=bool(path))
+        contenders = _in_order(closing(possible, present, needed_errors), needed)
+        if not contenders or contenders[0].gain < needed or contenders[0].evidence < needed_errors:
+            may_doubt = not doubtful and number + 1 < constants.MOST_EFFECTS
+            doubtful = _doubtful(possible, present, needed, needed_errors) if may_doubt else []
+            if not doubtful:
+                break
+            present = doubtful[0].taken.judged
+            continue
+        is_late = late_record.is_late(contenders[0].law)
+        if is_late and doubtful:
             break
         path.append(round_of(present, contenders, tied_with(contenders[0], contenders[1:])))
-        if not is_sure:
-            doubtful, present = path[-1:], path[-1].taken.judged
-            continue
         gone = set() if is_late else look_back(path, slugs, len(first.fit.terms), needed_errors, needed)
-        if doubtful and doubtful[0].taken.slug in gone:
+        if doubtful and (
+            doubtful[0].taken.slug in gone or not closes(path[-1].taken.judged.fit, doubtful[0].before.fit)
+        ):
             break
         rounds[:] = path
         if is_late or not rounds:
@@ -95,17 +104,34 @@ def search(
     return rounds[-1].taken.judged if rounds else first
 
 
-def _choice(
-    found: list[Contender], present: CrossValidated, needed: float, needed_errors: float, *, is_further: bool
-) -> list[Contender]:
-    """Those that may be named, the one to take first; none where its evidence or its gain is not enough."""
-    contenders = admitted(found, present, needed_errors, is_further=is_further)
-    if not contenders:
-        return []
-    best, *others = simplest_first(contenders, needed)
-    if best.evidence < needed_errors or best.gain < needed:
-        return []
-    return [best, *(contender for contender in others if not late_record.is_late(contender.law))]
+def _doubtful(
+    possible: Sequence[Contender], present: CrossValidated, needed: float, needed_errors: float
+) -> list[Round]:
+    """Return the round of what gains most and is sure, or closes some of the missing force; none without such a law."""
+    gaining = [
+        contender
+        for contender in possible
+        if contender.gain >= needed
+        and (contender.evidence >= needed_errors or closes(contender.judged.fit, present.fit))
+        and not late_record.is_late(contender.law)
+    ]
+    contenders = _in_order(gaining, needed)
+    return [Round(present, tuple(contenders), tied_with(contenders[0], contenders[1:]))] if contenders else []
+
+
+def _beside(doubtful: Sequence[Round], slugs: Sequence[str]) -> Sequence[str]:
+    """What may stand beside a name in doubt: anything; but what keeps a sure law from closing is a wrong base parameter."""
+    if not doubtful or closes(doubtful[0].taken.judged.fit, doubtful[0].before.fit):
+        return slugs
+    return [slug for slug in slugs if slug in CORRECTIONS]
+
+
+def _in_order(contenders: list[Contender], needed: float) -> list[Contender]:
+    """Contenders, the one to take first; a late record is no other name for it."""
+    best, others = contenders[:1], contenders[1:]
+    if contenders:
+        best[0], *others = simplest_first(contenders, needed)
+    return [*best, *(other for other in others if not late_record.is_late(other.law))]
 
 
 def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_errors: float, needed: float) -> set[str]:
@@ -130,7 +156,7 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         price = last.judged.penalty - named.taken.penalty
         without = cross_validate(poorer.maximise(tolerance=ROUGH * needed), price)
         gain, errors = evidence(last.judged, without)
-        if errors < needed_errors or gain < needed:
+        if errors < needed_errors or gain < needed or not closes(last.judged.fit, without.fit):
             gone.add(named.taken.slug)
             _take_out(rounds, number, without)
             _reopen(rounds, number)
@@ -141,7 +167,7 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         asked = compete(without, sorted(others), needed) if others else []
         rivals = [
             rival
-            for rival in admitted(asked, without, needed_errors, is_further=True)
+            for rival in closing(admitted(asked, without, is_further=True), without, needed_errors)
             if not late_record.is_late(rival.law)
         ]
         behind = {rival.slug: evidence(last.judged, rival.judged)[1] for rival in rivals}

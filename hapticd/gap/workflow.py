@@ -24,7 +24,7 @@ from hapticd.gap.problem import Problem
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.search import critical, is_quiet, search, withstanding
+from hapticd.gap.search import CORRECTIONS, critical, is_quiet, search, withstanding
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
@@ -38,7 +38,6 @@ if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
 
 _BASE = {"inertia": ("kg m²", "kg"), "viscous": ("N m s/rad", "N s/m"), "coulomb": ("N m", "N")}
-_CORRECTIONS = ("inertia_error", "viscous_friction", "coulomb_friction", "torque_constant_error")
 _ROTARY_ONLY = ("gravity", "encoder_eccentricity")
 """Laws in an angle: on a linear device they would be sines of a metre."""
 _FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
@@ -140,7 +139,7 @@ def _considered(model: Config, candidates: Sequence[str] | None, refit_base: boo
         slug
         for slug in EFFECT_SLUGS
         if (candidates is None or slug in candidates)
-        and not (refit_base and slug in _CORRECTIONS)
+        and not (refit_base and slug in CORRECTIONS)
         and not (model.is_linear and slug in _ROTARY_ONLY)
         and not present & {slug, *CATALOGUE[slug].excludes}
     ]

@@ -13,11 +13,12 @@ from scipy.stats import t as student
 from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, find_gap, late_record
-from hapticd.gap.candidates import both_signs
+from hapticd.gap.candidates import both_signs, candidates
 from hapticd.gap.competition import (
     Contender,
     CrossValidated,
     Round,
+    closes,
     compete,
     cross_validate,
     evidence,
@@ -238,6 +239,28 @@ def test_a_late_record_wins_only_where_no_law_of_the_device_does_as_well(biased:
     assert late_record.is_late(late.law)
     assert [one.slug for one in simplest_first([late, as_good], 10.0)] == ["viscous_friction", "transport_delay"]
     assert [one.slug for one in simplest_first([late, poor], 10.0)] == ["transport_delay", "viscous_friction"]
+
+
+def test_two_errors_that_make_up_for_each_other_are_told_together(hidden: Hidden) -> None:
+    """With the friction right but not the torque constant, as much force is missing as with both wrong."""
+    effects = [{"name": "load_dependent_friction", "kappa": 0.24}, {"name": "torque_constant_error", "r": 0.3}]
+    recording, model = hidden(effects, 11, SECONDS)
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    alone = term("load_dependent_friction", {"kappa": 0.24}, (), 0.1)
+    assert not closes(first.fit.extended(alone).maximise(), first.fit)
+    slugs = ["load_dependent_friction", "torque_constant_error"]
+    rounds: list[Round] = []
+    last = search(first, slugs, lambda share, text: None, rounds)
+    assert [each.taken.slug for each in rounds] == slugs
+    assert [float(last.fit.u[last.fit.share(k)][0]) for k in range(2)] == pytest.approx([0.24, 0.3], rel=0.02)
+
+
+def test_a_start_promises_what_it_gains_with_the_noise_that_suits_it(hidden: Hidden) -> None:
+    """With the noise of a model without it, the stick and slip of a bristle gain little or nothing."""
+    recording, model = hidden([{"name": "presliding", "breakaway": 0.007, "sigma_1": 9e-4}], 11, SECONDS)
+    fit = nominal_fit(problem_of([recording], model))
+    (found,) = candidates(fit, ["presliding"], constants.MATERIAL * fit.out.size)
+    assert found.promise > 5.0 * (fit.extended(found.term).log_likelihood - fit.log_likelihood)
 
 
 def test_a_name_in_doubt_stands_if_it_is_sure_beside_the_next(hidden: Hidden, monkeypatch: pytest.MonkeyPatch) -> None:
