@@ -156,11 +156,12 @@ def _from_table(path: Path, table: Any, *, named: bool) -> Source:
 def _npy(path: Path, mapping: ImportMap) -> Source:
     try:
         # Mapped, not read: a header that claims more than the file holds is an error here, and no memory.
-        with np.errstate(over="raise"):
+        with np.errstate(over="raise"), warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # that it was written by Python 2
             data = np.load(path, allow_pickle=False, mmap_mode="r")
     except EOFError:
         raise RunFileError(f"{path} is empty") from None
-    except (ValueError, TypeError, ArithmeticError, tokenize.TokenError) as error:
+    except (ValueError, TypeError, ArithmeticError, SyntaxError, tokenize.TokenError) as error:
         why = "it holds no plain array of numbers" if "pickle" in str(error) else str(error)
         raise RunFileError(f"{path} is not a readable .npy file: {why}") from None
     if not isinstance(data, np.ndarray):
@@ -208,7 +209,7 @@ def _mat_level_4(path: Path, data: bytes) -> dict[str, Any]:
     try:
         if matfile_version(memory)[0] != 0:
             raise RunFileError(f"{path} is not a readable .mat file: its header is damaged")
-        with warnings.catch_warnings():
+        with warnings.catch_warnings(), np.errstate(all="ignore"):  # infinite times i, text beyond its type
             warnings.simplefilter("error")
             contents = loadmat(memory, squeeze_me=True)
     except (MatReadError, ValueError, TypeError, OSError, LookupError, ArithmeticError, UserWarning) as error:

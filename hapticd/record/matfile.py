@@ -171,7 +171,8 @@ class _Reader:
             self._count(raw.size * wanted.itemsize)
             with np.errstate(all="ignore"):  # a class that is too narrow for its own values is the file's fault
                 values.append(raw.astype(wanted))
-        found = values[0] if len(values) == 1 else values[0] + 1j * values[1]
+        with np.errstate(all="ignore"):  # infinite times i
+            found = values[0] if len(values) == 1 else values[0] + 1j * values[1]
         return np.squeeze(found.reshape(shape, order="F")) if found.size else found
 
     def _struct(self, name: str, shape: tuple[int, ...], parts: Iterator[tuple[int, memoryview]], depth: int) -> Any:

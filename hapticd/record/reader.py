@@ -256,9 +256,10 @@ def _column(path: Path, name: str, column: Any) -> NDArray[Any]:
     wanted = ROW[name] if name in (ROW.names or ()) else np.dtype(np.float64)
     if values.size and values.dtype.kind not in "iuf":
         raise RunFileError(f"{path}: column {name} holds {column.type}, not numbers")
-    if wanted.kind == "i" and values.dtype.kind == "f":
+    if wanted.kind == "i" and values.dtype.kind in "uf":
         _check_whole(path, name, values)
-    converted: NDArray[Any] = values.astype(wanted)
+    with np.errstate(invalid="ignore"):  # a signalling NaN is none the less one
+        converted: NDArray[Any] = values.astype(wanted)
     return converted
 
 

@@ -68,24 +68,47 @@ def odd_paths(tmp_path: Path) -> Path:
     return tmp_path
 
 
-FOUND = {
-    "run": [b"\xff\xff\xff\xff\0\0\0\0"],
-    "import-csv": [1001, 2911],
-    "import-mat": [struct.pack("<5i2s3d", 4000, 3, 1, 0, 2, b"t\0", 0.0, 1.0, 2.0)],
-    "mcap": [1001, 1043],
-}
-"""What mutation has found once: bytes, or seed and case of the loader's own."""
+FOUND = (
+    ("run", b"\xff\xff\xff\xff\0\0\0\0"),
+    ("import-csv", 1001, 2911),
+    ("import-mat", struct.pack("<5i2s3d", 4000, 3, 1, 0, 2, b"t\0", 0.0, 1.0, 2.0)),
+    ("import-mat", 7, 5545),
+    ("import-mat", 7, 14019),
+    ("import-mat", 7, 37415),
+    ("import-npy", 7, 29613),
+    ("import-npy", 7, 42554),
+    ("mcap", 1001, 1043),
+)
+"""What mutation has found once, by loader: bytes, or seed and case of the loader's own."""
 
 
-@pytest.mark.parametrize("name", FOUND)
-def test_what_was_found_once_is_refused(tmp_path: Path, name: str) -> None:
-    loader = BY_NAME[name]
+@pytest.mark.parametrize("found", FOUND, ids=[f"{found[0]}-{found[-1]!r:.8}" for found in FOUND])
+def test_what_was_found_once_is_refused(tmp_path: Path, found: tuple[Any, ...]) -> None:
+    loader = BY_NAME[found[0]]
     path = tmp_path / f"case{loader.suffix}"
-    path.write_bytes(FOUND[name][0] if len(FOUND[name]) == 1 else loader.case(*FOUND[name]))
+    path.write_bytes(found[1] if len(found) == 2 else loader.case(*found[1:]))
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         with pytest.raises(loader.errors, match="case"):
             loader.load(path)
+
+
+def test_a_signalling_nan_is_read_as_any_other(tmp_path: Path) -> None:
+    signalling = np.array([0x3F800000, 0x7F800001], "u4").view("f4")
+    columns = {"tick": [0, 1], "time_s": [0.0, 1e-3], "position": signalling, "current_command_A": [0.0, 0.0]}
+    path = tmp_path / "case.parquet"
+    pq.write_table(pa.table(columns), path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        np.testing.assert_array_equal(read_run(path).columns["position"], [1.0, np.nan])
+
+
+def test_a_counter_that_64_bits_with_a_sign_do_not_hold_is_refused(tmp_path: Path) -> None:
+    columns = {"tick": np.array([0, 1 << 63], "u8"), "time_s": [0.0, 1e-3], "position": [0.0, 0.0]}
+    path = tmp_path / "case.parquet"
+    pq.write_table(pa.table({**columns, "current_command_A": [0.0, 0.0]}), path)
+    with pytest.raises(RunFileError, match=r"tick must hold whole numbers.* more than the 64 bits"):
+        read_run(path)
 
 
 @pytest.mark.timeout(30)
