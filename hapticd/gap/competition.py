@@ -237,7 +237,9 @@ def round_of(before: CrossValidated, contenders: Sequence[Contender], tied: tupl
     best = contenders[0]
     fit, dearer = _polished(best.judged.fit)
     own = dearer if best.slug == ripple.SLUG else 0.0
-    best = replace(best, judged=cross_validate(fit, best.judged.penalty + dearer), penalty=best.penalty + own)
+    judged = cross_validate(fit, best.judged.penalty + dearer)
+    gain, errors = evidence(judged, before)
+    best = Contender(best.slug, judged, gain, errors, best.penalty + own)
     return Round(before, (best, *contenders[1:]), tied)
 
 

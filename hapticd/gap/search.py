@@ -80,18 +80,16 @@ def search(
         path = [*rounds, *doubtful]
         tried = [slug for slug in _beside(doubtful, slugs) if slug not in _settled(path)]
         possible = admitted(compete(present, tried, needed), present, is_further=bool(path))
-        contenders = _in_order(closing(possible, present, needed_errors), needed)
-        if not contenders or contenders[0].gain < needed or contenders[0].evidence < needed_errors:
-            may_doubt = not doubtful and number + 1 < constants.MOST_EFFECTS
-            doubtful = _doubtful(possible, present, needed, needed_errors) if may_doubt else []
-            if not doubtful:
-                break
-            present = doubtful[0].taken.judged
-            continue
-        is_late = late_record.is_late(contenders[0].law)
-        if is_late and doubtful:
+        new = _next(possible, present, needed, needed_errors)
+        is_late = new is not None and late_record.is_late(new.taken.law)
+        is_last = number + 1 == constants.MOST_EFFECTS
+        is_sure = new is not None and _is_sure(new, needed, needed_errors)
+        if new is None or (doubtful and (is_late or not is_sure)) or (is_last and not is_sure):
             break
-        path.append(round_of(present, contenders, tied_with(contenders[0], contenders[1:])))
+        path.append(new)
+        if not is_sure:
+            doubtful, present = [new], new.taken.judged
+            continue
         gone = set() if is_late else look_back(path, slugs, len(first.fit.terms), needed_errors, needed)
         if doubtful and (
             doubtful[0].taken.slug in gone or not closes(path[-1].taken.judged.fit, doubtful[0].before.fit)
@@ -104,19 +102,35 @@ def search(
     return rounds[-1].taken.judged if rounds else first
 
 
-def _doubtful(
-    possible: Sequence[Contender], present: CrossValidated, needed: float, needed_errors: float
-) -> list[Round]:
-    """Return the round of what gains most and is sure, or closes some of the missing force; none without such a law."""
-    gaining = [
-        contender
-        for contender in possible
-        if contender.gain >= needed
-        and (contender.evidence >= needed_errors or closes(contender.judged.fit, present.fit))
-        and not late_record.is_late(contender.law)
-    ]
-    contenders = _in_order(gaining, needed)
-    return [Round(present, tuple(contenders), tied_with(contenders[0], contenders[1:]))] if contenders else []
+def _next(possible: Sequence[Contender], present: CrossValidated, needed: float, needed_errors: float) -> Round | None:
+    """Return the round of what is to be added, surely or in doubt; none without a law that gains what matters.
+
+    In doubt is what gains most of all that is sure or closes some of the missing force. What closes none may only stand
+    beside other base parameters, which move it: it is not climbed to the end before they are known.
+    """
+    contenders = _in_order(closing(possible, present, needed_errors), needed)
+    best = contenders[0] if contenders else None
+    if best is None or best.gain < needed or best.evidence < needed_errors:
+        gaining = [
+            contender
+            for contender in possible
+            if contender.gain >= needed
+            and (contender.evidence >= needed_errors or closes(contender.judged.fit, present.fit))
+            and not late_record.is_late(contender.law)
+        ]
+        contenders = _in_order(gaining, needed)
+    if not contenders:
+        return None
+    best, tied = contenders[0], tied_with(contenders[0], contenders[1:])
+    if closes(best.judged.fit, present.fit):
+        return round_of(present, contenders, tied)
+    return Round(present, tuple(contenders), tied)
+
+
+def _is_sure(new: Round, needed: float, needed_errors: float) -> bool:
+    taken = new.taken
+    has_evidence = taken.gain >= needed and taken.evidence >= needed_errors
+    return has_evidence and closes(taken.judged.fit, new.before.fit)
 
 
 def _beside(doubtful: Sequence[Round], slugs: Sequence[str]) -> Sequence[str]:
