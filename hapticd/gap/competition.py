@@ -222,25 +222,32 @@ def is_as_good(simpler: CrossValidated, other: CrossValidated, needed: float) ->
 
 
 def tied_with(best: Contender, others: Sequence[Contender]) -> tuple[str, ...]:
-    """Laws that the data do not tell from the best one; a law that it is a limit of is no rival."""
+    """Laws that the data do not tell from the best one."""
     return tuple(
         other.slug
         for other in others
-        if best.slug not in CATALOGUE[other.slug].contains
-        and other.evidence > constants.TIE
-        and evidence(best.judged, other.judged)[1] < constants.TIE
+        if other.evidence > constants.TIE and is_rival(best.slug, other.slug, evidence(other.judged, best.judged)[1])
     )
 
 
-def round_of(before: CrossValidated, contenders: Sequence[Contender], tied: tuple[str, ...]) -> Round:
-    """A round in which the first of the contenders is taken, climbed to the end."""
-    best = contenders[0]
-    fit, dearer = _polished(best.judged.fit)
-    own = dearer if best.slug == ripple.SLUG else 0.0
-    judged = cross_validate(fit, best.judged.penalty + dearer)
-    gain, errors = evidence(judged, before)
-    best = Contender(best.slug, judged, gain, errors, best.penalty + own)
-    return Round(before, (best, *contenders[1:]), tied)
+def is_rival(best: str, other: str, ahead: float) -> bool:
+    """Whether a law that is `ahead` of the best one by so many standard errors may be the true one instead.
+
+    A law that the best one is a limit of is as good at least: it is a rival where it is surely better, though by little.
+    """
+    return ahead > (constants.TIE if best in CATALOGUE[other].contains else -constants.TIE)
+
+
+def round_of(before: CrossValidated, contenders: Sequence[Contender], *, to_the_end: bool = True) -> Round:
+    """A round in which the first of the contenders is taken, climbed to the end and judged there."""
+    best, *others = contenders
+    if to_the_end:
+        fit, dearer = _polished(best.judged.fit)
+        own = dearer if best.slug == ripple.SLUG else 0.0
+        judged = cross_validate(fit, best.judged.penalty + dearer)
+        gain, errors = evidence(judged, before)
+        best = Contender(best.slug, judged, gain, errors, best.penalty + own)
+    return Round(before, (best, *others), tied_with(best, others))
 
 
 def _polished(fit: Fit) -> tuple[Fit, float]:

@@ -21,7 +21,7 @@ LEVEL = 0.005
 """Probability that nothing missing is given a name, over the whole catalogue."""
 MATERIAL = 0.002
 """Held-out gain, in nats a sample, below which an effect does not matter."""
-SHARE = 0.1
+SHARE = 0.07
 """Share of what is still missing, in power, that an effect must close to be named."""
 CLOSED = 0.5
 """Share of the missing force's power that the named effects must close to be all that was found to be missing; what closes

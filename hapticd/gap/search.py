@@ -27,9 +27,9 @@ from hapticd.gap.competition import (
     cross_validate,
     evidence,
     is_as_good,
+    is_rival,
     round_of,
     simplest_first,
-    tied_with,
 )
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, WHITE
 from hapticd.gap.missing import missing_power
@@ -58,7 +58,7 @@ def is_quiet(fit: Fit) -> bool:
 
 def search(
     first: CrossValidated, slugs: Sequence[str], progress: Callable[[float, str], None], rounds: list[Round]
-) -> CrossValidated:
+) -> str | None:
     """Add effects as long as held-out samples ask for one.
 
     Args:
@@ -68,11 +68,12 @@ def search(
             record is the last one: the search is to begin again beside it.
 
     Returns:
-        The last model.
+        An effect that predicts better for sure and was not named, because with it as much force is missing.
     """
     present, needed = first, constants.MATERIAL * first.fit.out.size
     needed_errors = critical(first.held_out.size, len(slugs))
     doubtful: list[Round] = []  # one at most, which may become sure beside the next
+    new: Round | None = None
     for number in range(constants.MOST_EFFECTS):
         progress(number / (constants.MOST_EFFECTS + 1), "trying effects")
         if is_quiet(present.fit):
@@ -83,7 +84,7 @@ def search(
         new = _next(possible, present, needed, needed_errors)
         is_late = new is not None and late_record.is_late(new.taken.law)
         is_last = number + 1 == constants.MOST_EFFECTS
-        is_sure = new is not None and _is_sure(new, needed, needed_errors)
+        is_sure = new is not None and _has_evidence(new.taken, needed, needed_errors) and _closes(new)
         if new is None or (doubtful and (is_late or not is_sure)) or (is_last and not is_sure):
             break
         path.append(new)
@@ -98,39 +99,35 @@ def search(
         rounds[:] = path
         if is_late or not rounds:
             break
-        present, doubtful = rounds[-1].taken.judged, []
-    return rounds[-1].taken.judged if rounds else first
+        present, doubtful, new = rounds[-1].taken.judged, [], None
+    for each in (*doubtful, new):
+        if each is not None and _has_evidence(each.taken, needed, needed_errors) and not _closes(each):
+            return each.taken.slug
+    return None
 
 
 def _next(possible: Sequence[Contender], present: CrossValidated, needed: float, needed_errors: float) -> Round | None:
     """Return the round of what is to be added, surely or in doubt; none without a law that gains what matters.
 
-    In doubt is what gains most of all that is sure or closes some of the missing force. What closes none may only stand
-    beside other base parameters, which move it: it is not climbed to the end before they are known.
+    In doubt is what gains most of all that closes some of the missing force; else of what is sure, which may only stand
+    beside other base parameters. They move it, so it is not climbed to the end before they are known.
     """
     contenders = _in_order(closing(possible, present, needed_errors), needed)
-    best = contenders[0] if contenders else None
-    if best is None or best.gain < needed or best.evidence < needed_errors:
-        gaining = [
-            contender
-            for contender in possible
-            if contender.gain >= needed
-            and (contender.evidence >= needed_errors or closes(contender.judged.fit, present.fit))
-            and not late_record.is_late(contender.law)
-        ]
-        contenders = _in_order(gaining, needed)
+    if not contenders or not _has_evidence(contenders[0], needed, needed_errors):
+        gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]
+        closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
+        contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors], needed)
     if not contenders:
         return None
-    best, tied = contenders[0], tied_with(contenders[0], contenders[1:])
-    if closes(best.judged.fit, present.fit):
-        return round_of(present, contenders, tied)
-    return Round(present, tuple(contenders), tied)
+    return round_of(present, contenders, to_the_end=closes(contenders[0].judged.fit, present.fit))
 
 
-def _is_sure(new: Round, needed: float, needed_errors: float) -> bool:
-    taken = new.taken
-    has_evidence = taken.gain >= needed and taken.evidence >= needed_errors
-    return has_evidence and closes(taken.judged.fit, new.before.fit)
+def _has_evidence(taken: Contender, needed: float, needed_errors: float) -> bool:
+    return taken.gain >= needed and taken.evidence >= needed_errors
+
+
+def _closes(new: Round) -> bool:
+    return closes(new.taken.judged.fit, new.before.fit)
 
 
 def _beside(doubtful: Sequence[Round], slugs: Sequence[str]) -> Sequence[str]:
@@ -184,11 +181,10 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
             for rival in closing(admitted(asked, without, is_further=True), without, needed_errors)
             if not late_record.is_late(rival.law)
         ]
-        behind = {rival.slug: evidence(last.judged, rival.judged)[1] for rival in rivals}
         better = [
             rival
             for rival in rivals
-            if (behind[rival.slug] < 0.0 or (rival.slug in limits and is_as_good(rival.judged, last.judged, needed)))
+            if _goes_before(rival, last, named.taken.slug, needed)
             and _names(rounds) - {named.taken.slug} | {rival.slug} not in seen
         ]
         if better:
@@ -196,16 +192,26 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
             others_of_it = [former, *(rival for rival in rivals if rival is not better[0])]
             del rounds[number]
             _reopen(rounds, number)
-            rounds.append(round_of(without, [better[0], *others_of_it], tied_with(better[0], others_of_it)))
+            rounds.append(round_of(without, [better[0], *others_of_it]))
             seen.append(_names(rounds))
             number = len(rounds) - 1
         else:
-            still = tuple(slug for slug in named.tied if behind.get(slug, np.inf) < constants.TIE)
+            ahead = {rival.slug: evidence(rival.judged, last.judged)[1] for rival in rivals}
+            still = tuple(slug for slug in named.tied if is_rival(named.taken.slug, slug, ahead.get(slug, -np.inf)))
             taken = named.taken
             if taken.evidence < needed_errors:  # it was in doubt alone
                 taken = replace(taken, gain=gain, evidence=errors)
             rounds[number] = replace(named, contenders=(taken, *named.contenders[1:]), tied=still)
     return gone
+
+
+def _goes_before(rival: Contender, last: Contender, slug: str, needed: float) -> bool:
+    """Whether a law belongs in the place of `slug`, with which the last model was judged."""
+    if rival.slug in CATALOGUE[slug].contains:
+        return is_as_good(rival.judged, last.judged, needed)
+    if slug in CATALOGUE[rival.slug].contains:
+        return not is_as_good(last.judged, rival.judged, needed)
+    return rival.judged.total > last.judged.total
 
 
 def _names(rounds: Sequence[Round]) -> frozenset[str]:

@@ -50,17 +50,28 @@ def decide(
     return "effect_found", f"Missing: {names} ({force})."
 
 
-def doubts_about(at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, str]) -> list[str]:
+def doubts_about(
+    at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, str], unnamed: str | None = None
+) -> list[str]:
     """Why named laws may not be the whole truth, a sentence each.
 
     Args:
         at_bounds: effect to those of its parameters that the data do not tell from the end of what they may be.
         beaten: effect to the coordinate of which a flexible function predicts better than that effect.
+        unnamed: effect that predicts better for sure and was not named.
     """
-    return [
-        f"These data do not tell {' and '.join(names)} of {effect} from a limit: a law at its limit is another law."
-        for effect, names in at_bounds.items()
-    ] + [
-        f"A flexible function of the {coordinate} predicts better than {effect}: the law itself may be another."
-        for effect, coordinate in beaten.items()
+    told = [
+        f"With {unnamed} besides the counts would be predicted better, but as much force would be missing: "
+        "what is named may stand for something else."
     ]
+    return (
+        (told if unnamed else [])
+        + [
+            f"These data do not tell {' and '.join(names)} of {effect} from a limit: a law at its limit is another law."
+            for effect, names in at_bounds.items()
+        ]
+        + [
+            f"A flexible function of the {coordinate} predicts better than {effect}: the law itself may be another."
+            for effect, coordinate in beaten.items()
+        ]
+    )

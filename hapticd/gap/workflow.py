@@ -75,15 +75,15 @@ def find_gap(
     base = base_terms(problem) if refit_base else ()
     first = cross_validate(nominal_fit(problem, base))
     rounds: list[Round] = []
-    interrupted = False
+    interrupted, unnamed = False, None
     try:
-        search(first, slugs, progress, rounds)
+        unnamed = search(first, slugs, progress, rounds)
         if rounds and late_record.is_late(law := rounds[-1].taken.law):
             beside = (*base, late_record.along(law))
             first, base = cross_validate(nominal_fit(problem, beside)), beside
             slugs = [slug for slug in slugs if slug != late_record.DELAY]
             rounds.clear()
-            search(first, slugs, progress, rounds)
+            unnamed = search(first, slugs, progress, rounds)
     except KeyboardInterrupt:
         if rounds and late_record.is_late(rounds[-1].taken.law):
             rounds.pop()  # no effect, and not yet fitted along
@@ -91,7 +91,7 @@ def find_gap(
             raise
         interrupted = True
     progress(0.9, "what is left")
-    result = _result(recordings, model, first, rounds, slugs, len(base))
+    result = _result(recordings, model, first, rounds, slugs, len(base), unnamed)
     if design and result.verdict == "ambiguous" and not interrupted:
         from hapticd.gap.design import next_experiment
 
@@ -152,6 +152,7 @@ def _result(
     rounds: list[Round],
     slugs: Sequence[str],
     fixed: int,
+    unnamed: str | None,
 ) -> GapResult:
     # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
     freed = withstanding(first.fit, rounds, len(slugs))
@@ -183,7 +184,7 @@ def _result(
     late = late_record.told(last.fit, np.diag(covariance), _reach(series.blocks))
     timing = _timing(recordings)
     timing = {**timing, **late, "warnings": [*timing["warnings"], *late["warnings"]]}
-    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten), numbers, remainder)
+    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten, unnamed), numbers, remainder)
     noise = last.fit.noise_values()
     return GapResult(
         verdict,
@@ -205,6 +206,7 @@ def _result(
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
             "at_bounds": at_bounds,
             "predicted_better_by": beaten,
+            "better_but_unnamed": unnamed,
             "likelihood_evaluations": len(first.fit.problem.runs),
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),

@@ -33,6 +33,14 @@ def test_the_free_run_of_the_published_model_needs_its_offset(tmp_path: Path) ->
 
 
 @needs_data
+def test_what_the_rigid_model_of_emps_lacks_is_named(tmp_path: Path) -> None:
+    found = find_gap([emps.record(folder(), tmp_path)], emps.nominal(), design=False)
+    assert found.effects == ("asymmetric_viscous",)
+    assert found.verdict == "partly_explained"
+    assert found.gap.held_out_after < 0.5 * found.gap.held_out_before
+
+
+@needs_data
 def test_the_cogging_motor_is_imported_in_the_drive_s_own_steps(tmp_path: Path) -> None:
     recording = imported(folder() / COGGING[0], odrive.MAP, odrive.guessed_model(), tmp_path)
     assert recording.resolution == pytest.approx(2.0 * np.pi / 8192 / 64)

@@ -95,17 +95,17 @@ def test_contenders_are_ranked_by_their_gain(biased: CrossValidated) -> None:
 def test_rounds_end_when_nothing_is_left(biased: CrossValidated) -> None:
     rounds: list[Round] = []
     told: list[float] = []
-    last = search(biased, ["constant_bias", "viscous_friction"], lambda share, text: told.append(share), rounds)
+    unnamed = search(biased, ["constant_bias", "viscous_friction"], lambda share, text: told.append(share), rounds)
     assert [found.taken.slug for found in rounds] == ["constant_bias"]
     assert rounds[0].before is biased
-    assert last is rounds[-1].taken.judged
+    assert unnamed is None
     assert told == sorted(told)
     assert 0.0 <= told[0] <= told[-1] < 1.0
 
 
 def test_nothing_to_consider_is_no_round(biased: CrossValidated) -> None:
     rounds: list[Round] = []
-    assert search(biased, [], lambda share, text: None, rounds) is biased
+    assert search(biased, [], lambda share, text: None, rounds) is None
     assert rounds == []
 
 
@@ -250,9 +250,20 @@ def test_two_errors_that_make_up_for_each_other_are_told_together(hidden: Hidden
     assert not closes(first.fit.extended(alone).maximise(), first.fit)
     slugs = ["load_dependent_friction", "torque_constant_error"]
     rounds: list[Round] = []
-    last = search(first, slugs, lambda share, text: None, rounds)
-    assert [each.taken.slug for each in rounds] == slugs
-    assert [float(last.fit.u[last.fit.share(k)][0]) for k in range(2)] == pytest.approx([0.24, 0.3], rel=0.02)
+    assert search(first, slugs, lambda share, text: None, rounds) is None
+    assert sorted(each.taken.slug for each in rounds) == slugs
+    last = rounds[-1].taken.judged
+    estimates = {term.slug: float(last.fit.u[last.fit.share(k)][0]) for k, term in enumerate(last.fit.terms)}
+    assert estimates == pytest.approx({slugs[0]: 0.24, slugs[1]: 0.3}, rel=0.02)
+
+
+def test_what_is_sure_but_closes_nothing_is_told_and_not_named(hidden: Hidden) -> None:
+    effects = [{"name": "load_dependent_friction", "kappa": 0.24}, {"name": "torque_constant_error", "r": 0.3}]
+    recording, model = hidden(effects, 11, SECONDS)
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    rounds: list[Round] = []
+    assert search(first, ["load_dependent_friction"], lambda share, text: None, rounds) == "load_dependent_friction"
+    assert rounds == []
 
 
 def test_a_start_promises_what_it_gains_with_the_noise_that_suits_it(hidden: Hidden) -> None:
@@ -279,8 +290,7 @@ def test_a_name_in_doubt_stands_if_it_is_sure_beside_the_next(hidden: Hidden, mo
     def found(level: float) -> list[str]:
         rounds: list[Round] = []
         monkeypatch.setattr("hapticd.gap.search.critical", lambda blocks, tried: level)
-        last = search(first, slugs, lambda share, text: None, rounds)
-        assert last is (rounds[-1].taken.judged if rounds else first)
+        search(first, slugs, lambda share, text: None, rounds)
         return [each.taken.slug for each in rounds]
 
     assert sorted(found(0.5 * (before + after))) == slugs

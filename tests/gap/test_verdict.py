@@ -60,16 +60,17 @@ def test_what_is_left_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("at_bounds", "beaten", "words"),
+    ("at_bounds", "beaten", "unnamed", "words"),
     [
-        ({"gravity": ["theta_0"]}, {}, "do not tell theta_0 of gravity from a limit"),
-        ({}, {"gravity": "position"}, "A flexible function of the position predicts better than gravity"),
+        ({"gravity": ["theta_0"]}, {}, None, "do not tell theta_0 of gravity from a limit"),
+        ({}, {"gravity": "position"}, None, "A flexible function of the position predicts better than gravity"),
+        ({}, {}, "backlash", "With backlash besides the counts would be predicted better"),
     ],
 )
 def test_a_doubt_makes_it_a_part_of_the_answer(
-    at_bounds: dict[str, list[str]], beaten: dict[str, str], words: str
+    at_bounds: dict[str, list[str]], beaten: dict[str, str], unnamed: str | None, words: str
 ) -> None:
-    doubts = doubts_about(at_bounds, beaten)
+    doubts = doubts_about(at_bounds, beaten, unnamed)
     assert len(doubts) == 1
     verdict, statement = decide(["gravity"], [()], doubts, GAP, CLEAN)
     assert verdict == "partly_explained"
