@@ -51,7 +51,7 @@ def fitted(case: Case) -> list[Fitted]:
     variance = np.diag(covariance_of(fit))
     found = []
     for number, item in enumerate(fit.terms):
-        at = fit.share(number).start
+        at = fit.columns(number).start
         error, deviation = float(fit.u[at] - item.start[0]), math.sqrt(variance[at])
         found.append(Fitted(item.slug, case.coloured is not None, error, deviation, abs(error) < reach * deviation))
     return found

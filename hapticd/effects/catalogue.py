@@ -20,7 +20,7 @@ from hapticd.effects.spec import ACTS_ON, Effect
 
 GROUP = "hapticd.effects"
 
-HOOK_WORDS = 64
+HOOK_ROOM = 64
 """Words that a device vector has for effects whose law is called through a pointer (`hapticd.plant.layout`)."""
 HOOK_HEADER = 4
 """Words of such an effect besides its parameters."""
@@ -84,14 +84,14 @@ def _problems(entry: EntryPoint, effect: object, known: Mapping[str, Effect]) ->
         yield "it needs parameters, each with a name of its own other than 'name'"
     if not effect.is_hooked:
         yield "it has neither a force nor a friction, so that the plant would not know what to do with it"
-    words = effect.words
-    room = HOOK_WORDS - 1 - sum(HOOK_HEADER + other.words for other in known.values() if other.is_hooked)
-    if HOOK_HEADER + words > room:
-        yield f"there is room for {max(room - HOOK_HEADER, 0)} more parameters of effects from outside, and it has {words}"
+    room = HOOK_ROOM - 1 - sum(HOOK_HEADER + other.size for other in known.values() if other.is_hooked)
+    if HOOK_HEADER + effect.size > room:
+        left = max(room - HOOK_HEADER, 0)
+        yield f"there is room for {left} more parameters of effects from outside, and it has {effect.size}"
     for hook, leading in _HOOKS.items():
         law = getattr(effect, hook)
-        if law is not None and not _takes(law, leading + words):
-            yield f"{hook} must take {leading} numbers and the {words} of its parameters"
+        if law is not None and not _takes(law, leading + effect.size):
+            yield f"{hook} must take {leading} numbers and the {effect.size} of its parameters"
 
 
 def _takes(law: Callable[..., object], count: int) -> bool:

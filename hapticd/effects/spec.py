@@ -209,7 +209,7 @@ class Effect:
         return self.force is not None or self.friction is not None
 
     @property
-    def words(self) -> int:
+    def size(self) -> int:
         """Numbers that its parameters take in all."""
         return sum(parameter.length for parameter in self.parameters)
 

@@ -22,7 +22,7 @@ from hapticd.gap.kernel.ticks import SENSOR
 from hapticd.gap.parallel import each
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import Term, term
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -152,7 +152,7 @@ class Climb:
     """A compass search for one term, the noise following: with impacts the likelihood is too rough for slopes."""
 
     def __init__(self, fit: Fit, number: int, part: float = 1.0) -> None:
-        self.fit, self.own = fit, fit.share(number)
+        self.fit, self.own = fit, fit.columns(number)
         self.size = np.array([0.3 * part if c.is_log else part * c.scale for c in fit.terms[number].coordinates])
         fit.scan_power()
 
@@ -188,7 +188,7 @@ def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
     present = space.present
     series, p = present.problem.series, present.device()
     duration, base, _ = series.currents(p)
-    constant = float(p[word("torque_constant")])
+    constant = float(p[index_of("torque_constant")])
     whole = duration.sum(axis=1)
     columns = np.empty((series.size, len(starts)))
     for k, item in enumerate(starts):

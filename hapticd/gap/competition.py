@@ -11,7 +11,7 @@ from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, grip, late_record, ripple
 from hapticd.gap.candidates import HALVINGS, Climb, candidates, scale_of
 from hapticd.gap.missing import MOVES, missing_power
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -74,7 +74,7 @@ class Contender:
         """The effect at its estimate."""
         fit = self.judged.fit
         number = [item.slug for item in fit.terms].index(self.slug)
-        return fit.terms[number].moved(fit.u[fit.share(number)])
+        return fit.terms[number].moved(fit.u[fit.columns(number)])
 
 
 @dataclass(frozen=True)
@@ -195,8 +195,8 @@ def _keeps_the_drive(fit: Fit, present: Fit) -> bool:
     for model in (fit, present):
         p = model.device()
         duration, current, _ = model.problem.series.currents(p)
-        constant = p[word("torque_constant")] * (1.0 + p[word("torque_constant_error.r")])
-        friction = 1.0 - p[word("load_dependent_friction.kappa")]
+        constant = p[index_of("torque_constant")] * (1.0 + p[index_of("torque_constant_error.r")])
+        friction = 1.0 - p[index_of("load_dependent_friction.kappa")]
         drives.append(constant * friction * float(np.sqrt(np.sum(duration * current**2))))
     moves = [float(np.mean(model.out["v_v"] > MOVES)) for model in (fit, present)]
     return drives[0] > constants.DRIVE_KEPT * drives[1] and moves[0] > constants.DRIVE_KEPT * moves[1]

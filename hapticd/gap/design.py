@@ -50,7 +50,7 @@ def next_experiment(
     Args:
         model: loop, limits and nominal device.
         rounds: of the search.
-        progress: told the share done and what is being done.
+        progress: told the fraction done and what is being done.
         base: number of terms of every hypothesis, the first ones, that are base parameters.
 
     Returns:

@@ -96,8 +96,8 @@ class Fit:
         own = self.slopes[:, _NOISES:]
         return own[:, np.any(own != 0.0, axis=0)]
 
-    def share(self, number: int) -> slice:
-        """Where the coordinates of a term are in `u`."""
+    def columns(self, number: int) -> slice:
+        """Where the coordinates of a term are in `u`, and their slopes among the columns."""
         first = _NOISES + sum(len(item.coordinates) for item in self.terms[:number])
         return slice(first, first + len(self.terms[number].coordinates))
 
@@ -142,7 +142,7 @@ class Fit:
         free = (self.free() if only is None else only).copy()
         self.scores, self.slopes, self.spreads = (np.zeros((self.out.size, self.u.size)) for _ in range(3))
         for number, item in enumerate(self.terms):
-            own = self.share(number)
+            own = self.columns(number)
             columns = torque_slopes(item, self.u[own], self.out["x"])
             if columns is not None and free[own].any():
                 self.slopes[:, own] = sensitivities(self.out, columns)
@@ -240,12 +240,12 @@ class Fit:
         return Fit(
             self.problem,
             (*self.terms[:number], *self.terms[number + 1 :]),
-            np.delete(self.u, np.arange(self.u.size)[self.share(number)]),
+            np.delete(self.u, np.arange(self.u.size)[self.columns(number)]),
         )
 
     def replaced(self, number: int, item: Term) -> Fit:
         """The same hypothesis with one of its terms started anew, the rest at the same coordinates."""
-        own = self.share(number)
+        own = self.columns(number)
         terms = (*self.terms[:number], item, *self.terms[number + 1 :])
         return Fit(self.problem, terms, np.concatenate([self.u[: own.start], item.start, self.u[own.stop :]]))
 

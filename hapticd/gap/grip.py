@@ -15,7 +15,7 @@ import numpy as np
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import term
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -92,7 +92,7 @@ def settled(fit: Fit, number: int, scale: Scale) -> Fit:
 def _coordinate(fit: Fit, number: int, name: str) -> int:
     """Where a parameter of term `number` is among the coordinates."""
     names = [coordinate.name for coordinate in fit.terms[number].coordinates]
-    return int(fit.share(number).start) + names.index(name)
+    return int(fit.columns(number).start) + names.index(name)
 
 
 def _torques(fit: Fit) -> Floats:
@@ -119,7 +119,7 @@ def _term(sizes: Floats, begin: float, end: float, middle: float, scale: Scale) 
 def _interval_and_sizes(fit: Fit) -> tuple[float, float, Floats]:
     """Begin and end [s], and push, stiffness, damping and inertia."""
     p = fit.device()
-    m, b, k, begin, end, rest = (float(p[word(f"{SLUG}.{name}")]) for name in _PARAMETERS)
+    m, b, k, begin, end, rest = (float(p[index_of(f"{SLUG}.{name}")]) for name in _PARAMETERS)
     return begin, end, np.array([k * (rest - float(fit.out["x"].mean())), k, b, m])
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from hapticd.gap.terms import Coordinate, Term
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
     from hapticd.gap.fit import Fit
@@ -25,7 +25,7 @@ _LATEST = 20.0
 
 def starts(period_s: float) -> list[Term]:
     """Terms of the effect `DELAY` that stand for a late record."""
-    coordinate = Coordinate("t_d", word(f"{DELAY}.t_d"), False, -_LATEST * period_s, 0.0, period_s)
+    coordinate = Coordinate("t_d", index_of(f"{DELAY}.t_d"), False, -_LATEST * period_s, 0.0, period_s)
     return [Term(DELAY, (coordinate,), (-periods * period_s,)) for periods in _PERIODS]
 
 
@@ -47,7 +47,7 @@ def told(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
     """
     for number, item in enumerate(fit.terms):
         if item.slug == SLUG:
-            at = fit.share(number).start
+            at = fit.columns(number).start
             late_s, error = -float(fit.u[at]), float(variance[at]) ** 0.5
             low, high = late_s - reach * error, late_s + reach * error
             if low > 0.0:

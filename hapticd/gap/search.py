@@ -63,7 +63,7 @@ def search(
 
     Args:
         first: the nominal model. slugs: effects that may be named.
-        progress: told the share done and what is being done.
+        progress: told the fraction done and what is being done.
         rounds: out: what happened in each round; an interruption leaves those that were finished. A round that takes a late
             record is the last one: the search is to begin again beside it.
 

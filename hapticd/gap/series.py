@@ -12,7 +12,7 @@ from hapticd.gap import constants
 from hapticd.gap.checks import GAP_PERIODS
 from hapticd.gap.kernel.commands import in_force, segments
 from hapticd.plant.electrical import electrical
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import index_of
 from hapticd.plant.resolution import substeps_for
 
 if TYPE_CHECKING:
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-_LOSS = word("dropped_samples.p")
-_DELAY, _TRANSPORT_DELAY, _LAG = word("delay_s"), word("transport_delay.t_d"), word("amplifier_lag.f_a")
+_LOSS = index_of("dropped_samples.p")
+_DELAY, _TRANSPORT_DELAY, _LAG = index_of("delay_s"), index_of("transport_delay.t_d"), index_of("amplifier_lag.f_a")
 _REMEMBERED = 8
 _FINE = 8
 """Parts of a step of the plant's in which a lagging current is taken as constant."""
 _ELECTRICAL = tuple(
-    word(name)
+    index_of(name)
     for name in (
         "delay_s",
         "transport_delay.t_d",

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -112,7 +112,7 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
             continue
         given = values[parameter.name]
         listed = [float(value) for value in given] if isinstance(given, Sequence) else [float(given)]
-        first = word(f"{slug}.{parameter.name}")
+        first = index_of(f"{slug}.{parameter.name}")
         for k, value in enumerate(listed):
             if parameter.name in held:
                 fixed.append((first + k, value))
@@ -164,7 +164,7 @@ def parameters_of_term(item: Term, u: Sequence[float] | Floats) -> dict[str, flo
         p[coordinate.word] = float(np.exp(value)) if coordinate.is_log else float(value)
     found: dict[str, float | list[float]] = {}
     for parameter in CATALOGUE[item.slug].parameters:
-        first = word(f"{item.slug}.{parameter.name}")
+        first = index_of(f"{item.slug}.{parameter.name}")
         listed = [p[first + k] for k in range(parameter.length) if first + k in p]
         if listed:
             found[parameter.name] = listed[0] if parameter.length == 1 else listed

@@ -88,8 +88,8 @@ def rival_of(model: Config, fit: Fit, last: Fit, slug: str, base: int) -> Rival 
     Returns:
         None where no device has all its effects.
     """
-    whole = [term.moved(fit.u[fit.share(k)]) for k, term in enumerate(fit.terms)]
-    whole += [last.terms[k].moved(last.u[last.share(k)]) for k in range(len(whole), len(last.terms))]
+    whole = [term.moved(fit.u[fit.columns(k)]) for k, term in enumerate(fit.terms)]
+    whole += [last.terms[k].moved(last.u[last.columns(k)]) for k in range(len(whole), len(last.terms))]
     # In an experiment to come nobody holds the handle, and how late its record will be is another matter.
     terms = tuple(term for term in whole if term.slug not in (HAND, late_record.SLUG))
     entries = [(term.slug, parameters_of_term(term, term.start)) for term in whole[base:] if term.slug != HAND]

@@ -28,8 +28,7 @@ from hapticd.gap.search import CORRECTIONS, critical, is_quiet, search, withstan
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
-from hapticd.plant.layout import WORDS, device_vector
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import NAMES, device_vector, index_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -61,7 +60,7 @@ def find_gap(
         model: the nominal model.
         refit_base: fit inertia and friction of the base model too, before and with every effect.
         candidates: slugs to consider; the whole catalogue by default.
-        progress: told the share done and what is being done.
+        progress: told the fraction done and what is being done.
         design: where laws stay tied, design the experiment that would tell them apart.
 
     Raises:
@@ -69,7 +68,7 @@ def find_gap(
         KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
     """
     slugs = _considered(model, candidates, refit_base)
-    progress = progress or (lambda share, text: None)
+    progress = progress or (lambda fraction, text: None)
     progress(0.0, "fitting the model as given")
     problem = problem_of(recordings, model)
     base = base_terms(problem) if refit_base else ()
@@ -96,7 +95,9 @@ def find_gap(
         from hapticd.gap.design import next_experiment
 
         try:
-            planned = next_experiment(model, rounds, lambda share, text: progress(0.92 + 0.08 * share, text), len(base))
+            planned = next_experiment(
+                model, rounds, lambda fraction, text: progress(0.92 + 0.08 * fraction, text), len(base)
+            )
             result = replace(result, next_experiment=planned)
         except KeyboardInterrupt:
             interrupted = True
@@ -122,7 +123,7 @@ def base_terms(problem: Problem) -> tuple[Term, ...]:
     """Terms that fit the base model: the logarithms of inertia, viscous and Coulomb friction, with a wide prior."""
     found = []
     for name, farthest in _FARTHEST.items():
-        index = word(name)
+        index = index_of(name)
         value = float(problem.base[index])
         if value > 0.0:
             centre, far = np.log(value), np.log(farthest)
@@ -177,10 +178,10 @@ def _result(
         if not is_quiet(last.fit)
         and (coordinate := missing.better_function(each.before.fit, each.taken.law)) is not None
     }
-    laws = [(last.fit.terms[number], last.fit.share(number)) for number in range(fixed, len(last.fit.terms))]
+    laws = [(last.fit.terms[number], last.fit.columns(number)) for number in range(fixed, len(last.fit.terms))]
     series = first.fit.problem.series
     half = _reach(series.blocks) * np.sqrt(np.diag(covariance))
-    at_bounds = {law.slug: names for law, share in laws if (names := law.at_bounds(last.fit.u[share], half[share]))}
+    at_bounds = {law.slug: names for law, own in laws if (names := law.at_bounds(last.fit.u[own], half[own]))}
     late = late_record.told(last.fit, np.diag(covariance), _reach(series.blocks))
     timing = _timing(recordings)
     timing = {**timing, **late, "warnings": [*timing["warnings"], *late["warnings"]]}
@@ -224,8 +225,8 @@ def _step(
     possible: float,
 ) -> Step:
     taken = each.taken
-    term, share = fit.terms[fixed + number], fit.share(fixed + number)
-    u, variance = fit.u[share], np.diag(covariance)[share]
+    term, own = fit.terms[fixed + number], fit.columns(fixed + number)
+    u, variance = fit.u[own], np.diag(covariance)[own]
     blocks = fit.problem.series.blocks
     estimates = _estimates(term, u, variance, blocks, is_linear)
     if term.slug == grip.SLUG:
@@ -267,7 +268,7 @@ def _estimates(
     reach = _reach(blocks)
     found = {}
     for index, chosen in term.fixed:
-        name = WORDS[index].partition(".")[2]
+        name = NAMES[index].partition(".")[2]
         found[name] = Estimate(chosen, (chosen, chosen), units[name.partition("[")[0]])
     accuracy = CATALOGUE[term.slug].accuracy
     for coordinate, value, own in zip(term.coordinates, u, variance, strict=True):
@@ -288,7 +289,7 @@ def _base_estimates(
     found = {}
     for number, term in enumerate(fit.terms):
         if term.slug in _BASE:
-            at = fit.share(number).start
+            at = fit.columns(number).start
             half = reach * float(np.sqrt(variance[at]))
             low, value, high = (float(np.exp(fit.u[at] + part)) for part in (-half, 0.0, half))
             found[term.slug] = Estimate(value, (low, high), _BASE[term.slug][is_linear])

@@ -71,7 +71,7 @@ def identify(
     model: Config,
     *,
     known_inertia: float | None = None,
-    progress: Callable[[float], None] = lambda share: None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> Identified:
     """Find inertia, friction, bias, delay and the encoder's sign of a device.
 
@@ -79,7 +79,7 @@ def identify(
         recordings: of one device, from `load_any`.
         model: encoder, torque constant, effects and hand of the device; its inertia, frictions and delay are not used.
         known_inertia: kg m² or kg, where it is known otherwise: tells what the torque constant must be.
-        progress: told the share done.
+        progress: told the fraction done.
 
     Raises:
         RecordingError: nothing can be concluded from a recording.

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.config.problems import ConfigError, Problem
-from hapticd.effects.catalogue import CATALOGUE, HOOK_HEADER, HOOK_WORDS
+from hapticd.effects.catalogue import CATALOGUE, HOOK_HEADER, HOOK_ROOM
 from hapticd.jit import effect_term_callback
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.effects.spec import Effect
 
-BASE_WORDS = (
+BASE_NAMES = (
     "inertia",  # of the device, kg m² or kg
     "viscous",  # N m s/rad or N s/m
     "coulomb",  # N m or N
@@ -60,7 +60,7 @@ MOTOR_CURRENT_RATE = 7
 
 
 HOOK_SIZE = 0
-"""In a block of that part: how many words it has; 0 after the last block."""
+"""In a block of that part: how many elements it has; 0 after the last block."""
 HOOK_FORCE = 1
 """Address of the law of its force; 0 for none."""
 HOOK_FRICTION = 2
@@ -79,9 +79,9 @@ def _names(effect: Effect) -> list[str]:
     return names
 
 
-def _words() -> tuple[tuple[str, ...], int]:
+def _all_names() -> tuple[tuple[str, ...], int]:
     """Name of every element, and the number of the first one of the hooks."""
-    names = list(BASE_WORDS)
+    names = list(BASE_NAMES)
     for effect in CATALOGUE.values():
         if not effect.is_hooked:
             names += _names(effect)
@@ -89,17 +89,17 @@ def _words() -> tuple[tuple[str, ...], int]:
     for effect in CATALOGUE.values():
         if effect.is_hooked:
             header = ("size", "force", "friction", "neutral")
-            names += [*(f"{effect.slug}:{word}" for word in header), *_names(effect)]
-    # The block after the last one is known by its size 0, so the catalogue keeps one word spare.
-    spare = first + HOOK_WORDS - len(names)
+            names += [*(f"{effect.slug}:{name}" for name in header), *_names(effect)]
+    # The block after the last one is known by its size 0, so the catalogue keeps one element spare.
+    spare = first + HOOK_ROOM - len(names)
     return (*names, *(f"spare[{k}]" for k in range(spare))), first
 
 
-WORDS, HOOKS = _words()
+NAMES, HOOKS = _all_names()
 """Name of every element, in order; the first one of the effects whose terms are called through a pointer."""
-_INDEX = {name: index for index, name in enumerate(WORDS)}
-SIZE = len(WORDS)
-"""Words of a device vector."""
+_INDEX = {name: index for index, name in enumerate(NAMES)}
+SIZE = len(NAMES)
+"""Elements of a device vector."""
 
 
 def index_of(name: str) -> int:
@@ -115,7 +115,7 @@ def index_of(name: str) -> int:
 def _callback(slug: str, hook: str) -> Any:
     """The compiled term, kept for as long as the process lives: vectors hold its address."""
     effect = CATALOGUE[slug]
-    return effect_term_callback(getattr(effect, hook), {"force": 4, "friction": 3}[hook], effect.words)
+    return effect_term_callback(getattr(effect, hook), {"force": 4, "friction": 3}[hook], effect.size)
 
 
 def _addresses(effect: Effect) -> tuple[int, int]:
@@ -133,7 +133,7 @@ def _neutral() -> NDArray[np.float64]:
             p[first : first + parameter.length] = parameter.neutral
         if effect.is_hooked:
             block = index_of(f"{slug}:size")
-            p[block + HOOK_SIZE] = HOOK_PARAMETERS + effect.words
+            p[block + HOOK_SIZE] = HOOK_PARAMETERS + effect.size
             p[block + HOOK_NEUTRAL] = effect.parameters[0].neutral
             # One that cannot be compiled is no reason to refuse a device without it. An address has fewer than 53 bits:
             # a double holds it exactly.

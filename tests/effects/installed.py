@@ -15,10 +15,10 @@ from typer.testing import CliRunner
 
 from hapticd.cli.main import build_app
 from hapticd.config import EFFECT_SLUGS, ConfigError, config_schema, parse_config, parse_yaml
-from hapticd.effects.catalogue import BROKEN, CATALOGUE, HOOK_WORDS, OWN_SLUGS
+from hapticd.effects.catalogue import BROKEN, CATALOGUE, HOOK_ROOM, OWN_SLUGS
 from hapticd.effects.pages import page
 from hapticd.plant import kernel
-from hapticd.plant.layout import HOOKS, SIZE, WORDS, device_vector, index_of, neutral_vector
+from hapticd.plant.layout import HOOKS, NAMES, SIZE, device_vector, index_of, neutral_vector
 from hapticd.plant.resolution import substeps_for
 from hapticd.servo.simulate import simulate
 from hapticd.stability.effects import uncounted
@@ -45,7 +45,7 @@ def detent(x: float) -> float:
 def test_the_catalogue_has_them_after_its_own() -> None:
     assert list(EFFECT_SLUGS) == [*OWN_SLUGS, "drying_grease", "magnetic_detent", "uncompilable"]
     assert "drying_grease" in CATALOGUE["thermal_drift"].equivalent_to
-    assert HOOKS + HOOK_WORDS == SIZE == len(set(WORDS))
+    assert HOOKS + HOOK_ROOM == SIZE == len(set(NAMES))
 
 
 def test_the_config_knows_its_parameters() -> None:

@@ -33,7 +33,7 @@ def test_parameters_are_recovered_to_a_percent(hidden: Callable[..., Any], slug:
     before = fit.log_likelihood
     fit.approach(5, 5).maximise()
     assert fit.log_likelihood > before
-    for coordinate, value in zip(fit.terms[0].coordinates, fit.u[fit.share(0)], strict=True):
+    for coordinate, value in zip(fit.terms[0].coordinates, fit.u[fit.columns(0)], strict=True):
         found = np.exp(value) if coordinate.is_log else value
         assert found == pytest.approx(true[coordinate.name], rel=0.01), coordinate.name
 

@@ -29,7 +29,7 @@ def test_interval_and_sizes_are_found(hidden: Callable[..., Any], coloured: Colo
     scale = scale_of(present)
     (first,) = grip.first_grip(Score(present), scale)
     fit = grip.settled(present.extended(first.term), 0, scale).maximise()
-    found = parameters_of_term(fit.terms[0], fit.u[fit.share(0)])
+    found = parameters_of_term(fit.terms[0], fit.u[fit.columns(0)])
     for name, (earliest, latest) in grip.edge_ranges(fit, 0).items():
         assert earliest - 0.05 <= HAND[name] <= latest + 0.05
         assert latest - earliest < 0.6

@@ -253,7 +253,7 @@ def test_two_errors_that_make_up_for_each_other_are_told_together(hidden: Hidden
     assert search(first, slugs, lambda share, text: None, rounds) is None
     assert sorted(each.taken.slug for each in rounds) == slugs
     last = rounds[-1].taken.judged
-    estimates = {term.slug: float(last.fit.u[last.fit.share(k)][0]) for k, term in enumerate(last.fit.terms)}
+    estimates = {term.slug: float(last.fit.u[last.fit.columns(k)][0]) for k, term in enumerate(last.fit.terms)}
     assert estimates == pytest.approx({slugs[0]: 0.24, slugs[1]: 0.3}, rel=0.02)
 
 

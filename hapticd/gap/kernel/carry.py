@@ -18,8 +18,7 @@ from hapticd.gap.kernel.device import FARTHEST_TWIST, LAWS, PERIOD, coupling_of,
 from hapticd.gap.kernel.modes import DOWN, HELD, MODE, RARE, STATES, STOPPED, UP, W, impact, join, spread, tie
 from hapticd.jit import njit
 from hapticd.plant.exact import propagate
-from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, index_of
 from hapticd.plant.numeric import holding, substep
 
 if TYPE_CHECKING:
@@ -29,9 +28,9 @@ _f8 = types.float64
 _i8 = types.int64
 _a = types.Array(_f8, 1, "C")
 
-_EXTERNAL = word("external_force")
-_GAP = word("backlash.gap")
-_RESTITUTION = word("backlash.restitution")
+_EXTERNAL = index_of("external_force")
+_GAP = index_of("backlash.gap")
+_RESTITUTION = index_of("backlash.restitution")
 
 _law, _period, _mode = from_dtype(LAWS), from_dtype(PERIOD), from_dtype(MODE)
 _laws, _periods = types.Array(_law, 1, "C"), types.Array(_period, 1, "C")

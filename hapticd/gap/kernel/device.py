@@ -12,7 +12,7 @@ from hapticd.gap.kernel.modes import MODE, STATES, tie
 from hapticd.jit import njit
 from hapticd.plant.coupled import COUPLING, Coupling, swing_apart, swing_on_fixed_end
 from hapticd.plant.effect_terms import shared_inertia
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import index_of
 from hapticd.plant.numeric import edited_base, needs_effect_terms
 
 if TYPE_CHECKING:
@@ -24,12 +24,12 @@ _a = types.Array(_f8, 1, "C")
 FARTHEST_TWIST = 1.0
 """Twist of a coupling [rad or m] beyond which the load is put back to the shaft."""
 
-_GAP = word("backlash.gap")
-_GAP_SHARE = word("backlash.load_share")
-_RESONANCE = word("flexible_coupling.f_r")
-_RESONANCE_SHARE = word("flexible_coupling.load_share")
-_RESONANCE_DAMPING = word("flexible_coupling.damping")
-_BREAKAWAY = word("presliding.breakaway")
+_GAP = index_of("backlash.gap")
+_GAP_SHARE = index_of("backlash.load_share")
+_RESONANCE = index_of("flexible_coupling.f_r")
+_RESONANCE_SHARE = index_of("flexible_coupling.load_share")
+_RESONANCE_DAMPING = index_of("flexible_coupling.damping")
+_BREAKAWAY = index_of("presliding.breakaway")
 
 
 @njit(_f8(_a, _f8), counted=False, inline=True)

@@ -34,13 +34,12 @@ from hapticd.gap.kernel.device import LAWS, PERIOD, couple, look_up, loosen, mov
 from hapticd.gap.kernel.modes import MODE, STATES, UP, join, see, tie
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, SENSOR, TICK, WHITE
 from hapticd.jit import njit
-from hapticd.plant.layout import STATE
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import STATE, index_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-_EXTERNAL, _GAP = word("external_force"), word("backlash.gap")
+_EXTERNAL, _GAP = index_of("external_force"), index_of("backlash.gap")
 
 SAME_SPAN = 1e-9
 """Difference of two periods, relative, that is the rounding of time stamps."""

@@ -16,7 +16,7 @@ from numba import from_dtype, types
 from hapticd.gap.kernel.cell import truncated
 from hapticd.gap.kernel.ticks import TICK
 from hapticd.jit import njit
-from hapticd.plant.layout import index_of as word
+from hapticd.plant.layout import index_of
 from hapticd.plant.numeric import measured
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ _a = types.Array(_f8, 1, "C")
 _mode = from_dtype(MODE)
 _modes = types.Array(_mode, 1, "C")
 _rows = types.Array(from_dtype(TICK), 1, "C")
-_ECCENTRICITY = word("encoder_eccentricity.e")
+_ECCENTRICITY = index_of("encoder_eccentricity.e")
 
 
 @njit(types.void(_mode, _mode, _f8, _f8, _f8, _i8), counted=False)

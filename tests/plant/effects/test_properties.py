@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from hapticd.config import load_config
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant.exact import propagate
-from hapticd.plant.layout import OMEGA, SIZE, STATE, WORDS, device_vector, index_of, initial_state, neutral_vector
+from hapticd.plant.layout import NAMES, OMEGA, SIZE, STATE, device_vector, index_of, initial_state, neutral_vector
 from hapticd.plant.numeric import measured, simulate_windows_serial
 from tests.plant.effects.independent import KT, PERIOD, B, C, J, excitation, motor_current, simulated, times, vector
 
@@ -49,7 +49,7 @@ def test_neutral_magnitudes_switch_an_effect_off_whatever_its_shape(slug: str) -
 
 
 def test_the_vector_names_every_word_once() -> None:
-    assert len(set(WORDS)) == SIZE == len(neutral_vector())
+    assert len(set(NAMES)) == SIZE == len(neutral_vector())
     assert index_of("torque_ripple.amplitudes") == index_of("torque_ripple.amplitudes[0]")
     with pytest.raises(KeyError):
         index_of("stribeck.omega")
