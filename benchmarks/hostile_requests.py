@@ -13,7 +13,6 @@ import logging
 import os
 import sys
 import tempfile
-from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks.hostile.api import Attack, Report
@@ -68,7 +67,7 @@ def figures(report: Report) -> list[Figure]:
     answers = ", ".join(f"{count} × {status}" for status, count in sorted(report.answers.items()))
     kinds = f"{report.generated} by schemathesis, {report.mutants} mutants, {report.settings} settings"
     return [
-        Figure(f"requests: {kinds}", report.requests, "", details=asdict(report)),
+        Figure(f"requests: {kinds}", report.requests, "", details=vars(report)),
         Figure(f"answers: {answers}", len(report.answers), "kinds"),
         Figure("answers of 5xx", sum(n for status, n in report.answers.items() if status >= 500), "", goal=0),
         Figure("findings", len(report.findings), "", goal=0),

@@ -9,6 +9,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from hapticd.config.fields import MAGNITUDE, is_quantity
 from hapticd.config.nearest import nearest_name
 from hapticd.config.problems import NO_VALUE, Finding
 from hapticd.config.text import bound_text
@@ -126,6 +127,8 @@ def _number_findings(key: str, parameter: Parameter, value: object) -> Iterator[
     elif number > parameter.upper:
         message = f"must be at most {bound_text(parameter.upper)} {_unit(parameter)}".rstrip()
         yield Finding(key, value, message, parameter.upper, unit=unit)
+    elif not is_quantity(number):
+        yield Finding(key, value, f"{MAGNITUDE} {_unit(parameter)}".rstrip() + " in magnitude", unit=unit)
 
 
 def _finite(value: Real) -> float | None:

@@ -103,6 +103,8 @@ def _value_message(details: ErrorDetails, key: str, linear: bool) -> tuple[str, 
         return f"must be one of {', '.join(allowed)}{hint}", allowed, nearest
     if kind in ("not_a_number", "not_whole", "not_finite"):
         return _number_message(kind, value, unit, extra_text(field, "zero_or_null")), None, None
+    if kind == "no_quantity":
+        return f"{details['msg']} {unit}".rstrip() + " in magnitude", None, None
     if kind == "bool_type":
         return "must be true or false", ("true", "false"), None
     if kind == "string_type":

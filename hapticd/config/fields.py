@@ -22,7 +22,17 @@ def findings_error(findings: Iterable[Finding]) -> PydanticCustomError:
     return PydanticCustomError("findings", "wrong configuration", {"findings": list(findings)})
 
 
-def _number(value: Any) -> float:
+SMALLEST, LARGEST = 1e-18, 1e18
+"""Of a physical quantity: no device is beyond, and theory takes powers and quotients of them, which must be finite."""
+MAGNITUDE = f"must be 0, or of {SMALLEST:g} to {LARGEST:g}"
+
+
+def is_quantity(number: float) -> bool:
+    """Whether a finite number may stand for a physical quantity."""
+    return number == 0.0 or SMALLEST <= abs(number) <= LARGEST
+
+
+def _finite(value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         raise PydanticCustomError("not_a_number", "must be a number")
     try:
@@ -34,9 +44,15 @@ def _number(value: Any) -> float:
     return number + 0.0  # -0.0 becomes 0.0: equal configurations are written alike
 
 
+def _number(value: Any) -> float:
+    number = _finite(value)
+    if not is_quantity(number):
+        raise PydanticCustomError("no_quantity", MAGNITUDE)
+    return number
+
+
 def _whole(value: Any) -> int:
-    number = _number(value)
-    if not number.is_integer():
+    if not _finite(value).is_integer():
         raise PydanticCustomError("not_whole", "must be a whole number")
     return int(value)
 

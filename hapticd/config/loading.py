@@ -41,12 +41,19 @@ def load_config(source: str | Path | None = None) -> Config:
     if isinstance(source, str) and source in preset_names():
         return parse_yaml(read_text(PRESETS / f"{source}.yaml", source), f"preset {source}")
     path = Path(source)
-    if isinstance(source, str) and path.name == source and not path.suffix and not (source and path.exists()):
+    if isinstance(source, str) and path.name == source and not path.suffix and not _is_there(path):
         nearest = nearest_name(source, preset_names())
         hint = f"did you mean {nearest}?" if nearest else "presets: " + ", ".join(preset_names())
         message = f"no such file, and no preset of that name; {hint}"
         raise ConfigError([Problem(source or "''", "", None, message, preset_names(), nearest=nearest)])
     return parse_yaml(read_text(path, str(source)), str(source))
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return bool(path.name) and path.exists()
+    except OSError:  # a name that is too long for a file
+        return False
 
 
 def parse_yaml(text: str, source_name: str) -> Config:

@@ -40,6 +40,10 @@ WRONG = [
     ),
     ("plant: {inertia: -1e-6}", "plant.inertia = -1.0e-06: must be above 0 kg m²"),
     ("plant: {coulomb: 1e400}", "plant.coulomb = .inf: must be finite"),
+    (
+        "spring: {stiffness: 1e-40}",
+        "spring.stiffness = 1.0e-40: must be 0, or of 1e-18 to 1e+18 N m/rad in magnitude",
+    ),
     ("hand: {damping: -1}", "hand.damping = -1: must be at least 0 N m s/rad"),
     ("safety: {max_velocity: -3}", "safety.max_velocity = -3: must be at least 0 rad/s (0 or null: no limit)"),
     ("safety: {heartbeat_timeout_s: 0}", "safety.heartbeat_timeout_s = 0: must be at least 0.2 s"),
@@ -135,6 +139,10 @@ WRONG = [
         "plant.effects[0].t_d = soon: must be a number in s",
     ),
     ("plant: {effects: [{name: gravity, m_g_l: .inf}]}", "plant.effects[0].m_g_l = .inf: must be finite"),
+    (
+        "plant: {effects: [{name: constant_bias, tau_0: -1e-30}]}",
+        "plant.effects[0].tau_0 = -1.0e-30: must be 0, or of 1e-18 to 1e+18 N m (N on a linear device) in magnitude",
+    ),
     (
         "plant: {effects: [{name: dropped_samples, p: 0.1}, {name: dropped_samples, p: 0.2}]}",
         "plant.effects[1].name = dropped_samples: given twice, here and as plant.effects[0]",
@@ -276,6 +284,7 @@ def test_socket_path_has_the_length_of_a_socket_path(tmp_path: Path) -> None:
     [
         ("delt", "delt: no such file, and no preset of that name; did you mean delta?"),
         ("missing.yaml", "missing.yaml: no such file"),
+        ("x" * 256 + ".yaml", "x" * 256 + ".yaml: cannot be read: File name too long"),
         (Path("delta"), "delta: no such file"),
         ("./folder", "./folder: is a directory, not a configuration file"),
         ("latin1.yaml", "latin1.yaml: line 2: not UTF-8 text (byte 0xe4)"),
@@ -293,6 +302,11 @@ def test_unreadable_source(source: str | Path, message: str, tmp_path: Path, mon
     with pytest.raises(ConfigError) as raised:
         load_config(source)
     assert str(raised.value) == message
+
+
+def test_a_name_that_is_too_long_for_a_file_is_no_preset_either() -> None:
+    with pytest.raises(ConfigError, match="x: no such file, and no preset of that name; presets: re35"):
+        load_config("x" * 256)
 
 
 def test_no_name_at_all_lists_the_presets() -> None:

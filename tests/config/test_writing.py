@@ -22,6 +22,7 @@ from hapticd.config import (
     parse_yaml,
     preset_names,
 )
+from hapticd.config.fields import is_quantity
 from hapticd.config.keys import leaf_fields
 from hapticd.config.sections import Correlation
 
@@ -29,7 +30,11 @@ ROOT = Path(__file__).parents[2]
 
 
 def numbers(least: float, most: float, above: bool = False) -> st.SearchStrategy[float]:
-    return st.floats(least, most, exclude_min=above) | st.integers(int(least) + above, int(most))
+    return floats(least, most, above) | st.integers(int(least) + above, int(most))
+
+
+def floats(least: float, most: float, above: bool = False, below: bool = False) -> st.SearchStrategy[float]:
+    return st.floats(least, most, exclude_min=above, exclude_max=below).filter(is_quantity)
 
 
 limits = st.none() | numbers(0, 1e9)
@@ -46,7 +51,7 @@ def configurations(draw: st.DrawFn) -> dict[str, Any]:
     rate = draw(numbers(1, 20_000))
     counts = draw(st.sampled_from(["counts_per_rev", "counts_per_metre"]))
     continuous = draw(limits)
-    peak = draw(st.none() | st.floats(continuous or 0, 1e9))
+    peak = draw(st.none() | floats(continuous or 0, 1e9))
     bits = draw(st.integers(0, 24))
     small = numbers(0, 1e6)
     sections: dict[str, Any] = {
@@ -62,7 +67,7 @@ def configurations(draw: st.DrawFn) -> dict[str, Any]:
         },
         "spring": {
             "stiffness": draw(small),
-            "origin": draw(st.floats(-1e3, 1e3)),
+            "origin": draw(floats(-1e3, 1e3)),
             "half_tick_bias": draw(st.booleans()),
             "side": draw(st.sampled_from(["both", "positive", "negative"])),
         },
@@ -75,15 +80,15 @@ def configurations(draw: st.DrawFn) -> dict[str, Any]:
             "target": draw(st.sampled_from(["none", "position"])),
             "waveform": draw(st.sampled_from(["sine", "triangle", "square", "uniform"])),
             "amplitude": draw(small),
-            "frequency_hz": draw(st.floats(0, rate / 2, exclude_min=True, exclude_max=True)),
+            "frequency_hz": draw(floats(0, rate / 2, above=True, below=True)),
             "seed": draw(st.integers(0, 2**63 - 1)),
         },
-        "delay": {"computation_s": draw(st.floats(0, 1))},
+        "delay": {"computation_s": draw(floats(0, 1))},
         "amplifier": {
             "torque_constant": draw(numbers(0, 1e6, above=True)),
             "continuous_current": continuous,
             "peak_current": peak,
-            "bandwidth_hz": draw(st.none() | st.just(0) | st.floats(2, 1e9)),
+            "bandwidth_hz": draw(st.none() | st.just(0) | floats(2, 1e9)),
             "dac_bits": bits,
             "dac_full_scale": draw(numbers(0, 1e3, above=bits > 0)),
         },
