@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from importlib.metadata import EntryPoint
 from pathlib import Path
 
@@ -152,11 +153,14 @@ def test_a_motion_beyond_floating_point_is_refused(hapticd: Run) -> None:
 
 
 @pytest.mark.parametrize("motion", [(), ("--deflection", "5")])
-def test_a_spring_too_soft_for_numbers_is_said_to_be_so(hapticd: Run, motion: tuple[str, ...]) -> None:
-    outcome = hapticd("check", "--set", "spring.stiffness=1e-300", *motion)
-    assert (outcome.code, outcome.out) == (2, "")
-    assert outcome.err.startswith("hapticd: spring.stiffness = 1e-300 N m/rad is so small that")
-    assert len(outcome.err.splitlines()) == 1
+def test_the_softest_spring_in_the_heaviest_plant_has_an_answer(hapticd: Run, motion: tuple[str, ...]) -> None:
+    heaviest = ("inertia", "viscous", "coulomb")
+    settings = [word for name in heaviest for word in ("--set", f"plant.{name}=1e18")]
+    answer = hapticd("check", "--set", "spring.stiffness=1e-18", *settings, *motion, "--json").document
+    assert all(math.isfinite(answer[name]) for name in ("mu", "beta", "sigma"))
+    refused = hapticd("check", "--set", "spring.stiffness=1e-19", *motion)
+    assert (refused.code, refused.out) == (2, "")
+    assert "spring.stiffness = 1.0e-19: must be 0, or of 1e-18 to 1e+18 N m/rad in magnitude" in refused.err
 
 
 def test_check_says_what_the_daemon_would_do(hapticd: Run) -> None:
