@@ -4,6 +4,7 @@ import contextlib
 import json
 import select
 import signal
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,8 +22,9 @@ START_S = 250.0
 
 @dataclass
 class Board:
-    """A running board; ``stop`` ends it and gives its log."""
+    """A running board, powered up no earlier than ``started_ns`` (monotonic); ``stop`` ends it and gives its log."""
 
+    started_ns: int
     process: forked.Forked
     link: Path
     log: Path
@@ -55,9 +57,10 @@ def running_board(
         if text:
             (folder / f"{name}.yaml").write_text(text)
             command += [f"--{name}", str(folder / f"{name}.yaml")]
+    started_ns = time.monotonic_ns()
     process = forked.device(command, ROOT)
     try:
         assert select.select([process.stdout], [], [], START_S)[0]
-        yield Board(process, link, log, json.loads(process.stdout.readline()))
+        yield Board(started_ns, process, link, log, json.loads(process.stdout.readline()))
     finally:
         process.close()
