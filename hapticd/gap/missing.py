@@ -231,19 +231,22 @@ def structure(fit: Fit, found: Missing, count: int = 8) -> list[Structure]:
 
 
 def better_function(before: Fit, law: Term, count: int = 8) -> str | None:
-    """A coordinate of which a flexible function predicts held-out blocks better than a law that was named, or None.
+    """A coordinate of which a flexible function takes the place of a law that was named, or None.
+
+    It predicts held-out blocks better, or as well with no more numbers than the law has.
 
     Args:
         before: the model without the law, held out. law: started at its estimate.
     """
     found = missing_force(before)
+    needed = constants.MATERIAL * before.out.size
     own = (before.extended(law).out["mean"] - before.out["mean"])[:, None]
     shift = _held_out_shift(before, own)
-    best: tuple[float, str | None] = (constants.MATERIAL * before.out.size, None)
+    best: tuple[float, str | None] = (-np.inf, None)
     for name, columns in _functions(before, found, count):
-        other = _held_out_shift(before, sensitivities(before.out, columns))
-        gain, errors = _gain(before, other, shift)
-        if errors > constants.TIE:
+        gain, errors = _gain(before, _held_out_shift(before, sensitivities(before.out, columns)), shift)
+        is_simpler = columns.shape[1] <= len(law.coordinates)
+        if (gain > needed and errors > constants.TIE) or (is_simpler and (gain > -needed or errors > -constants.TIE)):
             best = max(best, (gain, name), key=lambda pair: pair[0])
     return best[1]
 

@@ -76,10 +76,10 @@ def _are_alike(one: Term, other: Term) -> bool:
 
 
 def _pursued(space: Score, scale: Scale) -> Candidate | None:
-    """Orders by matching pursuit; an order needs two wavelengths of travel, or it is any smooth function of position."""
+    """Orders by matching pursuit. Over less than a wavelength of travel an order is a smooth function of position."""
     turn = 2.0 * math.pi
     unit = turn / scale.travel if scale.is_linear else 1.0
-    lowest = max(2, math.ceil(2.0 * turn / scale.travel / unit))
+    lowest = max(2, math.ceil(0.99 * turn / scale.travel / unit))
     highest = min(_HIGHEST_ORDER, int(0.25 * turn / scale.resolution / unit))
     if highest < lowest:
         return None
@@ -95,7 +95,6 @@ def _pursued(space: Score, scale: Scale) -> Candidate | None:
     del torques, sines, cosines
     g, H = space.reduced(D)
     del D
-    apart = 0.99 * turn
     chosen: list[int] = []
     total = 0.0
     while len(chosen) < _MOST_ORDERS:
@@ -106,8 +105,8 @@ def _pursued(space: Score, scale: Scale) -> Candidate | None:
             rest_g, rest_H = g - solved.T @ g[held], H - H[:, held] @ solved
         gains = np.zeros(count)
         for k in range(count):
-            # Two orders that are less than a wavelength apart over the travel are one smooth function of the position.
-            if all(abs(orders[k] - orders[other]) * scale.travel >= apart for other in chosen):
+            # Two orders that drift apart by less than half a wavelength over the travel are one to the data.
+            if all(abs(orders[k] - orders[other]) * scale.travel >= 0.5 * turn for other in chosen):
                 pair = np.ix_([k, k + count], [k, k + count])
                 own = rest_H[pair] + 1e-6 * H[k, k] * np.eye(2)
                 gains[k] = 0.5 * rest_g[[k, k + count]] @ np.linalg.solve(own, rest_g[[k, k + count]])

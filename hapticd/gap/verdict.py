@@ -57,7 +57,7 @@ def doubts_about(
 
     Args:
         at_bounds: effect to those of its parameters that the data do not tell from the end of what they may be.
-        beaten: effect to the coordinate of which a flexible function predicts better than that effect.
+        beaten: effect to the coordinate of which a flexible function takes that effect's place.
         unnamed: effect that predicts better for sure and was not named.
     """
     told = [
@@ -71,7 +71,8 @@ def doubts_about(
             for effect, names in at_bounds.items()
         ]
         + [
-            f"A flexible function of the {coordinate} predicts better than {effect}: the law itself may be another."
+            f"A flexible function of the {coordinate} predicts better than {effect}, or as well with no more numbers: "
+            "the law may be another."
             for effect, coordinate in beaten.items()
         ]
     )

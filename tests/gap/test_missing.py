@@ -82,6 +82,15 @@ def test_a_function_of_the_position_beats_a_law_of_something_else_but_not_gravit
     assert better_function(with_gravity, gravity) is None
 
 
+def test_a_ripple_of_many_orders_is_any_function_of_the_position(with_gravity: Fit) -> None:
+    """Five orders beside each other, over 0.8 turns of travel, and no ripple is there."""
+    orders = [2.0, 3.0, 4.0, 5.0, 6.0]
+    values = {"orders": orders, "amplitudes": [1e-4] * 5, "phases": [0.0] * 5}
+    fit = with_gravity.extended(term("torque_ripple", values, ("orders",), 0.1)).maximise()
+    law = fit.terms[-1].moved(fit.u[fit.columns(len(fit.terms) - 1)])
+    assert better_function(with_gravity, law) == "position"
+
+
 def test_noise_can_hardly_be_explained(noise_alone: Fit) -> None:
     found = missing_force(noise_alone)
     assert explainable(noise_alone, found) < 0.3

@@ -11,6 +11,7 @@ import pytest
 from hapticd.gap import ripple
 from hapticd.gap.candidates import scale_of
 from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.score import Score
 from hapticd.gap.terms import term
 from hapticd.gap.workflow import problem_of
 
@@ -30,3 +31,22 @@ def test_orders_are_looked_for_again(hidden: Callable[..., Any], begun: list[int
     # Each order costs the logarithm of how many there are to choose from.
     assert dearer == pytest.approx((len(orders) - len(begun)) * math.log(89.0), rel=0.2)
     assert len(orders) - len(begun) <= more
+
+
+@pytest.mark.parametrize("hidden_orders", [[2], [7, 8]])
+def test_orders_over_little_travel(hidden: Callable[..., Any], hidden_orders: list[int]) -> None:
+    """Order 2 makes one wavelength and a quarter over this travel, and 7 and 8 drift apart by 0.6."""
+    size = len(hidden_orders)
+    effect = {
+        "name": "torque_ripple",
+        "orders": hidden_orders,
+        "amplitudes": [1e-3] * size,
+        "phases": [0.4, -1.0][:size],
+    }
+    recording, model = hidden([effect], 2, 8.0)
+    present = nominal_fit(problem_of([recording], model))
+    present.differentiate()
+    scale = scale_of(present)
+    assert 0.6 < scale.travel / (2.0 * math.pi) < 0.7
+    [candidate] = ripple.first_orders(Score(present), scale)
+    assert sorted(order for _, order in candidate.term.fixed) == hidden_orders
