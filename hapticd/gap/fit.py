@@ -154,7 +154,9 @@ class Fit:
         def differentiate_by(j: int) -> None:
             u = self.u.copy()
             u[j] += steps[j]
-            self.set_slopes(j, self.evaluate(u)[1], self.out, float(steps[j]))
+            value, out = self.evaluate(u)
+            if value > _NEVER:
+                self.set_slopes(j, out, self.out, float(steps[j]))
 
         each(differentiate_by, np.flatnonzero(free).tolist())
 
@@ -221,7 +223,7 @@ class Fit:
         """Go to coordinates if that gains more than `least`; returns whether it did."""
         u = np.clip(u, self.lower, self.upper)
         value, out = self.evaluate(u)
-        if value <= self.log_likelihood + least:
+        if not value > self.log_likelihood + least:
             return False
         self.u, self.log_likelihood, self.out = u, value, out
         return True

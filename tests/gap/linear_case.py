@@ -64,8 +64,8 @@ def device() -> Floats:
     return p
 
 
-def filtered(one: Case, begins: NDArray[np.bool_] | None = None) -> tuple[float, NDArray[Any]]:
-    """The workflow's filter on the case."""
+def filtered(one: Case, begins: NDArray[np.bool_] | None = None, p: Floats | None = None) -> tuple[float, NDArray[Any]]:
+    """The workflow's filter on the case, with the shaft as the device or another one."""
     n = one.time_s.size
     if begins is None:
         begins = np.arange(n) == 0
@@ -73,7 +73,7 @@ def filtered(one: Case, begins: NDArray[np.bool_] | None = None) -> tuple[float,
     spans = np.diff(one.time_s, append=one.time_s[-1] + PERIOD)[:, None].copy()
     cell = one.measured / one.resolution
     total = run_filter(
-        device(),
+        device() if p is None else p,
         one.noise,
         one.resolution,
         one.time_s,

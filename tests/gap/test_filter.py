@@ -10,6 +10,7 @@ from scipy.stats import norm, truncnorm
 
 from hapticd.gap.kernel.cell import truncated
 from hapticd.gap.kernel.modes import OUTLIER
+from hapticd.plant.layout import index_of
 
 from . import linear_case
 from .linear_case import case, filtered, textbook
@@ -17,6 +18,7 @@ from .linear_case import case, filtered, textbook
 NOISES = {
     "white": np.array([0.02, 1e-4, 1e-9, 0.05, 0.0]),
     "coloured": np.array([0.002, 1e-4, 0.5, 0.05, 0.0]),
+    "as fast as the samples": np.array([0.002, 1e-4, 0.5, 2.5e-3, 0.0]),
     "fine sensor": np.array([0.01, 1e-6, 0.1, 0.02, 0.0]),
 }
 
@@ -127,6 +129,18 @@ def test_an_outlier_costs_no_more_than_its_probability() -> None:
     assert out["score"][300] == pytest.approx(0.0, abs=1e-6)
     assert out["log_p"].min() >= math.log(OUTLIER) - 1e-9
     assert math.isfinite(clean)
+
+
+def test_no_count_strains_a_bristle_beyond_sliding() -> None:
+    """A bristle of thousands of breakaways would let go in as many turns, each a phase of the plant's."""
+    one = case(NOISES["coloured"], n=200, cell_share=1.0)
+    moved = one.measured.copy()
+    moved[100] += 1e4 * one.resolution
+    p = linear_case.device()
+    breakaway = p[index_of("presliding.breakaway")] = 1e-3
+    p[index_of("coulomb")] = 50.0
+    _, out = filtered(one._replace(measured=moved), p=p)
+    assert 0.0 < np.abs(out["bristle"]).max() <= breakaway
 
 
 def test_lost_commands_widen_the_prediction() -> None:

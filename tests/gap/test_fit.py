@@ -67,6 +67,14 @@ def test_noise_is_what_was_put_in(nothing: Fit) -> None:
     assert 0.0 < values[1] < nothing.problem.series.resolution
 
 
+def test_what_is_no_number_is_no_better(nothing: Fit) -> None:
+    """Or a line search from there would never end."""
+    fit = nothing.on(nothing.problem)
+    assert not fit.move(np.full_like(fit.u, np.nan))
+    fit.log_likelihood = np.nan
+    assert not fit.move(fit.u)
+
+
 def test_a_parameter_that_is_not_needed_gains_nothing_held_out(nothing: Fit) -> None:
     fit = nothing.extended(term("constant_bias", {"tau_0": 1e-5}, (), 0.1)).maximise()
     assert fit.log_likelihood >= nothing.log_likelihood - 0.1

@@ -217,12 +217,8 @@ def carry(
         slide = max(r.covariance[1, W] / r.covariance[W, W], 0.0)
     else:
         spread(r, half, slide, law.size)
-    if slide > 0.0:
-        span, moved = period.span, slide * slide / (inertia * inertia)
-        r.covariance[0, 0] += moved * span * span * (period.white / 12.0 - period.coloured / 10.0)
-        r.covariance[0, 1] -= moved * span * period.coloured / 8.0
-        r.covariance[0, 2] -= slide * period.fresh / inertia * span / 6.0
-        r.covariance[1, 0], r.covariance[2, 0] = r.covariance[0, 1], r.covariance[0, 2]
+    # What the white force does to the position beyond T/2 of what it does to the velocity.
+    r.covariance[0, 0] += period.white / 12.0 * (slide * period.span / inertia) ** 2
     r.mean[0], r.mean[1], r.bristle = state[THETA], state[OMEGA], state[BRISTLE]
     if law.has_play:
         hits = before == 0.0 and state[LOAD_OMEGA] != load_v

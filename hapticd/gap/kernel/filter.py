@@ -34,6 +34,7 @@ from hapticd.gap.kernel.device import LAWS, PERIOD, couple, look_up, loosen, mov
 from hapticd.gap.kernel.modes import MODE, STATES, UP, join, see, tie
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, SENSOR, TICK, WHITE
 from hapticd.jit import njit
+from hapticd.plant.exact import phi_functions
 from hapticd.plant.layout import STATE, index_of
 
 if TYPE_CHECKING:
@@ -125,10 +126,9 @@ def run_filter(
         if abs(span - period.span) > SAME_SPAN * span:
             period.span = span
             ratio = span / tau
-            period.decay = math.exp(-ratio)
-            period.mean = (1.0 - period.decay) / ratio if ratio > 1e-6 else 1.0
-            period.coloured = 2.0 * power / tau * span**3 / 3.0
-            period.fresh = 2.0 * power / tau * span**2 / 2.0
+            period.decay, period.mean, way = phi_functions(-ratio)
+            period.coloured = 2.0 * power * span * span * (way - 0.5 * period.mean * period.mean)
+            period.fresh = power * span * period.mean * (1.0 - period.decay)
             period.renewed = power * (1.0 - period.decay * period.decay)
             period.coast = math.exp(-law.viscous * span / law.inertia)
             if law.has_coupling:

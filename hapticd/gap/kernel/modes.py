@@ -60,6 +60,7 @@ _a = types.Array(_f8, 1, "C")
 _mode = from_dtype(MODE)
 _modes = types.Array(_mode, 1, "C")
 _rows = types.Array(from_dtype(TICK), 1, "C")
+_BREAKAWAY = index_of("presliding.breakaway")
 _ECCENTRICITY = index_of("encoder_eccentricity.e")
 
 
@@ -244,7 +245,10 @@ def see(
         off = m.expected + moved - row.mean
         row.moved += weight * off
         left += weight * (m.variance * m.kept + off * off)
-        m.bristle += m.bristle_x * m.seen * m.covariance[0, 0] / m.variance * moved
+        if m.bristle_x != 0.0:  # what a count tells strains no bristle beyond sliding
+            most = max(abs(m.bristle), p[_BREAKAWAY])
+            m.bristle += m.bristle_x * m.seen * m.covariance[0, 0] / m.variance * moved
+            m.bristle = min(max(m.bristle, -most), most)
         take(m, m.seen, m.variance, share, moved, size)
         m.weight = weight if weight > RARE else 0.0
         row.x += weight * m.mean[0]
