@@ -13,9 +13,6 @@ from hapticd.hil.daemon import DaemonProcess
 AT_S: Final = 0.5
 """When a device-side fault strikes, after the first enable."""
 
-PUSH: Final = 0.006
-"""Force of the hand, N m or N."""
-
 SERIAL: Final = "serial_dac"
 CANOPEN: Final = "canopen"
 BOTH: Final = (SERIAL, CANOPEN)
@@ -27,35 +24,21 @@ class Injection:
 
     name: str
     what: str
+    fault: dict[str, Any] = field(default_factory=dict)
+    """What befalls the device, as its script has it, with the serial board's word for the frames."""
     devices: tuple[str, ...] = BOTH
-    faults: dict[str, list[dict[str, Any]]] = field(default_factory=dict)
-    """Device-side faults by driver name, entries of the script."""
-    start: dict[str, Any] = field(default_factory=dict)
-    """How the device starts."""
-    hand: list[dict[str, Any]] = field(default_factory=list)
-    """Steps of the hand: it must move for the commands to change, and a CAN drive's demand to show that they are lost."""
-    act: Callable[[DaemonProcess], None] | None = None
-    """What is done to the daemon."""
     codes: tuple[str, ...] = ()
     """Fault codes that are right; none: it must be tolerated, and counted."""
     by_watchdog: bool = False
     """The daemon cannot act: the device must, within its watchdog time."""
+    act: Callable[[DaemonProcess], None] | None = None
+    """What is done to the daemon."""
+    script: dict[str, Any] = field(default_factory=dict)
+    """What else the device's script says: how it starts, what a hand does."""
     refused: bool = False
     """The daemon must refuse to start on such a device."""
     clock_jump: bool = False
     """The wall clock jumps; needs a C compiler."""
-
-
-def _device(serial: list[dict[str, Any]] | None = None, canopen: list[dict[str, Any]] | None = None) -> dict[str, Any]:
-    return {name: faults for name, faults in ((SERIAL, serial), (CANOPEN, canopen)) if faults is not None}
-
-
-def _same(**fault: Any) -> dict[str, Any]:
-    return _device([fault], [fault])
-
-
-def _frames(kind: str, serial: str, canopen: str, **more: Any) -> dict[str, Any]:
-    return _device([{"kind": kind, "frames": serial, **more}], [{"kind": kind, "frames": canopen, **more}])
 
 
 def _signal(number: int) -> Callable[[DaemonProcess], None]:
@@ -70,104 +53,92 @@ def _stall(daemon: DaemonProcess) -> None:
 
 _FOREVER: Final = 1_000_000
 _LOST: Final = ("driver_lost", "missed_exchanges", "device_fault")
+_PUSH: Final = [
+    {"at_s": AT_S, "force": 0.006, "from": "enabled"},
+    {"at_s": AT_S + 0.05, "force": 0.0, "from": "enabled"},
+]
+"""A hand's, N m or N: it must move for the commands to change, and a CAN drive's demand to show that they are lost."""
 
 INJECTIONS: Final = (
-    Injection("drop_one_reply", "one reply lost", faults=_frames("drop", "reply", "tpdo", count=1)),
-    Injection("drop_one_command", "one command lost", faults=_frames("drop", "command", "rpdo", count=1)),
+    Injection("drop_one_reply", "one reply lost", {"kind": "drop", "frames": "reply", "count": 1}),
+    Injection("drop_one_command", "one command lost", {"kind": "drop", "frames": "command", "count": 1}),
     Injection(
         "drop_replies",
         "every reply lost from now on",
-        faults=_frames("drop", "reply", "tpdo", count=_FOREVER),
+        {"kind": "drop", "frames": "reply", "count": _FOREVER},
         codes=_LOST,
     ),
     Injection(
         "drop_commands",
         "every command lost from now on",
-        faults=_frames("drop", "command", "rpdo", count=_FOREVER),
-        hand=[{"at_s": AT_S, "force": PUSH, "from": "enabled"}, {"at_s": AT_S + 0.05, "force": 0.0, "from": "enabled"}],
+        {"kind": "drop", "frames": "command", "count": _FOREVER},
         codes=_LOST,
         by_watchdog=True,
+        script={"hand": _PUSH},
     ),
     Injection(
-        "corrupt_one",
-        "one reply with a flipped bit",
-        (SERIAL,),
-        _device([{"kind": "corrupt", "frames": "reply", "count": 1}]),
+        "corrupt_one", "one reply with a flipped bit", {"kind": "corrupt", "frames": "reply", "count": 1}, (SERIAL,)
     ),
     Injection(
         "corrupt_replies",
         "every reply with a flipped bit",
+        {"kind": "corrupt", "frames": "reply", "count": _FOREVER},
         (SERIAL,),
-        _device([{"kind": "corrupt", "frames": "reply", "count": _FOREVER}]),
-        codes=_LOST,
+        _LOST,
     ),
-    Injection("duplicate", "five replies sent twice", faults=_frames("duplicate", "reply", "tpdo", count=5)),
+    Injection("duplicate", "five replies sent twice", {"kind": "duplicate", "frames": "reply", "count": 5}),
     Injection(
         "delay_one",
         "one reply 2 ms late, a period at least",
-        faults=_frames("delay", "reply", "tpdo", count=1, delay_s=0.002),
+        {"kind": "delay", "frames": "reply", "count": 1, "delay_s": 0.002},
     ),
     Injection(
         "delay_replies",
         "every reply 2 ms late, a period at least",
-        faults=_frames("delay", "reply", "tpdo", count=_FOREVER, delay_s=0.002),
+        {"kind": "delay", "frames": "reply", "count": _FOREVER, "delay_s": 0.002},
         codes=_LOST,
     ),
-    Injection("reorder", "two replies change places", faults=_frames("reorder", "reply", "tpdo", count=1)),
-    Injection("garbage", "64 bytes of garbage on the line", (SERIAL,), _device([{"kind": "garbage", "bytes": 64}])),
+    Injection("reorder", "two replies change places", {"kind": "reorder", "frames": "reply", "count": 1}),
+    Injection("garbage", "64 bytes of garbage on the line", {"kind": "garbage", "bytes": 64}, (SERIAL,)),
     Injection(
         "encoder_glitch",
         "the counter jumps by 100000 for one sample",
-        faults=_same(kind="encoder_glitch", counts=100_000, count=1),
+        {"kind": "encoder_glitch", "counts": 100_000, "count": 1},
         codes=("encoder_jump",),
     ),
     Injection(
         "freeze_counter",
         "the counter stands still for 0.2 s: to the host, a shaft at rest",
-        faults=_same(kind="freeze_counter", duration_s=0.2),
+        {"kind": "freeze_counter", "duration_s": 0.2},
     ),
     *(
-        Injection(kind, what, (SERIAL,), _device([{"kind": kind}]), codes=("device_fault",))
+        Injection(kind, what, {"kind": kind}, (SERIAL,), ("device_fault",))
         for kind, what in (
             ("encoder_fault", "the board reports an encoder fault"),
             ("amplifier_fault", "the board reports an amplifier fault"),
             ("external_stop", "the board's stop input opens"),
         )
     ),
-    Injection("encoder_wrap", "the counter wraps around", start={"counts_offset": 2**32 - 1}),
-    Injection(
-        "silent",
-        "the device sends nothing, but still hears",
-        faults=_same(kind="silent"),
-        codes=_LOST,
-    ),
-    Injection("unplug", "the port disappears", faults=_same(kind="unplug"), codes=("driver_lost",), by_watchdog=True),
-    Injection(
-        "reboot",
-        "the device reboots",
-        faults=_same(kind="reboot"),
-        codes=("device_fault", "amplifier_dropped", *_LOST),
-    ),
-    Injection(
-        "bus_off", "the bus goes off", (CANOPEN,), _device(None, [{"kind": "bus_off"}]), codes=_LOST, by_watchdog=True
-    ),
+    Injection("encoder_wrap", "the counter wraps around", script={"start": {"counts_offset": 2**32 - 1}}),
+    Injection("silent", "the device sends nothing, but still hears", {"kind": "silent"}, codes=_LOST),
+    Injection("unplug", "the port disappears", {"kind": "unplug"}, codes=("driver_lost",), by_watchdog=True),
+    Injection("reboot", "the device reboots", {"kind": "reboot"}, codes=("device_fault", "amplifier_dropped", *_LOST)),
+    Injection("bus_off", "the bus goes off", {"kind": "bus_off"}, (CANOPEN,), _LOST, by_watchdog=True),
     Injection(
         "emcy",
         "emergency message (over-temperature)",
+        {"kind": "emcy", "code": 0x4310},
         (CANOPEN,),
-        _device(None, [{"kind": "emcy", "code": 0x4310}]),
-        codes=("device_fault",),
+        ("device_fault",),
     ),
     Injection(
         "leave_operation_enabled",
         "the drive leaves Operation Enabled by itself",
+        {"kind": "leave_operation_enabled"},
         (CANOPEN,),
-        _device(None, [{"kind": "leave_operation_enabled"}]),
-        codes=("amplifier_dropped", "device_fault"),
+        ("amplifier_dropped", "device_fault"),
     ),
-    Injection(
-        "wrong_version", "protocol or identity of another device", faults=_same(kind="wrong_version"), refused=True
-    ),
+    Injection("wrong_version", "protocol or identity of another device", {"kind": "wrong_version"}, refused=True),
     Injection("sigkill", "SIGKILL of the daemon", act=_signal(signal.SIGKILL), by_watchdog=True),
     Injection("sigsegv", "SIGSEGV of the daemon", act=_signal(signal.SIGSEGV), by_watchdog=True),
     Injection("sigstop", "SIGSTOP of the daemon", act=_signal(signal.SIGSTOP), by_watchdog=True),

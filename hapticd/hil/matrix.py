@@ -20,7 +20,7 @@ from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
 from hapticd.hil.device_log import SAMPLE, DeviceLog
 from hapticd.hil.errors import HilError
-from hapticd.hil.injections import AT_S, INJECTIONS, Injection
+from hapticd.hil.injections import AT_S, CANOPEN, INJECTIONS, Injection
 from hapticd.record import read_run
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_MISSED_PERIOD
 
@@ -30,6 +30,7 @@ HOLDING_A: Final = 0.03
 SETTLE_S: Final = 0.8
 """Time after the fault in which everything must have happened."""
 _SIGTERM_S: Final = 1.0
+_CAN_FRAMES: Final = {"reply": "tpdo", "command": "rpdo"}
 CRASH_REPORT_S: Final = 5e-3
 """In which a daemon that crashes writes the stacks of its threads. Its loop goes on meanwhile, and the watchdog hears it."""
 
@@ -40,21 +41,21 @@ class Row:
 
     injection: Injection
     driver: str
-    code: str | None
+    code: str | None = None
     """Fault code that the daemon latched; ``None`` for none."""
-    cause: str
-    zero_after_s: float | None
+    cause: str = ""
+    zero_after_s: float | None = None
     """From the injection to the instant since which the motor's current has been zero for good; None: it flows on."""
-    tolerated: int
+    tolerated: int = 0
     """Exchanges that failed and were counted without a fault."""
-    missed_periods: int
+    missed_periods: int = 0
     """Periods that the host itself missed meanwhile."""
-    rows_lost: int
+    rows_lost: int = 0
     """Rows missing inside the recording; all samples before the fault where there is none. Rows that a killed daemon had not
     yet written (`hapticd.record.writer.FLUSH_S`) are not counted."""
-    after_first_miss: int | None
+    after_first_miss: int | None = None
     """Periods from the first failed exchange to the tick of the fault."""
-    problems: tuple[str, ...]
+    problems: tuple[str, ...] = ()
     struck_ns: int = 0
     """When it struck, CLOCK_MONOTONIC; 0 where a start was refused."""
 
@@ -97,8 +98,8 @@ def run_matrix(
             try:
                 rows.append(run_injection(config, injection, Path(folder), board))
             except HilError as error:
-                nothing = (config.driver.name, None, "", None, 0, 0, 0, None)
-                rows.append(Row(injection, *nothing, (f"not run: {str(error).splitlines()[-1]}",)))
+                reason = f"not run: {str(error).splitlines()[-1]}"
+                rows.append(Row(injection, config.driver.name, problems=(reason,)))
     progress(1.0, "done")
     return rows
 
@@ -158,18 +159,7 @@ class _DisturbedError(Exception):
 
 
 def _inject(config: Config, injection: Injection, folder: Path, board: str | None) -> Row:
-    faults = [{"at_s": AT_S, "from": "enabled", **fault} for fault in injection.faults.get(config.driver.name, [])]
-    for fault in faults:
-        if "delay_s" in fault:
-            fault["delay_s"] = max(fault["delay_s"], 1.0 / config.servo.rate_hz)
-    if injection.refused:
-        faults = [{"kind": fault["kind"]} for fault in faults]
-    script: dict[str, Any] = {"faults": faults}
-    if injection.start:
-        script["start"] = injection.start
-    if injection.hand:
-        script["hand"] = injection.hand
-    device = Device(config, folder, script=script, board=board)
+    device = Device(config, folder, script=_script(config, injection), board=board)
     clock = JumpingClock(folder) if injection.clock_jump else None
     with device:
         device.wait_ready()
@@ -203,6 +193,16 @@ def _inject(config: Config, injection: Injection, folder: Path, board: str | Non
         struck_ns = injected
     missed = int(before["exchanges_missed"])
     return _judge(config, injection, daemon, log, status, struck_ns, looked_ns, missed)
+
+
+def _script(config: Config, injection: Injection) -> dict[str, Any]:
+    """What the device plays: the fault from its first enable on, or from the beginning where a start must be refused."""
+    fault = {**injection.fault} if injection.refused else {"at_s": AT_S, "from": "enabled", **injection.fault}
+    if config.driver.name == CANOPEN and "frames" in fault:
+        fault["frames"] = _CAN_FRAMES[fault["frames"]]
+    if "delay_s" in fault:
+        fault["delay_s"] = max(fault["delay_s"], 1.0 / config.servo.rate_hz)
+    return {"faults": [fault] if injection.fault else [], **injection.script}
 
 
 def _start(daemon: DaemonProcess) -> None:
@@ -304,5 +304,5 @@ def _refusal(config: Config, injection: Injection, daemon: DaemonProcess) -> Row
     except HilError:
         lines = daemon.last_output().splitlines()
         problems = () if daemon.code == 4 else (f"exit code {daemon.code} instead of 4",)
-        return Row(injection, config.driver.name, "refused", lines[-1], 0.0, 0, 0, 0, None, problems)
-    return Row(injection, config.driver.name, None, "", None, 0, 0, 0, None, ("the daemon started on such a device",))
+        return Row(injection, config.driver.name, "refused", lines[-1], 0.0, problems=problems)
+    return Row(injection, config.driver.name, problems=("the daemon started on such a device",))

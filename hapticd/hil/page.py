@@ -34,9 +34,8 @@ def write_page(result: SuiteResult, folder: Path) -> Path:
 
 def _page(result: SuiteResult) -> str:
     verdict = "does what the simulation says" if result.agrees else "differs from the simulation"
-    traced = [case for case in result.cases if case.comparison is not None]
     with style():
-        traces, delays = _embed(_traces(traced)), _embed(_delays(result)) if len(result.latency_s) else ""
+        traces, delays = _embed(_traces(result.cases)), _embed(_delays(result)) if len(result.latency_s) else ""
     declared = 1e6 * result.declared_s
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
@@ -62,22 +61,13 @@ def _traces(cases: Sequence[CaseResult]) -> Figure:
     figure = new_figure(9.5, 2.4 * max(1, len(cases)))
     axes = figure.subplots(max(1, len(cases)), 2, squeeze=False)
     for row, case in zip(axes, cases, strict=False):
-        comparison = case.comparison
-        assert comparison is not None
+        simulated, measured = case.comparison.simulated, case.comparison.measured
         for axis, name, unit in ((row[0], "ticks", "coarse ticks"), (row[1], "current", "A")):
-            axis.plot(
-                comparison.simulated.time_s, getattr(comparison.simulated, name), color=GREY, lw=2.4, label="simulated"
-            )
-            axis.plot(
-                comparison.measured.time_s,
-                getattr(comparison.measured, name),
-                color=BLUE,
-                lw=0.9,
-                label="on the device",
-            )
+            axis.plot(simulated.time_s, getattr(simulated, name), color=GREY, lw=2.4, label="simulated")
+            axis.plot(measured.time_s, getattr(measured, name), color=BLUE, lw=0.9, label="on the device")
             axis.set_ylabel(unit)
-            axis.set_xlim(0, comparison.measured.time_s[-1] if len(comparison.measured.time_s) else 1)
-        reach = np.abs(comparison.measured.ticks).max(initial=1.0) * 1.15
+            axis.set_xlim(0, measured.time_s[-1] if len(measured.time_s) else 1)
+        reach = np.abs(measured.ticks).max(initial=1.0) * 1.15
         row[0].set_ylim(-reach, reach)
         row[0].set_title(f"{case.name}: {case.what}")
     axes[0, 0].legend()

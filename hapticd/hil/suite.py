@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Final
 
@@ -46,7 +46,7 @@ class CaseResult:
 
     name: str
     what: str
-    comparison: Comparison | None
+    comparison: Comparison
     report: dict[str, Any]
     problems: tuple[str, ...]
 
@@ -60,7 +60,7 @@ class SuiteResult:
     latency_s: np.ndarray[Any, np.dtype[np.float64]]
     declared_s: float
     timing: dict[str, Any]
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[str, ...]
 
     @property
     def agrees(self) -> bool:

@@ -26,16 +26,15 @@ def suite_document(result: SuiteResult) -> dict[str, Any]:
 
 
 def _case(case: CaseResult) -> dict[str, Any]:
-    comparison = case.comparison
     return {
         "name": case.name,
         "what": case.what,
         "agrees": not case.problems,
         "problems": list(case.problems),
         **case.report,
-        "current_rms_error": comparison.current_rms_error if comparison else None,
-        "position_rms_error_ticks": comparison.position_rms_error if comparison else None,
-        "compared_periods": comparison.swing if comparison else None,
+        "current_rms_error": case.comparison.current_rms_error,
+        "position_rms_error_ticks": case.comparison.position_rms_error,
+        "compared_periods": case.comparison.swing,
     }
 
 
@@ -47,7 +46,7 @@ def suite_text(result: SuiteResult) -> str:
     for case in result.cases:
         report = case.report
         rests = report.get("outcome") == "decaying"
-        error = case.comparison.current_rms_error if case.comparison else float("nan")
+        error = case.comparison.current_rms_error
         lines.append(
             f"{case.name:11} {report.get('outcome') or '-':11} {report.get('simulated_outcome') or '-':11} "
             f"{_ticks(report.get('final_ticks') if rests else None)} "
