@@ -7,7 +7,6 @@ both at p99.9, and the largest stiffness falls with it.
 
 from __future__ import annotations
 
-import functools
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 RATES_HZ: Final = (200.0, 500.0, 1000.0, 2000.0, 4000.0, 8000.0)
-SECONDS: Final = 5.0
 _BEAT_S: Final = 0.05
 
 
@@ -94,9 +92,9 @@ class LatencyResult:
 
 def measure(
     config: Config,
-    rates_hz: Sequence[float] = RATES_HZ,
-    seconds: float = SECONDS,
-    progress: Callable[[float], None] = lambda fraction: None,
+    rates_hz: Sequence[float],
+    seconds: float,
+    progress: Callable[[float], None],
 ) -> LatencyResult:
     """Run the loop at each rate, amplifier off, on the configured driver.
 
@@ -120,7 +118,7 @@ def measure(
             driver.open()
             declared = driver.latency_s
             servo = ServoThread(trial, driver, parameters(trial, Request()))
-            _run(servo, seconds, functools.partial(_part, progress, index, len(rates_hz)))
+            _run(servo, seconds, progress, index / len(rates_hz), 1.0 / len(rates_hz))
             results.append(_result(trial, servo, declared))
         except drivers.DriverConfigError as error:
             refused[rate] = str(error)
@@ -132,25 +130,17 @@ def measure(
     return LatencyResult(config.driver.name, declared, tuple(results), refused, lacking)
 
 
-def _part(progress: Callable[[float], None], index: int, count: int, fraction: float) -> None:
-    progress((index + fraction) / count)
-
-
-def _run(servo: ServoThread, seconds: float, progress: Callable[[float], None]) -> None:
+def _run(servo: ServoThread, seconds: float, progress: Callable[[float], None], before: float, share: float) -> None:
     servo.start()
     try:
-        _tick(servo, seconds, progress)
+        begin = time.monotonic()
+        while (elapsed := time.monotonic() - begin) < seconds and servo.alive():
+            servo.beat()
+            servo.core.drain()
+            progress(before + share * elapsed / seconds)
+            time.sleep(_BEAT_S)
     finally:
         servo.stop()
-
-
-def _tick(servo: ServoThread, seconds: float, progress: Callable[[float], None]) -> None:
-    begin = time.monotonic()
-    while (elapsed := time.monotonic() - begin) < seconds and servo.alive():
-        servo.beat()
-        servo.core.drain()
-        progress(elapsed / seconds)
-        time.sleep(_BEAT_S)
 
 
 def _result(config: Config, servo: ServoThread, declared: float) -> RateResult:
