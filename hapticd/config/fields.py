@@ -7,7 +7,7 @@ Numbers are numbers: true, "5" and nan are refused. A *limit* takes 0 or null fo
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from numbers import Real
 from typing import Annotated, Any
 
@@ -57,20 +57,9 @@ def _whole(value: Any) -> int:
     return int(value)
 
 
-def _limit(value: Any) -> float | None:
-    return None if value is None else _number(value) or None
-
-
-def _whole_limit(value: Any) -> int | None:
-    return None if value is None else _whole(value) or None
-
-
-def _ideal(value: Any) -> float:
-    return 0.0 if value is None else _number(value)
-
-
-def _whole_ideal(value: Any) -> int:
-    return 0 if value is None else _whole(value)
+def _or_null(read: Callable[[Any], float], held: float | None) -> BeforeValidator:
+    """A number, where 0 and null are the same."""
+    return BeforeValidator(lambda value: held if value is None else read(value) or held)
 
 
 def _off(value: Any) -> Any:
@@ -79,10 +68,10 @@ def _off(value: Any) -> Any:
 
 Number = Annotated[float, BeforeValidator(_number)]
 Whole = Annotated[int, BeforeValidator(_whole)]
-Limit = Annotated[float | None, BeforeValidator(_limit)]
-WholeLimit = Annotated[int | None, BeforeValidator(_whole_limit)]
-Ideal = Annotated[float, BeforeValidator(_ideal)]
-WholeIdeal = Annotated[int, BeforeValidator(_whole_ideal)]
+Limit = Annotated[float | None, _or_null(_number, None)]
+WholeLimit = Annotated[int | None, _or_null(_whole, None)]
+Ideal = Annotated[float, _or_null(_number, 0.0)]
+WholeIdeal = Annotated[int, _or_null(_whole, 0)]
 Off = BeforeValidator(_off)
 """For fields with a choice ``off``, which YAML 1.1 reads as false."""
 Flag = StrictBool

@@ -87,10 +87,6 @@ def _path(value: str) -> str:
         raise PydanticCustomError("message", "no such user's home directory") from None
 
 
-def _path_or_none(value: str | None) -> str | None:
-    return None if value is None else _path(value)
-
-
 def _socket_path(value: str) -> str:
     path = _path(value)
     size = len(path.encode(errors="surrogateescape"))
@@ -117,7 +113,7 @@ class Record(Section):
         default_directory,
         "Where run files go; null: $STATE_DIRECTORY/runs in a service, else $XDG_STATE_HOME/hapticd/runs",
     )
-    flight_directory: Annotated[Text | None, AfterValidator(_path_or_none)] = quantity(
+    flight_directory: Annotated[Text, AfterValidator(_path)] | None = quantity(
         None,
         "Where the flight recorder lies, which outlives a crash; null: in memory ($RUNTIME_DIRECTORY, $XDG_RUNTIME_DIR, "
         "/dev/shm). On a disk it may outlive a power cut, too, but the servo thread may wait for the disk",
