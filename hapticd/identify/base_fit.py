@@ -7,6 +7,7 @@ intervals know of a torque that no model has.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -106,7 +107,8 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     terms = _terms(start, problem.torque, problem.series.period_s)
     look = problem.first_look()
     begun = Fit(look, terms, first_noise(look, terms))
-    found = max((_climbed(fit) for fit in (begun, _likeliest(begun, start.at_delays))), key=_likelihood)
+    starts = (begun, _likeliest(begun, start.at_delays))
+    found = max((_climbed(fit) for fit in starts), key=attrgetter("log_likelihood"))
     whole = found.on(problem.with_free_memory())
     _scan_bias(whole)
     fit = _inside(_shaken(whole.maximise(tolerance=_ROUGHLY)).maximise())
@@ -150,20 +152,15 @@ def _likeliest(fit: Fit, at_delays: Floats) -> Fit:
 
 
 def _climbed(fit: Fit) -> Fit:
-    _scan_delay(fit)
-    return fit.maximise(40, _ROUGHLY)
+    """A climb that begins with a line search over all delays.
 
-
-def _likelihood(fit: Fit) -> float:
-    return fit.log_likelihood
-
-
-def _scan_delay(fit: Fit) -> None:
-    """Line search over all delays while the noise is still large; later the likelihood has a maximum about every delay."""
+    Only while the noise is large: later the likelihood has a maximum about every delay.
+    """
     for periods in _SCANNED_PERIODS:
         u = fit.u.copy()
         u[-1] = periods * fit.problem.series.period_s
         fit.move(u)
+    return fit.maximise(40, _ROUGHLY)
 
 
 def _least_error_of_bias(fit: Fit) -> float:

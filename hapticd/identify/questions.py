@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from math import pi
 from typing import TYPE_CHECKING, Any, Final
 
-from hapticd.config import Config, ConfigError, Problem, parse_yaml
+from hapticd.config import Config, ConfigError, Problem, apply_settings, parse_config, parse_yaml, unit_of
+from hapticd.config.keys import leaf_fields
 from hapticd.config.nearest import nearest_name
 from hapticd.config.reading import read_text, read_yaml
 from hapticd.config.text import shown, yaml_value
@@ -24,37 +25,61 @@ if TYPE_CHECKING:
 Answers = dict[str, Any]
 
 _TORQUE: Final = {"N m": 1.0, "mN m": 1e-3, "µN m": 1e-6, "N cm": 1e-2, "oz in": 7.0615518e-3}
-_CURRENT: Final = {"A": 1.0, "mA": 1e-3}
-_INERTIA: Final = {"kg m²": 1.0, "g cm²": 1e-7, "kg cm²": 1e-4, "g mm²": 1e-9, "oz in s²": 7.0615518e-3}
-_HERTZ: Final = {"Hz": 1.0, "kHz": 1e3}
-_ANGLE: Final = {"rad": 1.0, "deg": pi / 180.0, "°": pi / 180.0, "rev": 2.0 * pi}
-_SPEED: Final = {"rad/s": 1.0, "rpm": 2.0 * pi / 60.0, "deg/s": pi / 180.0}
-_STIFFNESS: Final = {"N m/rad": 1.0, "mN m/rad": 1e-3, "N m/deg": 180.0 / pi, "mN m/deg": 0.18 / pi}
-_LENGTH: Final = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
-_LINEAR_SPEED: Final = {"m/s": 1.0, "mm/s": 1e-3}
-_LINEAR_STIFFNESS: Final = {"N/m": 1.0, "N/mm": 1e3, "kN/m": 1e3}
+_UNITS: Final[Mapping[str, Mapping[str, float]]] = {
+    "counts/rev": {"counts/rev": 1.0, "counts": 1.0, "cpr": 1.0, "lines": 4.0, "ppr": 4.0},
+    "counts/m": {"counts/m": 1.0, "counts/mm": 1e3},
+    "N m/A": {f"{unit}/A": factor for unit, factor in _TORQUE.items()},
+    "N/A": {"N/A": 1.0, "mN/A": 1e-3},
+    "kg m²": {"kg m²": 1.0, "g cm²": 1e-7, "kg cm²": 1e-4, "g mm²": 1e-9, "oz in s²": 7.0615518e-3},
+    "kg": {"kg": 1.0, "g": 1e-3},
+    "N m": _TORQUE,
+    "N": {"N": 1.0, "mN": 1e-3},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "bits": {"bits": 1.0, "bit": 1.0},
+    "Hz": {"Hz": 1.0, "kHz": 1e3},
+    "N m/rad": {"N m/rad": 1.0, "mN m/rad": 1e-3, "N m/deg": 180.0 / pi, "mN m/deg": 0.18 / pi},
+    "N/m": {"N/m": 1.0, "N/mm": 1e3, "kN/m": 1e3},
+    "rad": {"rad": 1.0, "deg": pi / 180.0, "°": pi / 180.0, "rev": 2.0 * pi},
+    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
+    "rad/s": {"rad/s": 1.0, "rpm": 2.0 * pi / 60.0, "deg/s": pi / 180.0},
+    "m/s": {"m/s": 1.0, "mm/s": 1e-3},
+}
+"""What an answer may be written in, with its factor, by the unit of the schema."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """One thing to ask.
+    """One thing to ask; its unit is the schema's.
 
     Attributes:
-        key: name of the answer. text: what is asked. unit: of a plain number; empty for a word or a count.
-        units: other units, lower case, and their factors. default: taken where nothing is said.
-        choices: words, where it is none of the numbers.
-        kind: ``rotary`` or ``linear`` for a question that only such a device has.
+        key: name of the answer. text: what is asked.
         place: dotted key of the config that takes the answer.
+        kind: ``rotary`` or ``linear`` for a question that only such a device has.
+        own_default: taken where nothing is said; None: the schema's default, which is a rotary device's.
+        choices: words, where it is none of the numbers.
     """
 
     key: str
     text: str
-    default: Any
-    unit: str = ""
-    units: Mapping[str, float] | None = None
-    choices: tuple[str, ...] = ()
-    kind: str = ""
     place: str = ""
+    kind: str = ""
+    own_default: Any = None
+    choices: tuple[str, ...] = ()
+
+    @property
+    def default(self) -> Any:
+        """Taken where nothing is said."""
+        return leaf_fields()[self.place].default if self.own_default is None else self.own_default
+
+    @property
+    def unit(self) -> str:
+        """Unit of a plain number; empty for a word."""
+        return unit_of(self.place, self.kind == "linear")
+
+    @property
+    def units(self) -> Mapping[str, float]:
+        """Units that may be written, and their factors."""
+        return _UNITS.get(self.unit, {})
 
     def applies(self, answers: Mapping[str, Any]) -> bool:
         """Whether it is to be asked at all."""
@@ -84,7 +109,7 @@ class Question:
             "key": self.key,
             "text": self.text,
             "unit": self.unit,
-            "units": list(self.units or ()),
+            "units": list(self.units),
             "choices": list(self.choices),
             "default": self.default,
             "only": self.kind or None,
@@ -92,152 +117,52 @@ class Question:
 
 
 QUESTIONS: Final[tuple[Question, ...]] = (
-    Question("device", "What moves: an axis that turns, or a slide", "rotary", choices=("rotary", "linear")),
+    Question(
+        "device", "What moves: an axis that turns, or a slide", own_default="rotary", choices=("rotary", "linear")
+    ),
     Question(
         "driver",
         "How hapticd reaches it; loopback is simulated",
-        "loopback",
+        "driver.name",
         choices=("loopback", "serial_dac", "canopen"),
-        place="driver.name",
     ),
     Question(
-        "counts_per_rev",
-        "Encoder: counts per revolution, four times its lines",
-        8192.0,
-        "counts/rev",
-        {"counts/rev": 1.0, "counts": 1.0, "cpr": 1.0, "lines": 4.0, "ppr": 4.0},
-        kind="rotary",
-        place="encoder.counts_per_rev",
+        "counts_per_rev", "Encoder: counts per revolution, four times its lines", "encoder.counts_per_rev", "rotary"
     ),
+    Question("counts_per_metre", "Encoder: counts per metre", "encoder.counts_per_metre", "linear", 100000.0),
+    Question("torque_constant", "Motor: torque constant, from its data sheet", "amplifier.torque_constant", "rotary"),
     Question(
-        "counts_per_metre",
-        "Encoder: counts per metre",
-        100000.0,
-        "counts/m",
-        {"counts/m": 1.0, "counts/mm": 1e3},
-        kind="linear",
-        place="encoder.counts_per_metre",
+        "force_constant", "Motor: force constant, from its data sheet", "amplifier.torque_constant", "linear", 10.0
     ),
-    Question(
-        "torque_constant",
-        "Motor: torque constant, from its data sheet",
-        0.0292,
-        "N m/A",
-        {f"{unit}/A": factor for unit, factor in _TORQUE.items()},
-        kind="rotary",
-        place="amplifier.torque_constant",
-    ),
-    Question(
-        "force_constant",
-        "Motor: force constant, from its data sheet",
-        10.0,
-        "N/A",
-        {"N/A": 1.0, "mN/A": 1e-3},
-        kind="linear",
-        place="amplifier.torque_constant",
-    ),
-    Question(
-        "inertia",
-        "Inertia of rotor and load, a guess will do",
-        6.28e-6,
-        "kg m²",
-        _INERTIA,
-        kind="rotary",
-        place="plant.inertia",
-    ),
-    Question(
-        "mass", "Moving mass, a guess will do", 0.1, "kg", {"kg": 1.0, "g": 1e-3}, kind="linear", place="plant.inertia"
-    ),
-    Question(
-        "friction_torque",
-        "Torque that just moves it, a guess will do",
-        2e-3,
-        "N m",
-        _TORQUE,
-        kind="rotary",
-        place="plant.coulomb",
-    ),
-    Question(
-        "friction_force",
-        "Force that just moves it, a guess will do",
-        0.5,
-        "N",
-        {"N": 1.0, "mN": 1e-3},
-        kind="linear",
-        place="plant.coulomb",
-    ),
+    Question("inertia", "Inertia of rotor and load, a guess will do", "plant.inertia", "rotary"),
+    Question("mass", "Moving mass, a guess will do", "plant.inertia", "linear", 0.1),
+    Question("friction_torque", "Torque that just moves it, a guess will do", "plant.coulomb", "rotary"),
+    Question("friction_force", "Force that just moves it, a guess will do", "plant.coulomb", "linear", 0.5),
     Question(
         "continuous_current",
         "Current that may flow for ever: the lower one of motor and amplifier",
-        2.0,
-        "A",
-        _CURRENT,
-        place="amplifier.continuous_current",
+        "amplifier.continuous_current",
     ),
-    Question("peak_current", "Largest current for a second", 6.0, "A", _CURRENT, place="amplifier.peak_current"),
-    Question(
-        "full_scale_current",
-        "Current at full scale of the command",
-        6.0,
-        "A",
-        _CURRENT,
-        place="amplifier.dac_full_scale",
-    ),
-    Question(
-        "dac_bits",
-        "Bits of the command over plus and minus full scale; 0: not quantised",
-        14,
-        "bits",
-        {"bits": 1.0, "bit": 1.0},
-        place="amplifier.dac_bits",
-    ),
+    Question("peak_current", "Largest current for a second", "amplifier.peak_current"),
+    Question("full_scale_current", "Current at full scale of the command", "amplifier.dac_full_scale"),
+    Question("dac_bits", "Bits of the command over plus and minus full scale; 0: not quantised", "amplifier.dac_bits"),
     Question(
         "bandwidth",
         "Bandwidth of the amplifier's current loop; 0: not known, taken as ideal",
-        3000.0,
-        "Hz",
-        _HERTZ,
-        place="amplifier.bandwidth_hz",
+        "amplifier.bandwidth_hz",
     ),
-    Question("rate", "Servo rate", 1000.0, "Hz", _HERTZ, place="servo.rate_hz"),
-    Question("stiffness", "Virtual spring", 0.012, "N m/rad", _STIFFNESS, kind="rotary", place="spring.stiffness"),
-    Question(
-        "linear_stiffness", "Virtual spring", 10.0, "N/m", _LINEAR_STIFFNESS, kind="linear", place="spring.stiffness"
-    ),
-    Question(
-        "max_excursion",
-        "How far it may go from the spring's origin",
-        10.0,
-        "rad",
-        _ANGLE,
-        kind="rotary",
-        place="safety.max_excursion",
-    ),
-    Question(
-        "max_travel",
-        "How far it may go from the spring's origin",
-        0.2,
-        "m",
-        _LENGTH,
-        kind="linear",
-        place="safety.max_excursion",
-    ),
-    Question("max_speed", "How fast it may become", 400.0, "rad/s", _SPEED, kind="rotary", place="safety.max_velocity"),
-    Question(
-        "max_linear_speed",
-        "How fast it may become",
-        2.0,
-        "m/s",
-        _LINEAR_SPEED,
-        kind="linear",
-        place="safety.max_velocity",
-    ),
+    Question("rate", "Servo rate", "servo.rate_hz"),
+    Question("stiffness", "Virtual spring", "spring.stiffness", "rotary"),
+    Question("linear_stiffness", "Virtual spring", "spring.stiffness", "linear", 10.0),
+    Question("max_excursion", "How far it may go from the spring's origin", "safety.max_excursion", "rotary"),
+    Question("max_travel", "How far it may go from the spring's origin", "safety.max_excursion", "linear", 0.2),
+    Question("max_speed", "How fast it may become", "safety.max_velocity", "rotary"),
+    Question("max_linear_speed", "How fast it may become", "safety.max_velocity", "linear", 2.0),
 )
 _BY_KEY: Final = {question.key: question for question in QUESTIONS}
 _NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
 _DIGITS: Final = 12
 """Of an answer in SI units: the product with a unit's factor has more, which nobody said."""
-_WHOLE: Final = frozenset({"dac_bits"})
 
 
 def read_answers(path: Path) -> Answers:
@@ -295,11 +220,11 @@ def _value(question: Question, said: Any) -> Any:
     if match is None:
         raise ValueError(f"is not a number; write it in {question.unit}")
     unit = " ".join(match[2].replace("^2", "²").replace("·", " ").replace("*", " ").lower().split())
-    units = {name.lower(): factor for name, factor in (question.units or {}).items()}
+    units = {name.lower(): factor for name, factor in question.units.items()}
     if unit and unit not in units:
-        raise ValueError(f"unit {match[2]!r} is not known here; known: {', '.join(question.units or {})}")
+        raise ValueError(f"unit {match[2]!r} is not known here; known: {', '.join(question.units)}")
     value = float(f"{float(match[1]) * (units[unit] if unit else 1.0):.{_DIGITS}g}")
-    if question.key in _WHOLE:
+    if isinstance(question.default, int):
         if not value.is_integer():
             raise ValueError("must be a whole number")
         return int(value)
@@ -308,14 +233,11 @@ def _value(question: Question, said: Any) -> Any:
 
 def doubt_about(question: Question, value: Any) -> str:
     """Why an answer on its own is hardly meant; empty where nothing is to be said."""
-    section, _, name = question.place.partition(".")
-    if question.kind == "" or section not in ("plant", "amplifier", "encoder"):
+    if not question.kind or question.place.partition(".")[0] not in ("plant", "amplifier", "encoder"):
         return ""
-    encoder = {"counts_per_metre": 1e5} if question.kind == "linear" else {"counts_per_rev": 8192.0}
-    data = {"encoder": encoder, section: {**(encoder if section == "encoder" else {}), name: value}}
-    text = "\n".join(f"{key}: {yaml_value(part)}" for key, part in data.items())
-    said = [words for words in implausible(parse_yaml(text, "answer")) if words.startswith(f"{question.place} ")]
-    return said[0] if said else ""
+    device = parse_config({"encoder": {"counts_per_metre": 1e5}} if question.kind == "linear" else {}, "answer")
+    said = implausible(apply_settings(device, {question.place: value}, source="answer"))
+    return next((words for words in said if words.startswith(f"{question.place} ")), "")
 
 
 def config_text(answers: Mapping[str, Any]) -> tuple[str, Config, list[str]]:
