@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 
 from docs.config_page import reference_page
 from hapticd.cli import exits
-from hapticd.cli.command import register
+from hapticd.cli.command import add_commands, command
 from hapticd.client import Client, RequestRefused
 from hapticd.config import ConfigError, keys, parse_config
 from hapticd.config import loading as config_loading
@@ -186,7 +186,8 @@ def test_an_endpoint(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     assert operation["description"] == "Move the spring's origin a little.\n\nThe shaft follows."
     app = typer.Typer()
     app.callback()(lambda: None)
-    register(app, lambda: exits.DONE, "hapticd nudge", codes=(exits.DONE,), endpoint=_Lab.nudge)
+    nudge = command("hapticd nudge", codes=(exits.DONE,), endpoint=_Lab.nudge)(lambda: exits.DONE)
+    add_commands(app, {"nudge": nudge})
     assert "Move the spring's origin a little." in CliRunner().invoke(app, ["nudge", "--help"]).output
 
 

@@ -12,7 +12,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.completion import complete_config
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, Quantity, SettingsOption, check_figure_name, motion_of, resolve_config
+from hapticd.cli.options import JsonOption, Quantity, SettingsOption, check_figure_name, resolve_config
 
 if TYPE_CHECKING:
     from hapticd.stability.devices import Device
@@ -69,29 +69,15 @@ def check(
     check_figure_name(out)
     name, device = _named(source)
     config = resolve_config(name, assignments)
-    ticks, ticks_per_period = motion_of(config, deflection, velocity)
-    from drivers import declared_latency
-    from hapticd.stability.advice import advise
-    from hapticd.stability.assessment import assess
-    from hapticd.stability.guard import judge
+    from hapticd.api.theory import check as ask
     from hapticd.stability.report import report
-    from hapticd.stability.uncertainty import confidence
 
-    latency, doubt = declared_latency(config)
-    doubts = [doubt] if doubt else []
     try:
-        found = assess(config, velocity=ticks_per_period, deflection=ticks, latency_s=latency)
+        answer = ask(config, velocity=velocity, deflection=deflection)
     except ValueError as error:
         raise UsageError(str(error)) from error
-    changes = advise(found)
-    document = found.document
-    document["warnings"] += doubts
-    document["changes"] = [change.document for change in changes]
-    judgement = judge(config, latency, deflection=ticks, velocity=ticks_per_period, release=True)
-    document["guard"] = judgement.document
-    sure = confidence(found)
-    if sure is not None:
-        document["probability"] = sure.document
+    found, changes, sure = answer.assessment, answer.changes, answer.confidence
+    document = answer.document
     if device is not None:
         document["table_ii"] = _table_ii(device)
     title = device.name if device is not None else (source or "re35")
@@ -110,9 +96,11 @@ def check(
         if sure.stiffness_max is not None:
             said += f"; stiffness up to {sure.stiffness_max:.3g} {unit} with 95 %"
         text += f"\n\n{textwrap.fill(said, 100)}"
-    if judgement.verdict in ("refused", "warned"):
-        text += f"\n\nsafety.guard: the daemon {_ANSWERS[judgement.verdict]}"
-    text += "".join(f"\n\nwarning: {doubt}" for doubt in doubts) + (f"\n\nfigure: {out}" if out else "")
+    if guard := _ANSWERS.get(answer.guard.verdict):
+        text += f"\n\nsafety.guard: the daemon {guard}"
+    # the report has the assessment's own warnings; the driver's doubt about its latency comes after them
+    text += "".join(f"\n\nwarning: {doubt}" for doubt in answer.warnings[len(found.warnings) :])
+    text += f"\n\nfigure: {out}" if out else ""
     output.emit(document, as_json, text)
     return exits.NO if found.verdict in ("buzzes", "unstable") else exits.DONE
 

@@ -7,15 +7,14 @@ import functools
 import inspect
 import operator
 import re
-from collections.abc import Callable, Iterator
-from types import ModuleType
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
 from hapticd.cli import output
 from hapticd.cli.exits import MEANING
-from hapticd.control.endpoints import endpoint_of
+from hapticd.control.endpoints import Endpoint, endpoint_of
 
 QuietOption = Annotated[
     bool,
@@ -31,47 +30,37 @@ def command(
     name: str | None = None,
     endpoint: Callable[..., Any] | None = None,
 ) -> Callable[[Callable[..., int]], Callable[..., int]]:
-    """Declare a command; arguments as of :func:`register`."""
+    """Declare a command whose help is the function's docstring, flowed to the terminal's width, with :func:`epilog` below.
 
-    def declare(function: Callable[..., int]) -> Callable[..., int]:
-        def add(app: typer.Typer) -> None:
-            register(app, function, *examples, codes=codes, name=name, endpoint=endpoint)
-
-        setattr(function, _COMMAND, add)
-        return function
-
-    return declare
-
-
-def declared(module: ModuleType) -> Iterator[Callable[[typer.Typer], None]]:
-    """What adds each command of a module to an app, in the order of the module's text."""
-    return (getattr(value, _COMMAND) for value in vars(module).values() if hasattr(value, _COMMAND))
-
-
-def register(
-    app: typer.Typer,
-    function: Callable[..., int],
-    *examples: str,
-    codes: tuple[int, ...],
-    name: str | None = None,
-    endpoint: Callable[..., Any] | None = None,
-) -> None:
-    """Add a command whose help is the function's docstring, flowed to the terminal's width, with :func:`epilog` below.
-
-    The help of an endpoint's command is the endpoint's, and below it what the function's docstring adds. Under ``Args`` the
-    docstring has the command's own options, each as ``parameter (flags METAVAR): help``; without flags, its flag is the
-    parameter's name. Every command has ``--quiet``.
+    The function returns the exit code. The help of an endpoint's command is the endpoint's, and below it what the function's
+    docstring adds. Under ``Args`` the docstring has the command's own options, each as ``parameter (flags METAVAR): help``;
+    without flags, its flag is the parameter's name. Every command has ``--quiet``.
 
     Args:
-        app: where to add it.
-        function: the command; returns its exit code.
         examples: command lines.
         codes: the exit codes it can end with.
         name: its name, if not the function's.
         endpoint: method of `Endpoints`, for a command that asks for one.
     """
+
+    def declare(function: Callable[..., int]) -> Callable[..., int]:
+        asked = endpoint_of(endpoint) if endpoint else None
+        own_name, below = name or (asked.name if asked else None), epilog(*examples, codes=codes)
+        setattr(function, _COMMAND, functools.partial(_add, function, asked, own_name, below))
+        return function
+
+    return declare
+
+
+def add_commands(app: typer.Typer, module: Mapping[str, Any]) -> None:
+    """Add what a module, given by its names, declares as commands, in the order of its text."""
+    for value in module.values():
+        if hasattr(value, _COMMAND):
+            getattr(value, _COMMAND)(app)
+
+
+def _add(function: Callable[..., int], asked: Endpoint | None, name: str | None, below: str, app: typer.Typer) -> None:
     about, _, arguments = inspect.cleandoc(function.__doc__ or "").partition("Args:\n")
-    asked = endpoint_of(endpoint) if endpoint else None
     paragraphs = "\n\n".join(filter(None, [asked.description if asked else "", about.strip()])).split("\n\n")
     text = "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs).replace("[", "\\[")
     options = dict(_option(entry) for entry in re.split(r"^ {4}(?=\S)", arguments, flags=re.MULTILINE)[1:])
@@ -89,7 +78,7 @@ def register(
     parameters.append(inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption))
     run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    app.command(name or (asked.name if asked else None), help=text, epilog=epilog(*examples, codes=codes))(run)
+    app.command(name, help=text, epilog=below)(run)
 
 
 def _option(entry: str) -> tuple[str, dict[str, Any]]:

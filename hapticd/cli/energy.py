@@ -7,9 +7,8 @@ from typing import Any
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
-from hapticd.cli.options import JsonOption, ModelOption, check_figure_name
+from hapticd.cli.options import JsonOption, ModelOption, RunArgument, check_figure_name
 from hapticd.cli.output import number
-from hapticd.cli.run_argument import RunArgument
 
 
 @command("hapticd energy run.arrow", "hapticd energy run.arrow -o energy.png --json", codes=(exits.DONE, exits.USAGE))

@@ -97,6 +97,5 @@ _KNOWN: Final[tuple[tuple[str, str, Callable[[Any], Failure]], ...]] = (
     ("hapticd.gap.errors", "RecordingError", _plain(USAGE, "recording")),
     ("hapticd.record.errors", "RecordingError", _plain(USAGE, "file")),
     ("hapticd.record.errors", "RunFileError", _plain(USAGE, "file")),
-    ("hapticd.gap.data", "RecordingError", _plain(USAGE, "recording")),
     ("hapticd.gap.live", "LiveError", _plain(FAULT, "live")),
 )

@@ -8,8 +8,7 @@ from pathlib import Path
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption
-from hapticd.cli.run_argument import RunArgument
+from hapticd.cli.options import JsonOption, RunArgument
 
 
 class Format(StrEnum):

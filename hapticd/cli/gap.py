@@ -2,29 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Any
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
+from hapticd.cli.experiments import experiment_named
 from hapticd.cli.nominal_model import model_of_daemon, model_of_run
-from hapticd.cli.options import JsonOption, SettingsOption, SocketOption, check_folder, connect
-from hapticd.cli.run_argument import run_argument
+from hapticd.cli.options import JsonOption, RunsArgument, SettingsOption, SocketOption, check_folder, connect
 
 if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.gap.recording import Recording
     from hapticd.gap.result import GapResult
-
-    Analyse = Callable[[Config, Sequence[Recording]], GapResult]
-
-RunsArgument = Annotated[
-    list[Path] | None,
-    run_argument("Recordings of one device, native, .csv or .parquet", metavar="[RUN]..."),
-]
 
 
 @command(
@@ -99,38 +92,28 @@ def gap(
         return result
 
     if live:
-        result = _live(socket, excite, model, assignments, analyse)
+        from hapticd.gap.live import close_the_circle
+
+        experiment = experiment_named(excite or "all")
+        client = connect(socket)
+        nominal = model_of_daemon(client, model, assignments)
+        of_daemon = partial(analyse, nominal)
+        result = close_the_circle(client, nominal, experiment, of_daemon, output.note, output.progress_bar)[0]
     else:
-        result = _recorded([find_run(run) for run in runs or ()], model, assignments, analyse)
+        from hapticd.gap.data import load_recording
+
+        paths = [find_run(run) for run in runs or ()]
+        nominal = model_of_run(paths[0], model, assignments)
+        recordings = [load_recording(path, nominal) for path in paths]
+        for warning in (warning for recording in recordings for warning in recording.warnings):
+            output.warn(f"warning: {warning}")
+        result = analyse(nominal, recordings)
     output.emit(document, as_json, describe(document, out))
     for warning in document["warnings"] if live else ():
         output.warn(f"warning: {warning}")
     if result.interrupted:
         return exits.INTERRUPTED
     return exits.NO if result.verdict == "unexplained" else exits.DONE
-
-
-def _recorded(runs: Sequence[Path], model: str | None, assignments: list[str] | None, analyse: Analyse) -> GapResult:
-    from hapticd.gap.data import load_recording
-
-    nominal = model_of_run(runs[0], model, assignments)
-    recordings = [load_recording(path, nominal) for path in runs]
-    for recording in recordings:
-        for warning in recording.warnings:
-            output.warn(f"warning: {warning}")
-    return analyse(nominal, recordings)
-
-
-def _live(
-    socket: Path | None, excite: str | None, model: str | None, assignments: list[str] | None, analyse: Analyse
-) -> GapResult:
-    from hapticd.cli.experiments import experiment_named
-    from hapticd.gap.live import close_the_circle
-
-    experiment = experiment_named(excite or "all")
-    client = connect(socket)
-    nominal = model_of_daemon(client, model, assignments)
-    return close_the_circle(client, nominal, experiment, partial(analyse, nominal), output.note, output.progress_bar)[0]
 
 
 def describe(document: dict[str, Any], out: Path) -> str:

@@ -4,22 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.nominal_model import model_of_daemon, model_of_run
-from hapticd.cli.options import JsonOption, Positive, SettingsOption, SocketOption, connect
-from hapticd.cli.run_argument import run_argument
+from hapticd.cli.options import JsonOption, Positive, RunsArgument, SettingsOption, SocketOption, connect
 
 if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
-
-RunsArgument = Annotated[
-    list[Path] | None,
-    run_argument("Recordings of one device, native, .csv or .parquet", metavar="[RUN]..."),
-]
+    from hapticd.gap.result import Estimate
+    from hapticd.identify import Identified
 
 
 @command(
@@ -69,7 +65,6 @@ def identify(
     from hapticd.identify import identify as identify_device
     from hapticd.identify import load_any
     from hapticd.identify.config_file import text_of, with_plant
-    from hapticd.identify.words import describe
 
     recordings: Sequence[Recording]
     if live:
@@ -91,7 +86,38 @@ def identify(
         # settings of the command line belong into the file too: the plant was found under them
         source = None if assignments or model is None else model
         replace(out, with_plant(text_of(source, nominal), found))
-    output.emit(document, as_json, describe(found, str(out) if out is not None else ""))
+    output.emit(document, as_json, describe(found, out))
     for warning in found.warnings:
         output.warn(f"warning: {warning}")
     return exits.DONE
+
+
+def describe(found: Identified, out: Path | None) -> str:
+    """A few lines about what was found, and into which config it was written."""
+    lines = [
+        f"inertia           {_interval(found.inertia)}",
+        f"viscous friction  {_interval(found.viscous)}",
+        f"Coulomb friction  {_interval(found.coulomb)}",
+        f"bias              {_interval(found.bias)}{'' if found.has_bias else ': none'}",
+        f"delay             {_interval(found.delay, 1e6, 'µs')}, declared {1e6 * found.declared_delay_s:.4g} µs",
+        f"encoder           {'counts with the torque' if found.sign > 0 else 'counts AGAINST the torque: invert it'}",
+    ]
+    if found.current_gain is not None:
+        lines.append(f"current           measured over commanded {_interval(found.current_gain, 1.0, '')}")
+    if found.torque_constant_implied is not None:
+        implied = _interval(found.torque_constant_implied)
+        lines.append(f"torque constant   {implied}, if the known inertia is right; taken {found.torque_constant:g}")
+    lines += [f"assumed: {text}" for text in found.assumed]
+    if out is not None:
+        lines.append(f"written: {out}; hapticd check {out} says what it means")
+    return "\n".join(lines)
+
+
+def _interval(estimate: Estimate, factor: float = 1.0, unit: str | None = None) -> str:
+    from hapticd.identify.result import interval_digits
+
+    low, value, high = (factor * number for number in (estimate.ci95[0], estimate.value, estimate.ci95[1]))
+    digits = interval_digits(estimate)
+    return (
+        f"{value:.{digits}g} ({low:.{digits}g} … {high:.{digits}g}) {estimate.unit if unit is None else unit}".rstrip()
+    )

@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from hapticd.cli import exits, output
-from hapticd.cli.command import declared, epilog
+from hapticd.cli.command import add_commands, epilog
 
 HELP = """Stable haptic rendering on one degree of freedom, in real time.
 
@@ -32,7 +32,7 @@ EPILOG = epilog(
 )
 
 MODULES = (
-    "run", "scope", "status", "state", "settings", "experiments", "record", "verify", "recover", "runs", "plot",
+    "run", "scope", "status", "state", "experiments", "record", "verify", "recover", "runs", "plot",
     "export", "importing", "metrics", "check", "simulate", "energy", "map", "reproduce", "identify", "gap",
     "help", "hil", "init", "config", "drivers", "doctor", "latency",
 )  # fmt: skip
@@ -80,8 +80,7 @@ def build_app() -> typer.Typer:
             text, examples, codes = GROUPS[name]
             group = typer.Typer(help=text, no_args_is_help=True, rich_markup_mode="rich")
             app.add_typer(group, name=name, epilog=epilog(*examples, codes=codes))
-        for add in declared(module):
-            add(group)
+        add_commands(group, vars(module))
     return app
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hapticd.cli.completion import complete_config, complete_setting
+from hapticd.cli.completion import complete_config, complete_run, complete_setting
 from hapticd.cli.exits import UsageError
 from hapticd.control.endpoints import Endpoints, endpoint_of
 
@@ -69,6 +69,23 @@ ModelOption = Annotated[
         show_default=False,
         help="Config (file or preset) for a file that carries none; a run's own config always goes first.",
     ),
+]
+
+
+def run_argument(what: str, **more: Any) -> Any:
+    """The argument RUN of a command; the command takes it through :func:`hapticd.client.find_run`.
+
+    Args:
+        what: what the run is, as its help begins. more: further arguments of `typer.Argument`.
+    """
+    how = "a file, a name that 'hapticd runs' lists, @last for the newest recording, @last~1 for the one before"
+    settings = {"metavar": "RUN", "show_default": False, "autocompletion": complete_run, **more}
+    return typer.Argument(help=f"{what}: {how}.", **settings)
+
+
+RunArgument = Annotated[Path, run_argument("The run")]
+RunsArgument = Annotated[
+    list[Path] | None, run_argument("Recordings of one device, native, .csv or .parquet", metavar="[RUN]...")
 ]
 
 FIGURES = frozenset({".png", ".svg", ".pdf"})
@@ -199,20 +216,6 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
 
     config = load_config(source)
     return apply_settings(config, settings, source="command line") if settings else config
-
-
-def motion_of(config: Config, deflection: str | None, velocity: str | None) -> tuple[float | None, float | None]:
-    """``--deflection`` in coarse ticks and ``--velocity`` in coarse ticks per period, whatever their units were.
-
-    Raises:
-        UnitError: an unknown unit, or one of the other kind of device.
-    """
-    from hapticd.config.units import deflection_ticks, velocity_ticks
-
-    return (
-        None if deflection is None else deflection_ticks(deflection, config),
-        None if velocity is None else velocity_ticks(velocity, config),
-    )
 
 
 def guarded(text: str, answer: Mapping[str, Any]) -> str:

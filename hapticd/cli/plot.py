@@ -10,9 +10,8 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import Duration, JsonOption, ModelOption, check_figure_name
+from hapticd.cli.options import Duration, JsonOption, ModelOption, RunArgument, check_figure_name, run_argument
 from hapticd.cli.output import number
-from hapticd.cli.run_argument import RunArgument, run_argument
 
 PANELS = ("trace", "phase", "spectrum", "energy", "lateness", "difference")
 

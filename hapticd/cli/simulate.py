@@ -14,15 +14,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import (
-    ConfigArgument,
-    Duration,
-    JsonOption,
-    Quantity,
-    SettingsOption,
-    motion_of,
-    resolve_config,
-)
+from hapticd.cli.options import ConfigArgument, Duration, JsonOption, Quantity, SettingsOption, resolve_config
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -73,7 +65,10 @@ def simulate(
     if deflection is not None and velocity is not None:
         raise UsageError("--deflection and --velocity exclude each other: a run begins at rest or at the origin")
     resolved = resolve_config(config, assignments)
-    ticks, ticks_per_period = motion_of(resolved, deflection, velocity)
+    from hapticd.config.units import deflection_ticks, velocity_ticks
+
+    ticks = None if deflection is None else deflection_ticks(deflection, resolved)
+    ticks_per_period = None if velocity is None else velocity_ticks(velocity, resolved)
     if round(duration * resolved.servo.rate_hz) < 1:
         raise UsageError(f"--duration {duration:g} s is shorter than one servo period ({resolved.period:g} s)")
     if duration > _LONGEST_S:

@@ -1,4 +1,4 @@
-"""``start``, ``stop``, ``estop``, ``clear``, ``reload``: what changes the daemon's state."""
+"""``start``, ``stop``, ``estop``, ``clear``, ``reload``, ``set``: what changes the daemon's state and settings."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
-from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded
+from hapticd.cli.completion import complete_setting
+from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, parse_settings
 from hapticd.control.endpoints import Endpoints
 from hapticd.control.fault_words import fault_lines
 
@@ -19,6 +20,16 @@ ReloadArgument = Annotated[
         metavar="CONFIG",
         show_default=False,
         help="A YAML file or a preset by name. Default: the file that the daemon was started with.",
+    ),
+]
+
+AssignmentsArgument = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="KEY=VALUE",
+        show_default=False,
+        autocompletion=complete_setting,
+        help="Dotted config key and its new value, SI units.",
     ),
 ]
 
@@ -61,6 +72,25 @@ def _reload(
 ) -> int:
     source = str(Path(config).absolute()) if config is not None and Path(config).exists() else config
     return _report(connect(socket).reload(source, force), as_json, in_fault=exits.FAULT)
+
+
+@command(
+    "hapticd set spring.stiffness=0.02",
+    "hapticd set servo.rate_hz=500 encoder.decimation=217",
+    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
+    endpoint=Endpoints.set,
+)
+def _set(
+    assignments: AssignmentsArgument,
+    force: ForceOption = False,
+    socket: SocketOption = None,
+    as_json: JsonOption = False,
+) -> int:
+    settings = parse_settings(assignments)
+    reply = connect(socket).set(settings, force)
+    lines = [f"{key} = {output.to_json(value)}" for key, value in reply["applied"].items()]
+    output.emit(reply, as_json, guarded("\n".join([*lines, f"config {reply['config_digest']}"]), reply))
+    return exits.DONE
 
 
 def _report(status: dict[str, Any], as_json: bool, in_fault: int = exits.DONE) -> int:

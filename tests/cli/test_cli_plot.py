@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.cli.run_argument import complete_run
+from hapticd.cli.completion import complete_run
 
 from .conftest import Run
 
