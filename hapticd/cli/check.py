@@ -12,7 +12,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.completion import complete_config
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, Quantity, SettingsOption, check_figure_name, resolve_config
+from hapticd.cli.options import Quantity, SettingsOption, check_figure_name, resolve_config
 
 if TYPE_CHECKING:
     from hapticd.stability.devices import Device
@@ -43,7 +43,6 @@ def check(
     deflection: Quantity | None = None,
     out: Path | None = None,
     assignments: SettingsOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Say what the theory says of a config before anything moves: stable, buzzing or unstable, why, and what would help.
 
@@ -101,7 +100,7 @@ def check(
     # the report has the assessment's own warnings; the driver's doubt about its latency comes after them
     text += "".join(f"\n\nwarning: {doubt}" for doubt in answer.warnings[len(found.warnings) :])
     text += f"\n\nfigure: {out}" if out else ""
-    output.emit(document, as_json, text)
+    output.emit(document, text)
     return exits.NO if found.verdict in ("buzzes", "unstable") else exits.DONE
 
 

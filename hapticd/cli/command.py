@@ -16,6 +16,9 @@ from hapticd.cli import output
 from hapticd.cli.exits import MEANING
 from hapticd.control.endpoints import Endpoint, endpoint_of
 
+JsonOption = Annotated[
+    bool, typer.Option("--json", help="Print exactly one JSON document on stdout; everything else goes to stderr.")
+]
 QuietOption = Annotated[
     bool,
     typer.Option("--quiet", "-q", help="Say nothing beside the answer but warnings and errors: no progress, no notes."),
@@ -29,24 +32,28 @@ def command(
     codes: tuple[int, ...],
     name: str | None = None,
     endpoint: Callable[..., Any] | None = None,
+    json: bool = True,
 ) -> Callable[[Callable[..., int]], Callable[..., int]]:
     """Declare a command whose help is the function's docstring, flowed to the terminal's width, with :func:`epilog` below.
 
     The function returns the exit code. The help of an endpoint's command is the endpoint's, and below it what the function's
     docstring adds. Under ``Args`` the docstring has the command's own options, each as ``parameter (flags METAVAR): help``;
-    without flags, its flag is the parameter's name. Every command has ``--quiet``.
+    without flags, its flag is the parameter's name. Every command has ``--json`` and ``--quiet``.
 
     Args:
         examples: command lines.
         codes: the exit codes it can end with.
         name: its name, if not the function's.
         endpoint: method of `Endpoints`, for a command that asks for one.
+        json: False for a command without ``--json``, or with one of its own.
     """
 
     def declare(function: Callable[..., int]) -> Callable[..., int]:
         asked = endpoint_of(endpoint) if endpoint else None
+        shared = {"as_json": JsonOption, "quiet": QuietOption} if json else {"quiet": QuietOption}
+        run, text = _with_options(function, asked, shared)
         own_name, below = name or (asked.name if asked else None), epilog(*examples, codes=codes)
-        setattr(function, _COMMAND, functools.partial(_add, function, asked, own_name, below))
+        setattr(function, _COMMAND, lambda app: app.command(own_name, help=text, epilog=below)(run))
         return function
 
     return declare
@@ -59,7 +66,10 @@ def add_commands(app: typer.Typer, module: Mapping[str, Any]) -> None:
             getattr(value, _COMMAND)(app)
 
 
-def _add(function: Callable[..., int], asked: Endpoint | None, name: str | None, below: str, app: typer.Typer) -> None:
+def _with_options(
+    function: Callable[..., int], asked: Endpoint | None, shared: Mapping[str, Any]
+) -> tuple[Callable[..., int], str]:
+    """A command as typer takes it, and its help; `shared` are the options of every command."""
     about, _, arguments = inspect.cleandoc(function.__doc__ or "").partition("Args:\n")
     paragraphs = "\n\n".join(filter(None, [asked.description if asked else "", about.strip()])).split("\n\n")
     text = "\n\n".join(paragraph.replace("\n", " ") for paragraph in paragraphs).replace("[", "\\[")
@@ -69,16 +79,18 @@ def _add(function: Callable[..., int], asked: Endpoint | None, name: str | None,
             said["help"] = f"{asked.help_of(key)} {said['help']}"
 
     @functools.wraps(function)
-    def run(*, quiet: bool = False, **values: Any) -> int:
-        output.quiet.set(quiet)
+    def run(**values: Any) -> int:
+        output.quiet.set(values.pop("quiet"))
+        output.as_json.set(values.pop("as_json", False))
         return function(**values)
 
     signature = inspect.signature(function, eval_str=True)
     parameters = [_with_help(parameter, options.get(key)) for key, parameter in signature.parameters.items()]
-    parameters.append(inspect.Parameter("quiet", inspect.Parameter.KEYWORD_ONLY, default=False, annotation=QuietOption))
+    for key, option in shared.items():
+        parameters.append(inspect.Parameter(key, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=option))
     run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
-    app.command(name, help=text, epilog=below)(run)
+    return run, text
 
 
 def _option(entry: str) -> tuple[str, dict[str, Any]]:

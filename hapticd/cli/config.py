@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
-from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, resolve_config
+from hapticd.cli.options import ConfigArgument, SettingsOption, resolve_config
 
 
-@command("hapticd config schema > hapticd.schema.json", codes=(exits.DONE, exits.USAGE))
+@command("hapticd config schema > hapticd.schema.json", codes=(exits.DONE, exits.USAGE), json=False)
 def schema(as_json: bool = False) -> int:
     """Print the JSON Schema of the config: every key with its meaning, unit, limits and default.
 
@@ -27,7 +27,7 @@ def schema(as_json: bool = False) -> int:
     "hapticd config show phantom --set servo.rate_hz=500 --json",
     codes=(exits.DONE, exits.USAGE),
 )
-def show(config: ConfigArgument = None, assignments: SettingsOption = None, as_json: JsonOption = False) -> int:
+def show(config: ConfigArgument = None, assignments: SettingsOption = None) -> int:
     """Print the resolved config, every default filled in, as YAML or JSON (SI units).
 
     The output is itself a valid config file.
@@ -35,5 +35,5 @@ def show(config: ConfigArgument = None, assignments: SettingsOption = None, as_j
     resolved = resolve_config(config, assignments)
     from hapticd.config import config_to_yaml
 
-    output.emit(resolved.model_dump(mode="json"), as_json, config_to_yaml(resolved).rstrip("\n"))
+    output.emit(resolved.model_dump(mode="json"), config_to_yaml(resolved).rstrip("\n"))
     return exits.DONE

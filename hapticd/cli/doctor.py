@@ -10,7 +10,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, JsonOption, SettingsOption, resolve_config
+from hapticd.cli.options import ConfigArgument, SettingsOption, resolve_config
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -36,7 +36,6 @@ def doctor(
     device: bool = False,
     current: Annotated[float, typer.Option(min=0.0)] | None = None,
     assignments: SettingsOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Say whether this machine is fit to run the servo loop, and how to make it so.
 
@@ -56,21 +55,21 @@ def doctor(
     """
     resolved = resolve_config(config, assignments)
     if device:
-        return _bring_up(resolved, current, as_json)
+        return _bring_up(resolved, current)
     if current is not None:
         raise UsageError("--current goes with --device")
     from hapticd.doctor import examine
 
-    return _report(examine(resolved), as_json)
+    return _report(examine(resolved))
 
 
-def _bring_up(config: Config, current: float | None, as_json: bool) -> int:
+def _bring_up(config: Config, current: float | None) -> int:
     if config.driver.name != "serial_dac":
         raise UsageError(f"driver.name = {config.driver.name}: --device brings up serial boards, driver serial_dac")
     from hapticd.doctor.board import bring_up, histogram
 
     found = bring_up(config, _Terminal(), current)
-    return _report(found, as_json, [*histogram(found.round_trip_us), ""])
+    return _report(found, [*histogram(found.round_trip_us), ""])
 
 
 class _Terminal:
@@ -93,8 +92,8 @@ class _Terminal:
             print(text, end="", file=sys.stderr, flush=True)
 
 
-def _report(found: Examination | BringUp, as_json: bool, more: Sequence[str] = ()) -> int:
-    output.emit(found.document(), as_json, "\n".join([*_lines(found.findings), "", *more, found.verdict]))
+def _report(found: Examination | BringUp, more: Sequence[str] = ()) -> int:
+    output.emit(found.document(), "\n".join([*_lines(found.findings), "", *more, found.verdict]))
     return exits.DONE if found.fit else exits.NO
 
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
-from hapticd.cli.options import JsonOption
 
 
 @command("hapticd drivers", "hapticd drivers --json", codes=(exits.DONE, exits.USAGE))
-def drivers(as_json: JsonOption = False) -> int:
+def drivers() -> int:
     """List the installed drivers, with their declared sample-to-current latency.
 
     Drivers are entry points of the group hapticd.drivers; one that cannot be loaded is listed with the reason.
@@ -22,7 +21,5 @@ def drivers(as_json: JsonOption = False) -> int:
         lines.append(f"{'':12} {driver.origin}, latency {1e6 * driver.latency_s:g} us")
         if driver.error:
             lines.append(f"{'':12} cannot be loaded: {driver.error}")
-    output.emit(
-        {"drivers": [vars(driver) for driver in found]}, as_json, "\n".join(lines) or "no drivers are installed"
-    )
+    output.emit({"drivers": [vars(driver) for driver in found]}, "\n".join(lines) or "no drivers are installed")
     return exits.DONE

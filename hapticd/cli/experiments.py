@@ -14,7 +14,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.completion import complete_experiment
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import Duration, ForceOption, JsonOption, Quantity, SocketOption, connect, guarded
+from hapticd.cli.options import Duration, ForceOption, Quantity, SocketOption, connect, guarded
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
 from hapticd.figures.files import whole
@@ -47,7 +47,6 @@ def _release(
     no_wait: bool = False,
     force: ForceOption = False,
     socket: SocketOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Ctrl-C stops the daemon's rendering.
 
@@ -61,7 +60,7 @@ def _release(
     keep = _keeper(out, no_wait)
     client = connect(socket)
     begin = partial(client.release, _in_ticks(deflection, client), duration_s, force)
-    return _follow(client, "release", begin, no_wait, as_json, describe_release, keep)
+    return _follow(client, "release", begin, no_wait, describe_release, keep)
 
 
 @command(
@@ -81,7 +80,6 @@ def _excite(
     no_wait: bool = False,
     force: ForceOption = False,
     socket: SocketOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Ctrl-C stops the experiment and the rendering.
 
@@ -97,7 +95,7 @@ def _excite(
         no_wait: Return as soon as the experiment has begun.
     """
     if show_list:
-        _list(as_json)
+        _list()
         return exits.DONE
     from hapticd.client import settings_for_a_while
 
@@ -108,7 +106,7 @@ def _excite(
     keep = _keeper(out, no_wait)
     with settings_for_a_while(client, experiment.settings, force):
         begin = partial(client.excite, experiment.excitation, force=force, **experiment.plan())
-        return _follow(client, experiment.excitation, begin, no_wait, as_json, _text, keep)
+        return _follow(client, experiment.excitation, begin, no_wait, _text, keep)
 
 
 def _in_ticks(deflection: str, client: Client) -> float:
@@ -162,7 +160,7 @@ def experiment_named(name: str, amplitude: float | None = None, duration_s: floa
     return read_experiment(Path(name))
 
 
-def _list(as_json: bool) -> None:
+def _list() -> None:
     from hapticd.servo.excitation import ALL, SHAPES
 
     shapes = [
@@ -178,7 +176,7 @@ def _list(as_json: bool) -> None:
         f"{s['name']:8} {s['summary']} ({s['duration_s']:g} s, amplitude in {s['amplitude_unit']})" for s in shapes
     ]
     lines.append(f"{ALL:8} all of them, one after the other, in one recording (the default)")
-    output.emit({"experiments": shapes, "default": ALL}, as_json, "\n".join(lines))
+    output.emit({"experiments": shapes, "default": ALL}, "\n".join(lines))
 
 
 def _follow(
@@ -186,7 +184,6 @@ def _follow(
     name: str,
     begin: Callable[[], dict[str, Any]],
     no_wait: bool,
-    as_json: bool,
     text: Callable[[dict[str, Any]], str],
     keep: Callable[[dict[str, Any]], dict[str, Any]],
 ) -> int:
@@ -196,13 +193,13 @@ def _follow(
     with stop_on_interrupt(client, output.note):
         job = begin()
         if no_wait:
-            output.emit(job, as_json, text(job))
+            output.emit(job, text(job))
             return exits.DONE
         with output.progress_bar(name) as progress:
             report = client.wait(job["experiment"], progress)
     answer = {**job, "state": report["state"], "result": report["result"]}
     answer = keep(answer)
-    output.emit(answer, as_json, text(answer))
+    output.emit(answer, text(answer))
     if (report["result"] or {}).get("fault"):
         return exits.FAULT
     return exits.DONE if report["state"] == "done" else exits.NO

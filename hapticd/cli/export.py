@@ -8,7 +8,7 @@ from pathlib import Path
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, RunArgument
+from hapticd.cli.options import RunArgument
 
 
 class Format(StrEnum):
@@ -32,7 +32,6 @@ def export(
     out: Path | None = None,
     force: bool = False,
     salvage: bool = False,
-    as_json: JsonOption = False,
 ) -> int:
     """Write a recording as csv, parquet, mat or mcap, with the columns and units of the run file.
 
@@ -70,5 +69,5 @@ def export(
 
         document["layout"] = LAYOUT
         text += f"\nplotjuggler --layout {LAYOUT} --datafile {written}"
-    output.emit(document, as_json, text)
+    output.emit(document, text)
     return exits.DONE

@@ -12,7 +12,7 @@ from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.experiments import experiment_named
 from hapticd.cli.nominal_model import model_of_daemon, model_of_run
-from hapticd.cli.options import JsonOption, RunsArgument, SettingsOption, SocketOption, check_folder, connect
+from hapticd.cli.options import RunsArgument, SettingsOption, SocketOption, check_folder, connect
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -36,7 +36,6 @@ def gap(
     excite: str | None = None,
     socket: SocketOption = None,
     assignments: SettingsOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Find where model and measurement disagree, name what is missing, add it, and show the gap shrink.
 
@@ -108,7 +107,7 @@ def gap(
         for warning in (warning for recording in recordings for warning in recording.warnings):
             output.warn(f"warning: {warning}")
         result = analyse(nominal, recordings)
-    output.emit(document, as_json, describe(document, out))
+    output.emit(document, describe(document, out))
     for warning in document["warnings"] if live else ():
         output.warn(f"warning: {warning}")
     if result.interrupted:

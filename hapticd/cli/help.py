@@ -10,7 +10,6 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption
 
 
 def complete_fault(incomplete: str) -> list[str]:
@@ -32,7 +31,7 @@ FaultArgument = Annotated[
 
 
 @command("hapticd help over_speed", "hapticd help", codes=(exits.DONE, exits.USAGE), name="help")
-def help_fault(fault: FaultArgument = None, as_json: JsonOption = False) -> int:
+def help_fault(fault: FaultArgument = None) -> int:
     """Say what a fault means: what hapticd did, likely causes with a check for each, how to clear it, its config keys.
 
     Help about a command is its --help.
@@ -43,9 +42,7 @@ def help_fault(fault: FaultArgument = None, as_json: JsonOption = False) -> int:
     if fault is None:
         summaries = {code: _summary(page.read_text(encoding="utf-8")) for code, page in pages.items()}
         text = "\n".join(f"{code:20}{summary}" for code, summary in summaries.items())
-        output.emit(
-            {"faults": summaries}, as_json, f"{text}\n\nhapticd help FAULT says more; hapticd --help is about commands"
-        )
+        output.emit({"faults": summaries}, f"{text}\n\nhapticd help FAULT says more; hapticd --help is about commands")
         return exits.DONE
     page = fault_page(fault)
     if page is None:
@@ -54,8 +51,8 @@ def help_fault(fault: FaultArgument = None, as_json: JsonOption = False) -> int:
         nearest = nearest_name(fault, pages)
         hint = f"; did you mean {nearest}?" if nearest else f"; faults: {', '.join(pages)}"
         raise UsageError(f"{fault} is no fault{hint}\nhelp about a command: hapticd {fault} --help")
-    if as_json or not sys.stdout.isatty():
-        output.emit({"fault": fault, "page": page}, as_json, page.rstrip())
+    if output.as_json.get() or not sys.stdout.isatty():
+        output.emit({"fault": fault, "page": page}, page.rstrip())
         return exits.DONE
     from rich.console import Console
     from rich.markdown import Markdown

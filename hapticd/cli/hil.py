@@ -10,7 +10,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SettingsOption, check_folder, parse_settings, resolve_config
+from hapticd.cli.options import SettingsOption, check_folder, parse_settings, resolve_config
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -43,7 +43,6 @@ def hil(
     fault_matrix: bool = False,
     only: list[str] | None = None,
     assignments: SettingsOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Hardware in the loop: run the daemon on simulated hardware, and compare with the simulation.
 
@@ -75,7 +74,7 @@ def hil(
     if fault_matrix:
         if plant is not None:
             raise UsageError("--plant goes with the experiments; the fault matrix runs on CONFIG's own plant")
-        return _matrix(resolved, out, only, as_json, board if on_firmware else None)
+        return _matrix(resolved, out, only, board if on_firmware else None)
     if on_firmware and plant is not None:
         raise UsageError("--plant goes with simulated devices; the firmware's rig is CONFIG's own")
     from hapticd.hil.cases import FIG_8
@@ -101,7 +100,7 @@ def hil(
 
         document["page"] = write_page(result, out)
         text += f"\n{document['page']}"
-    output.emit(document, as_json, text)
+    output.emit(document, text)
     return exits.DONE if result.agrees else exits.NO
 
 
@@ -129,7 +128,7 @@ def _resolved(config: str | None, assignments: list[str] | None, on_firmware: bo
     return resolved
 
 
-def _matrix(config: Config, out: Path | None, only: list[str] | None, as_json: bool, board: str | None) -> int:
+def _matrix(config: Config, out: Path | None, only: list[str] | None, board: str | None) -> int:
     from hapticd.hil.injections import INJECTIONS
     from hapticd.hil.matrix import run_matrix
     from hapticd.hil.text import matrix_document, matrix_markdown, matrix_text
@@ -148,7 +147,7 @@ def _matrix(config: Config, out: Path | None, only: list[str] | None, as_json: b
         out.mkdir(parents=True, exist_ok=True)
         (out / f"fault-matrix-{board or config.driver.name}.md").write_text(matrix_markdown(rows), encoding="utf-8")
     document = matrix_document(rows)
-    output.emit(document, as_json, matrix_text(rows))
+    output.emit(document, matrix_text(rows))
     return exits.DONE if document["met"] else exits.NO
 
 

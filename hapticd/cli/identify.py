@@ -10,7 +10,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.nominal_model import model_of_daemon, model_of_run
-from hapticd.cli.options import JsonOption, Positive, RunsArgument, SettingsOption, SocketOption, connect
+from hapticd.cli.options import Positive, RunsArgument, SettingsOption, SocketOption, connect
 
 if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
@@ -33,7 +33,6 @@ def identify(
     known_inertia: Positive | None = None,
     socket: SocketOption = None,
     assignments: SettingsOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Find inertia, friction, bias, delay and the encoder's sign of a device, with 95 % intervals, for its config.
 
@@ -86,7 +85,7 @@ def identify(
         # settings of the command line belong into the file too: the plant was found under them
         source = None if assignments or model is None else model
         replace(out, with_plant(text_of(source, nominal), found))
-    output.emit(document, as_json, describe(found, out))
+    output.emit(document, describe(found, out))
     for warning in found.warnings:
         output.warn(f"warning: {warning}")
     return exits.DONE

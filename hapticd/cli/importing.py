@@ -10,7 +10,6 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption
 
 if TYPE_CHECKING:
     from hapticd.record import Imported
@@ -36,7 +35,6 @@ def import_data(
     out: Path,
     mapping: Path | None = None,
     force: bool = False,
-    as_json: JsonOption = False,
 ) -> int:
     """Bring in measured data from elsewhere as a run that gap, energy and export read.
 
@@ -73,7 +71,7 @@ def import_data(
         "force" if done.is_force else "current": list(done.command),
         "warnings": list(done.warnings),
     }
-    output.emit(document, as_json, _describe(done))
+    output.emit(document, _describe(done))
     return exits.DONE
 
 

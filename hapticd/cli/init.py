@@ -11,7 +11,6 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption
 
 OutArgument = Annotated[Path, typer.Argument(metavar="CONFIG", help="The file to write.")]
 
@@ -27,7 +26,6 @@ def init(
     answers: Path | None = None,
     list_questions: bool = False,
     force: bool = False,
-    as_json: JsonOption = False,
 ) -> int:
     """Make a config for a rig: ask what the data sheets say, and write a file that checks.
 
@@ -47,7 +45,7 @@ def init(
 
     if list_questions:
         document: dict[str, Any] = {"questions": [question.document for question in QUESTIONS]}
-        output.emit(document, as_json, "\n".join(question.line for question in QUESTIONS))
+        output.emit(document, "\n".join(question.line for question in QUESTIONS))
         return exits.DONE
     if out.exists() and not force:
         raise UsageError(f"{out} exists; choose another name, or replace it with --force")
@@ -67,7 +65,7 @@ def init(
         f"written: {out}",
         f"next: hapticd check {out}; then hapticd run {out}, and hapticd identify --live --model {out} -o {out}",
     ]
-    output.emit(document, as_json, "\n".join(said))
+    output.emit(document, "\n".join(said))
     for warning in warnings:
         output.warn(f"warning: {warning}")
     return exits.DONE

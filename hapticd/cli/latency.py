@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, Finite, JsonOption, Positive, SettingsOption, resolve_config
+from hapticd.cli.options import ConfigArgument, Finite, Positive, SettingsOption, resolve_config
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -26,7 +26,6 @@ def latency(
     seconds: Positive = 5.0,
     out: Path | None = None,
     assignments: SettingsOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Measure how late the real servo loop is on this machine, with the configured driver, at several rates.
 
@@ -59,7 +58,7 @@ def latency(
     wanted = next((one for one in result.rates if one.rate_hz == resolved.servo.rate_hz), None)
     holds = wanted is not None and wanted.holds
     document = {**_document(result), "configured": {"rate_hz": resolved.servo.rate_hz, "holds": holds}}
-    output.emit(document, as_json, _text(result, resolved.servo.rate_hz, holds, resolved.is_linear))
+    output.emit(document, _text(result, resolved.servo.rate_hz, holds, resolved.is_linear))
     return exits.DONE if holds else exits.NO
 
 

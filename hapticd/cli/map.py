@@ -12,7 +12,7 @@ import typer
 from hapticd.cli import exits, map_studies, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import Count, Finite, JsonOption, Positive, SettingsOption
+from hapticd.cli.options import Count, Finite, Positive, SettingsOption
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -51,7 +51,6 @@ def region_map(
     zwidth: str | None = None,
     passivity: bool = False,
     assignments: SettingsOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Simulate a grid of friction values and compare what becomes of the motion with what the theory promises.
 
@@ -109,7 +108,7 @@ def region_map(
     if zwidth is not None:
         if velocity is not None and (len(velocity) > 1 or velocity[0] <= 0.0):
             raise UsageError("--zwidth takes one --velocity, above 0 ticks per period")
-        return map_studies.zwidth(zwidth, assignments, (velocity or [10.0])[0], picture, jobs, as_json)
+        return map_studies.zwidth(zwidth, assignments, (velocity or [10.0])[0], picture, jobs)
     from hapticd.stability import map_report, map_store
     from hapticd.stability.map_engines import ClusterError
     from hapticd.stability.maps import Study
@@ -126,7 +125,7 @@ def region_map(
             periods=periods,
         )
         if passivity:
-            return map_studies.passivity(study, picture, jobs, as_json)
+            return map_studies.passivity(study, picture, jobs)
         maps = map_store.begin(out, study, force=force)
     except ValueError as error:
         raise UsageError(str(error)) from None
@@ -149,7 +148,7 @@ def region_map(
 
         map_figure.save(maps, picture)
         found["figure"] = picture
-    output.emit(found, as_json, describe(maps, found))
+    output.emit(found, describe(maps, found))
     if interrupted:
         return exits.INTERRUPTED
     return exits.DONE if found["holds"] else exits.NO

@@ -19,7 +19,6 @@ def zwidth(
     velocity: float,
     picture: Path | None,
     jobs: int | None,
-    as_json: bool,
 ) -> int:
     """Work out and draw the Z-width of a device."""
     from drivers import declared_latency
@@ -36,7 +35,7 @@ def zwidth(
 
         zwidth_figure.save(found, picture, source)
         report["figure"] = picture
-    output.emit(report, as_json, _describe_zwidth(report, config.is_linear))
+    output.emit(report, _describe_zwidth(report, config.is_linear))
     return exits.DONE
 
 
@@ -60,7 +59,7 @@ def _describe_zwidth(report: dict[str, Any], linear: bool) -> str:
     return "\n".join(lines)
 
 
-def passivity(study: Study, picture: Path | None, jobs: int | None, as_json: bool) -> int:
+def passivity(study: Study, picture: Path | None, jobs: int | None) -> int:
     """Run the maps with and without the passivity controller, and draw what it changes."""
     from hapticd.stability.passivity_map import passivity_map
 
@@ -71,7 +70,7 @@ def passivity(study: Study, picture: Path | None, jobs: int | None, as_json: boo
 
         passivity_figure.save(found, picture)
         report["figure"] = picture
-    output.emit(report, as_json, _describe_passivity(report))
+    output.emit(report, _describe_passivity(report))
     return exits.DONE
 
 

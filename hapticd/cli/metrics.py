@@ -6,7 +6,7 @@ from pathlib import Path
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
-from hapticd.cli.options import JsonOption, SocketOption, connect
+from hapticd.cli.options import SocketOption, connect
 
 
 @command(
@@ -14,9 +14,7 @@ from hapticd.cli.options import JsonOption, SocketOption, connect
     "hapticd metrics --testbed left -o /var/lib/prometheus/node-exporter/left.prom",
     codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE),
 )
-def metrics(
-    out: Path | None = None, testbed: str | None = None, socket: SocketOption = None, as_json: JsonOption = False
-) -> int:
+def metrics(out: Path | None = None, testbed: str | None = None, socket: SocketOption = None) -> int:
     """Show the daemon's metrics in Prometheus' text format.
 
     Ticks, missed periods, lateness, state, faults, recorder and energies, as the daemon serves them on its socket; and
@@ -39,10 +37,8 @@ def metrics(
     text = textfile.labelled(text + textfile.up(up), testbed)
     if out is not None:
         textfile.replace(out, text)
-    if as_json:
-        output.emit({"up": up, "output": out, "samples": textfile.samples(text)}, True, "")
-    elif out is None:
-        print(text, end="")
+    if output.as_json.get() or out is None:
+        output.emit({"up": up, "output": out, "samples": textfile.samples(text)}, text.removesuffix("\n"))
     if not up:
         output.warn(f"no daemon answers on {client.socket_path}; {out} says hapticd_up 0")
         return exits.UNREACHABLE

@@ -29,10 +29,6 @@ SocketOption = Annotated[
     ),
 ]
 
-JsonOption = Annotated[
-    bool, typer.Option("--json", help="Print exactly one JSON document on stdout; everything else goes to stderr.")
-]
-
 ForceOption = Annotated[
     bool,
     typer.Option("--force", help=endpoint_of(Endpoints.start).help_of("force")),

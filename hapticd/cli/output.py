@@ -28,19 +28,15 @@ def _plain(value: Any) -> Any:
     return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
-def emit(document: Mapping[str, Any], as_json: bool, text: str) -> None:
-    """Print the answer of a command.
-
-    Args:
-        document: the answer as data.
-        as_json: print ``document``.
-        text: what to print otherwise.
-    """
-    print(to_json(document) if as_json else text)
-
-
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 """Whether the command was asked for its answer alone."""
+as_json: ContextVar[bool] = ContextVar("as_json", default=False)
+"""Whether the command was asked for its answer as data."""
+
+
+def emit(document: Mapping[str, Any], text: str) -> None:
+    """Print the answer of a command: as data where that is wanted, else as text."""
+    print(to_json(document) if as_json.get() else text)
 
 
 def warn(message: str) -> None:

@@ -10,7 +10,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import Duration, JsonOption, ModelOption, RunArgument, check_figure_name, run_argument
+from hapticd.cli.options import Duration, ModelOption, RunArgument, check_figure_name, run_argument
 from hapticd.cli.output import number
 
 PANELS = ("trace", "phase", "spectrum", "energy", "lateness", "difference")
@@ -44,7 +44,6 @@ def plot(
     duration: Duration | None = None,
     config: ModelOption = None,
     show: bool = False,
-    as_json: JsonOption = False,
 ) -> int:
     """Draw a run: trace, phase plane, spectrum, energy and lateness; or two, over each other, with their difference.
 
@@ -82,7 +81,7 @@ def plot(
     for each in found:
         for note in each.notes:
             output.warn(note)
-    output.emit(document, as_json, describe(document))
+    output.emit(document, describe(document))
     if show:
         typer.launch(str(target))
     return exits.DONE

@@ -9,7 +9,7 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
-from hapticd.cli.options import JsonOption, SocketOption, connect
+from hapticd.cli.options import SocketOption, connect
 from hapticd.control.endpoints import Endpoints
 
 RunArgument = Annotated[
@@ -27,8 +27,8 @@ RunArgument = Annotated[
     name="start",
     endpoint=Endpoints.record_start,
 )
-def _start(run: RunArgument = None, socket: SocketOption = None, as_json: JsonOption = False) -> int:
-    return _report(connect(socket).record_start(None if run is None else str(run.absolute())), as_json)
+def _start(run: RunArgument = None, socket: SocketOption = None) -> int:
+    return _report(connect(socket).record_start(None if run is None else str(run.absolute())))
 
 
 @command(
@@ -37,10 +37,10 @@ def _start(run: RunArgument = None, socket: SocketOption = None, as_json: JsonOp
     name="stop",
     endpoint=Endpoints.record_stop,
 )
-def _stop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
-    return _report(connect(socket).record_stop(), as_json)
+def _stop(socket: SocketOption = None) -> int:
+    return _report(connect(socket).record_stop())
 
 
-def _report(recorder: dict[str, Any], as_json: bool) -> int:
-    output.emit(recorder, as_json, f"{recorder['path']}: {recorder['rows']} rows, {recorder['dropped']} dropped")
+def _report(recorder: dict[str, Any]) -> int:
+    output.emit(recorder, f"{recorder['path']}: {recorder['rows']} rows, {recorder['dropped']} dropped")
     return exits.DONE

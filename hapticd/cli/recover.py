@@ -10,7 +10,7 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
-from hapticd.cli.options import JsonOption, check_folder
+from hapticd.cli.options import check_folder
 
 FolderArgument = Annotated[
     Path | None,
@@ -23,7 +23,7 @@ FolderArgument = Annotated[
 
 
 @command("hapticd recover", "hapticd recover -o . --json", codes=(exits.DONE, exits.USAGE))
-def recover(folder: FolderArgument = None, out: Path | None = None, as_json: JsonOption = False) -> int:
+def recover(folder: FolderArgument = None, out: Path | None = None) -> int:
     """Keep the last 10 s of every daemon that was killed, each as a run file with the reason if anything tells it.
 
     A daemon does this by itself for one that died on the same socket before it; a daemon that lives is left alone.
@@ -41,5 +41,5 @@ def recover(folder: FolderArgument = None, out: Path | None = None, as_json: Jso
     folders = [folder] if folder else [memory_directory(), places.service_socket().parent]
     found = [run for place in dict.fromkeys(folders) if place is not None for run in flight.recover(place, "", out)]
     lines = [f"{run.run}: {run.rows} rows\n  {run.reason}" for run in found]
-    output.emit({"recovered": [asdict(run) for run in found]}, as_json, "\n".join(lines) or "nothing to recover")
+    output.emit({"recovered": [asdict(run) for run in found]}, "\n".join(lines) or "nothing to recover")
     return exits.DONE

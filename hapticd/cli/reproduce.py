@@ -8,7 +8,7 @@ from typing import Any
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, check_folder
+from hapticd.cli.options import check_folder
 from hapticd.cli.output import number
 
 
@@ -18,7 +18,7 @@ from hapticd.cli.output import number
     "hapticd reproduce -o fig8 --only fig8 --json",
     codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED),
 )
-def reproduce(out: Path, quick: bool = False, only: list[str] | None = None, as_json: JsonOption = False) -> int:
+def reproduce(out: Path, quick: bool = False, only: list[str] | None = None) -> int:
     """Compute every table and figure of the paper and put them on one page beside its printed numbers.
 
     Written into DIR: index.html, which holds everything and needs nothing else; each figure as .png and .svg; and
@@ -41,7 +41,7 @@ def reproduce(out: Path, quick: bool = False, only: list[str] | None = None, as_
             document = run(out, quick=quick, only=only or (), progress=progress)
     except ValueError as error:
         raise UsageError(str(error)) from None
-    output.emit({**document, "page": out / PAGE}, as_json, describe(document, out / PAGE))
+    output.emit({**document, "page": out / PAGE}, describe(document, out / PAGE))
     return exits.DONE
 
 

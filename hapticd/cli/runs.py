@@ -12,7 +12,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import Count, JsonOption, SocketOption
+from hapticd.cli.options import Count, SocketOption
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -34,7 +34,6 @@ def runs(
     limit: Count = 20,
     show_all: bool = False,
     socket: SocketOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """List recordings, the newest first: @last, @last~1 and so on, wherever a run is asked for.
 
@@ -58,7 +57,7 @@ def runs(
     names = {path: "@last" if at == 0 else f"@last~{at}" for at, path in enumerate(last_runs(paths))}
     shown = [{"name": names.get(each.path), **asdict(each)} for each in found]
     document = {"folders": places, "total": len(paths), "runs": shown}
-    output.emit(document, as_json, describe(found, names, places, len(paths)))
+    output.emit(document, describe(found, names, places, len(paths)))
     return exits.DONE
 
 

@@ -13,7 +13,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, SocketOption, connect
+from hapticd.cli.options import SocketOption, connect
 
 if TYPE_CHECKING:
     from hapticd.scope.serve import Addresses
@@ -33,7 +33,6 @@ def scope(
     origin: list[str] | None = None,
     url_file: Path | None = None,
     socket: SocketOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Serve a live view of the daemon in the browser, until Ctrl-C: the trace beside the stability plane.
 
@@ -69,7 +68,7 @@ def scope(
             write_for_group(url_file, output.to_json(document))
             opened.append(url_file)
         else:
-            output.emit(document, as_json, "\n".join([*lines, "Ctrl-C ends"]))
+            output.emit(document, "\n".join([*lines, "Ctrl-C ends"]))
             sys.stdout.flush()
         if open_page:
             opened.append(open_in_browser(addresses.url or addresses.view_url))

@@ -14,7 +14,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, Duration, JsonOption, Quantity, SettingsOption, resolve_config
+from hapticd.cli.options import ConfigArgument, Duration, Quantity, SettingsOption, resolve_config
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -42,7 +42,6 @@ def simulate(
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1)] | None = None,
     no_energies: bool = False,
     assignments: SettingsOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     """Run the same servo code and plant in virtual time, as fast as the machine allows.
 
@@ -99,7 +98,7 @@ def simulate(
             progress=progress,
         )
     report = {**result.report, **({"run": out} if out else {})}
-    output.emit(report, as_json, describe(report, resolved.is_linear))
+    output.emit(report, describe(report, resolved.is_linear))
     for warning in report["warnings"]:
         output.warn(f"warning: {warning}")
     if fault := report["fault"]:

@@ -10,7 +10,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.completion import complete_setting
-from hapticd.cli.options import ForceOption, JsonOption, SocketOption, connect, guarded, parse_settings
+from hapticd.cli.options import ForceOption, SocketOption, connect, guarded, parse_settings
 from hapticd.control.endpoints import Endpoints
 from hapticd.control.fault_words import fault_lines
 
@@ -39,23 +39,23 @@ AssignmentsArgument = Annotated[
     codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT),
     endpoint=Endpoints.start,
 )
-def _start(force: ForceOption = False, socket: SocketOption = None, as_json: JsonOption = False) -> int:
-    return _report(connect(socket).start(force), as_json, in_fault=exits.FAULT)
+def _start(force: ForceOption = False, socket: SocketOption = None) -> int:
+    return _report(connect(socket).start(force), in_fault=exits.FAULT)
 
 
 @command("hapticd stop", codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE), endpoint=Endpoints.stop)
-def _stop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
-    return _report(connect(socket).stop(), as_json)
+def _stop(socket: SocketOption = None) -> int:
+    return _report(connect(socket).stop())
 
 
 @command("hapticd estop", codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE), endpoint=Endpoints.estop)
-def _estop(socket: SocketOption = None, as_json: JsonOption = False) -> int:
-    return _report(connect(socket).estop(), as_json)
+def _estop(socket: SocketOption = None) -> int:
+    return _report(connect(socket).estop())
 
 
 @command("hapticd clear", codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE), endpoint=Endpoints.clear)
-def _clear(socket: SocketOption = None, as_json: JsonOption = False) -> int:
-    return _report(connect(socket).clear(), as_json, in_fault=exits.NO)
+def _clear(socket: SocketOption = None) -> int:
+    return _report(connect(socket).clear(), in_fault=exits.NO)
 
 
 @command(
@@ -68,10 +68,9 @@ def _reload(
     config: ReloadArgument = None,
     force: ForceOption = False,
     socket: SocketOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     source = str(Path(config).absolute()) if config is not None and Path(config).exists() else config
-    return _report(connect(socket).reload(source, force), as_json, in_fault=exits.FAULT)
+    return _report(connect(socket).reload(source, force), in_fault=exits.FAULT)
 
 
 @command(
@@ -84,19 +83,18 @@ def _set(
     assignments: AssignmentsArgument,
     force: ForceOption = False,
     socket: SocketOption = None,
-    as_json: JsonOption = False,
 ) -> int:
     settings = parse_settings(assignments)
     reply = connect(socket).set(settings, force)
     lines = [f"{key} = {output.to_json(value)}" for key, value in reply["applied"].items()]
-    output.emit(reply, as_json, guarded("\n".join([*lines, f"config {reply['config_digest']}"]), reply))
+    output.emit(reply, guarded("\n".join([*lines, f"config {reply['config_digest']}"]), reply))
     return exits.DONE
 
 
-def _report(status: dict[str, Any], as_json: bool, in_fault: int = exits.DONE) -> int:
+def _report(status: dict[str, Any], in_fault: int = exits.DONE) -> int:
     fault = status.get("fault")
     lines = [f"{status['state']}: {fault['cause']}", *fault_lines(fault)[1:]] if fault else [status["state"]]
     if unknown := status["position_unknown"]:
         lines.append(unknown)
-    output.emit(status, as_json, guarded("\n".join(lines), status))
+    output.emit(status, guarded("\n".join(lines), status))
     return in_fault if fault else exits.DONE

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import JsonOption, Positive, SocketOption, connect
+from hapticd.cli.options import Positive, SocketOption, connect
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
 from hapticd.control.fault_words import fault_lines
@@ -27,22 +27,20 @@ if TYPE_CHECKING:
     codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.INTERRUPTED),
     endpoint=Endpoints.status,
 )
-def _status(
-    watch: bool = False, interval: Positive = 0.5, socket: SocketOption = None, as_json: JsonOption = False
-) -> int:
+def _status(watch: bool = False, interval: Positive = 0.5, socket: SocketOption = None) -> int:
     """The exit code is 1 while a fault is latched.
 
     Args:
         watch: Show it again and again until Ctrl-C.
         interval (S): Time between two looks with --watch, s.
     """
-    if watch and as_json:
+    if watch and output.as_json.get():
         raise UsageError("--watch is for people; for a program, call 'hapticd status --json' again and again")
     client = connect(socket)
     if watch:
         _watch(client, interval)
     report = client.status()
-    output.emit(report, as_json, describe(report, client.socket_path))
+    output.emit(report, describe(report, client.socket_path))
     return exits.NO if report["state"] == "fault" else exits.DONE
 
 

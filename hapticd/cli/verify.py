@@ -10,7 +10,6 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
-from hapticd.cli.options import JsonOption
 
 if TYPE_CHECKING:
     from hapticd.record import Verdict
@@ -19,7 +18,7 @@ RunArgument = Annotated[Path, typer.Argument(metavar="RUN", show_default=False, 
 
 
 @command("hapticd verify run.arrow", "hapticd verify run.arrow --json", codes=(exits.DONE, exits.NO, exits.USAGE))
-def verify(run: RunArgument, as_json: JsonOption = False) -> int:
+def verify(run: RunArgument) -> int:
     """Compare every checksum of a run file, and name the rows that do not match theirs.
 
     Run files of version 1 have no checksums; that they can be read is all that is said of them.
@@ -37,7 +36,7 @@ def verify(run: RunArgument, as_json: JsonOption = False) -> int:
         "damage": [asdict(part) for part in verdict.damage],
         "metadata_damaged": verdict.metadata_damaged,
     }
-    output.emit(document, as_json, _text(verdict))
+    output.emit(document, _text(verdict))
     return exits.DONE if verdict.intact else exits.NO
 
 
