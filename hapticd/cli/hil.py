@@ -67,31 +67,33 @@ def hil(
         fault_matrix: Inject every fault, one after the other, instead of the experiments.
         only (NAME): Only this case (a, b, c, d, excitation) or fault. Repeatable.
     """
-    on_firmware = _on_firmware(device)
-    resolved = _resolved(config, assignments, on_firmware)
+    if device not in ("simulated", "firmware"):
+        raise UsageError(f"--device {device}: unknown (known: simulated, firmware)")
+    on_board = board if device == "firmware" else None
+    resolved = _resolved(config, assignments, on_board)
     device_plant = resolve_config(plant, None) if plant else None
     check_folder(out)
     if fault_matrix:
         if plant is not None:
             raise UsageError("--plant goes with the experiments; the fault matrix runs on CONFIG's own plant")
-        return _matrix(resolved, out, only, board if on_firmware else None)
-    if on_firmware and plant is not None:
+        return _matrix(resolved, out, only, on_board)
+    if on_board and plant is not None:
         raise UsageError("--plant goes with simulated devices; the firmware's rig is CONFIG's own")
     from hapticd.hil.cases import FIG_8
     from hapticd.hil.suite import run_suite
     from hapticd.hil.text import suite_document, suite_text
 
-    known = [*(case.name for case in FIG_8), *(() if on_firmware else ("excitation",))]
+    known = [*(case.name for case in FIG_8), *(() if on_board else ("excitation",))]
     _check_names(only, known)
     with output.progress_bar("hil") as bar:
         result = run_suite(
             resolved,
             plant=device_plant,
             cases=[case for case in FIG_8 if not only or case.name in only],
-            with_excitation=not on_firmware and (not only or "excitation" in only),
-            board=board if on_firmware else None,
+            with_excitation=not on_board and (not only or "excitation" in only),
+            board=on_board,
             keep=out,
-            progress=lambda fraction, what: bar(fraction),
+            progress=bar,
         )
     document: dict[str, Any] = suite_document(result)
     text = suite_text(result)
@@ -104,15 +106,9 @@ def hil(
     return exits.DONE if result.agrees else exits.NO
 
 
-def _on_firmware(device: str) -> bool:
-    if device not in ("simulated", "firmware"):
-        raise UsageError(f"--device {device}: unknown (known: simulated, firmware)")
-    return device == "firmware"
-
-
-def _resolved(config: str | None, assignments: list[str] | None, on_firmware: bool) -> Config:
+def _resolved(config: str | None, assignments: list[str] | None, board: str | None) -> Config:
     """The daemon's config; the built-in testbed on the firmware where none is given."""
-    if config is None and not on_firmware:
+    if config is None and not board:
         raise UsageError("CONFIG is missing: a YAML file whose driver is serial_dac or canopen")
     if config is not None:
         resolved = resolve_config(config, assignments)
@@ -123,7 +119,7 @@ def _resolved(config: str | None, assignments: list[str] | None, on_firmware: bo
         resolved = parse_config(FIRMWARE_CONFIG, "the testbed on the firmware")
         if settings := parse_settings(assignments):
             resolved = apply_settings(resolved, settings, source="command line")
-    if on_firmware and resolved.driver.name != "serial_dac":
+    if board and resolved.driver.name != "serial_dac":
         raise UsageError(f"driver.name = {resolved.driver.name}: the firmware is a serial board's, serial_dac")
     return resolved
 
@@ -142,7 +138,7 @@ def _matrix(config: Config, out: Path | None, only: list[str] | None, board: str
         _check_names(only, [injection.name for injection in possible])
     chosen = [injection for injection in possible if not only or injection.name in only]
     with output.progress_bar("faults") as bar:
-        rows = run_matrix(config, injections=chosen, board=board, progress=lambda fraction, what: bar(fraction))
+        rows = run_matrix(config, injections=chosen, board=board, progress=bar)
     if out is not None:
         out.mkdir(parents=True, exist_ok=True)
         (out / f"fault-matrix-{board or config.driver.name}.md").write_text(matrix_markdown(rows), encoding="utf-8")

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
+from hapticd.config import Config, apply_settings
 from hapticd.hil.errors import HilError
-
-if TYPE_CHECKING:
-    from hapticd.config import Config
 
 
 @dataclass(frozen=True)
@@ -65,24 +63,22 @@ def slower_rig(config: Config, from_hz: float, rate_hz: float) -> Config:
 
     Raises:
         HilError: the plant has effects, whose parameters have no such rule.
+        ConfigError: a number of the slower rig is beyond a limit of the schema.
     """
     if config.plant.effects:
         raise HilError("plant.effects: cannot be brought to another rate; leave them out for --device firmware")
     s = from_hz / rate_hz
-    plant, hand, amplifier, safety = config.plant, config.hand, config.amplifier, config.safety
-    spring = config.spring
-    return config.model_copy(
-        update={
-            "servo": config.servo.model_copy(update={"rate_hz": rate_hz}),
-            "spring": spring.model_copy(
-                update={"damping": s * spring.damping, "velocity_cutoff_hz": spring.velocity_cutoff_hz / s}
-            ),
-            "delay": config.delay.model_copy(update={"computation_s": s * config.delay.computation_s}),
-            "plant": plant.model_copy(update={"inertia": s * s * plant.inertia, "viscous": s * plant.viscous}),
-            "hand": hand.model_copy(update={"inertia": s * s * hand.inertia, "damping": s * hand.damping}),
-            "amplifier": amplifier.model_copy(
-                update={"bandwidth_hz": amplifier.bandwidth_hz and amplifier.bandwidth_hz / s}
-            ),
-            "safety": safety.model_copy(update={"max_velocity": safety.max_velocity and safety.max_velocity / s}),
-        }
-    )
+    spring, plant, hand = config.spring, config.plant, config.hand
+    slower = {
+        "servo.rate_hz": rate_hz,
+        "spring.damping": s * spring.damping,
+        "spring.velocity_cutoff_hz": spring.velocity_cutoff_hz / s,
+        "delay.computation_s": s * config.delay.computation_s,
+        "plant.inertia": s * s * plant.inertia,
+        "plant.viscous": s * plant.viscous,
+        "hand.inertia": s * s * hand.inertia,
+        "hand.damping": s * hand.damping,
+        "amplifier.bandwidth_hz": config.amplifier.bandwidth_hz / s,
+        "safety.max_velocity": config.safety.max_velocity and config.safety.max_velocity / s,
+    }
+    return apply_settings(config, slower, source=f"the rig at {rate_hz:g} Hz")

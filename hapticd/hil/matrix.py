@@ -70,7 +70,7 @@ def run_matrix(
     *,
     injections: Sequence[Injection] = INJECTIONS,
     board: str | None = None,
-    progress: Callable[[float, str], None] = lambda fraction, what: None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> list[Row]:
     """Inject every fault that applies to the config's driver, each on a fresh device and a fresh daemon.
 
@@ -78,7 +78,7 @@ def run_matrix(
         config: the daemon's; its driver names the device.
         injections: which faults.
         board: run the reference firmware on this board in place of the simulated device.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
 
     Returns:
         One row each; a fault that could not be injected is a row that says why.
@@ -91,16 +91,15 @@ def run_matrix(
         raise HilError(
             f"driver.name = {config.driver.name!r}: has none of these faults; hil needs serial_dac or canopen"
         )
-    rows = []
-    for index, injection in enumerate(chosen):
-        progress(index / len(chosen), injection.name)
+    rows: list[Row] = []
+    for injection in chosen:
         with tempfile.TemporaryDirectory(prefix="hapticd-fault-") as folder:
             try:
                 rows.append(run_injection(config, injection, Path(folder), board))
             except HilError as error:
                 reason = f"not run: {str(error).splitlines()[-1]}"
                 rows.append(Row(injection, config.driver.name, problems=(reason,)))
-    progress(1.0, "done")
+        progress(len(rows) / len(chosen))
     return rows
 
 

@@ -68,9 +68,6 @@ class SuiteResult:
         return not any(case.problems for case in self.cases)
 
 
-Progress = Callable[[float, str], None]
-
-
 def run_suite(
     config: Config,
     *,
@@ -79,7 +76,7 @@ def run_suite(
     with_excitation: bool = True,
     board: str | None = None,
     keep: Path | None = None,
-    progress: Progress = lambda fraction, what: None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> SuiteResult:
     """Run the suite against simulated hardware.
 
@@ -90,7 +87,7 @@ def run_suite(
         board: run the reference firmware on this board in place of the simulated device, with the releases alone, each on a
             rig slowed down to its rate (:func:`hapticd.hil.cases.slower_rig`).
         keep: folder that takes recordings, logs and the device's log; None: they are thrown away.
-        progress: called with the fraction done and what is being done.
+        progress: called with the fraction done.
 
     Raises:
         HilError: a process did not come up, or the driver has no simulated device.
@@ -115,7 +112,7 @@ def _run(
     cases: Sequence[Case],
     excited: bool,
     folder: Path,
-    progress: Progress,
+    progress: Callable[[float], None],
     board: str | None = None,
 ) -> SuiteResult:
     config = _patient(config)
@@ -123,19 +120,16 @@ def _run(
     steps = len(cases) + int(excited)
     device = Device(config, folder, plant=plant, board=board)
     with device:
-        progress(0.0, "device")
         device.wait_ready()
         with DaemonProcess(config, folder, device.options) as daemon:
-            progress(0.0, "daemon")
             daemon.wait_ready()
             for case in cases:
-                progress(len(results) / steps, f"case {case.name}")
                 results.append(_release(daemon, case))
+                progress(len(results) / steps)
             if excited:
-                progress(len(results) / steps, EXCITATION)
                 results.append(_excite(daemon, config))
+                progress(1.0)
             status = daemon.client.status()
-    progress(1.0, "done")
     declared, doubt = declared_latency(daemon.config)
     return SuiteResult(
         config.driver.name,
@@ -148,16 +142,15 @@ def _run(
 
 
 def _run_on_firmware(
-    config: Config, cases: Sequence[Case], board: str, folder: Path, progress: Progress
+    config: Config, cases: Sequence[Case], board: str, folder: Path, progress: Callable[[float], None]
 ) -> SuiteResult:
     """Each case on a rig of its own, which is at the emulated board's rate what the config's is at the case's."""
     parts = []
-    for number, case in enumerate(cases):
-        progress(number / len(cases), f"case {case.name}")
+    for case in cases:
         rig = slower_rig(config, case.rate_hz, FIRMWARE_RATE_HZ)
         slow = [slower_case(case, FIRMWARE_RATE_HZ)]
-        parts.append(_run(rig, None, slow, False, folder / case.name, lambda fraction, what: None, board))
-    progress(1.0, "done")
+        parts.append(_run(rig, None, slow, False, folder / case.name, lambda fraction: None, board))
+        progress(len(parts) / len(cases))
     counted = ("ticks", "missed", "exchanges_missed")
     return SuiteResult(
         f"{config.driver.name}, firmware on {board}",
