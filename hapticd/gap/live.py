@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hapticd.client import settings_for_a_while, stop_on_interrupt
 from hapticd.gap.data import load_recording
@@ -58,19 +58,24 @@ def close_the_circle(
 
 
 def _record(client: Client, model: Config, experiment: Experiment, say: Callable[[str], None], bar: Bar) -> Recording:
+    path = play(client, model, experiment, say, bar)
+    say(f"recorded {path}")
+    return load_recording(path, model)
+
+
+def play(client: Client, model: Config, experiment: Experiment, say: Callable[[str], None], bar: Bar) -> Path:
+    """Have the daemon play an experiment under its settings, wait for the end, and return the recording.
+
+    Raises:
+        LiveError: it ended on a fault or was stopped by somebody else.
+    """
     say(f"playing {experiment.describe(model.is_linear)}")
-    report = play(client, experiment, say, bar)
+    with settings_for_a_while(client, experiment.settings), stop_on_interrupt(client, say):
+        job = client.excite(experiment.excitation, **experiment.plan())
+        with bar(experiment.excitation) as progress:
+            report = client.wait(job["experiment"], progress)
     found = report["result"] or {}
     if report["state"] != "done" or found.get("fault"):
         why = f"the fault {found['fault']}" if found.get("fault") else "being stopped"
         raise LiveError(f"{experiment.excitation} ended early on {why}; its recording is {found.get('run')}")
-    say(f"recorded {found['run']}")
-    return load_recording(Path(found["run"]), model)
-
-
-def play(client: Client, experiment: Experiment, say: Callable[[str], None], bar: Bar) -> dict[str, Any]:
-    """Have the daemon play an experiment under its settings, wait for the end, and return its report."""
-    with settings_for_a_while(client, experiment.settings), stop_on_interrupt(client, say):
-        job = client.excite(experiment.excitation, **experiment.plan())
-        with bar(experiment.excitation) as progress:
-            return client.wait(job["experiment"], progress)
+    return Path(found["run"])

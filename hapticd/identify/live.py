@@ -7,7 +7,6 @@ What holds the shaft then is that a chirp gives as much to one side as to the ot
 from __future__ import annotations
 
 from math import pi, sqrt
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -65,7 +64,7 @@ def record_live(
     found = [_look(client, config, settings, say, bar)]
     first = balance(found, config.amplifier.torque_constant)
     plans = [chirp(config, first, effort, settings) for effort in _EFFORTS]
-    return [*found, *(load_any(_played(client, plan, config, say, bar), config) for plan in plans)]
+    return [*found, *(load_any(play(client, config, plan, say, bar), config) for plan in plans)]
 
 
 def chirp(config: Config, first: Balance, effort: float, settings: dict[str, Any] | None = None) -> Experiment:
@@ -102,27 +101,17 @@ def _look(client: Client, config: Config, settings: dict[str, Any], say: Callabl
     high = min(_LOOK_HZ[1], config.servo.rate_hz / 10.0)
     while current <= _LARGEST_SHARE * limit:
         plan = Experiment("chirp", _rounded(current), _LOOK_S, min(_LOOK_HZ[0], high / 2.0), high, settings=settings)
-        path = _played(client, plan, config, say, bar)
+        path = play(client, config, plan, say, bar)
         if np.ptp(read_run(path).columns["encoder_counts"]) >= _MOVED_COUNTS:
             # It just moved: a little more, so that sliding and not breaking away is what is seen.
             stronger = min(_STRONGER * current, _LARGEST_SHARE * limit)
             plan = Experiment("chirp", _rounded(stronger), _LOOK_S, plan.low_hz, high, settings=settings)
-            return load_any(_played(client, plan, config, say, bar), config)
+            return load_any(play(client, config, plan, say, bar), config)
         current *= _STRONGER
     raise LiveError(
         f"nothing moves by {_MOVED_COUNTS} counts up to {_LARGEST_SHARE * limit:.3g} A ({100 * _LARGEST_SHARE:.0f} % of the "
         "amplifier's current): is the motor connected, the brake off, the encoder counting?"
     )
-
-
-def _played(client: Client, plan: Experiment, config: Config, say: Callable[[str], None], bar: Bar) -> Path:
-    say(f"playing {plan.describe(config.is_linear)}")
-    report = play(client, plan, say, bar)
-    found = report["result"] or {}
-    if report["state"] != "done" or found.get("fault"):
-        why = f"the fault {found['fault']}" if found.get("fault") else "being stopped"
-        raise LiveError(f"{plan.excitation} ended early on {why}; its recording is {found.get('run')}")
-    return Path(found["run"])
 
 
 def _rounded(value: float) -> float:
