@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.config import config_digest
-from hapticd.config.sources import ConfigSource, config_of
+from hapticd.config.loading import ConfigSource, config_of
 from hapticd.config.units import deflection_ticks, seconds, velocity_ticks
 from hapticd.record import Run, run_metadata
 from hapticd.record.schema import COLUMNS, ROW

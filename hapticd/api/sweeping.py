@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hapticd.config import Config, apply_settings
-from hapticd.config.sources import ConfigSource, config_of
+from hapticd.config.loading import ConfigSource, config_of
 from hapticd.config.units import deflection_ticks, seconds, velocity_ticks
 
 if TYPE_CHECKING:

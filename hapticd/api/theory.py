@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from hapticd.config.sources import ConfigSource, config_of
+from hapticd.config.loading import ConfigSource, config_of
 from hapticd.config.units import deflection_ticks, velocity_ticks
 from hapticd.stability.advice import Change, advise
 from hapticd.stability.assessment import Assessment, assess

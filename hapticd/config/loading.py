@@ -6,6 +6,7 @@ Every door ends in :func:`parse_config`, which reports all problems at once.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,9 @@ _OTHER_KIND = (
     "a setting cannot turn a rotary device into a linear one or back; its other numbers would keep their old units"
 )
 _EMPTY = "is empty; write {} for the built-in defaults"
+
+ConfigSource = Config | Mapping[str, Any] | str | PathLike[str] | None
+"""What a caller may have: a configuration, plain data, a file's path or a preset's name; None for re35."""
 
 
 def load_config(source: str | Path | None = None) -> Config:
@@ -47,6 +51,25 @@ def load_config(source: str | Path | None = None) -> Config:
         message = f"no such file, and no preset of that name; {hint}"
         raise ConfigError([Problem(source or "''", "", None, message, preset_names(), nearest=nearest)])
     return parse_yaml(read_text(path, str(source)), str(source))
+
+
+def config_of(source: ConfigSource = None, settings: Mapping[str, Any] | None = None) -> Config:
+    """Resolve a configuration.
+
+    Args:
+        source: a `Config`; nested mappings as a YAML file holds them; a file's path; the name of a preset; None for re35.
+        settings: dotted key to value, applied to it, e.g. ``{"spring.stiffness": 0.02}``.
+
+    Raises:
+        ConfigError: with everything that is wrong.
+    """
+    if isinstance(source, Config):
+        config = source
+    elif isinstance(source, Mapping):
+        config = parse_config(source, "the given config")
+    else:
+        config = load_config(source if source is None or isinstance(source, str) else Path(source))
+    return apply_settings(config, settings, source="settings") if settings else config
 
 
 def _is_there(path: Path) -> bool:

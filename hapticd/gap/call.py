@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from hapticd.client import find_run
 from hapticd.config import ConfigError, Problem, parse_config
-from hapticd.config.sources import ConfigSource, config_of
+from hapticd.config.loading import ConfigSource, config_of
 from hapticd.gap.data import recording_of
 from hapticd.gap.workflow import find_gap
 from hapticd.record import Run, read_run

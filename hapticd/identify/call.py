@@ -7,7 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hapticd.config.sources import ConfigSource, config_of
+from hapticd.config.loading import ConfigSource, config_of
 from hapticd.gap.call import own_model, runs_of
 from hapticd.identify import workflow
 
