@@ -11,8 +11,15 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.experiments import experiment_named
-from hapticd.cli.nominal_model import model_of_daemon, model_of_run
-from hapticd.cli.options import RunsArgument, SettingsOption, SocketOption, check_folder, connect
+from hapticd.cli.options import (
+    RunsArgument,
+    SettingsOption,
+    SocketOption,
+    check_folder,
+    connect,
+    model_of_daemon,
+    model_of_run,
+)
 
 if TYPE_CHECKING:
     from hapticd.config import Config

@@ -9,8 +9,15 @@ from typing import TYPE_CHECKING
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.nominal_model import model_of_daemon, model_of_run
-from hapticd.cli.options import Positive, RunsArgument, SettingsOption, SocketOption, connect
+from hapticd.cli.options import (
+    Positive,
+    RunsArgument,
+    SettingsOption,
+    SocketOption,
+    connect,
+    model_of_daemon,
+    model_of_run,
+)
 
 if TYPE_CHECKING:
     from hapticd.gap.recording import Recording

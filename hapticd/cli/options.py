@@ -214,6 +214,40 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
     return apply_settings(config, settings, source="command line") if settings else config
 
 
+def model_of_run(run: Path, model: str | None, assignments: list[str] | None) -> Config:
+    """The model that is named, or the one that a recording carries.
+
+    Raises:
+        ConfigError: anything wrong in it.
+        UsageError: the recording carries none, or ``--set`` without a model.
+    """
+    if model is not None:
+        return resolve_config(model, assignments)
+    if assignments:
+        raise UsageError("--set changes the model of --model; name one")
+    from hapticd.config import parse_config
+    from hapticd.record import read_run
+
+    stored = read_run(run).metadata.get("config")
+    if not stored:
+        raise UsageError(f"{run} carries no config; name the nominal model with --model")
+    return parse_config(stored, f"config of {run.name}")
+
+
+def model_of_daemon(client: Client, model: str | None, assignments: list[str] | None) -> Config:
+    """The model that is named, or the daemon's config.
+
+    Raises:
+        ConfigError: anything wrong in it.
+    """
+    if model is not None:
+        return resolve_config(model, assignments)
+    from hapticd.config import apply_settings, parse_config
+
+    nominal = parse_config(client.config(), "the daemon's config")
+    return apply_settings(nominal, parse_settings(assignments)) if assignments else nominal
+
+
 def guarded(text: str, answer: Mapping[str, Any]) -> str:
     """The text of an answer, and under it the guard's sentence where it has one."""
     guard = answer.get("guard")

@@ -83,7 +83,7 @@ def quantity(
     meaning: str,
     unit: str = "",
     *,
-    linear: str | None = None,
+    linear: str = "",
     zero: str = "",
     linear_default: float | None = None,
     **constraints: float,
@@ -99,15 +99,8 @@ def quantity(
         linear_default: default for a linear device where it differs.
         constraints: ``ge``, ``gt``, ``le``, ``lt``.
     """
-    extra: dict[str, Any] = {}
-    if unit:
-        extra["unit"] = unit
-    if linear is not None:
-        extra["unit_linear"] = linear
-    if zero:
-        extra["zero_or_null"] = zero
-    if linear_default is not None:
-        extra["default_linear"] = linear_default
+    named = {"unit": unit, "unit_linear": linear, "zero_or_null": zero, "default_linear": linear_default}
+    extra = {name: value for name, value in named.items() if value not in ("", None)}
     arguments: dict[str, Any] = {"description": meaning, "json_schema_extra": extra, **constraints}
     return Field(default_factory=default, **arguments) if callable(default) else Field(default, **arguments)
 

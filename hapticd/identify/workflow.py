@@ -14,7 +14,7 @@ import numpy as np
 from scipy.stats import norm
 
 from drivers import declared_latency
-from hapticd.config import parse_config
+from hapticd.config import parse_config, unit_of
 from hapticd.gap.checks import check_recording
 from hapticd.gap.data import recording_of
 from hapticd.gap.parallel import one_blas_thread
@@ -145,13 +145,8 @@ def _with_plant(model: Config, inertia: float, viscous: float, coulomb: float) -
 
 def _result(found: BaseFit, recordings: Sequence[Recording], model: Config, start: Balance) -> Identified:
     linear = model.is_linear
-    units = dict(
-        zip(
-            FITTED,
-            ("kg", "N s/m", "N", "N", "s") if linear else ("kg m²", "N m s/rad", "N m", "N m", "s"),
-            strict=True,
-        )
-    )
+    units = {name: unit_of(f"plant.{name}", linear) for name in ("inertia", "viscous", "coulomb")}
+    units |= {"bias": units["coulomb"], "delay_s": "s"}
     estimates = {}
     for name, value in zip(FITTED, found.values.tolist(), strict=True):
         half = found.half_width(name)
