@@ -126,15 +126,8 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
         metadata["seed"] = seed
     before = signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     try:
-        with whole(out) as part:
-            writer = RunWriter(part, metadata)
-            try:
-                yield writer.write
-                writer.close()
-            except BaseException:
-                with contextlib.suppress(Exception):
-                    writer.close()
-                raise
+        with whole(out) as part, RunWriter(part, metadata) as writer:
+            yield writer.write
     finally:
         signal.signal(signal.SIGTERM, before)
 

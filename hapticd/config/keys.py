@@ -16,28 +16,21 @@ _LIVE = ("servo.rate_hz", "servo.overrun", "spring", "encoder.decimation", "dith
 @cache
 def leaf_fields() -> dict[str, FieldInfo]:
     """Every dotted key that holds a value, in the order of the schema."""
-    return dict(_walk(Config, ""))
+    return {key: found for key, found in _walk(Config, "") if isinstance(found, FieldInfo)}
 
 
 @cache
 def section_models() -> dict[str, type[Section]]:
     """Every dotted key that holds a section."""
-    return dict(_sections(Config, ""))
+    return {key: found for key, found in _walk(Config, "") if not isinstance(found, FieldInfo)}
 
 
-def _walk(model: type[Section], prefix: str) -> Iterator[tuple[str, FieldInfo]]:
+def _walk(model: type[Section], prefix: str) -> Iterator[tuple[str, FieldInfo | type[Section]]]:
     sections = model.subsections()
     for name, field in model.model_fields.items():
+        yield prefix + name, sections.get(name, field)
         if name in sections:
             yield from _walk(sections[name], f"{prefix}{name}.")
-        else:
-            yield prefix + name, field
-
-
-def _sections(model: type[Section], prefix: str) -> Iterator[tuple[str, type[Section]]]:
-    for name, section in model.subsections().items():
-        yield prefix + name, section
-        yield from _sections(section, f"{prefix}{name}.")
 
 
 def valid_keys() -> list[str]:

@@ -14,6 +14,7 @@ from typing import Self
 from hapticd.hil.errors import HilError
 
 _LAST_WORDS = 12
+_END_S = 20.0
 _TIED = """
 import ctypes, os, sys
 parent, *command = sys.argv[1:]
@@ -97,20 +98,18 @@ class Child:
         """Send a signal."""
         os.kill(self.pid, number)
 
-    def end(self, timeout_s: float = 20.0) -> int | None:
-        """SIGTERM, and SIGKILL when that is not enough; returns the exit code."""
+    def end(self) -> None:
+        """SIGTERM, and SIGKILL when that is not enough."""
         process = self._process
-        if process is None:
-            return None
-        if process.poll() is None:
-            process.send_signal(signal.SIGCONT)  # a stopped process hears no SIGTERM
-            process.terminate()
-            try:
-                process.wait(timeout_s)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-        return process.returncode
+        if process is None or process.poll() is not None:
+            return
+        process.send_signal(signal.SIGCONT)  # a stopped process hears no SIGTERM
+        process.terminate()
+        try:
+            process.wait(_END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
 
     def last_output(self) -> str:
         """The last lines of its output."""
