@@ -35,7 +35,7 @@ _ANSWERS = {"refused": "refuses to render this without --force", "warned": "rend
     "hapticd check rig.yaml",
     "hapticd check --set servo.rate_hz=100 --set encoder.decimation=217 --deflection 10.3 -o plane.png",
     "hapticd check omega --velocity 0.5 --json",
-    codes=(exits.DONE, exits.NO, exits.USAGE),
+    codes=(exits.NO,),
 )
 def check(
     source: SourceArgument = None,

@@ -13,7 +13,7 @@ from typing import Annotated, Any, get_args, get_origin
 import typer
 
 from hapticd.cli import output
-from hapticd.cli.exits import MEANING
+from hapticd.cli.exits import DONE, MEANING, USAGE
 from hapticd.control.endpoints import Endpoint, endpoint_of
 
 JsonOption = Annotated[
@@ -23,32 +23,34 @@ QuietOption = Annotated[
     bool,
     typer.Option("--quiet", "-q", help="Say nothing beside the answer but warnings and errors: no progress, no notes."),
 ]
+Command = Callable[..., int | None]
 _COMMAND = "__command__"
 _OPTION = re.compile(r"(\w+)(?: \((.+?)\))?: (.+)", re.DOTALL)
 
 
 def command(
     *examples: str,
-    codes: tuple[int, ...],
+    codes: tuple[int, ...] = (),
     name: str | None = None,
     endpoint: Callable[..., Any] | None = None,
     json: bool = True,
-) -> Callable[[Callable[..., int]], Callable[..., int]]:
+) -> Callable[[Command], Command]:
     """Declare a command whose help is the function's docstring, flowed to the terminal's width, with :func:`epilog` below.
 
-    The function returns the exit code. The help of an endpoint's command is the endpoint's, and below it what the function's
-    docstring adds. Under ``Args`` the docstring has the command's own options, each as ``parameter (flags METAVAR): help``;
-    without flags, its flag is the parameter's name. Every command has ``--json`` and ``--quiet``.
+    The function returns the exit code, None for 0. The help of an endpoint's command is the endpoint's, and below it what
+    the function's docstring adds. Under ``Args`` the docstring has the command's own options, each as
+    ``parameter (flags METAVAR): help``; without flags, its flag is the parameter's name. Every command has ``--json`` and
+    ``--quiet``.
 
     Args:
         examples: command lines.
-        codes: the exit codes it can end with.
+        codes: the exit codes it can end with, beside 0 and 2, which every command has.
         name: its name, if not the function's.
         endpoint: method of `Endpoints`, for a command that asks for one.
         json: False for a command without ``--json``, or with one of its own.
     """
 
-    def declare(function: Callable[..., int]) -> Callable[..., int]:
+    def declare(function: Command) -> Command:
         asked = endpoint_of(endpoint) if endpoint else None
         shared = {"as_json": JsonOption, "quiet": QuietOption} if json else {"quiet": QuietOption}
         run, text = _with_options(function, asked, shared)
@@ -66,9 +68,7 @@ def add_commands(app: typer.Typer, module: Mapping[str, Any]) -> None:
             getattr(value, _COMMAND)(app)
 
 
-def _with_options(
-    function: Callable[..., int], asked: Endpoint | None, shared: Mapping[str, Any]
-) -> tuple[Callable[..., int], str]:
+def _with_options(function: Command, asked: Endpoint | None, shared: Mapping[str, Any]) -> tuple[Command, str]:
     """A command as typer takes it, and its help; `shared` are the options of every command."""
     about, _, arguments = inspect.cleandoc(function.__doc__ or "").partition("Args:\n")
     paragraphs = "\n\n".join(filter(None, [asked.description if asked else "", about.strip()])).split("\n\n")
@@ -79,7 +79,7 @@ def _with_options(
             said["help"] = f"{asked.help_of(key)} {said['help']}"
 
     @functools.wraps(function)
-    def run(**values: Any) -> int:
+    def run(**values: Any) -> int | None:
         output.quiet.set(values.pop("quiet"))
         output.as_json.set(values.pop("as_json", False))
         return function(**values)
@@ -131,7 +131,9 @@ def _hoisted(annotation: Any) -> tuple[Any, list[Any]]:
     return whole, infos
 
 
-def epilog(*examples: str, codes: tuple[int, ...]) -> str:
-    """The text under a help page: examples, then what each exit code of this command means."""
+def epilog(*examples: str, codes: tuple[int, ...] = ()) -> str:
+    """The text under a help page: examples, then what each exit code of this command means; 0 and 2 are every command's."""
     shown = "\n".join(f"  {example}" for example in examples).replace("[", "\\[")
-    return f"Examples:\n{shown}\n\nExit codes:\n" + "\n".join(f"  {code}  {MEANING[code]}" for code in codes)
+    return f"Examples:\n{shown}\n\nExit codes:\n" + "\n".join(
+        f"  {code}  {MEANING[code]}" for code in sorted({DONE, USAGE, *codes})
+    )

@@ -29,7 +29,7 @@ _SIGNS = {"good": "ok  ", "note": "note", "bad": "BAD "}
     "hapticd doctor /etc/hapticd/hapticd.yaml",
     "hapticd doctor --set servo.rate_hz=3000 --json",
     "hapticd doctor --device rig.yaml",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE),
+    codes=(exits.NO, exits.DEVICE),
 )
 def doctor(
     config: ConfigArgument = None,

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from hapticd.cli import exits, output
+from hapticd.cli import output
 from hapticd.cli.command import command
 
 
-@command("hapticd drivers", "hapticd drivers --json", codes=(exits.DONE, exits.USAGE))
-def drivers() -> int:
+@command("hapticd drivers", "hapticd drivers --json")
+def drivers() -> None:
     """List the installed drivers, with their declared sample-to-current latency.
 
     Drivers are entry points of the group hapticd.drivers; one that cannot be loaded is listed with the reason.
@@ -22,4 +22,3 @@ def drivers() -> int:
         if driver.error:
             lines.append(f"{'':12} cannot be loaded: {driver.error}")
     output.emit({"drivers": [vars(driver) for driver in found]}, "\n".join(lines) or "no drivers are installed")
-    return exits.DONE

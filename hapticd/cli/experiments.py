@@ -37,7 +37,7 @@ NameArgument = Annotated[
     "hapticd release --deflection 20.3",
     "hapticd release --deflection 30deg -o wall.arrow",
     "hapticd release --deflection -3 --duration 2 --json",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
+    codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
     endpoint=Endpoints.release,
 )
 def _release(
@@ -68,7 +68,7 @@ def _release(
     "hapticd excite",
     "hapticd excite chirp --amplitude 0.2 --duration 10 -o chirp.arrow",
     "hapticd excite gap/next_experiment.yaml",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
+    codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
     endpoint=Endpoints.excite,
 )
 def _excite(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from enum import StrEnum
 from pathlib import Path
 
-from hapticd.cli import exits, output
+from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import RunArgument
@@ -24,7 +24,6 @@ class Format(StrEnum):
     "hapticd export @last --to csv",
     "hapticd export run.arrow --to mcap",
     "hapticd export run.arrow --to mat -o wall.mat --force",
-    codes=(exits.DONE, exits.USAGE),
 )
 def export(
     run: RunArgument,
@@ -32,7 +31,7 @@ def export(
     out: Path | None = None,
     force: bool = False,
     salvage: bool = False,
-) -> int:
+) -> None:
     """Write a recording as csv, parquet, mat or mcap, with the columns and units of the run file.
 
     An mcap file has one channel, /hapticd/tick, of CDR messages with a ROS 2 definition; config and provenance are in its
@@ -70,4 +69,3 @@ def export(
         document["layout"] = LAYOUT
         text += f"\nplotjuggler --layout {LAYOUT} --datafile {written}"
     output.emit(document, text)
-    return exits.DONE

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     "hapticd gap run.arrow --model rig.yaml -o gap",
     "hapticd gap ramp.arrow steps.csv --model re35 --refit-base -o gap --json",
     "hapticd gap --live --excite steps -o gap",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
+    codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
 )
 def gap(
     out: Path,

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from hapticd.cli import exits, output
+from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 
@@ -30,8 +30,8 @@ FaultArgument = Annotated[
 ]
 
 
-@command("hapticd help over_speed", "hapticd help", codes=(exits.DONE, exits.USAGE), name="help")
-def help_fault(fault: FaultArgument = None) -> int:
+@command("hapticd help over_speed", "hapticd help", name="help")
+def help_fault(fault: FaultArgument = None) -> None:
     """Say what a fault means: what hapticd did, likely causes with a check for each, how to clear it, its config keys.
 
     Help about a command is its --help.
@@ -43,7 +43,7 @@ def help_fault(fault: FaultArgument = None) -> int:
         summaries = {code: _summary(page.read_text(encoding="utf-8")) for code, page in pages.items()}
         text = "\n".join(f"{code:20}{summary}" for code, summary in summaries.items())
         output.emit({"faults": summaries}, f"{text}\n\nhapticd help FAULT says more; hapticd --help is about commands")
-        return exits.DONE
+        return
     page = fault_page(fault)
     if page is None:
         from hapticd.config.nearest import nearest_name
@@ -53,12 +53,11 @@ def help_fault(fault: FaultArgument = None) -> int:
         raise UsageError(f"{fault} is no fault{hint}\nhelp about a command: hapticd {fault} --help")
     if output.as_json.get() or not sys.stdout.isatty():
         output.emit({"fault": fault, "page": page}, page.rstrip())
-        return exits.DONE
+        return
     from rich.console import Console
     from rich.markdown import Markdown
 
     Console().print(Markdown(page, hyperlinks=False))
-    return exits.DONE
 
 
 def _summary(page: str) -> str:

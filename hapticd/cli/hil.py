@@ -32,7 +32,7 @@ HilConfigArgument = Annotated[
     "hapticd hil examples/serial-board.yaml --fault-matrix --only sigkill",
     "hapticd hil --device firmware",
     "hapticd hil --device firmware --fault-matrix",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE, exits.INTERRUPTED),
+    codes=(exits.NO, exits.DEVICE, exits.INTERRUPTED),
 )
 def hil(
     config: HilConfigArgument = None,

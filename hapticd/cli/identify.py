@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     "hapticd identify --live -o rig.yaml",
     "hapticd identify chirp.arrow steps.arrow --model rig.yaml -o rig.yaml",
     "hapticd identify run.csv --model rig.yaml --known-inertia 6.5e-6 --json",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
+    codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
 )
 def identify(
     runs: RunsArgument = None,
@@ -40,7 +40,7 @@ def identify(
     known_inertia: Positive | None = None,
     socket: SocketOption = None,
     assignments: SettingsOption = None,
-) -> int:
+) -> None:
     """Find inertia, friction, bias, delay and the encoder's sign of a device, with 95 % intervals, for its config.
 
     Takes one recording or several of the same device, or with --live plays the experiments itself: a chirp that grows until
@@ -95,7 +95,6 @@ def identify(
     output.emit(document, describe(found, out))
     for warning in found.warnings:
         output.warn(f"warning: {warning}")
-    return exits.DONE
 
 
 def describe(found: Identified, out: Path | None) -> str:

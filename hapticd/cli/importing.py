@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hapticd.cli import exits, output
+from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 
@@ -27,7 +27,6 @@ FileArgument = Annotated[
 @command(
     "hapticd import measured.csv --map columns.yaml -o measured.arrow",
     "hapticd import run.mcap -o run.arrow",
-    codes=(exits.DONE, exits.USAGE),
     name="import",
 )
 def import_data(
@@ -35,7 +34,7 @@ def import_data(
     out: Path,
     mapping: Path | None = None,
     force: bool = False,
-) -> int:
+) -> None:
     """Bring in measured data from elsewhere as a run that gap, energy and export read.
 
     The map says which column is the time (or the rate), the position (counts, angle or length), and the command (current
@@ -72,7 +71,6 @@ def import_data(
         "warnings": list(done.warnings),
     }
     output.emit(document, _describe(done))
-    return exits.DONE
 
 
 def _describe(done: Imported) -> str:

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hapticd.cli import exits, output
+from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 
@@ -19,14 +19,13 @@ OutArgument = Annotated[Path, typer.Argument(metavar="CONFIG", help="The file to
     "hapticd init rig.yaml",
     "hapticd init rig.yaml --answers answers.yaml",
     "hapticd init --list",
-    codes=(exits.DONE, exits.USAGE),
 )
 def init(
     out: OutArgument = Path("rig.yaml"),
     answers: Path | None = None,
     list_questions: bool = False,
     force: bool = False,
-) -> int:
+) -> None:
     """Make a config for a rig: ask what the data sheets say, and write a file that checks.
 
     Motor, amplifier, encoder, driver and limits come from data sheets and from you. Inertia and friction are a start that
@@ -46,7 +45,7 @@ def init(
     if list_questions:
         document: dict[str, Any] = {"questions": [question.document for question in QUESTIONS]}
         output.emit(document, "\n".join(question.line for question in QUESTIONS))
-        return exits.DONE
+        return
     if out.exists() and not force:
         raise UsageError(f"{out} exists; choose another name, or replace it with --force")
     if answers is not None:
@@ -68,7 +67,6 @@ def init(
     output.emit(document, "\n".join(said))
     for warning in warnings:
         output.warn(f"warning: {warning}")
-    return exits.DONE
 
 
 def _ask() -> dict[str, Any]:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @command(
     "hapticd latency",
     "hapticd latency rig.yaml --rate 1000 --rate 3000 --seconds 60 -o late.png",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.DEVICE, exits.INTERRUPTED),
+    codes=(exits.NO, exits.DEVICE, exits.INTERRUPTED),
 )
 def latency(
     config: ConfigArgument = None,

@@ -41,9 +41,9 @@ GROUPS = {
     "record": (
         "Start and stop recordings.",
         ("hapticd record start", "hapticd record stop"),
-        (exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
+        (exits.NO, exits.UNREACHABLE),
     ),
-    "config": ("Look at the config.", ("hapticd config show",), (exits.DONE, exits.USAGE)),
+    "config": ("Look at the config.", ("hapticd config show",), ()),
 }
 """Modules whose commands stand below one of the module's name: its help, examples and exit codes."""
 

@@ -30,7 +30,7 @@ _DEFAULT = Path("maps.npz")
     "hapticd map --zwidth re35 -o zwidth",
     "hapticd map --passivity --periods 20000 -o passivity",
     "hapticd map --beta-count 340 --sigma-count 210 --dask tcp://cluster:8786 -o fine.npz",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.INTERRUPTED),
+    codes=(exits.NO, exits.INTERRUPTED),
     name="map",
 )
 def region_map(

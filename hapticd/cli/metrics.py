@@ -12,7 +12,7 @@ from hapticd.cli.options import SocketOption, connect
 @command(
     "hapticd metrics",
     "hapticd metrics --testbed left -o /var/lib/prometheus/node-exporter/left.prom",
-    codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE),
+    codes=(exits.UNREACHABLE,),
 )
 def metrics(out: Path | None = None, testbed: str | None = None, socket: SocketOption = None) -> int:
     """Show the daemon's metrics in Prometheus' text format.

@@ -7,7 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hapticd.cli import exits, output
+from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Duration, ModelOption, RunArgument, check_figure_name, run_argument
@@ -34,7 +34,6 @@ OnlyOption = Annotated[
     "hapticd plot @last",
     "hapticd plot @last~1 @last -o before-and-after.pdf",
     "hapticd plot run.arrow --only trace --only phase --duration 0.5",
-    codes=(exits.DONE, exits.USAGE),
 )
 def plot(
     run: RunArgument,
@@ -44,7 +43,7 @@ def plot(
     duration: Duration | None = None,
     config: ModelOption = None,
     show: bool = False,
-) -> int:
+) -> None:
     """Draw a run: trace, phase plane, spectrum, energy and lateness; or two, over each other, with their difference.
 
     Time begins where the spring was rendered. Position is that of the encoder's cell, from the spring's origin; velocity is
@@ -84,7 +83,6 @@ def plot(
     output.emit(document, describe(document))
     if show:
         typer.launch(str(target))
-    return exits.DONE
 
 
 def describe(document: dict[str, Any]) -> str:

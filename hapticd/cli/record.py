@@ -23,24 +23,23 @@ RunArgument = Annotated[
 @command(
     "hapticd record start",
     "hapticd record start wall.arrow",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
+    codes=(exits.NO, exits.UNREACHABLE),
     name="start",
     endpoint=Endpoints.record_start,
 )
-def _start(run: RunArgument = None, socket: SocketOption = None) -> int:
-    return _report(connect(socket).record_start(None if run is None else str(run.absolute())))
+def _start(run: RunArgument = None, socket: SocketOption = None) -> None:
+    _report(connect(socket).record_start(None if run is None else str(run.absolute())))
 
 
 @command(
     "hapticd record stop --json",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
+    codes=(exits.NO, exits.UNREACHABLE),
     name="stop",
     endpoint=Endpoints.record_stop,
 )
-def _stop(socket: SocketOption = None) -> int:
-    return _report(connect(socket).record_stop())
+def _stop(socket: SocketOption = None) -> None:
+    _report(connect(socket).record_stop())
 
 
-def _report(recorder: dict[str, Any]) -> int:
+def _report(recorder: dict[str, Any]) -> None:
     output.emit(recorder, f"{recorder['path']}: {recorder['rows']} rows, {recorder['dropped']} dropped")
-    return exits.DONE

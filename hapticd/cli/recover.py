@@ -22,8 +22,8 @@ FolderArgument = Annotated[
 ]
 
 
-@command("hapticd recover", "hapticd recover -o . --json", codes=(exits.DONE, exits.USAGE))
-def recover(folder: FolderArgument = None, out: Path | None = None) -> int:
+@command("hapticd recover", "hapticd recover -o . --json")
+def recover(folder: FolderArgument = None, out: Path | None = None) -> None:
     """Keep the last 10 s of every daemon that was killed, each as a run file with the reason if anything tells it.
 
     A daemon does this by itself for one that died on the same socket before it; a daemon that lives is left alone.
@@ -42,4 +42,3 @@ def recover(folder: FolderArgument = None, out: Path | None = None) -> int:
     found = [run for place in dict.fromkeys(folders) if place is not None for run in flight.recover(place, "", out)]
     lines = [f"{run.run}: {run.rows} rows\n  {run.reason}" for run in found]
     output.emit({"recovered": [asdict(run) for run in found]}, "\n".join(lines) or "nothing to recover")
-    return exits.DONE

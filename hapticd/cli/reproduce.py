@@ -16,9 +16,9 @@ from hapticd.cli.output import number
     "hapticd reproduce -o paper",
     "hapticd reproduce -o look --quick",
     "hapticd reproduce -o fig8 --only fig8 --json",
-    codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED),
+    codes=(exits.INTERRUPTED,),
 )
-def reproduce(out: Path, quick: bool = False, only: list[str] | None = None) -> int:
+def reproduce(out: Path, quick: bool = False, only: list[str] | None = None) -> None:
     """Compute every table and figure of the paper and put them on one page beside its printed numbers.
 
     Written into DIR: index.html, which holds everything and needs nothing else; each figure as .png and .svg; and
@@ -42,7 +42,6 @@ def reproduce(out: Path, quick: bool = False, only: list[str] | None = None) -> 
     except ValueError as error:
         raise UsageError(str(error)) from None
     output.emit({**document, "page": out / PAGE}, describe(document, out / PAGE))
-    return exits.DONE
 
 
 def describe(document: dict[str, Any], page: Path) -> str:

@@ -14,7 +14,7 @@ from hapticd.cli.options import ConfigArgument, ForceOption, SettingsOption, Soc
     "hapticd run",
     "hapticd run rig.yaml --start",
     "hapticd run --set servo.rate_hz=500 --socket /tmp/h.sock",
-    codes=(exits.DONE, exits.USAGE, exits.DEVICE, exits.FAULT),
+    codes=(exits.DEVICE, exits.FAULT),
     json=False,
 )
 def run(

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from hapticd.cli import exits, output
+from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Count, SocketOption
@@ -28,13 +28,13 @@ FolderArgument = Annotated[
 ]
 
 
-@command("hapticd runs", "hapticd runs /mnt/lab/runs --all --json", codes=(exits.DONE, exits.USAGE))
+@command("hapticd runs", "hapticd runs /mnt/lab/runs --all --json")
 def runs(
     folders: FolderArgument = None,
     limit: Count = 20,
     show_all: bool = False,
     socket: SocketOption = None,
-) -> int:
+) -> None:
     """List recordings, the newest first: @last, @last~1 and so on, wherever a run is asked for.
 
     Each with its time, length, rows, size and kind. A recording that was not ended properly (power, SIGKILL, or still being
@@ -58,7 +58,6 @@ def runs(
     shown = [{"name": names.get(each.path), **asdict(each)} for each in found]
     document = {"folders": places, "total": len(paths), "runs": shown}
     output.emit(document, describe(found, names, places, len(paths)))
-    return exits.DONE
 
 
 def describe(found: Sequence[Listed], names: Mapping[Path, str], places: Sequence[Path], total: int) -> str:

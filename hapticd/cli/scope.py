@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     "hapticd scope --open",
     "hapticd scope --view-only --port 8766",
     "ssh -L 8765:127.0.0.1:8765 lab-pc hapticd scope",
-    codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED),
+    codes=(exits.INTERRUPTED,),
 )
 def scope(
     port: Annotated[int, typer.Option(min=0, max=65535)] = 8765,
@@ -33,7 +33,7 @@ def scope(
     origin: list[str] | None = None,
     url_file: Path | None = None,
     socket: SocketOption = None,
-) -> int:
+) -> None:
     """Serve a live view of the daemon in the browser, until Ctrl-C: the trace beside the stability plane.
 
     Prints two URLs, one with the controls and one that can only look; each carries a random token after the '#', valid
@@ -88,4 +88,3 @@ def scope(
         for path in opened:
             with contextlib.suppress(OSError):
                 path.unlink()
-    return exits.DONE

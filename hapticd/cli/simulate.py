@@ -30,7 +30,7 @@ _EXPORTED = (".csv", ".parquet", ".mat")
     "hapticd simulate --duration 1 --deflection 20.3 --set encoder.decimation=217",
     "hapticd simulate --duration 500ms --deflection 30deg",
     "hapticd simulate rig.yaml --duration 10 --velocity 5 -o run.arrow --json",
-    codes=(exits.DONE, exits.USAGE, exits.INTERRUPTED),
+    codes=(exits.INTERRUPTED,),
 )
 def simulate(
     duration: Duration,

@@ -36,24 +36,24 @@ AssignmentsArgument = Annotated[
 
 @command(
     "hapticd start",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT),
+    codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT),
     endpoint=Endpoints.start,
 )
 def _start(force: ForceOption = False, socket: SocketOption = None) -> int:
     return _report(connect(socket).start(force), in_fault=exits.FAULT)
 
 
-@command("hapticd stop", codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE), endpoint=Endpoints.stop)
+@command("hapticd stop", codes=(exits.UNREACHABLE,), endpoint=Endpoints.stop)
 def _stop(socket: SocketOption = None) -> int:
     return _report(connect(socket).stop())
 
 
-@command("hapticd estop", codes=(exits.DONE, exits.USAGE, exits.UNREACHABLE), endpoint=Endpoints.estop)
+@command("hapticd estop", codes=(exits.UNREACHABLE,), endpoint=Endpoints.estop)
 def _estop(socket: SocketOption = None) -> int:
     return _report(connect(socket).estop())
 
 
-@command("hapticd clear", codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE), endpoint=Endpoints.clear)
+@command("hapticd clear", codes=(exits.NO, exits.UNREACHABLE), endpoint=Endpoints.clear)
 def _clear(socket: SocketOption = None) -> int:
     return _report(connect(socket).clear(), in_fault=exits.NO)
 
@@ -61,7 +61,7 @@ def _clear(socket: SocketOption = None) -> int:
 @command(
     "hapticd reload",
     "hapticd reload rig.yaml",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.DEVICE, exits.FAULT),
+    codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT),
     endpoint=Endpoints.reload,
 )
 def _reload(
@@ -76,19 +76,18 @@ def _reload(
 @command(
     "hapticd set spring.stiffness=0.02",
     "hapticd set servo.rate_hz=500 encoder.decimation=217",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE),
+    codes=(exits.NO, exits.UNREACHABLE),
     endpoint=Endpoints.set,
 )
 def _set(
     assignments: AssignmentsArgument,
     force: ForceOption = False,
     socket: SocketOption = None,
-) -> int:
+) -> None:
     settings = parse_settings(assignments)
     reply = connect(socket).set(settings, force)
     lines = [f"{key} = {output.to_json(value)}" for key, value in reply["applied"].items()]
     output.emit(reply, guarded("\n".join([*lines, f"config {reply['config_digest']}"]), reply))
-    return exits.DONE
 
 
 def _report(status: dict[str, Any], in_fault: int = exits.DONE) -> int:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     "hapticd status",
     "hapticd status --watch --interval 1",
     "hapticd status --json | jq .timing.wake_us",
-    codes=(exits.DONE, exits.NO, exits.USAGE, exits.UNREACHABLE, exits.INTERRUPTED),
+    codes=(exits.NO, exits.UNREACHABLE, exits.INTERRUPTED),
     endpoint=Endpoints.status,
 )
 def _status(watch: bool = False, interval: Positive = 0.5, socket: SocketOption = None) -> int:

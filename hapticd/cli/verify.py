@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", show_default=False, help="Run file (.arrow).")]
 
 
-@command("hapticd verify run.arrow", "hapticd verify run.arrow --json", codes=(exits.DONE, exits.NO, exits.USAGE))
+@command("hapticd verify run.arrow", "hapticd verify run.arrow --json", codes=(exits.NO,))
 def verify(run: RunArgument) -> int:
     """Compare every checksum of a run file, and name the rows that do not match theirs.
 
