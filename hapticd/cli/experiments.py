@@ -57,10 +57,10 @@ def _release(
             too.
         no_wait: Return as soon as the experiment has begun.
     """
-    keep = _keeper(out, no_wait)
+    _check_copy(out, no_wait)
     client = connect(socket)
     begin = partial(client.release, _in_ticks(deflection, client), duration_s, force)
-    return _follow(client, "release", begin, no_wait, describe_release, keep)
+    return _follow(client, "release", begin, no_wait, describe_release, out)
 
 
 @command(
@@ -103,10 +103,10 @@ def _excite(
     experiment = experiment_named(name, _peak(name, amplitude, client), duration_s)
     if no_wait and experiment.settings:
         raise UsageError(f"{name}: --no-wait cannot be kept, its settings must be taken back at the end")
-    keep = _keeper(out, no_wait)
+    _check_copy(out, no_wait)
     with settings_for_a_while(client, experiment.settings, force):
         begin = partial(client.excite, experiment.excitation, force=force, **experiment.plan())
-        return _follow(client, experiment.excitation, begin, no_wait, _text, keep)
+        return _follow(client, experiment.excitation, begin, no_wait, _text, out)
 
 
 def _in_ticks(deflection: str, client: Client) -> float:
@@ -185,7 +185,7 @@ def _follow(
     begin: Callable[[], dict[str, Any]],
     no_wait: bool,
     text: Callable[[dict[str, Any]], str],
-    keep: Callable[[dict[str, Any]], dict[str, Any]],
+    out: Path | None,
 ) -> int:
     """Begin a job, wait for its end, and report it."""
     from hapticd.client import stop_on_interrupt
@@ -198,23 +198,22 @@ def _follow(
         with output.progress_bar(name) as progress:
             report = client.wait(job["experiment"], progress)
     answer = {**job, "state": report["state"], "result": report["result"]}
-    answer = keep(answer)
+    if out is not None:
+        answer = _copied(answer, out)
     output.emit(answer, text(answer))
     if (report["result"] or {}).get("fault"):
         return exits.FAULT
     return exits.DONE if report["state"] == "done" else exits.NO
 
 
-def _keeper(out: Path | None, no_wait: bool) -> Callable[[dict[str, Any]], dict[str, Any]]:
-    """What puts the recording where ``-o`` wants it and names it in the answer; refuses before anything moves.
-
-    A copy, because the daemon may be somebody else's and not see this folder.
+def _check_copy(out: Path | None, no_wait: bool) -> None:
+    """Refuse a copy of the recording that could not be made, before anything moves.
 
     Raises:
         UsageError: the file exists, its folder does not, or nobody would wait for the recording's end.
     """
     if out is None:
-        return lambda answer: answer
+        return
     if no_wait:
         raise UsageError(f"-o {out}: --no-wait returns before the recording is over; leave one of them out")
     if out.exists():
@@ -224,17 +223,17 @@ def _keeper(out: Path | None, no_wait: bool) -> Callable[[dict[str, Any]], dict[
     if out.suffix.lower() in (".csv", ".parquet", ".mat", ".mcap"):
         raise UsageError(f"{out}: a run file is an Arrow stream; 'hapticd export @last' writes {out.suffix}")
 
-    def keep(answer: dict[str, Any]) -> dict[str, Any]:
-        source = Path((answer["result"] or {}).get("run") or answer["run"])
-        try:
-            with whole(out) as part:
-                shutil.copyfile(source, part)
-        except OSError as error:
-            output.warn(f"the recording is {source}; it cannot be copied to {out}: {error.strerror or error}")
-            return answer
-        return {**answer, "copy": str(out)}
 
-    return keep
+def _copied(answer: dict[str, Any], out: Path) -> dict[str, Any]:
+    """The answer with the copy of its recording: the daemon may be somebody else's and not see this folder."""
+    source = Path((answer["result"] or {}).get("run") or answer["run"])
+    try:
+        with whole(out) as part:
+            shutil.copyfile(source, part)
+    except OSError as error:
+        output.warn(f"the recording is {source}; it cannot be copied to {out}: {error.strerror or error}")
+        return answer
+    return {**answer, "copy": str(out)}
 
 
 def describe_release(answer: dict[str, Any]) -> str:

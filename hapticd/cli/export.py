@@ -2,22 +2,13 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
+from typing import Literal
 
 from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import RunArgument
-
-
-class Format(StrEnum):
-    """File formats to export to."""
-
-    CSV = "csv"
-    PARQUET = "parquet"
-    MAT = "mat"
-    MCAP = "mcap"
 
 
 @command(
@@ -27,7 +18,7 @@ class Format(StrEnum):
 )
 def export(
     run: RunArgument,
-    to: Format,
+    to: Literal["csv", "parquet", "mat", "mcap"],
     out: Path | None = None,
     force: bool = False,
     salvage: bool = False,
@@ -55,15 +46,15 @@ def export(
     from hapticd import record
 
     data = record.read_run(run, salvage=salvage)
-    written = record.export(data, to.value, out, force=force)
+    written = record.export(data, to, out, force=force)
     rows = len(next(iter(data.columns.values()), ()))
     if data.truncated:
         output.warn(f"{run} was cut short; exported up to its last whole batch")
     for damage in data.damage:
         output.warn(f"{run} is damaged: {damage} are left out")
-    document = {"run": run, "output": written, "format": to.value, "rows": rows, "truncated": data.truncated}
+    document = {"run": run, "output": written, "format": to, "rows": rows, "truncated": data.truncated}
     text = f"{written}: {rows} rows"
-    if to is Format.MCAP:
+    if to == "mcap":
         from hapticd.record.mcap import LAYOUT
 
         document["layout"] = LAYOUT

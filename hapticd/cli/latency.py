@@ -46,14 +46,12 @@ def latency(
             raise UsageError(f"--rate {value:g}: must be between 1 and 20000 Hz")
     if out is not None and out.suffix not in (".png", ".svg", ".pdf"):
         raise UsageError(f"-o {out}: the name must end in .png, .svg or .pdf")
-    from hapticd.doctor.latency import RATES_HZ, measure
+    from hapticd.doctor.latency import RATES_HZ, measure, write_figure
 
-    rates = sorted({*(rate or RATES_HZ), resolved.servo.rate_hz})
+    rates = {*(rate or RATES_HZ), resolved.servo.rate_hz}
     with output.progress_bar("latency") as progress:
         result = measure(resolved, rates, seconds, progress)
     if out is not None:
-        from hapticd.doctor.latency_figure import write_figure
-
         write_figure(result, out)
     wanted = next((one for one in result.rates if one.rate_hz == resolved.servo.rate_hz), None)
     holds = wanted is not None and wanted.holds
@@ -104,7 +102,7 @@ def _text(result: LatencyResult, wanted_hz: float, holds: bool, linear: bool) ->
         )
     lines += [f"{rate:7g}  refused: {reason}" for rate, reason in result.refused.items()]
     lines += ["", *(f"not granted: {grant}" for grant in result.grants)]
-    ended = next((rate for rate in sorted(result.rates, key=lambda rate: rate.rate_hz) if not rate.holds), None)
+    ended = next((rate for rate in result.rates if not rate.holds), None)
     if ended is not None:
         lines.append(f"{ended.rate_hz:g} Hz: the loop {ended.verdict}.")
     if result.highest_hz is None:

@@ -7,21 +7,26 @@ both at p99.9, and the largest stiffness falls with it.
 
 from __future__ import annotations
 
+import itertools
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
 
 import drivers
 from hapticd.servo import atomics
 from hapticd.servo.core import Request, parameters
 from hapticd.servo.pace import MARGIN, used_share, verdict
 from hapticd.servo.thread import ServoThread
+from hapticd.servo.timing import bucket_edges
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.tuning import stiffness_max_stable
 
 if TYPE_CHECKING:
-    import numpy as np
+    from pathlib import Path
+
     from numpy.typing import NDArray
 
     from hapticd.config import Config
@@ -74,6 +79,7 @@ class LatencyResult:
     driver: str
     declared_s: float
     rates: tuple[RateResult, ...]
+    """The lowest first."""
     refused: dict[float, str]
     """Rates that the driver cannot carry, and why."""
     grants: tuple[str, ...]
@@ -82,17 +88,13 @@ class LatencyResult:
     @property
     def highest_hz(self) -> float | None:
         """The highest rate that holds, with every lower one; None when the lowest does not."""
-        highest = None
-        for rate in sorted(self.rates, key=lambda rate: rate.rate_hz):
-            if not rate.holds:
-                break
-            highest = rate.rate_hz
-        return highest
+        held = [rate.rate_hz for rate in itertools.takewhile(lambda rate: rate.holds, self.rates)]
+        return held[-1] if held else None
 
 
 def measure(
     config: Config,
-    rates_hz: Sequence[float],
+    rates_hz: Collection[float],
     seconds: float,
     progress: Callable[[float], None],
 ) -> LatencyResult:
@@ -160,3 +162,33 @@ def _result(config: Config, servo: ServoThread, declared: float) -> RateResult:
         stiffness_max_stable(ideal),
         stiffness_max_stable(real),
     )
+
+
+def write_figure(result: LatencyResult, path: Path) -> None:
+    """Draw how many ticks came later than a given time, one curve a rate; the format follows the file's name.
+
+    Raises:
+        ValueError: the name has no extension that matplotlib knows.
+    """
+    from hapticd.figures.files import save_figure
+    from hapticd.figures.style import new_figure, style
+
+    with style():
+        figure = new_figure(8.0, 4.4)
+        axis = figure.subplots()
+        edges = bucket_edges()[1:] * 1e-3
+        for rate in result.rates:
+            total = rate.histogram.sum()
+            if total == 0:
+                continue
+            later = 1.0 - np.cumsum(rate.histogram) / total
+            shown = later > 0
+            (line,) = axis.plot(edges[shown], later[shown], lw=1.3, label=f"{rate.rate_hz:g} Hz")
+            axis.axvline(1e6 / rate.rate_hz, color=line.get_color(), lw=0.8, ls=":")
+        axis.set_xscale("log")
+        axis.set_yscale("log")
+        axis.set_xlabel("late by more than, µs (dotted: the period)")
+        axis.set_ylabel("share of the ticks")
+        axis.set_title(f"Lateness of the servo loop, driver {result.driver}")
+        axis.legend()
+        save_figure(figure, path, dpi=150)
