@@ -13,6 +13,7 @@ import yaml
 
 _DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
 _PLAIN = re.compile(r"[A-Za-z_/][A-Za-z0-9_./-]*")
+_PYYAML = yaml.representer.SafeRepresenter()
 _RESERVED = frozenset({"true", "false", "yes", "no", "on", "off", "y", "n", "null"})
 
 
@@ -76,13 +77,8 @@ def _clipped(value: object, width: int) -> object:
 
 
 def _float(value: float) -> str:
-    if value != value:
-        return ".nan"
-    if value in (float("inf"), float("-inf")):
-        return ".inf" if value > 0 else "-.inf"
     number = plain_number(value)
-    text = repr(number)
-    return text.replace("e", ".0e") if "e" in text and "." not in text else text
+    return str(number) if isinstance(number, int) else str(_PYYAML.represent_float(number).value)
 
 
 def _string(value: str) -> str:
