@@ -80,7 +80,7 @@ class Drive:
         self.machine = w.new_machine(build_sim(config, script), node_id)
         values = power_up_values(config, cyclic_torque) | dict(override or {})
         self.objects = ObjectDictionary(self.machine.d, node_id, values, missing)
-        self._sdo = SdoServer(self)
+        self._sdo = SdoServer(self.read, self.write)
         self._node_id = node_id
         mapping.compile_pdos(self.objects, self.machine.d)
         start_ns = int(self.machine.sim.i[kernel.TIME_NS])

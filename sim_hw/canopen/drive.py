@@ -30,6 +30,10 @@ _VOLTAGE_ENABLED, _REMOTE, _LIMIT_ACTIVE, _FOLLOWS = 1 << 4, 1 << 9, 1 << 11, 1 
 _CURRENT_LIMITED, _DISABLED_BY_SOFTWARE, _OUTPUTS_DISABLED, _FAULT_LATCHED = 1 << 7, 1 << 12, 1 << 15, 1 << 22
 _QUICK_STOP_STAYS = 5
 _EMCY_INVALID = 1 << 31
+# By the class of an error code, 0x0 to 0xF.
+_REGISTER_BIT = (0, 0, 1 << 1, 1 << 2, 1 << 3, 1 << 5, 1 << 5, 1 << 5, 1 << 4) + 7 * (0,)
+_LATCHED_BIT = (1, 1, 1 << 2, 1 << 5, 1 << 3, 1, 1, 1 << 7, 1 << 12) + 7 * (1,)
+"""Short circuit (2), over voltage (3), drive too hot (4), feedback (7), command input lost (8), any other."""
 
 
 @njit((MACHINE,), counted=False)
@@ -75,33 +79,13 @@ def enter(m: Machine, state: int, now: int) -> None:
 @njit("int64(int64)", counted=False)
 def register_bits(code: int) -> int:
     """Error register 0x1001 for an error code: the generic bit, and the bit of the code's class (CiA 301, 7.5.2.2)."""
-    group = code >> 12
-    bit = 0
-    if group in (2, 3, 4):
-        bit = 1 << (group - 1)
-    elif group == 8:
-        bit = 1 << 4
-    elif group in (5, 6, 7):
-        bit = 1 << 5
-    return 1 | bit
+    return 1 | _REGISTER_BIT[code >> 12]
 
 
 @njit("int64(int64)", counted=False)
 def latched_bits(code: int) -> int:
     """Copley latched fault register 0x2183 for an error code: its class's bit."""
-    bit = 1
-    group = code >> 12
-    if group == 2:
-        bit = 1 << 2  # short circuit
-    elif group == 3:
-        bit = 1 << 5  # over voltage
-    elif group == 4:
-        bit = 1 << 3  # drive too hot
-    elif group == 7:
-        bit = 1 << 7  # feedback
-    elif group == 8:
-        bit = 1 << 12  # command input lost
-    return bit
+    return _LATCHED_BIT[code >> 12]
 
 
 @njit((MACHINE, I64, I64), counted=False)

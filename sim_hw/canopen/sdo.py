@@ -6,7 +6,7 @@ Block transfers are refused with "unknown command specifier", as a server withou
 from __future__ import annotations
 
 import struct
-from typing import Protocol
+from collections.abc import Callable
 
 from sim_hw.canopen.dictionary import AbortError
 
@@ -21,25 +21,15 @@ _DOWNLOAD_SEGMENT, _DOWNLOAD, _UPLOAD, _UPLOAD_SEGMENT, _ABORT = range(5)
 _EXPEDITED, _SIZED, _LAST, _TOGGLE = 0x02, 0x01, 0x01, 0x10
 
 
-class Access(Protocol):
-    """What the server reads and writes."""
-
-    def read(self, index: int, subindex: int) -> bytes:
-        """Value of an object."""
-
-    def write(self, index: int, subindex: int, data: bytes) -> None:
-        """New value of an object."""
-
-
 class SdoServer:
     """Answers requests of eight bytes with replies of eight bytes.
 
     Args:
-        access: the objects; it raises :class:`AbortError` for what it refuses.
+        read, write: the objects, by index and sub-index; they raise :class:`AbortError` for what is refused.
     """
 
-    def __init__(self, access: Access) -> None:
-        self._access = access
+    def __init__(self, read: Callable[[int, int], bytes], write: Callable[[int, int, bytes], None]) -> None:
+        self._read, self._write = read, write
         self._object = (0, 0)
         self._pending: bytes | None = None
         self._received: bytearray | None = None
@@ -88,7 +78,7 @@ class SdoServer:
         command = self._begin(request)
         if command & _EXPEDITED:
             size = 4 - (command >> 2 & 3) if command & _SIZED else 4
-            self._access.write(*self._object, request[4 : 4 + size])
+            self._write(*self._object, request[4 : 4 + size])
         else:
             if command & _SIZED and int.from_bytes(request[4:], "little") > _LONGEST:
                 raise AbortError(OUT_OF_MEMORY)
@@ -104,13 +94,13 @@ class SdoServer:
             raise AbortError(OUT_OF_MEMORY)
         reply = bytes([_DOWNLOAD << 5 | request[0] & _TOGGLE]) + bytes(7)
         if request[0] & _LAST:
-            self._access.write(*self._object, bytes(self._received))
+            self._write(*self._object, bytes(self._received))
             self.reset()
         return reply
 
     def _upload(self, request: bytes) -> bytes:
         self._begin(request)
-        data = self._access.read(*self._object)
+        data = self._read(*self._object)
         if len(data) <= 4:
             command = _UPLOAD << 5 | (4 - len(data)) << 2 | _EXPEDITED | _SIZED
             return _HEADER.pack(command, *self._object) + data.ljust(4, b"\0")

@@ -28,8 +28,6 @@ _ID = 0x1FFFFFFF
 OTHER = 0
 """Frames that no script can name: NMT, EMCY, guarding."""
 SDO_REQUEST, SDO_REPLY, SYNC, TPDO, RPDO = kinds.REQUEST, kinds.REPLY, kinds.SYNC, kinds.TPDO, kinds.RPDO
-_DROP, _CORRUPT, _DUPLICATE = 1 << kinds.DROP, 1 << kinds.CORRUPT, 1 << kinds.DUPLICATE
-_DELAY, _REORDER = 1 << kinds.DELAY, 1 << kinds.REORDER
 
 
 @njit("int64(int64, int64)", counted=False)
@@ -81,17 +79,17 @@ def passes(m: Machine, kind: int, low: int, data: int, now: int) -> bool:
     """
     m.frame[0], m.frame[1] = low, data
     fate, delay = frame_fate(m.sim, kind, now)
-    if fate & _DROP:
+    if fate & kinds.DROPPED:
         return False
-    if fate & _CORRUPT:
+    if fate & kinds.CORRUPTED:
         _corrupt(m, length_of(low))
-    at_once = fate & (_DELAY | _REORDER) == 0
-    due = common.FAR_NS if fate & _REORDER else now + delay
+    at_once = fate & (kinds.DELAYED | kinds.REORDERED) == 0
+    due = common.FAR_NS if fate & kinds.REORDERED else now + delay
     if not at_once:
         hold(m.sim, due, kind, m.octets, FRAME_BYTES)
     else:
         release(m.sim, kind, now)
-    if fate & _DUPLICATE:
+    if fate & kinds.DUPLICATED:
         hold(m.sim, due, kind, m.octets, FRAME_BYTES)
     return at_once
 

@@ -18,6 +18,7 @@ from hapticd.jit import njit
     FAULT_REACTION_ACTIVE,
     FAULT,
 ) = range(8)
+_STATE_BITS = (0x00, 0x40, 0x21, 0x23, 0x27, 0x07, 0x0F, 0x08)
 
 FAULT_RESET = 0x80
 _QUICK_STOP_STAYS = 5
@@ -70,19 +71,4 @@ def next_state(state: int, control: int, previous: int, quick_stop_option: int) 
 @njit("int64(int64)", counted=False)
 def state_bits(state: int) -> int:
     """Bits 0…3, 5 and 6 of the statusword."""
-    bits = 0x00
-    if state == SWITCH_ON_DISABLED:
-        bits = 0x40
-    elif state == READY_TO_SWITCH_ON:
-        bits = 0x21
-    elif state == SWITCHED_ON:
-        bits = 0x23
-    elif state == OPERATION_ENABLED:
-        bits = 0x27
-    elif state == QUICK_STOP_ACTIVE:
-        bits = 0x07
-    elif state == FAULT_REACTION_ACTIVE:
-        bits = 0x0F
-    elif state == FAULT:
-        bits = 0x08
-    return bits
+    return _STATE_BITS[state]

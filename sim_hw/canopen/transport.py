@@ -7,7 +7,7 @@ import os
 import socket
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 import can
 import numpy as np
@@ -26,16 +26,6 @@ if TYPE_CHECKING:
 
 _LOOK_AGAIN_NS = 50_000_000
 """Python looks at the STOP word and at an unplugged cable at least this often."""
-
-
-class Transport(Protocol):
-    """Something the drive can be served on until it is told to stop."""
-
-    def serve(self, drive: Drive) -> None:
-        """Serve until ``STOP`` is set."""
-
-    def close(self) -> None:
-        """Leave the bus; safe to call twice."""
 
 
 class UnixBus:
@@ -82,7 +72,7 @@ class UnixBus:
         drive.end()
 
     def close(self) -> None:
-        """Remove the socket, then hang up on every client: who has been hung up on finds no socket any more."""
+        """Remove the socket, then hang up on every client: who has been hung up on finds no socket. Safe to call twice."""
         if self._listener is not None:
             self._path.unlink(missing_ok=True)
             self._listener.close()
@@ -196,7 +186,7 @@ def _drain(drive: Drive) -> Iterator[can.Message]:
 
 def open_transport(
     path: Path | None, interface: str | None, channel: str | None, arguments: Mapping[str, Any]
-) -> Transport:
+) -> UnixBus | CanSocket | PythonCan:
     """The transport that the command line asks for; ``arguments`` are further ones of a python-can interface.
 
     Raises:
