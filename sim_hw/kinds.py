@@ -75,32 +75,29 @@ KINDS = {
 
 @dataclass(frozen=True)
 class Limit:
-    """Limits of a number in a script; ``default`` where it is not given."""
+    """Limits of a number in a script, ``default`` where it is not given, and whether it must be a whole one."""
 
     least: float
     most: float
     default: float
-    unit: str = ""
     whole: bool = False
 
 
 NUMBERS = {
-    "at_s": Limit(0, LONGEST_S, 0, "s"),
+    "at_s": Limit(0, LONGEST_S, 0),
+    "position": Limit(-math.inf, math.inf, 0),
+    "force": Limit(-math.inf, math.inf, 0),
+    "counts_offset": Limit(-(2**32), 2**32, 0, whole=True),
+    "override": Limit(-(2**31), 2**32 - 1, 0, whole=True),
     "count": Limit(1, 1_000_000, 1, whole=True),
-    "delay_s": Limit(1e-6, 60, 1e-3, "s"),
-    "duration_s": Limit(1e-6, math.inf, math.inf, "s"),
-    "off_s": Limit(1e-6, 60, 0.1, "s"),
+    "delay_s": Limit(1e-6, 60, 1e-3),
+    "duration_s": Limit(1e-6, math.inf, math.inf),
+    "off_s": Limit(1e-6, 60, 0.1),
     "bytes": Limit(1, 4096, 1, whole=True),
     "counts": Limit(-(2**31), 2**31, 0, whole=True),
     "version": Limit(0, 255, 0xFF, whole=True),
     "code": Limit(1, 0xFFFF, 1, whole=True),
 }
-
-
-def unit(name: str) -> str:
-    """Unit of a number in a script, with a space before it; empty for none."""
-    text = NUMBERS[name].unit if name in NUMBERS else ""
-    return f" {text}" if text else ""
 
 
 def to_ns(seconds: float) -> int:

@@ -87,8 +87,7 @@ class _Reader:
         sections = self._mapping(data, "", _SECTIONS)
         hand = [self._hand(step, f"hand[{n}]") for n, step in enumerate(self._list(sections.get("hand"), "hand"))]
         start = self._mapping(sections.get("start", {}), "start", _START[self._device])
-        position = self._number(start, "start", "position", -math.inf, math.inf, 0.0)
-        offset = self._whole(start, "start", "counts_offset", -(2**32), 2**32, 0)
+        position, offset = (self._number(start, "start", name) for name in ("position", "counts_offset"))
         missing = [
             self._object(name, f"start.missing[{n}]")[0]
             for n, name in enumerate(self._list(start.get("missing"), "start.missing"))
@@ -132,18 +131,14 @@ class _Reader:
         if not isinstance(data, Mapping):
             self._add("start.override", data, "must map objects to values, such as {0x6076: 0}")
             return {}
-        texts = {name: hex(name) if isinstance(name, int) else str(name) for name in data}
+        limit = kinds.NUMBERS["override"]
         return {
-            self._object(name, "start.override"): self._whole(
-                {text: data[name]}, "start.override", text, -(2**31), 2**32 - 1, 0
-            )
-            for name, text in texts.items()
+            self._object(name, "start.override"): self._number(data, "start.override", name, limit) for name in data
         }
 
     def _hand(self, data: object, key: str) -> tuple[float, float, int]:
         step = self._mapping(data, key, ("at_s", "force", "from"), required=("at_s", "force"))
-        at_s = self._number(step, key, "at_s", 0.0, kinds.LONGEST_S, 0.0)
-        force = self._number(step, key, "force", -math.inf, math.inf, 0.0)
+        at_s, force = (self._number(step, key, name) for name in ("at_s", "force"))
         return at_s, force, kinds.ORIGINS[self._choice(step, key, "from", kinds.ORIGINS, "start")]
 
     def _fault(self, data: object, key: str) -> dict[str, Any]:
@@ -169,10 +164,7 @@ class _Reader:
             return self._choice(fault, key, name, kinds.ORIGINS, "start")
         if name == "frames":
             return self._choice(fault, key, name, kinds.FRAMES[self._device], "any")
-        limit = kinds.NUMBERS[name]
-        if limit.whole:
-            return self._whole(fault, key, name, int(limit.least), int(limit.most), int(limit.default))
-        return self._number(fault, key, name, limit.least, limit.most, limit.default)
+        return self._number(fault, key, name)
 
     def _add(self, key: str, value: object, message: str, nearest: str | None = None) -> None:
         text = None if value is None else shown(value)
@@ -216,25 +208,19 @@ class _Reader:
             return default
         return str(value)
 
-    def _number(self, data: Mapping[str, Any], key: str, name: str, least: float, most: float, default: float) -> float:
-        value = data.get(name, default)
+    def _number(self, data: Mapping[str, Any], key: str, name: str, limit: kinds.Limit | None = None) -> Any:
+        """A value within a limit, by default that of its name; the limit's default where it is missing or wrong."""
+        limit = limit or kinds.NUMBERS[name]
+        value = data.get(name, limit.default)
         if name == "duration_s" and value == "forever":
             return math.inf
-        if isinstance(value, bool) or not isinstance(value, int | float) or math.isnan(value):
-            self._add(f"{key}.{name}", value, "must be a number")
-        elif not least <= value <= most or (math.isinf(value) and name != "duration_s"):
-            limits = "finite" if math.isinf(most) else f"between {least:g} and {most:g}"
-            self._add(f"{key}.{name}", value, f"must be {limits}{kinds.unit(name)}")
-        else:
-            return float(value)
-        return default
-
-    def _whole(self, data: Mapping[str, Any], key: str, name: str, least: int, most: int, default: int) -> int:
-        value = data.get(name, default)
-        if isinstance(value, bool) or not isinstance(value, int):
-            self._add(f"{key}.{name}", value, "must be a whole number")
-        elif not least <= value <= most:
-            self._add(f"{key}.{name}", value, f"must be between {least} and {most}{kinds.unit(name)}")
+        if isinstance(value, bool) or not isinstance(value, int if limit.whole else int | float) or value != value:
+            self._add(f"{key}.{name}", value, "must be a whole number" if limit.whole else "must be a number")
+        elif not limit.least <= value <= limit.most or (math.isinf(value) and name != "duration_s"):
+            form = "" if limit.whole else "g"
+            limits = f"between {limit.least:{form}} and {limit.most:{form}}"
+            unit = " s" if name.endswith("_s") else ""
+            self._add(f"{key}.{name}", value, f"must be {'finite' if math.isinf(limit.most) else limits}{unit}")
         else:
             return value
-        return default
+        return limit.default
