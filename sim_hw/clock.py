@@ -1,4 +1,4 @@
-"""CLOCK_MONOTONIC and waiting for descriptors, from compiled code."""
+"""CLOCK_MONOTONIC and descriptors, from compiled code."""
 
 from __future__ import annotations
 
@@ -13,6 +13,8 @@ _CLOCK_MONOTONIC = 1
 
 _clock_gettime = types.ExternalFunction("clock_gettime", types.intc(types.intc, types.intp))
 _ppoll = types.ExternalFunction("ppoll", types.intc(types.intp, types.uintp, types.intp, types.intp))
+read = types.ExternalFunction("read", types.intp(types.intc, types.intp, types.uintp))
+write = types.ExternalFunction("write", types.intp(types.intc, types.intp, types.uintp))
 
 POLLIN, POLLERR, POLLHUP = 1, 8, 16
 

@@ -50,18 +50,6 @@ def fault_end_ns(sim: Sim, row: int, begin_ns: int) -> int:
     return w.FAR_NS if duration == w.FAR_NS else begin_ns + duration
 
 
-@njit(numba.boolean(SIM, I64, I64, I64, BYTES, I64, I64), counted=False)
-def hold_back(sim: Sim, fate: int, due_ns: int, frame: int, data: NDArray[Any], length: int, now: int) -> bool:
-    """Hold a frame that its fate, or its instant, does not let go on now: whether it did. See :func:`sim_hw.held.hold`."""
-    if fate & kinds.REORDERED:
-        hold(sim, w.FAR_NS, frame, data, length)
-    elif due_ns > now:
-        hold(sim, due_ns, frame, data, length)
-    else:
-        return False
-    return True
-
-
 @njit(I64(SIM, I64), counted=False)
 def begin_fault(sim: Sim, row: int) -> int:
     """A fault falls due: it waits no longer, and its kind comes back for the device to act on.
@@ -124,3 +112,27 @@ def corrupt(sim: Sim, frame: NDArray[Any], length: int) -> None:
     """Flip one random bit among the first ``length`` bytes of a frame."""
     position = random_bits(sim) % (8 * length)
     frame[position >> 3] ^= 1 << (position & 7)
+
+
+@njit(numba.types.UniTuple(I64, 2)(SIM, I64, BYTES, I64, I64, I64), counted=False)
+def pass_frame(sim: Sim, frame: int, data: NDArray[Any], size: int, due_ns: int, now: int) -> tuple[int, int]:
+    """Send a frame through the faults that hit it: how many copies of it go on now, and its fate.
+
+    What does not go on now is held (see :func:`sim_hw.held.hold`), or gone.
+
+    Args:
+        frame: bit of its kind. data: the frame; a bit of it is turned here where it is corrupted.
+        size: its bytes, the last of them its delimiter. due_ns: when it would go on without a fault.
+    """
+    fate, delay = frame_fate(sim, frame, now)
+    if fate & kinds.DROPPED:
+        return 0, fate
+    if fate & kinds.CORRUPTED and size > 1:
+        corrupt(sim, data, size - 1)
+    copies = 2 if fate & kinds.DUPLICATED else 1
+    due = w.FAR_NS if fate & kinds.REORDERED else due_ns + delay
+    if due <= now:
+        return copies, fate
+    for _ in range(copies):
+        hold(sim, due, frame, data, size)
+    return 0, fate

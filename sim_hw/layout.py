@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numba
-import numpy as np
 from numpy.typing import NDArray
 
 from sim_hw.log import ROW
@@ -123,21 +122,3 @@ _ROWS = numba.types.Array(numba.from_dtype(ROW), 1, "C")
 
 SIM = numba.types.NamedTuple((INTS, FLOATS, FLOATS, INTS, _ROWS, INTS, FLOATS, _INTS_2D, _INTS_2D, _BYTES_2D), Sim)
 """Numba's type of a :class:`Sim`, for signatures."""
-
-
-def new_sim(
-    plant: NDArray[np.float64],
-    hand_ns: NDArray[np.int64],
-    hand_force: NDArray[np.float64],
-    faults: NDArray[np.int64],
-    start_ns: int,
-    counts_offset: int,
-) -> Sim:
-    """Memory of a device switched on at ``start_ns``; :func:`sim_hw.plant.build_sim` does it from files."""
-    s = np.zeros(STATE_WORDS, np.int64)
-    s[START_NS], s[ENABLED_NS], s[COUNTS_OFFSET], s[RANDOM] = start_ns, FAR_NS, counts_offset, 1
-    held = np.zeros((HELD_SLOTS, HELD_WORDS), np.int64)
-    held_bytes = np.zeros((HELD_SLOTS, HELD_BYTES), np.uint8)
-    ring = np.zeros(RING_ROWS, ROW)
-    integers = plant.view(np.int64)
-    return Sim(s, s.view(np.float64), plant, integers, ring, hand_ns, hand_force, faults, held, held_bytes)

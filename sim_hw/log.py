@@ -99,9 +99,6 @@ def read_log(path: str | Path) -> NDArray[Any]:
         with contextlib.suppress(pa.ArrowInvalid, OSError):
             batches.extend(stream)
     rows = np.zeros(sum(batch.num_rows for batch in batches), ROW)
-    start = 0
-    for batch in batches:
-        for name in ROW.names or ():
-            rows[name][start : start + batch.num_rows] = batch.column(name).to_numpy()
-        start += batch.num_rows
+    for name in (ROW.names or ()) if batches else ():
+        rows[name] = pa.Table.from_batches(batches).column(name).to_numpy()
     return rows

@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from hapticd.config import ConfigError, Problem
+from hapticd.config import ConfigError, Problem, load_config
 from sim_hw.process import add_common_options, run_device
 
 _SETTING = re.compile(r"(0[xX][0-9a-fA-F]{4})(?::(\d+))?=(-?(?:0[xX][0-9a-fA-F]+|\d+))")
@@ -98,11 +98,10 @@ def _run(options: argparse.Namespace) -> None:
     # Numba and its compiled code are loaded only when a drive really runs.
     from sim_hw.canopen.device import WRONG_DEVICE_TYPE, WRONG_VENDOR, Drive
     from sim_hw.canopen.transport import open_transport
-    from sim_hw.plant import load_plant
     from sim_hw.script import load_script
 
     script = load_script(options.script, "canopen")
-    config = load_plant(options.plant)
+    config = load_config(options.plant)
     override: dict[tuple[int, int], int] = dict(script.override) | dict(options.set)
     if script.wrong_version is not None:
         override |= {(0x1000, 0): WRONG_DEVICE_TYPE, (0x1018, 1): WRONG_VENDOR}

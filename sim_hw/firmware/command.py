@@ -7,6 +7,7 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
+from hapticd.config import load_config
 from sim_hw.firmware.emulator import BOARDS, Emulator
 from sim_hw.process import add_common_options, run_device
 
@@ -41,11 +42,10 @@ def run(options: argparse.Namespace) -> None:
     """
     # Imported here: compiled code is loaded for the device that runs, and not for --help.
     from sim_hw.firmware.device import run_bench, set_up
-    from sim_hw.plant import load_plant
     from sim_hw.script import load_script
     from sim_hw.serial_board.port import Port
 
-    config, script = load_plant(options.plant), load_script(options.script, "serial")
+    config, script = load_config(options.plant), load_script(options.script, "serial")
     with tempfile.TemporaryDirectory(prefix="hapticd-board-") as folder:
         emulator = Emulator(options.board, Path(folder), options.image)
         try:

@@ -5,16 +5,19 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from hapticd.config import ConfigError, Problem
 from hapticd.plant import kernel
 from sim_hw import layout as w
 from sim_hw import log
-from sim_hw.firmware import words as b
 from sim_hw.firmware.emulator import EmulatorError
 from sim_hw.firmware.output import lose_power, show_inputs, take_outputs
 from sim_hw.firmware.service import BOARD_GONE, PLUG_IN, POWER_OFF, POWER_ON, STOPPED, UNPLUG, serve
+from sim_hw.firmware.words import BOARD, FRAMED
 from sim_hw.motion import log_row, set_current
-from sim_hw.plant import begin_log, build_sim, end_log
+from sim_hw.plant import end_log
+from sim_hw.serial_board import words as b
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -42,14 +45,10 @@ def set_up(config: Config, script: Script, plant_name: str, board: Board) -> Sim
         if found != wanted:
             message = f"this board has {wanted:g} {'bits' if key == 'dac_bits' else 'A'}"
             raise ConfigError([Problem(plant_name, f"amplifier.{key}", str(found), message)])
-    sim = build_sim(config, script)
-    s = sim.s
-    s[b.HOST] = s[b.BOARD] = -1
-    s[b.OFF_UNTIL_NS] = s[b.PLUG_IN_NS] = w.FAR_NS
-    s[b.DAC_BITS], s[b.FULL_SCALE_UA] = board.dac_bits, round(board.full_scale_A * 1e6)
-    s[b.VERSION] = -1 if script.wrong_version is None else script.wrong_version
-    s[b.FRAMED] = int(len(script.faults) > 0)
-    begin_log(sim, script)
+    sim = b.new_board(config, script, board.dac_bits, board.full_scale_A)
+    sim.s[BOARD] = -1
+    sim.s[b.VERSION] = -1 if script.wrong_version is None else script.wrong_version
+    sim.s[FRAMED] = int(len(script.faults) > 0)
     return sim
 
 
@@ -59,9 +58,10 @@ def run_bench(sim: Sim, emulator: Emulator, port: Port) -> None:
     Raises:
         EmulatorError: the board ended by itself, or does not come up.
     """
-    lines = b.new_lines(emulator.page)
-    sim.s[b.BOARD], sim.s[b.HOST] = emulator.descriptor, port.master
-    while (reason := serve(sim, lines)) != STOPPED:
+    # The memory of the map as a plain array, which compiled code takes.
+    line = b.new_line(np.frombuffer(emulator.page, np.uint32))
+    sim.s[BOARD], sim.s[b.MASTER] = emulator.descriptor, port.master
+    while (reason := serve(sim, line)) != STOPPED:
         now = time.monotonic_ns()
         if reason == UNPLUG:
             port.unplug()
@@ -69,19 +69,19 @@ def run_bench(sim: Sim, emulator: Emulator, port: Port) -> None:
             port.plug_in()
         elif reason == POWER_OFF:
             emulator.power_off()
-            lose_power(sim, lines, now)
+            lose_power(sim, line, now)
         elif reason == POWER_ON:
             sim.s[w.COUNTS_OFFSET] = -kernel.plant_counts(sim.f, sim.i)
-            show_inputs(sim, lines, now)
+            show_inputs(sim, line, now)
             emulator.power_on()
-            sim.s[b.BOARD] = emulator.descriptor
+            sim.s[BOARD] = emulator.descriptor
             log_row(sim, time.monotonic_ns(), log.REBOOT, 1, 0)
         elif reason == BOARD_GONE:
             raise EmulatorError("the board's process has ended by itself")
         if reason in (UNPLUG, PLUG_IN):
-            sim.s[b.HOST], sim.s[b.PORT_OPEN] = port.master, 0
+            sim.s[b.MASTER], sim.s[b.LINE_OPEN] = port.master, 0
     now = time.monotonic_ns()
-    take_outputs(sim, lines, now)
+    take_outputs(sim, line, now)
     emulator.power_off()
     set_current(sim, now, 0.0)
     end_log(sim, now)

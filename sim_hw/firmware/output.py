@@ -6,10 +6,11 @@ from hapticd.jit import fence_acquire, njit
 from sim_hw import layout as w
 from sim_hw import log
 from sim_hw.firmware import page as p
-from sim_hw.firmware import words as b
-from sim_hw.firmware.words import LINES, Lines
+from sim_hw.firmware.words import BOARD, BOARD_LENGTH, READ
 from sim_hw.layout import I64, SIM, Sim
 from sim_hw.motion import log_row, note_enabled, set_current, take_counts
+from sim_hw.serial_board import words as b
+from sim_hw.serial_board.words import LINE, Line, fault_bit
 
 
 @njit((SIM, I64, I64, I64, I64), counted=False)
@@ -22,51 +23,48 @@ def put_out(sim: Sim, ns: int, code: int, enabled: int, time_us: int) -> None:
     middle = 1 << (sim.s[b.DAC_BITS] - 1)
     current = (code - middle) * (sim.s[b.FULL_SCALE_UA] * 1e-6) / middle if enabled == 1 else 0.0
     set_current(sim, ns, current)
-    if enabled == sim.s[b.ENABLED]:
+    if enabled == sim.s[b.STATUS]:
         log_row(sim, ns, log.COMMAND, code, time_us)
     elif enabled == 1:
-        sim.s[b.ENABLED] = 1
+        sim.s[b.STATUS] = b.ENABLED
         note_enabled(sim, ns)
     else:
-        sim.s[b.ENABLED] = 0
+        sim.s[b.STATUS] = 0
         log_row(sim, ns, log.DISABLE, code, time_us)
 
 
-@njit((SIM, LINES, I64), counted=False)
-def take_outputs(sim: Sim, lines: Lines, ns: int) -> None:
+@njit((SIM, LINE, I64), counted=False)
+def take_outputs(sim: Sim, line: Line, ns: int) -> None:
     """Everything that the board has put out since the last look, in order."""
-    written = lines.page[p.WRITTEN]
+    written = line.page[p.WRITTEN]
     fence_acquire()
-    while sim.s[b.READ] != written:
-        first = p.OUTPUTS + (sim.s[b.READ] % p.RING) * p.OUTPUT_WORDS
-        code, enabled = lines.page[first + p.CODE], lines.page[first + p.ENABLED]
-        put_out(sim, ns, code, enabled, lines.page[first + p.TIME_US])
-        sim.s[b.READ] = (sim.s[b.READ] + 1) & 0xFFFFFFFF
+    while sim.s[READ] != written:
+        first = p.OUTPUTS + (sim.s[READ] % p.RING) * p.OUTPUT_WORDS
+        code, enabled = line.page[first + p.CODE], line.page[first + p.ENABLED]
+        put_out(sim, ns, code, enabled, line.page[first + p.TIME_US])
+        sim.s[READ] = (sim.s[READ] + 1) & 0xFFFFFFFF
 
 
-@njit((SIM, LINES, I64), counted=False)
-def show_inputs(sim: Sim, lines: Lines, ns: int) -> None:
+@njit((SIM, LINE, I64), counted=False)
+def show_inputs(sim: Sim, line: Line, ns: int) -> None:
     """Encoder and fault inputs as they are at an instant."""
-    lines.page[p.COUNT] = take_counts(sim, ns) & 0xFFFFFFFF
+    line.page[p.COUNT] = take_counts(sim, ns) & 0xFFFFFFFF
     causes = 0
-    if sim.s[b.CAUSE_UNTIL_NS] > ns:
-        causes |= b.ENCODER_FAULT
-    if sim.s[b.CAUSE_UNTIL_NS + 1] > ns:
-        causes |= b.AMPLIFIER_FAULT
-    if sim.s[b.CAUSE_UNTIL_NS + 2] > ns:
-        causes |= b.EXTERNAL_STOP
-    lines.page[p.CAUSES] = causes
+    for which in range(3):
+        if sim.s[b.CAUSE_UNTIL_NS + which] > ns:
+            causes |= fault_bit(which)
+    line.page[p.CAUSES] = causes
 
 
-@njit((SIM, LINES, I64), counted=False)
-def lose_power(sim: Sim, lines: Lines, ns: int) -> None:
+@njit((SIM, LINE, I64), counted=False)
+def lose_power(sim: Sim, line: Line, ns: int) -> None:
     """The board is off: its pull resistors switch the output off, and what was on its way is lost."""
     middle = 1 << (sim.s[b.DAC_BITS] - 1)
-    take_outputs(sim, lines, ns)
-    if sim.s[b.ENABLED] == 1:
+    take_outputs(sim, line, ns)
+    if sim.s[b.STATUS] == b.ENABLED:
         put_out(sim, ns, middle, 0, 0)
     log_row(sim, ns, log.REBOOT, 0, 0)
-    sim.s[b.BOARD] = -1
-    sim.s[b.HOST_LENGTH] = 0
-    sim.s[b.BOARD_LENGTH] = 0
+    sim.s[BOARD] = -1
+    sim.s[b.RAW_LENGTH] = 0
+    sim.s[BOARD_LENGTH] = 0
     sim.held[:, w.HELD_DUE_NS] = 0

@@ -13,7 +13,7 @@ from sim_hw.layout import I64, SIM, Sim
 from sim_hw.motion import end_sample, log_row, move_to, note_enabled, set_current, take_counts
 from sim_hw.serial_board import words as b
 from sim_hw.serial_board.sending import send
-from sim_hw.serial_board.words import LINE, Line
+from sim_hw.serial_board.words import LINE, Line, fault_bit
 
 _NS_PER_MS = 1_000_000
 _HELLO_REPLY, _CONFIGURE_REPLY, _SAMPLE_REPLY = 0x81, 0x82, 0x83
@@ -44,11 +44,6 @@ def trip_watchdog(sim: Sim, ns: int) -> None:
     disable(sim, ns, b.OFF_WATCHDOG)
 
 
-@njit(I64(I64), inline=True, counted=False)
-def _fault_bit(which: int) -> int:
-    return b.EXTERNAL_STOP if which == 2 else b.ENCODER_FAULT << which
-
-
 @njit((SIM, I64, I64, I64), counted=False)
 def latch_fault(sim: Sim, ns: int, which: int, until_ns: int) -> None:
     """A fault of the board's own, whose cause lasts until ``until_ns``.
@@ -57,7 +52,7 @@ def latch_fault(sim: Sim, ns: int, which: int, until_ns: int) -> None:
         which: 0 ENCODER_FAULT, 1 AMPLIFIER_FAULT, 2 EXTERNAL_STOP.
     """
     sim.s[b.CAUSE_UNTIL_NS + which] = until_ns
-    sim.s[b.STATUS] |= _fault_bit(which)
+    sim.s[b.STATUS] |= fault_bit(which)
     disable(sim, ns, b.OFF_FAULT)
 
 
@@ -79,7 +74,7 @@ def power_up(sim: Sim, ns: int) -> None:
     sim.s[b.STATUS] = b.UNCONFIGURED
     for which in range(3):
         if sim.s[b.CAUSE_UNTIL_NS + which] > ns:
-            sim.s[b.STATUS] |= _fault_bit(which)
+            sim.s[b.STATUS] |= fault_bit(which)
     sim.s[b.WATCHDOG_NS] = b.WATCHDOG_POWER_UP_MS * _NS_PER_MS
     sim.s[b.COMMAND_SEQ] = 0
     move_to(sim, ns)
@@ -141,7 +136,7 @@ def _clear_faults(sim: Sim, ns: int) -> None:
     sim.s[b.STATUS] &= ~b.WATCHDOG
     for which in range(3):
         if sim.s[b.CAUSE_UNTIL_NS + which] <= ns:
-            sim.s[b.STATUS] &= ~_fault_bit(which)
+            sim.s[b.STATUS] &= ~fault_bit(which)
 
 
 @njit((SIM, LINE, I64), counted=False)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from hapticd.config import load_config
 from sim_hw.process import add_common_options, run_device
 
 
@@ -46,12 +47,11 @@ def run(options: argparse.Namespace) -> None:
         ConfigError: plant file or script. OSError: port or log.
     """
     # Imported here: compiled code is loaded for the device that runs, and not for --help.
-    from sim_hw.plant import load_plant
     from sim_hw.script import load_script
     from sim_hw.serial_board.device import run_board, switch_on
     from sim_hw.serial_board.port import Port
 
-    config, script = load_plant(options.plant), load_script(options.script, "serial")
+    config, script = load_config(options.plant), load_script(options.script, "serial")
     sim = switch_on(
         config, script, options.plant or "built-in re35", line_baud=options.line_baud, counter_bits=options.counter_bits
     )

@@ -5,11 +5,13 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from hapticd.config import ConfigError, Problem
 from sim_hw import layout as w
 from sim_hw import log
 from sim_hw.motion import log_row
-from sim_hw.plant import begin_log, build_sim, end_log
+from sim_hw.plant import end_log
 from sim_hw.serial_board import words as b
 from sim_hw.serial_board.board import disable
 from sim_hw.serial_board.service import STOPPED, UNPLUG, serve
@@ -38,31 +40,27 @@ def switch_on(config: Config, script: Script, plant_name: str, *, line_baud: int
         ConfigError: a plant file whose converter no board of this protocol has.
     """
     amplifier = config.amplifier
-    full_scale_ua = round((amplifier.dac_full_scale or 0.0) * 1e6)
-    bits = amplifier.dac_bits or 0
+    bits, full_scale_A = amplifier.dac_bits or 0, amplifier.dac_full_scale or 0.0
     if not 8 <= bits <= 16:
         message = "the board's converter has 8 to 16 bits"
         raise ConfigError([Problem(plant_name, "amplifier.dac_bits", str(amplifier.dac_bits), message)])
-    if not 0 < full_scale_ua < 2**32:
+    if not 0 < round(full_scale_A * 1e6) < 2**32:
         message = "the board's converter has a full scale of 1 µA to 4294 A"
         raise ConfigError([Problem(plant_name, "amplifier.dac_full_scale", str(amplifier.dac_full_scale), message)])
-    sim = build_sim(config, script)
+    sim = b.new_board(config, script, bits, full_scale_A)
     s = sim.s
-    s[b.MASTER] = -1
     s[b.STATUS] = b.UNCONFIGURED
     s[b.WATCHDOG_NS] = b.WATCHDOG_POWER_UP_MS * 1_000_000
-    s[b.WATCHDOG_DUE_NS] = s[b.RESET_UNTIL_NS] = s[b.PLUG_IN_NS] = w.FAR_NS
-    s[b.DAC_BITS], s[b.FULL_SCALE_UA], s[b.COUNTER_BITS] = bits, full_scale_ua, counter_bits
+    s[b.COUNTER_BITS] = counter_bits
     s[b.VERSION] = PROTOCOL_VERSION if script.wrong_version is None else script.wrong_version
     s[b.POWER_UP_NS] = s[w.START_NS]
     s[b.BYTE_NS] = round(_BITS_PER_BYTE * 1e9 / line_baud) if line_baud else 0
-    begin_log(sim, script)
     return sim
 
 
 def run_board(sim: Sim, port: Port) -> None:
     """Be the board until ``sim.s[STOP]`` is set; then switch the output off and end the log."""
-    line = b.new_line()
+    line = b.new_line(np.zeros(0, np.uint32))
     sim.s[b.MASTER] = port.master
     while (reason := serve(sim, line)) != STOPPED:
         if reason == UNPLUG:

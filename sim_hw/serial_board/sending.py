@@ -7,14 +7,13 @@ from numba import types
 from hapticd.jit import njit
 from sim_hw import kinds
 from sim_hw import layout as w
-from sim_hw.faults import corrupt, frame_fate, hold_back, random_bits
+from sim_hw.clock import write
+from sim_hw.faults import pass_frame, random_bits
 from sim_hw.held import release
 from sim_hw.layout import I64, SIM, Sim
 from sim_hw.serial_board import words as b
 from sim_hw.serial_board.framing import encode
 from sim_hw.serial_board.words import LINE, Line
-
-_write = types.ExternalFunction("write", types.intp(types.intc, types.intp, types.uintp))
 
 
 @njit((SIM, LINE, I64, I64), counted=False)
@@ -25,7 +24,7 @@ def put_on_line(sim: Sim, line: Line, length: int, ns: int) -> None:
     buffer is full.
     """
     if sim.s[b.LINE_OPEN] == 1:
-        _write(sim.s[b.MASTER], line.wire.ctypes.data, length)
+        write(sim.s[b.MASTER], line.wire.ctypes.data, length)
     release(sim, kinds.REPLY, ns)
 
 
@@ -35,20 +34,14 @@ def send(sim: Sim, line: Line, length: int, ns: int) -> bool:
     size = encode(line.reply, length, line.wire)
     if sim.s[w.SILENT_UNTIL_NS] > ns:
         return False
-    fate, delay = frame_fate(sim, kinds.REPLY, ns)
-    if fate & kinds.DROPPED:
-        return False
-    if fate & kinds.CORRUPTED:
-        corrupt(sim, line.wire, size - 1)
-    due = ns + delay
+    due = ns
     if sim.s[b.BYTE_NS] > 0:
-        due = max(due, sim.s[b.SENDING_UNTIL_NS]) + size * sim.s[b.BYTE_NS]
+        due = max(ns, sim.s[b.SENDING_UNTIL_NS]) + size * sim.s[b.BYTE_NS]
         sim.s[b.SENDING_UNTIL_NS] = due
-    copies = 2 if fate & kinds.DUPLICATED else 1
+    copies, fate = pass_frame(sim, kinds.REPLY, line.wire, size, due, ns)
     for _ in range(copies):
-        if not hold_back(sim, fate, due, kinds.REPLY, line.wire, size, ns):
-            put_on_line(sim, line, size, ns)
-    return fate & (kinds.CORRUPTED | kinds.REORDERED) == 0
+        put_on_line(sim, line, size, ns)
+    return fate & (kinds.DROPPED | kinds.CORRUPTED | kinds.REORDERED) == 0
 
 
 @njit((SIM, LINE, I64), counted=False)
@@ -59,5 +52,5 @@ def send_garbage(sim: Sim, line: Line, size: int) -> None:
         for n in range(chunk):
             line.buffer[n] = random_bits(sim) & 0xFF
         if sim.s[b.LINE_OPEN] == 1:
-            _write(sim.s[b.MASTER], line.buffer.ctypes.data, chunk)
+            write(sim.s[b.MASTER], line.buffer.ctypes.data, chunk)
         size -= chunk

@@ -2,32 +2,23 @@
 
 from __future__ import annotations
 
-from numba import types
+from typing import Any
+
+from numpy.typing import NDArray
 
 from hapticd.jit import atomic_load, njit
 from sim_hw import kinds, log
 from sim_hw import layout as w
-from sim_hw.clock import POLLHUP, POLLIN, monotonic_ns, pollfd, returned_events, wait_readable
-from sim_hw.faults import (
-    begin_fault,
-    corrupt,
-    fault_due_ns,
-    fault_end_ns,
-    frame_fate,
-    hold_back,
-    next_event_ns,
-    next_fault,
-)
+from sim_hw.clock import POLLHUP, POLLIN, monotonic_ns, pollfd, read, returned_events, wait_readable
+from sim_hw.faults import begin_fault, fault_due_ns, fault_end_ns, next_fault, pass_frame
 from sim_hw.held import next_held, release, take
-from sim_hw.layout import I64, SIM, Sim
+from sim_hw.layout import BYTES, I64, SIM, Sim
 from sim_hw.motion import log_row, move_to
 from sim_hw.serial_board import words as b
 from sim_hw.serial_board.board import handle, latch_fault, power_up, reboot, trip_watchdog
 from sim_hw.serial_board.framing import LONGEST_FRAME, decode
 from sim_hw.serial_board.sending import put_on_line, send_garbage
-from sim_hw.serial_board.words import LINE, Line
-
-_read = types.ExternalFunction("read", types.intp(types.intc, types.intp, types.uintp))
+from sim_hw.serial_board.words import LINE, Line, next_due_ns
 
 STOPPED, UNPLUG, PLUG_IN = 0, 1, 2
 """Why the service returned."""
@@ -36,9 +27,10 @@ _LONGEST_WAIT_NS = 20_000_000
 _CLOSED_WAIT_NS = 2_000_000
 
 
-@njit((SIM, LINE, I64, I64), counted=False)
-def _act(sim: Sim, line: Line, length: int, ns: int) -> None:
-    """A payload has been received; −1 stands for a bad frame."""
+@njit((SIM, LINE, BYTES, I64, I64), counted=False)
+def _act(sim: Sim, line: Line, frame: NDArray[Any], size: int, ns: int) -> None:
+    """A frame of so many bytes, its delimiter included, has been received."""
+    length = decode(frame, size - 1, line.payload)
     if length < 0 or not handle(sim, line, length, ns):
         move_to(sim, ns)
         sim.s[b.STATUS] |= b.BAD_FRAME
@@ -47,25 +39,19 @@ def _act(sim: Sim, line: Line, length: int, ns: int) -> None:
 
 @njit((SIM, LINE, I64), counted=False)
 def _receive(sim: Sim, line: Line, ns: int) -> None:
-    """A frame's delimiter has arrived: decide its fate, then act on it now or when it is due."""
-    size = sim.s[b.RAW_LENGTH]
+    """A frame's delimiter has arrived: act on it now, or when a fault or the line lets it go on."""
+    length = sim.s[b.RAW_LENGTH]
     sim.s[b.RAW_LENGTH] = 0
-    if size == 0:
+    if length == 0:
         return
-    length = decode(line.raw, size, line.payload)
-    frame = kinds.COMMAND if length > 0 and line.payload[0] == 0x04 else kinds.REQUEST
-    fate, delay = frame_fate(sim, frame, ns)
-    if fate & kinds.DROPPED:
-        return
-    if fate & kinds.CORRUPTED and length > 0:
-        corrupt(sim, line.raw, size)
-        length = decode(line.raw, size, line.payload)
-    due = max(ns, sim.s[b.RECEIVING_UNTIL_NS]) + delay
-    copies = 2 if fate & kinds.DUPLICATED else 1
+    line.raw[length] = 0
+    is_command = decode(line.raw, length, line.payload) > 0 and line.payload[0] == 0x04
+    kind = kinds.COMMAND if is_command else kinds.REQUEST
+    due = max(ns, sim.s[b.RECEIVING_UNTIL_NS])
+    copies, _ = pass_frame(sim, kind, line.raw, length + 1, due, ns)
     for _ in range(copies):
-        if not hold_back(sim, fate, due, frame, line.raw, size, ns):
-            _act(sim, line, length, ns)
-            release(sim, frame, ns)
+        _act(sim, line, line.raw, length + 1, ns)
+        release(sim, kind, ns)
 
 
 @njit((SIM, LINE, I64, I64), counted=False)
@@ -87,11 +73,11 @@ def _let_go(sim: Sim, line: Line, slot: int) -> None:
     """A frame that was held goes on: out to the host, or into the board."""
     due = sim.held[slot, w.HELD_DUE_NS]
     frame = sim.held[slot, w.HELD_FRAME]
+    size = take(sim, slot, line.wire)
     if frame == kinds.REPLY:
-        put_on_line(sim, line, take(sim, slot, line.wire), due)
+        put_on_line(sim, line, size, due)
     else:
-        length = decode(line.wire, take(sim, slot, line.wire), line.payload)
-        _act(sim, line, length, due)
+        _act(sim, line, line.wire, size, due)
         release(sim, frame, due)
 
 
@@ -114,16 +100,10 @@ def _begin(sim: Sim, line: Line) -> int:
     return STOPPED
 
 
-@njit(I64(SIM), counted=False)
-def _next_due_ns(sim: Sim) -> int:
-    """Instant of the next thing that happens without the host: FAR_NS for none."""
-    return min(sim.s[b.WATCHDOG_DUE_NS], sim.s[b.RESET_UNTIL_NS], sim.s[b.PLUG_IN_NS], next_event_ns(sim))
-
-
 @njit(I64(SIM, LINE, I64), counted=False)
 def _do_due(sim: Sim, line: Line, now: int) -> int:
     """Everything that is due by now, in order; the service's reason to return, or STOPPED to go on."""
-    due = _next_due_ns(sim)
+    due = next_due_ns(sim)
     while due <= now:
         slot = next_held(sim)
         if due == sim.s[b.PLUG_IN_NS]:
@@ -139,7 +119,7 @@ def _do_due(sim: Sim, line: Line, now: int) -> int:
             reason = _begin(sim, line)
             if reason != STOPPED:
                 return reason
-        due = _next_due_ns(sim)
+        due = next_due_ns(sim)
     move_to(sim, now)
     return STOPPED
 
@@ -165,7 +145,7 @@ def serve(sim: Sim, line: Line) -> int:
         # A port that nobody has open hangs up without end: it is looked at now and then, not waited for.
         is_open = sim.s[b.LINE_OPEN] == 1
         now = monotonic_ns(line.timespec)
-        wait = min(_next_due_ns(sim) - now, _LONGEST_WAIT_NS if is_open else _CLOSED_WAIT_NS)
+        wait = min(next_due_ns(sim) - now, _LONGEST_WAIT_NS if is_open else _CLOSED_WAIT_NS)
         line.pollfds[0] = pollfd(sim.s[b.MASTER], POLLIN)
         if not is_open:
             wait_readable(line.pollfds, 0, line.timespec, wait)
@@ -185,7 +165,7 @@ def serve(sim: Sim, line: Line) -> int:
         reason = _do_due(sim, line, now)
         if reason != STOPPED:
             return reason
-        size = _read(sim.s[b.MASTER], line.buffer.ctypes.data, b.BUFFER_BYTES)
+        size = read(sim.s[b.MASTER], line.buffer.ctypes.data, b.BUFFER_BYTES)
         if size > 0:
             _note_line(sim, now, 1)
             if sim.s[b.RESET_UNTIL_NS] == w.FAR_NS:

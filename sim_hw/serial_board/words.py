@@ -1,15 +1,27 @@
-"""The board's own words in the simulation's state, its status bits, and the buffers of its line."""
+"""The words of a serial board in the simulation's state, its status bits, and the buffers of its line.
+
+Both boards have them: the simulated one, and the bench of the reference firmware (:mod:`sim_hw.firmware`).
+"""
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.jit import njit
+from sim_hw import kinds, log
 from sim_hw import layout as w
-from sim_hw.layout import BYTES, INTS
+from sim_hw.faults import next_event_ns
+from sim_hw.layout import BYTES, I64, INTS, SIM, Sim
+from sim_hw.motion import log_row
+from sim_hw.plant import build_sim
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from sim_hw.script import Script
 
 ENABLED, WATCHDOG, ENCODER_FAULT, AMPLIFIER_FAULT = 1, 2, 4, 8
 BAD_FRAME, REJECTED, EXTERNAL_STOP, UNCONFIGURED = 16, 32, 64, 128
@@ -18,7 +30,7 @@ LATCHED = WATCHDOG | ENCODER_FAULT | AMPLIFIER_FAULT | EXTERNAL_STOP
 
 _B = w.DEVICE_WORDS
 MASTER = _B
-"""Descriptor of the line's far end; −1 while the cable is out."""
+"""Descriptor of the port's far end; −1 while the cable is out."""
 LINE_OPEN = _B + 1
 """1 while a host has the port open."""
 STATUS = _B + 2
@@ -29,21 +41,23 @@ DAC_BITS = _B + 5
 FULL_SCALE_UA = _B + 6
 COUNTER_BITS = _B + 7
 VERSION = _B + 8
-"""What the HELLO reply says."""
+"""What the HELLO reply says; −1 on the bench: what the firmware says."""
 POWER_UP_NS = _B + 9
 COMMAND_SEQ = _B + 10
 RAW_LENGTH = _B + 11
-"""Bytes of the frame being received; beyond LONGEST_FRAME they are only counted."""
+"""Bytes of the frame coming from the host; beyond LONGEST_FRAME they are only counted."""
 BYTE_NS = _B + 12
 """Time of one byte on the emulated line; 0: the line is not emulated."""
 RECEIVING_UNTIL_NS = _B + 13
 SENDING_UNTIL_NS = _B + 14
 RESET_UNTIL_NS = _B + 15
-"""The processor is in reset until then; FAR_NS when it runs."""
+"""The processor is in reset, or without power, until then; FAR_NS when it runs."""
 PLUG_IN_NS = _B + 16
 """The cable is put back then; FAR_NS while it is in."""
 CAUSE_UNTIL_NS = _B + 17
 """Three words: until when the causes of ENCODER_FAULT, AMPLIFIER_FAULT and EXTERNAL_STOP last."""
+BENCH_WORDS = _B + 20
+"""First word of the bench's own."""
 
 FIRMWARE = 0x0102
 SERIAL_NUMBER = 0x51AB0001
@@ -62,11 +76,14 @@ class Line(NamedTuple):
     """Scratch memory of the line.
 
     Attributes:
-        buffer: (BUFFER_BYTES,) uint8, what ``read`` brings. raw: (64,) the frame being received.
-        payload, reply, wire: (64,) a received payload, a payload to send, a frame to send.
-        pollfds: (1,) int64. timespec: (2,) int64.
+        page: (PAGE_WORDS,) uint32, shared with an emulated board (:mod:`sim_hw.firmware.page`); else empty.
+        buffer: (BUFFER_BYTES,) uint8, what ``read`` brings. raw: (64,) the frame being received from the host.
+        payload, wire: (64,) a received payload, a frame to send.
+        reply: (64,) a payload to send, or the frame coming from an emulated board.
+        pollfds: (2,) int64. timespec: (2,) int64.
     """
 
+    page: NDArray[Any]
     buffer: NDArray[Any]
     raw: NDArray[Any]
     payload: NDArray[Any]
@@ -76,12 +93,42 @@ class Line(NamedTuple):
     timespec: NDArray[Any]
 
 
-LINE = numba.types.NamedTuple((BYTES, BYTES, BYTES, BYTES, BYTES, INTS, INTS), Line)
+_PAGE = numba.types.Array(numba.uint32, 1, "C")
+LINE = numba.types.NamedTuple((_PAGE, BYTES, BYTES, BYTES, BYTES, BYTES, INTS, INTS), Line)
 """Numba's type of a :class:`Line`."""
 
 
-def new_line() -> Line:
-    """Empty buffers."""
+def new_line(page: NDArray[np.uint32]) -> Line:
+    """Empty buffers beside a page."""
     raw, payload, reply, wire = np.zeros((4, w.HELD_BYTES), np.uint8)
-    buffer = np.zeros(BUFFER_BYTES, np.uint8)
-    return Line(buffer, raw, payload, reply, wire, pollfds=np.zeros(1, np.int64), timespec=np.zeros(2, np.int64))
+    pollfds, timespec = np.zeros((2, 2), np.int64)
+    return Line(page, np.zeros(BUFFER_BYTES, np.uint8), raw, payload, reply, wire, pollfds, timespec)
+
+
+def new_board(config: Config, script: Script, dac_bits: int, full_scale_A: float) -> Sim:
+    """A board's memory: the processor runs, the cable is not in yet, the log has begun.
+
+    Args:
+        config: the plant file. script: hand, start and faults. dac_bits, full_scale_A: of the board's converter.
+    """
+    sim = build_sim(config, script)
+    sim.s[MASTER] = -1
+    sim.s[WATCHDOG_DUE_NS] = sim.s[RESET_UNTIL_NS] = sim.s[PLUG_IN_NS] = w.FAR_NS
+    sim.s[DAC_BITS], sim.s[FULL_SCALE_UA] = dac_bits, round(full_scale_A * 1e6)
+    start_ns = int(sim.s[w.START_NS])
+    log_row(sim, start_ns, log.START, 0, 0)
+    if script.wrong_version is not None:
+        log_row(sim, start_ns, log.FAULT_INJECTED, kinds.WRONG_VERSION, -1)
+    return sim
+
+
+@njit(I64(SIM), counted=False)
+def next_due_ns(sim: Sim) -> int:
+    """Instant of the next thing that happens without host or firmware: FAR_NS for none."""
+    return min(sim.s[WATCHDOG_DUE_NS], sim.s[RESET_UNTIL_NS], sim.s[PLUG_IN_NS], next_event_ns(sim))
+
+
+@njit(I64(I64), inline=True, counted=False)
+def fault_bit(which: int) -> int:
+    """Status bit of the cause in the word CAUSE_UNTIL_NS + ``which``."""
+    return EXTERNAL_STOP if which == 2 else ENCODER_FAULT << which
