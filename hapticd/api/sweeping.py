@@ -5,7 +5,6 @@ from __future__ import annotations
 import itertools
 import os
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from hapticd.config import Config, apply_settings
@@ -31,15 +30,8 @@ _UNITS = {
 }
 
 
-@dataclass(frozen=True)
-class _Point:
-    """One combination, ready to be computed anywhere."""
-
-    config: Config
-    deflection: float | None
-    velocity: float | None
-    duration: float | None
-    function: Evaluate | None
+_Point = tuple[Config, float | None, float | None, float | None, "Evaluate | None"]
+"""One combination, ready for `compute` anywhere: its arguments."""
 
 
 def sweep(
@@ -123,14 +115,10 @@ def _point(
         raise ValueError("a motion begins with a deflection or with a velocity, not with both")
     changed = {key: value for key, value in chosen.items() if key not in MOTION}
     config = apply_settings(base, changed, source="sweep") if changed else base
-    ticks, speed = motion["deflection"], motion["velocity"]
-    return _Point(
-        config,
-        None if ticks is None else float(deflection_ticks(ticks, config)),
-        None if speed is None else float(velocity_ticks(speed, config)),
-        duration,
-        function,
-    )
+    deflection, velocity = motion["deflection"], motion["velocity"]
+    ticks = None if deflection is None else float(deflection_ticks(deflection, config))
+    speed = None if velocity is None else float(velocity_ticks(velocity, config))
+    return config, ticks, speed, duration, function
 
 
 def _computed(points: Sequence[_Point], client: Any, jobs: int | None) -> Iterator[dict[str, Any]]:
@@ -138,32 +126,34 @@ def _computed(points: Sequence[_Point], client: Any, jobs: int | None) -> Iterat
     jobs = jobs or len(os.sched_getaffinity(0))
     if client is not None:
         # pure=False: the same points may be asked again with another version of the code
-        futures = client.map(compute, list(points), pure=False)
+        futures = client.map(compute, *zip(*points, strict=True), pure=False)
         try:
             for future in futures:
                 yield future.result()
         finally:
             client.cancel(futures)
     elif jobs == 1 or len(points) == 1:
-        yield from map(compute, points)
+        yield from itertools.starmap(compute, points)
     else:
         from joblib import Parallel, delayed
 
-        yield from Parallel(n_jobs=jobs, return_as="generator")(delayed(compute)(point) for point in points)
+        yield from Parallel(n_jobs=jobs, return_as="generator")(delayed(compute)(*point) for point in points)
 
 
-def compute(point: _Point) -> dict[str, Any]:
+def compute(
+    config: Config, deflection: float | None, velocity: float | None, duration: float | None, function: Evaluate | None
+) -> dict[str, Any]:
     """One row of a sweep, without the swept values."""
     from drivers import declared_latency
     from hapticd.stability.assessment import assess
 
-    latency = declared_latency(point.config)[0]
-    theory = assess(point.config, deflection=point.deflection, velocity=point.velocity, latency_s=latency).document
+    latency = declared_latency(config)[0]
+    theory = assess(config, deflection=deflection, velocity=velocity, latency_s=latency).document
     row = {key: theory[key] for key in _THEORY}
-    if point.duration is not None:
+    if duration is not None:
         from hapticd.servo.simulate import simulate
 
-        found = simulate(point.config, point.duration, deflection=point.deflection, velocity=point.velocity).report
+        found = simulate(config, duration, deflection=deflection, velocity=velocity).report
         row |= {
             "outcome": found["outcome"],
             "final_position_ticks": found["final"]["position_ticks"],
@@ -172,4 +162,4 @@ def compute(point: _Point) -> dict[str, Any]:
             "peak_current_A": found["peak_current_A"],
             "fault": found["fault"] and found["fault"]["code"],
         }
-    return row | dict(point.function(point.config)) if point.function is not None else row
+    return row | dict(function(config)) if function is not None else row
