@@ -11,13 +11,16 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Final
 
+import pydantic_core
+
 from hapticd.figures.style import save, style
 from hapticd.reproduce import fig_03, fig_04, fig_05, fig_08, fig_09, fig_11, fig_12, maps, table_1, table_2
-from hapticd.reproduce.items import Item, Options, Progress, plain
+from hapticd.reproduce.items import Item, Progress
 from hapticd.reproduce.page import page
 
-#: Name → its builder and its weight in the progress, in the order of the paper.
-BUILDERS: Final[dict[str, tuple[Callable[[Options, Progress], Item], float]]] = {
+#: Name → its builder and its weight in the progress, in the order of the paper. A builder takes whether maps shall be coarse
+#: and horizons short (what is compared is computed all the same), and whom to tell how far it is.
+BUILDERS: Final[dict[str, tuple[Callable[[bool, Progress], Item], float]]] = {
     "table1": (table_1.build, 0.1),
     "table2": (table_2.build, 0.1),
     "fig3": (fig_03.build, 1.0),
@@ -66,7 +69,7 @@ def reproduce(
     work = Path(tempfile.mkdtemp(prefix=".reproduce.", dir=near))
     try:
         with style():
-            items = _build(names, Options(quick), work, progress)
+            items = _build(names, quick, work, progress)
         document = _document(items, quick)
         (work / NUMBERS).write_text(json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n")
         (work / PAGE).write_text(page(items, work, version("hapticd"), quick))
@@ -78,12 +81,12 @@ def reproduce(
     return document
 
 
-def _build(names: Sequence[str], options: Options, folder: Path, progress: Progress) -> list[Item]:
+def _build(names: Sequence[str], quick: bool, folder: Path, progress: Progress) -> list[Item]:
     total = sum(BUILDERS[name][1] for name in names)
     done, items = 0.0, []
     for name in names:
         builder, weight = BUILDERS[name]
-        item = builder(options, partial(_part, progress, done / total, _MAKING * weight / total))
+        item = builder(quick, partial(_part, progress, done / total, _MAKING * weight / total))
         if item.figure is not None:
             save(item.figure, folder / name)
         done += weight
@@ -106,4 +109,7 @@ def _document(items: Sequence[Item], quick: bool) -> dict[str, Any]:
         "differ": [{"item": name, **comparison.document} for name, comparison in comparisons if not comparison.agrees],
         "items": {item.name: item.document for item in items},
     }
-    return {key: plain(value) for key, value in document.items()}
+    found: dict[str, Any] = pydantic_core.to_jsonable_python(
+        document, inf_nan_mode="null", fallback=lambda numbers: numbers.tolist()
+    )
+    return found

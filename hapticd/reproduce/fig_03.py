@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hapticd.figures.style import GREEN, RED, new_figure
-from hapticd.reproduce.items import Comparison, Item, Options, Progress, compare
+from hapticd.reproduce.items import Comparison, Item, Progress, compare
 from hapticd.reproduce.plane import critical_line, draw_plane
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import region
@@ -24,7 +24,7 @@ _NAMES = {
 }
 
 
-def build(options: Options, progress: Progress) -> Item:
+def build(quick: bool, progress: Progress) -> Item:
     """Draw the figure."""
     figure = new_figure(6.6, 4.8)
     axes = figure.subplots()
@@ -41,7 +41,6 @@ def build(options: Options, progress: Progress) -> Item:
     axes.text(0.012, 0.79, r"$\dot\xi_{\max}=\frac{1}{2}$", color=RED, fontsize=8.5)
     axes.text(0.375, 1.66, r"$\dot\xi_{\max}=8$", color=RED, fontsize=8.5)
     axes.text(1.09, 0.945, "energy falls in every period above here (sharp)", color=GREEN, fontsize=8.5, ha="right")
-    progress(1.0)
     return Item(
         name="fig3",
         title="Fig. 3: regions of the (β, σ) plane without delay",

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final, cast
 import numpy as np
 
 from hapticd.figures.style import BLUE, GREY, INK, ORANGE, new_figure
-from hapticd.reproduce.items import Comparison, Item, Options, Progress, compare
+from hapticd.reproduce.items import Comparison, Item, Progress, compare
 from hapticd.reproduce.plane import draw_plane
 from hapticd.stability.devices import TABLE_II
 from hapticd.stability.numbers import Dimensionless, Scales, physical
@@ -26,13 +26,12 @@ _OFFSETS: Final = {
 }  # fmt: skip
 
 
-def build(options: Options, progress: Progress) -> Item:
+def build(quick: bool, progress: Progress) -> Item:
     """Draw the figure."""
     figure = new_figure(10.0, 4.5)
     left, right = figure.subplots(1, 2)
     ends = _effects(left)
     _devices(right)
-    progress(1.0)
     (beta_k, sigma_k), (_, sigma_t), (beta_d, _) = ends.values()
     slope = (START[1] - sigma_k) / (START[0] - beta_k)
     inside = [d for d in TABLE_II if d.loop.numbers.beta < 0.5 <= d.loop.numbers.sigma]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from hapticd.figures.style import new_figure
-from hapticd.reproduce.items import Comparison, Item, Options, Progress, compare
+from hapticd.reproduce.items import Comparison, Item, Progress, compare
 from hapticd.reproduce.plane import critical_line, draw_plane
 from hapticd.stability.criterion import xi_ddot_bound
 from hapticd.stability.numbers import Dimensionless
@@ -22,14 +22,13 @@ _NAMES = {
 }
 
 
-def build(options: Options, progress: Progress) -> Item:
+def build(quick: bool, progress: Progress) -> Item:
     """Draw the figure."""
     figure = new_figure(6.8, 4.8)
     axes = figure.subplots()
     middles = draw_plane(axes, MU, TAU_D, XI_DOT, 3.2, 3.0, _NAMES)
     axes.text(0.05, 2.62, r"critical line (19)", color="#8a1c12", fontsize=8.5)
     axes.text(3.17, 1.02, "second condition of (19)", color="#8a1c12", fontsize=8.5, ha="right")
-    progress(1.0)
     corner = 0.5 + TAU_D
     sigma = float(critical_line(MU, TAU_D, XI_DOT, np.array([corner]))[0])
     acceleration = float(xi_ddot_bound(MU, corner, sigma, XI_DOT))

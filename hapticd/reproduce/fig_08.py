@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
-from hapticd.reproduce.buzz import SPREAD, buzz
-from hapticd.reproduce.items import Comparison, Item, Options, Progress, compare, show
-from hapticd.reproduce.release import CASES, Release, neighbours, release
+from hapticd.reproduce.items import Comparison, Item, Progress, compare, show
+from hapticd.reproduce.release import CASES, Release, neighbours, oscillation, release
 from hapticd.reproduce.release_figure import release_figure, release_table
+from hapticd.stability.limit_cycle import predicted_cycle
+from hapticd.stability.locked_cycle import locked_cycles
 from hapticd.stability.regions import region
 
 _SOURCE = "independent simulation"
@@ -20,11 +22,12 @@ _NEAR = 0.005
 _CONSERVATIVE = (3.3, 4.3, 6.3)
 # periods of the exact cycle that the independent simulation of case b ended on
 _REFERENCE_CYCLE = 18
-# how many releases around case b to look at
+# how many releases within so many coarse ticks of case b to look at
 _NEIGHBOURS = 101
+_SPREAD = 0.01
 
 
-def build(options: Options, progress: Progress) -> Item:
+def build(quick: bool, progress: Progress) -> Item:
     """Run the four cases and draw them."""
     runs = []
     for case in CASES:
@@ -32,13 +35,12 @@ def build(options: Options, progress: Progress) -> Item:
         progress(len(runs) / 5)
     amplifier = [release(CASES[0], damping_ratio=ratio) for ratio in (DAMPING_RATIO, *_OTHER_RATIOS)]
     numbers: dict[str, Any] = {run.case.name: _numbers(run) for run in runs}
-    numbers["b"] |= buzz(runs[1], 20 if options.quick else _NEIGHBOURS)
+    numbers["b"] |= _buzz(runs[1], 20 if quick else _NEIGHBOURS)
     numbers["a_real_amplifier"] = _numbers(amplifier[0])
-    ends = neighbours(CASES[0], _NEAR, 40 if options.quick else 200)["xi"]
+    ends = neighbours(CASES[0], _NEAR, 40 if quick else 200)["xi"]
     numbers["a"]["neighbours_final_ticks"] = [float(ends.min()), float(ends.max())]
     further = [release(replace(CASES[2], deflection=ticks)) for ticks in _CONSERVATIVE]
     numbers["conservative"] = [_numbers(run) for run in further]
-    progress(1.0)
     return Item(
         name="fig8",
         title="Fig. 8: four releases, by the servo loop",
@@ -77,6 +79,28 @@ def _numbers(run: Release) -> dict[str, Any]:
     }  # fmt: skip
 
 
+def _buzz(run: Release, count: int) -> dict[str, Any]:
+    """What the run settles on, what it could settle on, and what the describing function says.
+
+    Args:
+        run: case b.
+        count: how many releases within ±`_SPREAD` ticks to look at.
+    """
+    amplitude, frequency = oscillation(run)
+    predicted = predicted_cycle(run.numbers)
+    assert predicted is not None
+    around, rate = neighbours(run.case, _SPREAD, count), run.case.rate_hz
+    exact = [{"periods": 2 * c.half_period, "amplitude_ticks": c.amplitude} for c in locked_cycles(run.numbers)]
+    return {
+        "amplitude_ticks": amplitude, "amplitude_counts": amplitude * run.case.decimation, "frequency_hz": frequency,
+        "predicted_amplitude_ticks": predicted.amplitude,
+        "predicted_frequency_hz": predicted.omega * rate / (2.0 * math.pi),
+        "neighbours_amplitude_ticks": [float(around["amplitude"].min()), float(around["amplitude"].max())],
+        "neighbours_frequency_hz": [float(f(around["omega"])) * rate / (2.0 * math.pi) for f in (min, max)],
+        "locked_cycles": exact,
+    }  # fmt: skip
+
+
 def _worst_case(further: list[Release]) -> Comparison:
     found = [(region(run.numbers, run.xi_dot_max), run.rest_periods) for run in further]
     return Comparison(
@@ -111,7 +135,7 @@ def _comparisons(runs: list[Release], amplifier: list[Release], b: dict[str, Any
     slow, fast = b["neighbours_frequency_hz"]
     many = (
         f"settled on another cycle than the reference: of {len(b['locked_cycles'])} exact ones or more, releases within "
-        f"±{SPREAD:g} ticks end at {low:.4f} to {high:.4f} ticks and {slow:.1f} to {fast:.1f} Hz"
+        f"±{_SPREAD:g} ticks end at {low:.4f} to {high:.4f} ticks and {slow:.1f} to {fast:.1f} Hz"
     )
     guess = (
         f"as above; predicted (62): {b['predicted_amplitude_ticks']:.4f} ticks at {b['predicted_frequency_hz']:.1f} Hz"

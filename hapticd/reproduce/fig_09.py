@@ -8,7 +8,7 @@ import numpy as np
 
 from hapticd.figures.style import GREY, INK, RED, new_figure
 from hapticd.reproduce.energy import comparisons
-from hapticd.reproduce.items import Item, Options, Progress, Table
+from hapticd.reproduce.items import Item, Progress, Table
 from hapticd.stability.spring_diagrams import SPRINGS, SpringDiagrams, press_and_release, spring_diagrams
 
 if TYPE_CHECKING:
@@ -24,11 +24,10 @@ _NAMES = {
 }
 
 
-def build(options: Options, progress: Progress) -> Item:
+def build(quick: bool, progress: Progress) -> Item:
     """Draw the figure."""
     diagrams = spring_diagrams(press_and_release(DEPTH, float(PERIODS)), PERIODS, TAU_D)
     checks, numbers = comparisons(diagrams)
-    progress(1.0)
     rows = [(name, round(diagrams.work[name], 12), round(diagrams.generated(name), 12)) for name in SPRINGS]
     return Item(
         name="fig9",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.figures.style import BLUE, GREY, INK, ORANGE, RED, new_figure
-from hapticd.reproduce.items import Comparison, Item, Options, Progress, Table, compare
+from hapticd.reproduce.items import Comparison, Item, Progress, Table, compare
 from hapticd.stability.describing_function import encoder_gain, encoder_gain_small, nyquist
 from hapticd.stability.limit_cycle import LimitCycle, limit_cycles
 from hapticd.stability.numbers import Dimensionless
@@ -21,14 +21,13 @@ MU, BETA = 5.0, 1.2
 DELAYS = {0.0: GREY, 0.5: BLUE, 1.0: ORANGE}
 
 
-def build(options: Options, progress: Progress) -> Item:
+def build(quick: bool, progress: Progress) -> Item:
     """Draw the figure."""
     cycles = {tau_l: limit_cycles(Dimensionless(MU, BETA, 0.0, tau_l - 0.5)) for tau_l in DELAYS if tau_l >= 0.5}
     figure = new_figure(10.0, 4.6)
     left, right = figure.subplots(1, 2)
     _nyquist(left, cycles)
     _gain(right)
-    progress(1.0)
     rows = [
         (tau_l, cycle.amplitude, cycle.omega, "stable" if cycle.stable else "unstable", _residual(tau_l, cycle))
         for tau_l, found in cycles.items()

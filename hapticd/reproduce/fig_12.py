@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.figures.style import GREY, INK, new_figure
-from hapticd.reproduce import cycles
-from hapticd.reproduce.items import Comparison, Item, Options, Progress, compare
-from hapticd.stability.cycle_table import cycle_table
+from hapticd.reproduce.items import Cell, Comparison, Item, Progress, Table, compare
+from hapticd.stability.cycle_table import Row, cycle_table
 from hapticd.stability.describing_function import (
     encoder_gain,
     frequency,
@@ -33,15 +32,14 @@ _BETA_SMALL, _BETA_LARGE = 4.0, 0.55
 _BESIDE: dict[str, Any] = {"loc": "center left", "bbox_to_anchor": (1.0, 0.5), "reverse": True}
 
 
-def build(options: Options, progress: Progress) -> Item:
+def build(quick: bool, progress: Progress) -> Item:
     """Draw the figure."""
     figure = new_figure(10.0, 4.7)
     left, right = figure.subplots(1, 2)
     _small(left)
     _large(right)
     progress(0.3)
-    rows = cycle_table(MU, (0.0,), (0.6, 1.0, 2.0), (0.0, 0.1, 0.2, 0.3), periods=20_000 if options.quick else 60_000)
-    progress(1.0)
+    rows = cycle_table(MU, (0.0,), (0.6, 1.0, 2.0), (0.0, 0.1, 0.2, 0.3), periods=20_000 if quick else 60_000)
     omega = float(frequency(1.0, MU, TAU_L))
     return Item(
         name="fig12",
@@ -60,7 +58,7 @@ def build(options: Options, progress: Progress) -> Item:
         ),
         figure=figure,
         alt="Two contour maps: lines falling with β below σ = ½, and a fan of straight lines that meet near β = ½.",
-        tables=(cycles.table(rows),),
+        tables=(_table(rows),),
         comparisons=_comparisons(omega),
         numbers={
             "mu": MU, "tau_l": TAU_L, "omega_large": omega, "omega_large_series": large_frequency_series(MU, TAU_L),
@@ -74,6 +72,23 @@ def build(options: Options, progress: Progress) -> Item:
             "large": [{"amplitude": M, "sigma_at_beta_0": float(large_sigma(0.0, M, MU, TAU_L))} for M in AMPLITUDES],
         },
     )  # fmt: skip
+
+
+def _table(rows: list[Row]) -> Table:
+    """Limit cycles by describing function beside exact simulation, at a few points of region B, and why they differ."""
+    cells: list[tuple[Cell, ...]] = []
+    for row in rows:
+        predicted = row.predicted
+        cells.append((
+            row.beta, row.sigma, predicted.amplitude if predicted else "–", row.amplitude, _percent(row.amplitude_error),
+            predicted.omega if predicted else "–", row.omega, _percent(row.frequency_error), row.why or "agrees",
+        ))  # fmt: skip
+    header = ("β", "σ", "M predicted", "M simulated", "error", "ω predicted", "ω simulated", "error", "why")
+    return Table(header, cells, "Prediction, D(M) whole, beside exact simulation from near rest; μ = 5, region B.")
+
+
+def _percent(error: float) -> str:
+    return f"{100.0 * error:+.1f} %" if math.isfinite(error) else "–"
 
 
 def _comparisons(omega: float) -> list[Comparison]:

@@ -18,17 +18,6 @@ _RAISED: Final = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 
 @dataclass(frozen=True)
-class Options:
-    """How much work to spend.
-
-    Attributes:
-        quick: coarser maps and shorter horizons, for a look; everything that is compared is still computed.
-    """
-
-    quick: bool = False
-
-
-@dataclass(frozen=True)
 class Comparison:
     """A number or a statement of a source beside what our code finds.
 
@@ -119,17 +108,6 @@ class Item:
             "comparisons": [comparison.document for comparison in self.comparisons],
             "numbers": self.numbers,
         }
-
-
-def plain(value: Any) -> Any:
-    """Data as JSON can hold it: numpy numbers as numbers, and None for what is not finite."""
-    if hasattr(value, "tolist"):
-        value = value.tolist()
-    if isinstance(value, dict):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def show(value: Cell) -> str:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hapticd.reproduce.items import Cell, Comparison, Item, Options, Progress, Table, compare
+from hapticd.reproduce.items import Cell, Comparison, Item, Progress, Table, compare
 from hapticd.stability import map_figure, map_report, map_store
 from hapticd.stability.map_engines import local
 from hapticd.stability.maps import OUTCOMES, Maps, Study, run_points
@@ -22,28 +22,28 @@ _EDGE = ((1.0, 8.7, 0.05), (5.0, 32.0, 0.5))
 _SHADES = {"monotone": "white", "decaying": "light", "persistent": "medium", "growing": "dark"}
 
 
-def fig_6(options: Options, progress: Progress) -> Item:
+def fig_6(quick: bool, progress: Progress) -> Item:
     """Four maps without delay."""
     see = (
         "White and light: comes to rest. Medium: oscillates for ever. Dark: grows. Red: the paper's boundaries for the "
         "velocity of each map. With rising initial velocity the critical line turns about (½, ½) and the dark area "
         "follows it from below: the criterion is a worst case, the stable area is larger than it promises.",
     )
-    return _item("fig6", "Fig. 6: simulated regions without delay", 0.0, see, options, progress)
+    return _item("fig6", "Fig. 6: simulated regions without delay", 0.0, see, quick, progress)
 
 
-def fig_7(options: Options, progress: Progress) -> Item:
+def fig_7(quick: bool, progress: Progress) -> Item:
     """Four maps with τ_D = 1.25."""
     see = (
         "The same with τ_D = 1.25: the vertical border has moved from ½ to 1.75, and more friction is needed everywhere. "
         "F2, where energy may rise, still comes to rest at every point. For fast motions E and F1 lie above the picture.",
     )
-    return _item("fig7", "Fig. 7: simulated regions with delay", 1.25, see, options, progress)
+    return _item("fig7", "Fig. 7: simulated regions with delay", 1.25, see, quick, progress)
 
 
-def _item(name: str, title: str, tau_d: float, see: tuple[str, ...], options: Options, progress: Progress) -> Item:
+def _item(name: str, title: str, tau_d: float, see: tuple[str, ...], quick: bool, progress: Progress) -> Item:
     study = Study(delays=(tau_d,))
-    if options.quick:
+    if quick:
         beta_count, sigma_count = _QUICK_COUNTS
         study = Study(delays=(tau_d,), beta_count=beta_count, sigma_count=sigma_count, periods=_QUICK_PERIODS)
     maps = Maps(study)
@@ -62,7 +62,7 @@ def _item(name: str, title: str, tau_d: float, see: tuple[str, ...], options: Op
         figure=figure,
         alt=f"Four maps of the (β, σ) plane in four shades for initial velocities {_listed(study.velocities)}.",
         tables=(_regions(found), _outcomes(found)),
-        comparisons=_comparisons(maps, found, options),
+        comparisons=_comparisons(maps, found, quick),
         numbers={
             "study": {"mu": study.mu, "tau_d": tau_d, "velocities": list(study.velocities), "periods": study.periods,
                       "beta": study.betas(tau_d).tolist(), "sigma": study.sigmas.tolist()},
@@ -84,18 +84,18 @@ def _traps(found: dict[str, Any], tau_d: float) -> tuple[str, ...]:
     return grid, f"{energy}“Below one tick” holds inside B, not at its edge β = ½ + τ_D. {edge}"
 
 
-def _comparisons(maps: Maps, found: dict[str, Any], options: Options) -> list[Comparison]:
+def _comparisons(maps: Maps, found: dict[str, Any], quick: bool) -> list[Comparison]:
     study = maps.study
-    coarse = "coarser, because of --quick" if options.quick else ""
+    coarse = "coarser, because of --quick" if quick else ""
     exceptions = len(found["exceptions"])
     grows = sum(row["growing"] for name, row in found["regions"].items() if name in ("A", "B", "E", "F1", "F2"))
     points = study.beta_count * study.sigma_count
     return [
         Comparison(
-            "points in a map", "paper, Sec. IV", PAPER_POINTS, points, options.quick or points == PAPER_POINTS, note=coarse
+            "points in a map", "paper, Sec. IV", PAPER_POINTS, points, quick or points == PAPER_POINTS, note=coarse
         ),
         Comparison(
-            "horizon", "paper, Sec. IV", PAPER_PERIODS, study.periods, options.quick or study.periods == PAPER_PERIODS,
+            "horizon", "paper, Sec. IV", PAPER_PERIODS, study.periods, quick or study.periods == PAPER_PERIODS,
             unit="periods", note=coarse,
         ),
         compare("points that contradict their region", "paper, Sec. IV: “good correspondence”", 0, exceptions, 0),

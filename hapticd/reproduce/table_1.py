@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from hapticd.config import apply_settings, load_config
-from hapticd.reproduce.items import Comparison, Item, Options, Progress, Table, compare
+from hapticd.reproduce.items import Comparison, Item, Progress, Table, compare
 from hapticd.stability.boundary import boundary
 from hapticd.stability.criterion import SAMPLING_FACTOR, mahvash_hayward_margin, sampling_bound_ok, sampling_ratio
 from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config, physical
@@ -17,7 +17,7 @@ RATE_HZ = 1000.0
 DELAY_S, POSITION, VELOCITY, FORCE, TIME_S = 2e-4, 0.5, 30.0, 4e-3, 0.25
 
 
-def build(options: Options, progress: Progress) -> Item:
+def build(quick: bool, progress: Progress) -> Item:
     """Make the table."""
     settings = {"encoder.decimation": str(DECIMATION), "servo.rate_hz": f"{RATE_HZ:g}", "amplifier.bandwidth_hz": "0"}
     config = apply_settings(load_config("re35"), settings, source="reproduce")
@@ -25,7 +25,6 @@ def build(options: Options, progress: Progress) -> Item:
     numbers = loop.numbers
     back = physical(numbers, loop.scales)
     rows = _rows(loop, back)
-    progress(1.0)
     return Item(
         name="table1",
         title="Table I: dimensionless signals and parameters",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hapticd.reproduce.items import Comparison, Item, Options, Progress, Table
+from hapticd.reproduce.items import Comparison, Item, Progress, Table
 from hapticd.stability import devices
 from hapticd.stability.criterion import velocity_limit
 from hapticd.stability.devices import HUMAN_OPERATOR, TABLE_II, Device, grip_fraction
@@ -11,10 +11,9 @@ from hapticd.stability.regions import region
 _SYMBOL = {"mu": "μ", "beta": "β", "sigma": "σ"}
 
 
-def build(options: Options, progress: Progress) -> Item:
+def build(quick: bool, progress: Progress) -> Item:
     """Make the table."""
     rows = [row for device in TABLE_II for row in devices.compare(device)]
-    progress(1.0)
     return Item(
         name="table2",
         title="Table II: parameters of common devices, recomputed",

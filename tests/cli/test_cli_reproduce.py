@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.reproduce import build
-from hapticd.reproduce.items import Item, Options, Progress
+from hapticd.reproduce.items import Item, Progress
 
 from .conftest import Run
 
@@ -35,7 +35,7 @@ def test_the_text_counts_and_lists_what_differs(hapticd: Run, tmp_path: Path) ->
 
 
 def test_ctrl_c_leaves_nothing(hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(options: Options, progress: Progress) -> Item:
+    def interrupted(quick: bool, progress: Progress) -> Item:
         raise KeyboardInterrupt
 
     monkeypatch.setitem(build.BUILDERS, "fig4", (interrupted, 1.0))

@@ -13,7 +13,7 @@ import pytest
 
 from hapticd.reproduce import build
 from hapticd.reproduce.build import BUILDERS, reproduce
-from hapticd.reproduce.items import Item, Options, Progress
+from hapticd.reproduce.items import Item, Progress
 
 from .conftest import Made
 
@@ -134,7 +134,7 @@ def test_a_name_that_does_not_exist_is_refused(tmp_path: Path) -> None:
 def test_an_interrupt_leaves_the_folder_as_it_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, exists: bool
 ) -> None:
-    def interrupted(options: Options, progress: Progress) -> Item:
+    def interrupted(quick: bool, progress: Progress) -> Item:
         raise KeyboardInterrupt
 
     folder = tmp_path / "paper"
