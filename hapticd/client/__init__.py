@@ -6,10 +6,13 @@
 >>> client.start()  # doctest: +SKIP
 """
 
-from hapticd.client.client import Client
-from hapticd.client.errors import DaemonUnreachable, RequestRefused
-from hapticd.client.for_a_while import settings_for_a_while
-from hapticd.client.interrupt import stop_on_interrupt
+from hapticd.client.client import (
+    Client,
+    DaemonUnreachable,
+    RequestRefused,
+    settings_for_a_while,
+    stop_on_interrupt,
+)
 from hapticd.client.places import find_run, recording_folders
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""The control API from outside: `Endpoints` sent to the daemon's socket, and waiting for an experiment.
+"""The control API from outside: `Endpoints` sent to the daemon's socket, and what an experiment needs beside them.
 
 Each request is a connection of its own: on a Unix socket that costs microseconds, nothing goes stale while nobody asks,
 and one client may be used from several threads.
@@ -11,16 +11,40 @@ import json
 import os
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import reduce
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
-from hapticd.client.errors import DaemonUnreachable, RequestRefused
 from hapticd.config.places import find_socket
 from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict
 
 ANSWER_TIMEOUT_S = 30.0
 """Opening a device or reading a new config can take seconds; everything else is answered in milliseconds."""
+
+
+class DaemonUnreachable(Exception):  # noqa: N818 - named as the public exit code is: "daemon not reachable"
+    """Nobody answers on the socket, or not in time; the text says where and how to start a daemon."""
+
+
+class RequestRefused(Exception):  # noqa: N818 - an answer, not an error of the program
+    """The daemon answered, and not with yes.
+
+    Attributes:
+        status: HTTP status: 409 refused in this state, 422 wrong request or config, 502 device failure.
+        code: short stable name of the reason.
+        message: sentence for people.
+        problems: one dict for each wrong setting, for code ``config``.
+    """
+
+    def __init__(self, status: int, code: str, message: str, problems: list[dict[str, Any]] | None = None) -> None:
+        super().__init__(message)
+        self.status = status
+        self.code = code
+        self.message = message
+        self.problems = problems or []
 
 
 class Client(Endpoints):
@@ -108,6 +132,41 @@ class Client(Endpoints):
             owner = f"owner {found.st_uid}, group {found.st_gid}, mode {found.st_mode & 0o777:04o}"
             return f"no permission to talk to the daemon on {path} ({owner}); ask to be taken into its group"
         return f"no daemon answers on {path}; start one with 'hapticd run'"
+
+
+@contextmanager
+def settings_for_a_while(client: Client, settings: Mapping[str, Any], force: bool = False) -> Iterator[None]:
+    """Apply live settings, and take them back at the end, however it comes.
+
+    Args:
+        client: the daemon.
+        settings: dotted key to value; nothing is asked of the daemon where there is none.
+        force: override the stability guard. What was in force before comes back in any case.
+
+    Raises:
+        RequestRefused: the daemon does not take them; none is in force then.
+    """
+    if not settings:
+        yield
+        return
+    config = client.config()
+    before = {key: reduce(getitem, key.split("."), config) for key in settings}
+    client.set(dict(settings), force)
+    try:
+        yield
+    finally:
+        client.set(before, force=True)
+
+
+@contextmanager
+def stop_on_interrupt(client: Client, say: Callable[[str], None]) -> Iterator[None]:
+    """Stop the daemon when interrupted: whoever presses Ctrl-C at a moving shaft wants it to stand still."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        client.stop()
+        say("the daemon was told to stop")
+        raise
 
 
 class _UnixConnection(http.client.HTTPConnection):

@@ -6,8 +6,7 @@ import contextlib
 import os
 from pathlib import Path
 
-from hapticd.client.client import Client
-from hapticd.client.errors import DaemonUnreachable, RequestRefused
+from hapticd.client.client import Client, DaemonUnreachable, RequestRefused
 from hapticd.config import places
 
 _LOOK_S = 0.5
