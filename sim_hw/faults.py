@@ -16,56 +16,47 @@ from sim_hw.layout import BYTES, I64, SIM, Sim
 from sim_hw.motion import instant_ns, log_row, move_to
 
 
-@njit(I64(SIM, I64), counted=False)
-def fault_due_ns(sim: Sim, row: int) -> int:
-    """When a waiting fault is due; FAR_NS when its origin has not come yet or it is not waiting."""
-    if sim.faults[row, w.FAULT_STATE] != w.WAITING:
-        return w.FAR_NS
-    return instant_ns(sim, sim.faults[row, w.FAULT_FROM], sim.faults[row, w.FAULT_AT_NS])
+@njit(numba.types.UniTuple(I64, 2)(SIM), counted=False)
+def next_fault(sim: Sim) -> tuple[int, int]:
+    """Row of the fault that is due first among those waiting, and when; −1 and FAR_NS when there is none.
 
-
-@njit(I64(SIM), counted=False)
-def next_fault(sim: Sim) -> int:
-    """Row of the fault that is due first among those waiting; −1 when there is none."""
-    first = -1
+    One whose origin has not come yet is not due.
+    """
+    first, first_ns = -1, w.FAR_NS
     for row in range(sim.faults.shape[0]):
-        due = fault_due_ns(sim, row)
-        if due < w.FAR_NS and (first < 0 or due < fault_due_ns(sim, first)):
-            first = row
-    return first
+        if sim.faults[row, w.FAULT_STATE] == w.WAITING:
+            due = instant_ns(sim, sim.faults[row, w.FAULT_FROM], sim.faults[row, w.FAULT_AT_NS])
+            if due < first_ns:
+                first, first_ns = row, due
+    return first, first_ns
 
 
 @njit(I64(SIM), counted=False)
 def next_event_ns(sim: Sim) -> int:
     """When the next held frame goes on or the next fault is due; FAR_NS when neither will."""
-    slot, row = next_held(sim), next_fault(sim)
-    held_ns = sim.held[slot, w.HELD_DUE_NS] if slot >= 0 else w.FAR_NS
-    return min(held_ns, fault_due_ns(sim, row)) if row >= 0 else held_ns
+    return min(next_held(sim)[1], next_fault(sim)[1])
 
 
-@njit(I64(SIM, I64, I64), counted=False)
-def fault_end_ns(sim: Sim, row: int, begin_ns: int) -> int:
-    """When a fault that begins at an instant is over; FAR_NS for one that lasts."""
-    duration = sim.faults[row, w.FAULT_DURATION_NS]
-    return w.FAR_NS if duration == w.FAR_NS else begin_ns + duration
-
-
-@njit(I64(SIM, I64), counted=False)
-def begin_fault(sim: Sim, row: int) -> int:
-    """A fault falls due: it waits no longer, and its kind comes back for the device to act on.
+@njit(numba.types.UniTuple(I64, 4)(SIM), counted=False)
+def begin_fault(sim: Sim) -> tuple[int, int, int, int]:
+    """The next fault falls due: it waits no longer, and is for the device to act on.
 
     Does what is alike on all devices: frozen counter, encoder glitch, silence. All but frame faults get their
     FAULT_INJECTED row here (code: the kind's number, detail: the row in the script's list), at the instant they were due.
+
+    Returns:
+        Its kind, its row, when it was due, and when it is over: FAR_NS for one that lasts.
     """
-    due = fault_due_ns(sim, row)
+    row, due = next_fault(sim)
     fault = sim.faults[row]
+    duration = fault[w.FAULT_DURATION_NS]
+    until = w.FAR_NS if duration == w.FAR_NS else due + duration
     kind = fault[w.FAULT_KIND]
     if kind <= kinds.LAST_FRAME_FAULT:
         fault[w.FAULT_STATE] = w.ACTIVE
-        return kind
+        return kind, row, due, until
     fault[w.FAULT_STATE] = w.OVER
     move_to(sim, due)
-    until = fault_end_ns(sim, row, due)
     if kind == kinds.FREEZE_COUNTER:
         sim.s[w.FROZEN_COUNTS] = kernel.plant_counts(sim.f, sim.i) + sim.s[w.COUNTS_OFFSET]
         sim.s[w.FROZEN_UNTIL_NS] = until
@@ -75,7 +66,7 @@ def begin_fault(sim: Sim, row: int) -> int:
     elif kind == kinds.SILENT:
         sim.s[w.SILENT_UNTIL_NS] = until
     log_row(sim, due, log.FAULT_INJECTED, kind, row)
-    return kind
+    return kind, row, due, until
 
 
 @njit(numba.types.UniTuple(I64, 2)(SIM, I64, I64), counted=False)

@@ -12,9 +12,9 @@ from sim_hw import layout as w
 from sim_hw.layout import BYTES, I64, SIM, Sim
 
 
-@njit(numba.boolean(SIM, I64, I64, BYTES, I64), counted=False)
-def hold(sim: Sim, due_ns: int, frame: int, data: NDArray[Any], length: int) -> bool:
-    """Keep a copy of a frame until ``due_ns`` (FAR_NS: until :func:`release`); False when every slot is taken.
+@njit((SIM, I64, I64, BYTES, I64), counted=False)
+def hold(sim: Sim, due_ns: int, frame: int, data: NDArray[Any], length: int) -> None:
+    """Keep a copy of a frame until ``due_ns`` (FAR_NS: until :func:`release`); it is lost when every slot is taken.
 
     Args:
         sim: the device. due_ns: when it goes on. frame: bit of its kind, see :mod:`sim_hw.kinds`.
@@ -28,30 +28,25 @@ def hold(sim: Sim, due_ns: int, frame: int, data: NDArray[Any], length: int) -> 
         else:
             order = max(order, sim.held[slot, w.HELD_ORDER])
     if free < 0:
-        return False
+        return
     sim.held[free, w.HELD_DUE_NS] = due_ns
     sim.held[free, w.HELD_ORDER] = order + 1
     sim.held[free, w.HELD_FRAME] = frame
     sim.held[free, w.HELD_LENGTH] = length
     for n in range(length):
         sim.held_bytes[free, n] = data[n]
-    return True
 
 
-@njit(I64(SIM), counted=False)
-def next_held(sim: Sim) -> int:
-    """Slot of the frame that is due first, in the order in which they came; −1 when no frame has an instant."""
-    first = -1
+@njit(numba.types.UniTuple(I64, 2)(SIM), counted=False)
+def next_held(sim: Sim) -> tuple[int, int]:
+    """Slot of the frame that is due first, of two that are the one that came first, and when; −1 and FAR_NS for none."""
+    first, first_ns = -1, w.FAR_NS
     for slot in range(w.HELD_SLOTS):
         due = sim.held[slot, w.HELD_DUE_NS]
-        if due == 0 or due == w.FAR_NS:
-            continue
-        if first < 0 or (due, sim.held[slot, w.HELD_ORDER]) < (
-            sim.held[first, w.HELD_DUE_NS],
-            sim.held[first, w.HELD_ORDER],
-        ):
-            first = slot
-    return first
+        earlier = due == first_ns and first >= 0 and sim.held[slot, w.HELD_ORDER] < sim.held[first, w.HELD_ORDER]
+        if due > 0 and (due < first_ns or earlier):
+            first, first_ns = slot, due
+    return first, first_ns
 
 
 @njit((SIM, I64, I64), counted=False)

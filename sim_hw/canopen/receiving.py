@@ -94,8 +94,8 @@ def receive(m: Machine, low: int, data: int, now: int) -> None:
 def let_go(m: Machine, now: int) -> None:
     """Bring the drive to an instant, and let every frame that a fault has held until then go on."""
     advance(m, now)
-    slot = next_held(m.sim)
-    while slot >= 0 and m.sim.held[slot, common.HELD_DUE_NS] <= now:
+    slot, due = next_held(m.sim)
+    while due <= now:
         kind = m.sim.held[slot, common.HELD_FRAME]
         take(m.sim, slot, m.octets)
         low, data = m.frame[0], m.frame[1]
@@ -103,4 +103,4 @@ def let_go(m: Machine, now: int) -> None:
             sending.put(m, low, data)
         elif sending.connected(m, now):
             _accept(m, kind, low, data, now)
-        slot = next_held(m.sim)
+        slot, due = next_held(m.sim)

@@ -10,32 +10,28 @@ from sim_hw.canopen import node, pdo, power, sending
 from sim_hw.canopen.drive import abort_connection, enter, fail, refresh_status
 from sim_hw.canopen.layout import MACHINE, Machine
 from sim_hw.canopen.states import FAULT, OPERATION_ENABLED, SWITCH_ON_DISABLED
-from sim_hw.faults import begin_fault, fault_due_ns, fault_end_ns, next_event_ns, next_fault
+from sim_hw.faults import begin_fault, next_event_ns, next_fault
 from sim_hw.layout import I64
 from sim_hw.motion import move_to
 
-_EMERGENCY, _LEAVE, _REBOOT = kinds.EMERGENCY, kinds.LEAVE_OPERATION_ENABLED, kinds.REBOOT
-_BUS_OFF, _UNPLUG = kinds.BUS_OFF, kinds.UNPLUG
 _RPDO_TIMEOUT = 0x8250
 """EMCY: RPDO time-out."""
 
 
-@njit((MACHINE, I64, I64), counted=False)
-def _inject(m: Machine, row: int, now: int) -> None:
-    kind = begin_fault(m.sim, row)
-    code, duration = m.sim.faults[row, common.FAULT_CODE], m.sim.faults[row, common.FAULT_DURATION_NS]
-    until = fault_end_ns(m.sim, row, now)
-    if kind == _EMERGENCY:
-        fail(m, code, now)
-    elif kind == _LEAVE:
+@njit((MACHINE,), counted=False)
+def _inject(m: Machine) -> None:
+    kind, row, now, until = begin_fault(m.sim)
+    if kind == kinds.EMERGENCY:
+        fail(m, m.sim.faults[row, common.FAULT_CODE], now)
+    elif kind == kinds.LEAVE_OPERATION_ENABLED:
         if m.d[w.STATE] == OPERATION_ENABLED:
             enter(m, SWITCH_ON_DISABLED, now)
-    elif kind == _REBOOT:
-        node.power_down(m, w.RESET_NODE, duration, now)
-    elif kind == _BUS_OFF:
+    elif kind == kinds.REBOOT:
+        node.power_down(m, w.RESET_NODE, until - now, now)
+    elif kind == kinds.BUS_OFF:
         sending.put(m, sending.header(sending.ERROR | sending.BUS_OFF, 8), 0)
         m.d[w.BUS_OFF_UNTIL_NS] = until
-    elif kind == _UNPLUG:
+    elif kind == kinds.UNPLUG:
         m.d[w.UNPLUGGED_UNTIL_NS] = until
 
 
@@ -74,13 +70,12 @@ def advance(m: Machine, now: int) -> None:
             if m.d[w.TIMER + other] < m.d[w.TIMER + timer]:
                 timer = other
         due = m.d[w.TIMER + timer]
-        fault = next_fault(m.sim)
-        fault_due = fault_due_ns(m.sim, fault) if fault >= 0 else common.FAR_NS
+        _, fault_due = next_fault(m.sim)
         if min(due, fault_due) > now:
             break
         if fault_due <= due:
             move_to(m.sim, fault_due)
-            _inject(m, fault, fault_due)
+            _inject(m)
             pdo.transmit_events(m, fault_due)
         else:
             move_to(m.sim, due)

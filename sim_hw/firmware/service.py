@@ -10,7 +10,7 @@ from hapticd.jit import atomic_load, njit
 from sim_hw import kinds, log
 from sim_hw import layout as w
 from sim_hw.clock import POLLHUP, POLLIN, monotonic_ns, pollfd, read, returned_events, wait_readable, write
-from sim_hw.faults import begin_fault, fault_due_ns, fault_end_ns, next_fault, pass_frame, random_bits
+from sim_hw.faults import begin_fault, pass_frame, random_bits
 from sim_hw.firmware.output import show_inputs, take_outputs
 from sim_hw.firmware.words import BOARD, BOARD_LENGTH, FRAMED, GLITCH_SHOWN
 from sim_hw.held import next_held, release, take
@@ -106,10 +106,7 @@ def _let_go(sim: Sim, line: Line, slot: int) -> None:
 @njit(I64(SIM, LINE), counted=False)
 def _begin(sim: Sim, line: Line) -> int:
     """The next fault falls due; the service's reason to return, or STOPPED to go on."""
-    row = next_fault(sim)
-    due = fault_due_ns(sim, row)
-    until = fault_end_ns(sim, row, due)
-    kind = begin_fault(sim, row)
+    kind, row, due, until = begin_fault(sim)
     if kind == kinds.GARBAGE:
         size = min(sim.faults[row, w.FAULT_SIZE], b.BUFFER_BYTES)
         for n in range(size):
@@ -132,14 +129,14 @@ def _do_due(sim: Sim, line: Line, now: int) -> int:
     take_outputs(sim, line, now)
     due = next_due_ns(sim)
     while due <= now:
-        slot = next_held(sim)
+        slot, held_ns = next_held(sim)
         if due == sim.s[b.PLUG_IN_NS]:
             sim.s[b.PLUG_IN_NS] = w.FAR_NS
             return PLUG_IN
         if due == sim.s[b.RESET_UNTIL_NS]:
             sim.s[b.RESET_UNTIL_NS] = w.FAR_NS
             return POWER_ON
-        if slot >= 0 and sim.held[slot, w.HELD_DUE_NS] == due:
+        if due == held_ns:
             _let_go(sim, line, slot)
         else:
             reason = _begin(sim, line)

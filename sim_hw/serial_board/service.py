@@ -10,7 +10,7 @@ from hapticd.jit import atomic_load, njit
 from sim_hw import kinds, log
 from sim_hw import layout as w
 from sim_hw.clock import POLLHUP, POLLIN, monotonic_ns, pollfd, read, returned_events, wait_readable
-from sim_hw.faults import begin_fault, fault_due_ns, fault_end_ns, next_fault, pass_frame
+from sim_hw.faults import begin_fault, pass_frame
 from sim_hw.held import next_held, release, take
 from sim_hw.layout import BYTES, I64, SIM, Sim
 from sim_hw.motion import log_row, move_to
@@ -84,10 +84,7 @@ def _let_go(sim: Sim, line: Line, slot: int) -> None:
 @njit(I64(SIM, LINE), counted=False)
 def _begin(sim: Sim, line: Line) -> int:
     """The next fault falls due; the service's reason to return, or STOPPED to go on."""
-    row = next_fault(sim)
-    due = fault_due_ns(sim, row)
-    until = fault_end_ns(sim, row, due)
-    kind = begin_fault(sim, row)
+    kind, row, due, until = begin_fault(sim)
     if kind == kinds.GARBAGE:
         send_garbage(sim, line, sim.faults[row, w.FAULT_SIZE])
     elif kind == kinds.REBOOT:
@@ -105,11 +102,11 @@ def _do_due(sim: Sim, line: Line, now: int) -> int:
     """Everything that is due by now, in order; the service's reason to return, or STOPPED to go on."""
     due = next_due_ns(sim)
     while due <= now:
-        slot = next_held(sim)
+        slot, held_ns = next_held(sim)
         if due == sim.s[b.PLUG_IN_NS]:
             sim.s[b.PLUG_IN_NS] = w.FAR_NS
             return PLUG_IN
-        if slot >= 0 and sim.held[slot, w.HELD_DUE_NS] == due:
+        if due == held_ns:
             _let_go(sim, line, slot)
         elif due == sim.s[b.WATCHDOG_DUE_NS]:
             trip_watchdog(sim, due)
