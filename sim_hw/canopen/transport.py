@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import socket
 import time
 from pathlib import Path
@@ -28,7 +27,32 @@ _LOOK_AGAIN_NS = 50_000_000
 """Python looks at the STOP word and at an unplugged cable at least this often."""
 
 
-class UnixBus:
+class Compiled:
+    """A bus that compiled code serves, over descriptors of ``struct can_frame``."""
+
+    def __init__(self) -> None:
+        self._fds = np.full(DESCRIPTOR_WORDS, -1, np.int64)
+
+    def serve(self, drive: Drive) -> None:
+        """Serve until ``STOP`` is set."""
+        timespec = np.zeros(2, np.int64)
+        machine = drive.machine
+        while not machine.sim.s[common.STOP]:
+            serve(machine, self._fds, timespec, time.monotonic_ns() + _LOOK_AGAIN_NS)
+            drive.attend()
+            self._plug(time.monotonic_ns() >= machine.d[w.UNPLUGGED_UNTIL_NS])
+        drive.end()
+
+    def _plug(self, plugged: bool) -> None:
+        """What is unplugged is only not heard."""
+
+    def close(self) -> None:
+        """Hang up on everybody; safe to call twice."""
+        for client in range(CLIENTS):
+            hang_up(self._fds, client)
+
+
+class UnixBus(Compiled):
     """Listens on an AF_UNIX SOCK_SEQPACKET path and is the bus for up to four clients.
 
     Args:
@@ -39,8 +63,8 @@ class UnixBus:
     """
 
     def __init__(self, path: Path) -> None:
+        super().__init__()
         self._path = path
-        self._fds = np.full(DESCRIPTOR_WORDS, -1, np.int64)
         self._listener: socket.socket | None = None
         _remove_stale(path)
         self._listen()
@@ -57,19 +81,12 @@ class UnixBus:
         self._listener = listener
         self._fds[LISTENER] = listener.fileno()
 
-    def serve(self, drive: Drive) -> None:
-        """Serve compiled; unplugged, the socket is gone, and it comes back when the script plugs it in again."""
-        timespec = np.zeros(2, np.int64)
-        machine = drive.machine
-        while not machine.sim.s[common.STOP]:
-            serve(machine, self._fds, timespec, time.monotonic_ns() + _LOOK_AGAIN_NS)
-            drive.attend()
-            unplugged = time.monotonic_ns() < machine.d[w.UNPLUGGED_UNTIL_NS]
-            if unplugged and self._listener is not None:
-                self.close()
-            elif not unplugged and self._listener is None:
-                self._listen()
-        drive.end()
+    def _plug(self, plugged: bool) -> None:
+        """Unplugged, the socket is gone, and it comes back when the script plugs it in again."""
+        if plugged and self._listener is None:
+            self._listen()
+        elif not plugged and self._listener is not None:
+            self.close()
 
     def close(self) -> None:
         """Remove the socket, then hang up on every client: who has been hung up on finds no socket. Safe to call twice."""
@@ -78,8 +95,7 @@ class UnixBus:
             self._listener.close()
             self._listener = None
         self._fds[LISTENER] = -1
-        for client in range(CLIENTS):
-            hang_up(self._fds, client)
+        super().close()
 
 
 def _remove_stale(path: Path) -> None:
@@ -91,7 +107,7 @@ def _remove_stale(path: Path) -> None:
                 path.unlink()
 
 
-class CanSocket:
+class CanSocket(Compiled):
     """A raw SocketCAN socket, served compiled.
 
     Args:
@@ -102,27 +118,13 @@ class CanSocket:
     """
 
     def __init__(self, channel: str) -> None:
-        self._socket = socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW)
-        try:
-            self._socket.bind((channel,))
-        except OSError as error:
-            self._socket.close()
-            raise OSError(error.errno, f"cannot open {channel}: {error.strerror}") from error
-
-    def serve(self, drive: Drive) -> None:
-        """Serve compiled; what is unplugged here is only not heard."""
-        fds = np.full(DESCRIPTOR_WORDS, -1, np.int64)
-        fds[0] = os.dup(self._socket.fileno())
-        timespec = np.zeros(2, np.int64)
-        while not drive.machine.sim.s[common.STOP]:
-            serve(drive.machine, fds, timespec, time.monotonic_ns() + _LOOK_AGAIN_NS)
-            drive.attend()
-        hang_up(fds, 0)
-        drive.end()
-
-    def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
+        super().__init__()
+        with socket.socket(socket.AF_CAN, socket.SOCK_RAW, socket.CAN_RAW) as found:
+            try:
+                found.bind((channel,))
+            except OSError as error:
+                raise OSError(error.errno, f"cannot open {channel}: {error.strerror}") from error
+            self._fds[0] = found.detach()
 
 
 class PythonCan:
@@ -186,7 +188,7 @@ def _drain(drive: Drive) -> Iterator[can.Message]:
 
 def open_transport(
     path: Path | None, interface: str | None, channel: str | None, arguments: Mapping[str, Any]
-) -> UnixBus | CanSocket | PythonCan:
+) -> Compiled | PythonCan:
     """The transport that the command line asks for; ``arguments`` are further ones of a python-can interface.
 
     Raises:
