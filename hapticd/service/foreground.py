@@ -8,10 +8,8 @@ from __future__ import annotations
 import contextlib
 import logging
 import signal
-import threading
-from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
+from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -142,29 +140,6 @@ def _state_line(status: dict[str, Any]) -> str:
     return f"{status['state']}, {status['timing']['rate_hz']:g} Hz"
 
 
-@dataclass
-class _Signals:
-    """Set by the handlers, read by the main loop."""
-
-    wake: threading.Event
-    ending: bool = False
-    reload: bool = False
-
-    def install(self) -> None:
-        """SIGTERM and SIGINT end the daemon; SIGHUP reloads its config."""
-        for number in (signal.SIGTERM, signal.SIGINT):
-            signal.signal(number, self._end)
-        signal.signal(signal.SIGHUP, self._reload)
-
-    def _end(self, _number: int, _frame: FrameType | None) -> None:
-        self.ending = True
-        self.wake.set()
-
-    def _reload(self, _number: int, _frame: FrameType | None) -> None:
-        self.reload = True
-        self.wake.set()
-
-
 def run_foreground(
     config: Config,
     *,
@@ -186,8 +161,9 @@ def run_foreground(
     _log_to(console)
     notifier = Notifier.from_environment()
     path = socket or Path(config.api.socket)
-    signals = _Signals(threading.Event())
-    signals.install()
+    signals: SimpleQueue[int] = SimpleQueue()
+    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+        signal.signal(number, lambda number, frame: signals.put(number))
     console.print(
         "starting (the first start compiles the servo loop, about ten seconds) …", style="dim", highlight=False
     )
@@ -198,21 +174,20 @@ def run_foreground(
         # Everybody gets as far as the check of the caller's groups; a file has but one group.
         watch = group_id(config.api.watch_group, "api.watch_group")
         rules, mode = Rules(group_id(config.api.group, "api.group"), watch), 0o666
-    bound = bind(path, mode, config.api.group)
-    latch = FaultLatch(path)
-    _recover(config, latch.name)
-    try:
-        daemon = Daemon(config, source, latch, notifier)
-    except DriverConfigError as error:
-        bound.close()
-        raise DriverConfigError(f"{source}: {error}" if source else str(error)) from error
-    except BaseException:
-        bound.close()
-        raise
-    server = ApiServer(daemon, bound, rules)
-    crash = contextlib.ExitStack()
-    try:
-        crash.enter_context(crash_log(config, latch.name))
+    with contextlib.ExitStack() as ending:
+        bound = bind(path, mode, config.api.group)
+        ending.callback(bound.close)
+        latch = FaultLatch(path)
+        _recover(config, latch.name)
+        try:
+            daemon = Daemon(config, source, latch, notifier)
+        except DriverConfigError as error:
+            raise DriverConfigError(f"{source}: {error}" if source else str(error)) from error
+        server = ApiServer(daemon, bound, rules)
+        ending.enter_context(crash_log(config, latch.name))
+        # The last of these comes first.
+        for step in (daemon.shutdown, server.stop, daemon.disable, notifier.stopping):
+            ending.callback(step)
         server.start()
         for line in banner(daemon, path, source_name(source), starting=autostart):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -223,12 +198,6 @@ def run_foreground(
                 log.error("cannot start: %s", error)
         notifier.ready()
         _watch(daemon, signals, console, notifier)
-    finally:
-        notifier.stopping()
-        daemon.disable()
-        server.stop()
-        daemon.shutdown()
-        crash.close()
     status = daemon.status()
     for line in summary(status):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -255,14 +224,15 @@ def _log_to(console: Console) -> None:
     logging.basicConfig(level=level, format=text, handlers=[handler])
 
 
-def _watch(daemon: Daemon, signals: _Signals, console: Console, notifier: Notifier) -> None:
-    shown = None
+def _watch(daemon: Daemon, signals: SimpleQueue[int], console: Console, notifier: Notifier) -> None:
+    """Show the state until a signal ends the daemon (SIGTERM, SIGINT); SIGHUP reloads its config."""
+    shown = number = None
     with Live(console=console, auto_refresh=False, transient=True) as live:
-        while not signals.ending and not daemon.dead:
-            signals.wake.wait(0.2)
-            signals.wake.clear()
-            if signals.reload:
-                signals.reload = False
+        while number not in (signal.SIGTERM, signal.SIGINT) and not daemon.dead:
+            number = None
+            with contextlib.suppress(Empty):
+                number = signals.get(timeout=0.2)
+            if number == signal.SIGHUP:
                 notifier.reloading()
                 try:
                     daemon.reload(None)
