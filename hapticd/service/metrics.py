@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from prometheus_client import CollectorRegistry, generate_latest
-from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, HistogramMetricFamily, Metric
+from prometheus_client.core import CounterMetricFamily as Counter
+from prometheus_client.core import GaugeMetricFamily as Gauge
+from prometheus_client.core import HistogramMetricFamily, Metric
 from prometheus_client.registry import Collector
 
 from hapticd.servo import layout as w
@@ -43,33 +45,33 @@ class RigCollector(Collector):
         """The metrics."""
         status, core = self._status, self._rig.core
         timing, recorder, energy = status["timing"], status["recorder"], status["energy"]
-        yield _counter("hapticd_ticks", "Servo ticks done", timing["ticks"])
-        yield _counter("hapticd_missed_periods", "Servo periods that were skipped", timing["missed"])
-        yield _counter("hapticd_missed_exchanges", "Failed exchanges with the device", status["exchanges_missed"])
-        yield _counter("hapticd_clamped_commands", "Commands beyond the peak current", status["commands_clamped"])
+        yield Counter("hapticd_ticks", "Servo ticks done", timing["ticks"])
+        yield Counter("hapticd_missed_periods", "Servo periods that were skipped", timing["missed"])
+        yield Counter("hapticd_missed_exchanges", "Failed exchanges with the device", status["exchanges_missed"])
+        yield Counter("hapticd_clamped_commands", "Commands beyond the peak current", status["commands_clamped"])
         yield _histogram("hapticd_lateness_seconds", "How late the loop woke", core.late_histogram)
         yield _histogram("hapticd_execution_seconds", "How long a tick took", core.exec_histogram)
-        yield _gauge("hapticd_rate_hertz", "Servo rate", timing["rate_hz"])
-        state = GaugeMetricFamily("hapticd_state", "1 for the state that the daemon is in", labels=["state"])
+        yield Gauge("hapticd_rate_hertz", "Servo rate", timing["rate_hz"])
+        state = Gauge("hapticd_state", "1 for the state that the daemon is in", labels=["state"])
         for name in w.STATE_NAMES:
             state.add_metric([name], float(status["state"] == name))
         yield state
-        faults = CounterMetricFamily("hapticd_faults", "Faults latched since the daemon began", labels=["code"])
+        faults = Counter("hapticd_faults", "Faults latched since the daemon began", labels=["code"])
         for code in NUMBERS:  # those that never came too: a rate needs the 0 before the first
             if code:
                 faults.add_metric([code], self._faults.get(code, 0))
         yield faults
-        yield _gauge("hapticd_current_amperes", "Commanded current", status["current"])
-        yield _gauge("hapticd_position", "Position from the spring's origin, rad or m", status["position"])
-        yield _counter("hapticd_recorder_rows", "Rows recorded", recorder["rows_total"])
-        yield _counter("hapticd_recorder_dropped_rows", "Rows that the recorder lost", recorder["dropped_total"])
-        joules = GaugeMetricFamily(
+        yield Gauge("hapticd_current_amperes", "Commanded current", status["current"])
+        yield Gauge("hapticd_position", "Position from the spring's origin, rad or m", status["position"])
+        yield Counter("hapticd_recorder_rows", "Rows recorded", recorder["rows_total"])
+        yield Counter("hapticd_recorder_dropped_rows", "Rows that the recorder lost", recorder["dropped_total"])
+        joules = Gauge(
             "hapticd_energy_joules", "Energies since the last start, estimated through the model", labels=["kind"]
         )
         for kind in ("stored", "dissipated", "generated", "unexplained"):
             joules.add_metric([kind], energy[f"{kind}_J"])
         yield joules
-        passivity = GaugeMetricFamily(
+        passivity = Gauge(
             "hapticd_passivity_joules",
             "Energies since the last start as the passivity observer books them; none where it is off",
             labels=["kind"],
@@ -85,14 +87,6 @@ def exposition(rig: Rig, status: dict[str, Any], faults: dict[str, int]) -> str:
     registry = CollectorRegistry(auto_describe=False)
     registry.register(RigCollector(rig, status, faults))
     return generate_latest(registry).decode()
-
-
-def _counter(name: str, text: str, value: float) -> Metric:
-    return CounterMetricFamily(name, text, value=value)
-
-
-def _gauge(name: str, text: str, value: float) -> Metric:
-    return GaugeMetricFamily(name, text, value=value)
 
 
 def _histogram(name: str, text: str, counts: NDArray[np.int64]) -> Metric:

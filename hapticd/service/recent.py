@@ -65,8 +65,12 @@ class RecentTiming:
         """
         now = _taken(core, now_s)
         looks = [each for each in tuple(self._looks) if each.core is core]
-        windows = {f"last_{window}_s": _between(_begin(looks, now, window), now, rate_hz) for window in WINDOWS_S}
-        return {**_since_start(now, rate_hz), **windows}
+        windows: dict[str, Any] = {}
+        for window_s in WINDOWS_S:
+            first = _begin(looks, now, window_s)
+            span = {"span_s": round(now_s - first.at_s, 3)}
+            windows[f"last_{window_s}_s"] = span | _between(first, now, rate_hz)
+        return {**_between(_beginning(core, now_s), now, rate_hz), **windows}
 
 
 def _taken(core: ServoCore, now_s: float) -> _Look:
@@ -94,30 +98,20 @@ def _begin(looks: list[_Look], now: _Look, window_s: float) -> _Look:
     return old_enough[-1] if old_enough else looks[0] if looks else _beginning(now.core, now.at_s)
 
 
-def _since_start(now: _Look, rate_hz: float) -> dict[str, Any]:
-    found = {
-        "ticks": now.ticks,
-        "missed": now.missed,
-        "exchanges_missed": now.exchanges_missed,
-        "wake_us": quantiles_us(now.late, now.latest_ns),
-        "exec_us": quantiles_us(now.spent, now.longest_ns),
-    }
-    return {**found, "verdict": pace.verdict(found, rate_hz)}
-
-
 def _between(first: _Look, last: _Look, rate_hz: float) -> dict[str, Any]:
     found = {
-        "span_s": round(last.at_s - first.at_s, 3),
         "ticks": last.ticks - first.ticks,
         "missed": last.missed - first.missed,
         "exchanges_missed": last.exchanges_missed - first.exchanges_missed,
-        "wake_us": _quantiles(last.late - first.late, last.latest_ns),
-        "exec_us": _quantiles(last.spent - first.spent, last.longest_ns),
+        "wake_us": _quantiles(last.late, first.late, last.latest_ns),
+        "exec_us": _quantiles(last.spent, first.spent, last.longest_ns),
     }
     return {**found, "verdict": pace.verdict(found, rate_hz)}
 
 
-def _quantiles(histogram: NDArray[np.int64], ever_ns: int) -> dict[str, float | None]:
-    """As `quantiles_us`; the largest is known to its bucket, which is right to 3 %, and is at most the largest ever."""
-    counted = np.flatnonzero(histogram)
-    return quantiles_us(histogram, min(round(bucket_edges()[counted[-1] + 1]), ever_ns) if counted.size else 0)
+def _quantiles(last: NDArray[np.int64], first: NDArray[np.int64], largest_ns: int) -> dict[str, float | None]:
+    """As `quantiles_us`; what came after a first look is known to its bucket, right to 3 %, and at most the largest ever."""
+    histogram = last - first
+    if first.any() and histogram.any():
+        largest_ns = min(round(bucket_edges()[np.flatnonzero(histogram)[-1] + 1]), largest_ns)
+    return quantiles_us(histogram, largest_ns)
