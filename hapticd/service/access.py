@@ -21,7 +21,7 @@ from typing import Any, Literal
 from starlette.types import ASGIApp, Receive, Scope, Send
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
-from hapticd.service import replies
+from hapticd.control.json_reply import error_reply
 
 Role = Literal["control", "watch"]
 
@@ -131,4 +131,4 @@ class Access:
         may = "may only watch" if role == "watch" else "has no role here"
         who = "the caller is unknown" if caller is None else f"uid {caller.uid} {may}"
         words = f"{who}: {scope['method']} {scope['path']} is for the group api.group of the config"
-        await replies.error_reply(403, "forbidden", words)(scope, receive, send)
+        await error_reply(403, "forbidden", words)(scope, receive, send)

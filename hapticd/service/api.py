@@ -10,7 +10,7 @@ import asyncio
 import logging
 import threading
 import time
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 from inspect import Parameter, Signature
@@ -22,6 +22,7 @@ from pydantic import BaseModel
 from starlette.responses import PlainTextResponse, Response, StreamingResponse
 
 from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict, Queue, declared
+from hapticd.control.json_reply import JsonReply
 from hapticd.control.schemas import ErrorReply, body_of, reply_of
 from hapticd.service import replies, socket
 from hapticd.service.access import CALLER, Access, Caller, CallerProtocol, Rules
@@ -49,46 +50,12 @@ ERRORS: dict[int | str, dict[str, Any]] = {
 STREAM_TYPE = "application/vnd.hapticd.frames"
 
 
-class Executor:
-    """One queue of requests with its own threads.
-
-    Args:
-        name: of its threads.
-        workers: how many.
-    """
-
-    def __init__(self, name: str, workers: int) -> None:
-        self.pool = ThreadPoolExecutor(workers, thread_name_prefix=f"hapticd-{name}")
-
-    async def run(self, method: Callable[[], JsonDict | str]) -> Response:
-        """Call ``method`` on one of the threads and reply with what it returns."""
-        try:
-            answer = await asyncio.get_running_loop().run_in_executor(self.pool, method)
-        except replies.ANSWERS:
-            raise
-        except Exception as error:
-            log.exception("request failed")
-            raise replies.Internal from error
-        if isinstance(answer, str):
-            return Response(answer, media_type=CONTENT_TYPE)
-        return replies.JsonReply(answer)
+THREADS: Final[dict[Queue, int]] = {"query": 2, "command": 1, "stop": 1, "estop": 2}
+"""Of each queue of requests. Stops have their own, so that nothing slow is ever in front of them."""
 
 
-class Executors:
-    """The executors of one API. Stops have their own, so that nothing slow is ever in front of them."""
-
-    THREADS: Final[dict[Queue, int]] = {"query": 2, "command": 1, "stop": 1, "estop": 2}
-
-    def __init__(self) -> None:
-        self._of = {queue: Executor(queue, workers) for queue, workers in self.THREADS.items()}
-
-    def __getitem__(self, queue: Queue) -> Executor:
-        return self._of[queue]
-
-    def close(self) -> None:
-        """Let the threads go; what waits is dropped, what runs is not waited for."""
-        for executor in self._of.values():
-            executor.pool.shutdown(wait=False, cancel_futures=True)
+def _pools() -> dict[Queue, ThreadPoolExecutor]:
+    return {queue: ThreadPoolExecutor(count, thread_name_prefix=f"hapticd-{queue}") for queue, count in THREADS.items()}
 
 
 class Control(Protocol):
@@ -97,15 +64,17 @@ class Control(Protocol):
     live: LiveStream
 
 
-def create_app(control: Control, executors: Executors | None = None, rules: Rules | None = None) -> FastAPI:
+def create_app(
+    control: Control, pools: Mapping[Queue, ThreadPoolExecutor] | None = None, rules: Rules | None = None
+) -> FastAPI:
     """The API of one daemon: a route for each endpoint that is declared, and the stream.
 
     Args:
         control: the daemon; has a method for each of `Endpoints`.
-        executors: threads to answer on; made here when None.
+        pools: threads to answer on; made here when None.
         rules: who may ask for what; None: whoever is let in by the socket's permissions, for everything.
     """
-    executors = executors or Executors()
+    pools = pools or _pools()
     app = FastAPI(title="hapticd", version="1", description=DESCRIPTION, docs_url=None, redoc_url=None)
     endpoints = declared(Endpoints)
     # Inside what `install` adds: the body is read before the answer, or a caller who still sends it never sees why.
@@ -114,7 +83,7 @@ def create_app(control: Control, executors: Executors | None = None, rules: Rule
     for endpoint in endpoints:
         app.add_api_route(
             endpoint.path,
-            _answering(endpoint, control, executors[endpoint.queue]),
+            _answering(endpoint, control, pools[endpoint.queue]),
             methods=[endpoint.method],
             name=endpoint.name,
             description=endpoint.description,
@@ -132,17 +101,10 @@ def create_app(control: Control, executors: Executors | None = None, rules: Rule
 
 def openapi_document() -> dict[str, Any]:
     """The OpenAPI document, without a daemon."""
-    return create_app(cast(Control, _Nobody())).openapi()
+    return create_app(cast(Control, None)).openapi()
 
 
-class _Nobody:
-    """Stands where the daemon would be while the document is made; no method of it is ever called."""
-
-    def __getattr__(self, name: str) -> None:
-        return None
-
-
-def _answering(endpoint: Endpoint, control: Control, executor: Executor) -> Callable[..., Awaitable[Response]]:
+def _answering(endpoint: Endpoint, control: Control, pool: ThreadPoolExecutor) -> Callable[..., Awaitable[Response]]:
     """What FastAPI calls for a request: the body's fields become the arguments of the method."""
     model = body_of(endpoint)
 
@@ -152,7 +114,16 @@ def _answering(endpoint: Endpoint, control: Control, executor: Executor) -> Call
         if endpoint.asks_trust:
             given["trusted"] = caller is not None and caller.is_own_user
         method = partial(getattr(control, endpoint.name), **given)
-        return await executor.run(method if endpoint.queue == "query" else partial(_told, endpoint, caller, method))
+        if endpoint.queue != "query":
+            method = partial(_told, endpoint, caller, method)
+        try:
+            result = await asyncio.get_running_loop().run_in_executor(pool, method)
+        except replies.ANSWERS:
+            raise
+        except Exception as error:
+            log.exception("request failed")
+            raise replies.Internal from error
+        return Response(result, media_type=CONTENT_TYPE) if isinstance(result, str) else JsonReply(result)
 
     # FastAPI reads the body's type off the signature. A body without a field that is needed may be left out.
     parameters = []
@@ -187,7 +158,7 @@ def _documented(endpoint: Endpoint) -> dict[str, Any]:
     responses = {code: ERRORS[code] for code in endpoint.errors}
     if model := reply_of(endpoint):
         responses[200] = {"model": model, "description": "Done."}
-    kind = PlainTextResponse if endpoint.reply == TEXT else replies.JsonReply
+    kind = PlainTextResponse if endpoint.reply == TEXT else JsonReply
     return {"response_class": kind, "response_model": None, "responses": responses}
 
 
@@ -206,9 +177,9 @@ class ApiServer:
     def __init__(self, control: Control, bound: socket.BoundSocket, rules: Rules | None = None) -> None:
         self._bound = bound
         self._control = control
-        self._executors = Executors()
+        self._pools = _pools()
         settings = uvicorn.Config(
-            create_app(control, self._executors, rules),
+            create_app(control, self._pools, rules),
             http=CallerProtocol,
             ws="none",
             lifespan="off",
@@ -248,4 +219,5 @@ class ApiServer:
             self._thread.join(self.STOP_TIMEOUT_S)
             self._thread = None
         self._bound.close()
-        self._executors.close()
+        for pool in self._pools.values():
+            pool.shutdown(wait=False, cancel_futures=True)  # what waits is dropped, what runs is not waited for

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hapticd.config import Config, apply_settings, config_digest, load_config
+from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, load_config
 from hapticd.control.endpoints import Endpoints, JsonDict
 from hapticd.record import RecordingError
 from hapticd.service import metrics, report
@@ -28,7 +28,6 @@ from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.rendering import ANSWER_S, Rendering
 from hapticd.service.replacement import Replacement
 from hapticd.service.rig import Rig
-from hapticd.service.settings import changed_keys, is_live
 from hapticd.servo import atomics
 from hapticd.servo import layout as w
 from hapticd.stability.guard import same_loop
@@ -175,20 +174,14 @@ class Daemon(Endpoints):
         with self._lock:
             if path is not None and not (trusted and not is_service()):
                 refuse_outside(Path(path), self.rig.recorder.directory)
-            try:
-                self.rig.recorder.start(path, "record")
-            except RecordingError as error:
-                raise Refused("recording", str(error)) from error
+            self.rig.recorder.start(path, "record")
             self._rendering.leave_recording()
             return self.rig.recorder.status()
 
     def record_stop(self) -> JsonDict:
         """Stop recording."""
         with self._lock:
-            try:
-                path = self.rig.recorder.stop()
-            except RecordingError as error:
-                raise Refused("recording", str(error)) from error
+            path = self.rig.recorder.stop()
             if path is None:
                 raise Refused("recording", "nothing is being recorded")
             return {**self.rig.recorder.status(), "path": str(path)}
@@ -302,3 +295,24 @@ def refuse_outside(path: Path, directory: Path) -> None:
 def deflection_of(rig: Rig, config: Config, origin_counts: int) -> float:
     """How far the shaft is from an origin, in the coarse ticks of a config: the middle of its raw count."""
     return (rig.counts - origin_counts + 0.5) / config.encoder.decimation
+
+
+def changed_keys(old: Config, new: Config) -> dict[str, Any]:
+    """Dotted keys whose values differ, with the new values."""
+    before, after = _flat(old.model_dump(mode="json")), _flat(new.model_dump(mode="json"))
+    return {key: after.get(key) for key in before.keys() | after.keys() if before.get(key) != after.get(key)}
+
+
+def _flat(section: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in section.items():
+        if isinstance(value, dict):
+            flat |= _flat(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def is_live(key: str) -> bool:
+    """Whether a dotted key may change between two ticks; the others need a new rig or a restart."""
+    return key in LIVE_KEYS or any(pattern.endswith(".*") and key.startswith(pattern[:-1]) for pattern in LIVE_KEYS)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticd.record import RecordingError, read_run
+from hapticd.record import read_run
 from hapticd.record.schema import FLAG_RUNNING
 from hapticd.service.refusals import Refused
 from hapticd.servo import atomics, excitation, faults
@@ -128,20 +128,14 @@ class Experiments:
         achieved = (counts - origin) / decimation
         experiment = Experiment("release", duration_s or RELEASE_DURATION_S)
         rig.ask(origin_counts=origin)
-        path = start_recording(rig, "release")
 
-        def conclude() -> dict[str, Any]:
-            found = release_result(path, decimation, origin, rig.fault_number)
-            return {"achieved_deflection": achieved, **found}
+        def finished() -> bool:
+            return experiment.elapsed_s() >= experiment.duration_s
 
-        self._launch(experiment, path, token, lambda: experiment.elapsed_s() >= experiment.duration_s, conclude)
-        return {
-            "experiment": experiment.id,
-            "achieved_deflection": achieved,
-            "duration_s": experiment.duration_s,
-            "run": str(path),
-            "guard": rig.guard,
-        }
+        def conclude(path: Path) -> dict[str, Any]:
+            return {"achieved_deflection": achieved, **release_result(path, decimation, origin, rig.fault_number)}
+
+        return {"achieved_deflection": achieved, **self._launch(experiment, "release", token, finished, conclude)}
 
     def excite(self, name: str, options: dict[str, Any], force: bool = False) -> dict[str, Any]:
         """Play an identification experiment about the shaft's present position."""
@@ -157,36 +151,38 @@ class Experiments:
         experiment = Experiment(f"excite {name}", ticks / rig.config.servo.rate_hz)
         rig.core.excitation[:, :ticks] = table
         rig.ask(origin_counts=counts, excitation_id=experiment.id, excitation_length=ticks)
-        path = start_recording(rig, f"excite-{name}")
 
         def finished() -> bool:
             return rig.core.load(atomics.EXCITATION_DONE) == experiment.id
 
-        self._launch(experiment, path, token, finished, lambda: {"excitation": name, "ticks": ticks})
-        return {"experiment": experiment.id, "duration_s": experiment.duration_s, "run": str(path), "guard": rig.guard}
+        return self._launch(
+            experiment, f"excite-{name}", token, finished, lambda path: {"excitation": name, "ticks": ticks}
+        )
 
     def _launch(
         self,
         experiment: Experiment,
-        path: Path,
+        label: str,
         token: int,
         finished: Callable[[], bool],
-        conclude: Callable[[], dict[str, Any]],
-    ) -> None:
+        conclude: Callable[[Path], dict[str, Any]],
+    ) -> dict[str, Any]:
+        """Begin an experiment, in a recording of its own; one that is on is ended first."""
+        rig = self._rendering.rig
+        rig.recorder.stop()
+        path = rig.recorder.start(None, label)
         try:
             self._rendering.run(token, self._faults.refuse_new)
         except BaseException:
-            self._rendering.rig.recorder.stop()
+            rig.recorder.stop()
             raise
         experiment.begin()
         self._newest = experiment
         experiment.thread = threading.Thread(
-            target=run_job,
-            args=(experiment, self._rendering.rig, path, finished, conclude),
-            name="hapticd-experiment",
-            daemon=True,
+            target=run_job, args=(experiment, rig, path, finished, conclude), name="hapticd-experiment", daemon=True
         )
         experiment.thread.start()
+        return {"experiment": experiment.id, "duration_s": experiment.duration_s, "run": str(path), "guard": rig.guard}
 
 
 def excited_deflection(config: Config, table: NDArray[np.float64]) -> float:
@@ -246,17 +242,12 @@ def wait_for_rest(rig: Rig, token: int, timeout_s: float = REST_TIMEOUT_S) -> in
     raise Refused("moving", f"the shaft has not come to rest within {timeout_s:g} s; hold it still and try again")
 
 
-def start_recording(rig: Rig, label: str) -> Path:
-    """A recording of this experiment alone; one that is on is ended first."""
-    try:
-        rig.recorder.stop()
-        return rig.recorder.start(None, label)
-    except RecordingError as error:
-        raise Refused("recording", str(error)) from error
-
-
 def run_job(
-    experiment: Experiment, rig: Rig, path: Path, finished: Callable[[], bool], conclude: Callable[[], dict[str, Any]]
+    experiment: Experiment,
+    rig: Rig,
+    path: Path,
+    finished: Callable[[], bool],
+    conclude: Callable[[Path], dict[str, Any]],
 ) -> None:
     """Wait for the end (or a fault, or a stop), switch off, close the recording, and work out the result."""
     try:
@@ -268,7 +259,7 @@ def run_job(
         rig.wait(lambda: rig.state in (w.OFF, w.FAULT), 1.0)
         rig.wait_ticks(2)
         rig.recorder.stop()
-        result = {"run": str(path), **conclude()}
+        result = {"run": str(path), **conclude(path)}
         if faulted:
             number = rig.fault_number
             result["fault"] = faults.KINDS[number].code if number in faults.KINDS else None

@@ -1,7 +1,4 @@
-"""How answers and errors look on the wire: JSON always, one error shape, never a traceback.
-
-Non-finite numbers have no JSON form; a velocity that is not known yet is sent as ``null``.
-"""
+"""What becomes of an error: a reply in the one shape (`hapticd.control.json_reply`), never a traceback."""
 
 from __future__ import annotations
 
@@ -11,15 +8,16 @@ from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import asdict
 from typing import Any
 
-import pydantic_core
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
 from pydantic import BaseModel
 from starlette.exceptions import HTTPException
-from starlette.responses import JSONResponse, Response
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from hapticd.config import ConfigError
+from hapticd.control.json_reply import error_reply
+from hapticd.record import RecordingError
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.servo.excitation import ExcitationError
 
@@ -27,7 +25,7 @@ MAX_BODY_BYTES = 64 * 1024
 UNLIMITED_PATHS = frozenset({"/estop", "/stop"})
 """A stop is never refused for its form; its body is not even read."""
 
-ANSWERS = (Refused, ConfigError, ExcitationError, DriverFailure)
+ANSWERS = (Refused, ConfigError, ExcitationError, DriverFailure, RecordingError)
 """Exceptions of the daemon that are answers to the request; every other one is a failure inside the daemon."""
 
 LONGEST_QUOTE = 60
@@ -35,28 +33,6 @@ LONGEST_QUOTE = 60
 
 class Internal(Exception):  # noqa: N818 - carries no text of its own on purpose
     """An unexpected exception in the daemon; its traceback is in the log, not in the reply."""
-
-
-class JsonReply(JSONResponse):
-    """A JSON reply in which numpy scalars and paths are plain values, and non-finite numbers ``null``."""
-
-    def render(self, content: Any) -> bytes:
-        """Serialise ``content``."""
-        try:
-            return pydantic_core.to_json(content, inf_nan_mode="null", fallback=_plain)
-        except pydantic_core.PydanticSerializationError:
-            # A lone surrogate, which JSON can escape and UTF-8 cannot hold: quoted from a request, it goes back escaped.
-            plain = pydantic_core.to_jsonable_python(content, inf_nan_mode="null", fallback=_plain)
-            return json.dumps(plain, allow_nan=False).encode()
-
-
-def _plain(value: Any) -> Any:
-    return value.tolist() if hasattr(value, "tolist") else str(value)
-
-
-def error_reply(status: int, code: str, message: str, **more: Any) -> JsonReply:
-    """The one shape of an error: ``{"error": {"code", "message", …}}``."""
-    return JsonReply({"error": {"code": code, "message": message, **more}}, status_code=status)
 
 
 def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
@@ -107,6 +83,7 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
         (ConfigError, config),
         (ExcitationError, answer(422, "excitation")),
         (DriverFailure, answer(502, "driver")),
+        (RecordingError, answer(409, "recording")),
         (Internal, answer(500, "internal", "the daemon failed inside itself while answering; its log has the details")),
         (RequestValidationError, invalid),
         (HTTPException, http),
