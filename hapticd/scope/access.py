@@ -8,16 +8,19 @@ site's page, and neither is derived from the other.
 
 from __future__ import annotations
 
-import enum
 import hmac
 import secrets
 from dataclasses import dataclass, field
+from typing import Literal
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from hapticd.scope.answers import error_answer
+from hapticd.control.json_reply import error_reply
+
+Role = Literal["look", "command"]
+"""What a token allows."""
 
 TOKEN_BYTES = 24
 _LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
@@ -36,13 +39,6 @@ HEADERS = (
 )
 
 
-class Role(enum.Enum):
-    """What a token allows."""
-
-    LOOK = "look"
-    COMMAND = "command"
-
-
 @dataclass(frozen=True)
 class Access:
     """The tokens of one start.
@@ -59,12 +55,12 @@ class Access:
         if not isinstance(token, str):
             return None
         given = token.encode(errors="replace")
-        found = None
+        found: Role | None = None
         # Both are compared always, and in constant time.
         if hmac.compare_digest(given, self.view_token.encode()):
-            found = Role.LOOK
+            found = "look"
         if self.control_token is not None and hmac.compare_digest(given, self.control_token.encode()):
-            found = Role.COMMAND
+            found = "command"
         return found
 
     def bearer(self, headers: Headers) -> Role | None:
@@ -124,7 +120,7 @@ class Guard:
                 await receive()
                 await send({"type": "websocket.close", "code": 1008, "reason": why})
             else:
-                await error_answer(403, "foreign", why)(scope, receive, self._with_headers(send))
+                await error_reply(403, "foreign", why)(scope, receive, self._with_headers(send))
             return
         await self.app(scope, receive, self._with_headers(send))
 

@@ -11,6 +11,7 @@ import json
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -24,11 +25,11 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hapticd.client import Client, DaemonUnreachable, RequestRefused
 from hapticd.config import ConfigError
+from hapticd.control.json_reply import JsonReply, error_reply, to_json
 from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
 from hapticd.scope import runs, theory
 from hapticd.scope.access import Access, Guard, Names, Role
-from hapticd.scope.answers import answer, error_answer, to_json
 from hapticd.scope.forms import CLIENT, BadRequest, body_of, client_of, fields_of
 from hapticd.scope.hub import Hub
 from hapticd.scope.lease import Lease
@@ -88,30 +89,13 @@ class ScopeServer:
         """The same at once, and a latched fault. Needs no lease, and its body is not read."""
         return await self.on("stop", self.client.estop)
 
-    async def start(self, request: Request) -> Any:
-        """Render the spring."""
-        await fields_of(request)
-        return await self.on("command", self.client.start)
+    def command(self, method: Callable[..., Any], **kinds: type) -> Callable[[Request], Awaitable[Any]]:
+        """What asks the daemon for a method of its client, with exactly these fields."""
 
-    async def clear(self, request: Request) -> Any:
-        """Clear a latched fault."""
-        await fields_of(request)
-        return await self.on("command", self.client.clear)
+        async def asked(request: Request) -> Any:
+            return await self.on("command", partial(method, **await fields_of(request, **kinds)))
 
-    async def set(self, request: Request) -> Any:
-        """Live settings."""
-        body = await fields_of(request, settings=dict)
-        return await self.on("command", self.client.set, body["settings"])
-
-    async def release(self, request: Request) -> Any:
-        """The Fig. 8 experiment."""
-        body = await fields_of(request, deflection=float, duration_s=float)
-        return await self.on("command", self.client.release, body["deflection"], body["duration_s"])
-
-    async def excite(self, request: Request) -> Any:
-        """An identification experiment."""
-        body = await fields_of(request, name=str)
-        return await self.on("command", self.client.excite, body["name"])
+        return asked
 
     async def record(self, request: Request) -> Any:
         """Start or stop recording."""
@@ -209,13 +193,13 @@ class ScopeServer:
 
     async def _send_state(self, socket: WebSocket, role: Role, client: str) -> None:
         queue = self.hub.watch_state()
-        if role is Role.COMMAND:
+        if role == "command":
             self.lease.claim(client)
 
         async def send() -> None:
             while True:
                 message = await queue.get()
-                lease = {**self.lease.report(client), "may": role is Role.COMMAND}
+                lease = {**self.lease.report(client), "may": role == "command"}
                 await socket.send_text(to_json({**message, "lease": lease}).decode())
 
         try:
@@ -227,28 +211,26 @@ class ScopeServer:
 
 def create_app(server: ScopeServer, names: Names) -> ASGIApp:
     """The whole application, guarded."""
-
-    def command(handler: Callable[[Request], Any], role: Role = Role.COMMAND, *, lease: bool = True) -> Any:
-        return _endpoint(server, handler, role, lease)
-
-    posts = {
-        "stop": command(server.stop, lease=False),
-        "estop": command(server.estop, lease=False),
-        "start": command(server.start),
-        "clear": command(server.clear),
-        "set": command(server.set),
-        "release": command(server.release),
-        "excite": command(server.excite),
-        "record": command(server.record),
-        "lease": command(server.take, lease=False),
-        "preview": command(server.preview, Role.LOOK, lease=False),
-        "simulate": command(server.simulate, Role.LOOK, lease=False),
-        "open": command(server.open, Role.LOOK, lease=False),
-        "save": command(server.save, Role.LOOK, lease=False),
+    client = server.client
+    posts: dict[str, tuple[Callable[[Request], Awaitable[Any]], Role, bool]] = {
+        "stop": (server.stop, "command", False),
+        "estop": (server.estop, "command", False),
+        "start": (server.command(client.start), "command", True),
+        "clear": (server.command(client.clear), "command", True),
+        "set": (server.command(client.set, settings=dict), "command", True),
+        "release": (server.command(client.release, deflection=float, duration_s=float), "command", True),
+        "excite": (server.command(client.excite, name=str), "command", True),
+        "record": (server.record, "command", True),
+        "lease": (server.take, "command", False),
+        "preview": (server.preview, "look", False),
+        "simulate": (server.simulate, "look", False),
+        "open": (server.open, "look", False),
+        "save": (server.save, "look", False),
     }
+    """What a page may ask for, the role that it takes, and whether it takes the lease, too."""
     routes = [
         Route("/", _page),
-        *(Route(f"/api/{name}", endpoint, methods=["POST"]) for name, endpoint in posts.items()),
+        *(Route(f"/api/{name}", _endpoint(server, *what), methods=["POST"]) for name, what in posts.items()),
         Route("/faults/{code}", _fault_page),
         WebSocketRoute("/ws/rows", server.rows),
         WebSocketRoute("/ws/state", server.state),
@@ -263,38 +245,38 @@ async def _page(request: Request) -> Response:
 
 async def _fault_page(request: Request) -> Response:
     text = fault_page(request.path_params["code"])
-    return error_answer(404, "not_found", "no page about such a fault") if text is None else PlainTextResponse(text)
+    return error_reply(404, "not_found", "no page about such a fault") if text is None else PlainTextResponse(text)
 
 
-def _endpoint(server: ScopeServer, handler: Callable[[Request], Any], role: Role, lease: bool) -> Any:
+def _endpoint(server: ScopeServer, handler: Callable[[Request], Awaitable[Any]], role: Role, lease: bool) -> Any:
     """A route's endpoint: token first, then the lease, then the form; and every refusal as JSON."""
 
     async def endpoint(request: Request) -> Response:
         found = server.access.bearer(request.headers)
         if found is None:
-            return error_answer(401, "token", "an Authorization header with a token of this start is needed")
-        if role is Role.COMMAND and found is not Role.COMMAND:
-            return error_answer(403, "view_only", "this token may only look")
+            return error_reply(401, "token", "an Authorization header with a token of this start is needed")
+        if role == "command" and found != "command":
+            return error_reply(403, "view_only", "this token may only look")
         if lease and not server.lease.held_by(request.headers.get("x-client")):
-            return error_answer(409, "lease", "another page holds the controls; take them over first")
+            return error_reply(409, "lease", "another page holds the controls; take them over first")
         try:
             result = await handler(request)
         except BadRequest as error:
-            return error_answer(error.status, error.code, error.message)
+            return error_reply(error.status, error.code, error.message)
         except RequestRefused as error:
-            return error_answer(error.status, error.code, error.message, problems=error.problems)
+            return error_reply(error.status, error.code, error.message, problems=error.problems)
         except DaemonUnreachable as error:
-            return error_answer(502, "unreachable", str(error))
+            return error_reply(502, "unreachable", str(error))
         except ConfigError as error:
             problems = [asdict(problem) for problem in error.problems]
-            return error_answer(422, "config", str(error), problems=problems)
+            return error_reply(422, "config", str(error), problems=problems)
         except (RunFileError, RunError) as error:
-            return error_answer(422, "run", str(error))
+            return error_reply(422, "run", str(error))
         except ClientDisconnect:
-            return error_answer(400, "gone", "the page went away")
-        if role is Role.COMMAND:
+            return error_reply(400, "gone", "the page went away")
+        if role == "command":
             server.hub.look_again()
-        return result if isinstance(result, Response) else answer(result)
+        return result if isinstance(result, Response) else JsonReply(result)
 
     return endpoint
 

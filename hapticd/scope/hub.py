@@ -12,11 +12,10 @@ import asyncio
 import contextlib
 import logging
 import time
-from collections import deque
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 from prometheus_client.parser import text_string_to_metric_families
 
@@ -38,24 +37,11 @@ ASK_TIMEOUT_S = 5.0
 Item = TypeVar("Item")
 
 
-class Queue(Generic[Item]):
-    """A bounded queue to one page, which drops its oldest entry."""
-
-    def __init__(self, length: int) -> None:
-        self._items: deque[Item] = deque(maxlen=length)
-        self._ready = asyncio.Event()
-
-    def put(self, item: Item) -> None:
-        """Never waits."""
-        self._items.append(item)
-        self._ready.set()
-
-    async def get(self) -> Item:
-        """The oldest entry, as soon as there is one."""
-        while not self._items:
-            self._ready.clear()
-            await self._ready.wait()
-        return self._items.popleft()
+def put(queue: asyncio.Queue[Item], item: Item) -> None:
+    """Put an item into a page's queue, which drops its oldest one where it is full; never waits."""
+    if queue.full():
+        queue.get_nowait()
+    queue.put_nowait(item)
 
 
 class Hub:
@@ -68,8 +54,8 @@ class Hub:
     def __init__(self, socket_path: Path) -> None:
         self.socket_path = socket_path
         self.client = Client(socket_path, ASK_TIMEOUT_S)
-        self.rows: set[Queue[bytes]] = set()
-        self.states: set[Queue[dict[str, Any]]] = set()
+        self.rows: set[asyncio.Queue[bytes]] = set()
+        self.states: set[asyncio.Queue[dict[str, Any]]] = set()
         self.config: dict[str, Any] | None = None
         """The newest ``config`` message; None while no daemon has answered."""
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="scope-state")
@@ -82,32 +68,32 @@ class Hub:
         """Ask for the state now: something has changed."""
         self._changed.set()
 
-    def watch_rows(self) -> Queue[bytes]:
+    def watch_rows(self) -> asyncio.Queue[bytes]:
         """A new page's queue of frames."""
-        queue: Queue[bytes] = Queue(WAITING_FRAMES)
+        queue: asyncio.Queue[bytes] = asyncio.Queue(WAITING_FRAMES)
         self.rows.add(queue)
         if self._relay is None:
             self._relay = asyncio.create_task(self._run_relay())
         return queue
 
-    def watch_state(self) -> Queue[dict[str, Any]]:
+    def watch_state(self) -> asyncio.Queue[dict[str, Any]]:
         """A new page's queue of messages."""
-        queue: Queue[dict[str, Any]] = Queue(WAITING_MESSAGES)
+        queue: asyncio.Queue[dict[str, Any]] = asyncio.Queue(WAITING_MESSAGES)
         self.states.add(queue)
         if self._poll is None:
             self._poll = asyncio.create_task(self._run_poll())
         if self.config is not None:
-            queue.put(self.config)
+            put(queue, self.config)
         return queue
 
-    def leave_rows(self, queue: Queue[bytes]) -> None:
+    def leave_rows(self, queue: asyncio.Queue[bytes]) -> None:
         """A page has gone; the daemon's stream is let go with the last one."""
         self.rows.discard(queue)
         if not self.rows and self._relay is not None:
             self._relay.cancel()
             self._relay = None
 
-    def leave_state(self, queue: Queue[dict[str, Any]]) -> None:
+    def leave_state(self, queue: asyncio.Queue[dict[str, Any]]) -> None:
         """A page has gone; nothing is asked any more after the last one."""
         self.states.discard(queue)
         if not self.states and self._poll is not None:
@@ -132,7 +118,7 @@ class Hub:
                         standing = now
                         self.look_again()
                     for queue in self.rows:
-                        queue.put(frame)
+                        put(queue, frame)
             except StreamLost as lost:
                 log.debug("%s", lost)
             await asyncio.sleep(RETRY_S)
@@ -180,4 +166,4 @@ class Hub:
 
     def _send(self, message: dict[str, Any]) -> None:
         for queue in self.states:
-            queue.put(message)
+            put(queue, message)

@@ -61,19 +61,12 @@ def plane(config: Config, deflection: float = DEFLECTION, latency_s: float = 0.0
     """
     loop = loop_from_config(config, latency_s)
     n = loop.numbers
-    point = _point(loop, deflection)
+    lines = {"point": _point(loop, deflection), "beta_line": 0.5 + n.tau_d, "sigma_line": 0.5}
     if math.isinf(n.mu):
-        return {"point": point, "beta_line": 0.5 + n.tau_d, "sigma_line": 0.5, "beta": [], "paper": [], "sharp": []}
+        return {**lines, "beta": [], "paper": [], "sharp": []}
     top = float(velocity_bound(deflection, 0.0, n.mu, n.tau_d, n.kappa))
     paper = np.array([critical_sigma(n, top, beta) for beta in BETA])
-    return {
-        "point": point,
-        "beta_line": 0.5 + n.tau_d,
-        "sigma_line": 0.5,
-        "beta": BETA,
-        "paper": paper,
-        "sharp": _sharp_sigma(n, top),
-    }
+    return {**lines, "beta": BETA, "paper": paper, "sharp": _sharp_sigma(n, top)}
 
 
 def preview(document: dict[str, Any], settings: dict[str, Any], deflection: float, latency_s: float) -> dict[str, Any]:
