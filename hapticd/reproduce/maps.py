@@ -50,6 +50,7 @@ def _item(name: str, title: str, tau_d: float, see: tuple[str, ...], quick: bool
     map_store.fill(maps, local, None, progress)
     found = map_report.report(maps)
     figure = map_figure.draw(maps)
+    velocities = ", ".join(f"{velocity:g}" for velocity in study.velocities)
     return Item(
         name=name,
         title=title,
@@ -60,7 +61,7 @@ def _item(name: str, title: str, tau_d: float, see: tuple[str, ...], quick: bool
         ),
         traps=_traps(found, tau_d),
         figure=figure,
-        alt=f"Four maps of the (β, σ) plane in four shades for initial velocities {_listed(study.velocities)}.",
+        alt=f"Four maps of the (β, σ) plane in four shades for initial velocities {velocities}.",
         tables=(_regions(found), _outcomes(found)),
         comparisons=_comparisons(maps, found, quick),
         numbers={
@@ -133,7 +134,3 @@ def _outcomes(found: dict[str, Any]) -> Table:
         (f"{entry['xi_dot_0']:g}", *(entry["outcomes"][outcome] for outcome in OUTCOMES)) for entry in found["maps"]
     ]
     return Table(("initial velocity (ticks/period)", *OUTCOMES), rows, "Map by map.")
-
-
-def _listed(values: tuple[float, ...]) -> str:
-    return ", ".join(f"{value:g}" for value in values)

@@ -72,7 +72,7 @@ def _comparisons(loop: Loop) -> list[Comparison]:
     n = loop.numbers
     # the μ at which the sampling frequency is exactly twice the natural frequency
     bound = 1.0 / sampling_ratio(Dimensionless(1.0, 0.0, 0.0)) ** 2
-    beta = _mahvash_hayward()
+    beta = boundary(lambda beta: mahvash_hayward_margin(Dimensionless(1.0, beta, 1.0, tau_d=1.0)), 8.0, 0.5)
     return [
         compare("μ of the rig at 1 kHz", "independent simulation", 523.0, n.mu, 0.5),
         compare("β of the rig at 1 kHz", "independent simulation", 0.75, n.beta, 0.005),
@@ -86,7 +86,3 @@ def _comparisons(loop: Loop) -> list[Comparison]:
             note="from the second condition of (19), with ξ̈_max = σ/(βτ_D) and no quantisation",
         ),
     ]  # fmt: skip
-
-
-def _mahvash_hayward() -> float:
-    return boundary(lambda beta: mahvash_hayward_margin(Dimensionless(1.0, beta, 1.0, tau_d=1.0)), 8.0, 0.5)

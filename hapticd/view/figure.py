@@ -89,10 +89,6 @@ def _thin(size: int) -> slice:
     return slice(None, None, max(1, size // _POINTS))
 
 
-def _seconds(largest: float) -> tuple[str, float]:
-    return next(((name, scale) for scale, name in ((1.0, "s"), (1e-3, "ms")) if largest >= scale), ("µs", 1e-6))
-
-
 def _trace(axis: Any, both: Sequence[Signals]) -> None:
     first = both[0]
     axis.set_title("Position (line) and command (dots)" if first.current.size < _POINTS else "Position and command")
