@@ -114,9 +114,9 @@ def fault_table(faults: Iterable[Mapping[str, Any]]) -> NDArray[np.int64]:
 def _row(fault: Mapping[str, Any]) -> list[int]:
     row = [0] * w.FAULT_WORDS
     row[w.FAULT_KIND] = KINDS[fault["kind"]].number
-    row[w.FAULT_FROM] = ORIGINS[fault["from"]]
+    row[w.FAULT_FROM] = fault["from"]
     row[w.FAULT_AT_NS] = to_ns(fault["at_s"])
-    row[w.FAULT_FRAMES] = ANY if fault.get("frames") == "any" else _frame_bit(fault.get("frames"))
+    row[w.FAULT_FRAMES] = fault.get("frames", 0)
     row[w.FAULT_COUNT] = row[w.FAULT_LEFT] = fault.get("count", 1)
     row[w.FAULT_DELAY_NS] = to_ns(fault.get("delay_s", 0.0))
     row[w.FAULT_DURATION_NS] = to_ns(fault.get("duration_s", fault.get("off_s", 0.0)))
@@ -124,7 +124,3 @@ def _row(fault: Mapping[str, Any]) -> list[int]:
     row[w.FAULT_COUNTS] = fault.get("counts", 0)
     row[w.FAULT_CODE] = fault.get("code", 0)
     return row
-
-
-def _frame_bit(name: str | None) -> int:
-    return next((frames[name] for frames in FRAMES.values() if name in frames), 0)

@@ -108,7 +108,7 @@ class _Reader:
             hand_from=origins.pop() if origins else 0,
             hand_ns=np.array([kinds.to_ns(at_s) for at_s, _, _ in hand], np.int64),
             hand_force=np.array([force for _, force, _ in hand], np.float64),
-            position=position,
+            position=float(position),
             counts_offset=offset,
             faults=kinds.fault_table(fault for fault in faults if fault["kind"] != "wrong_version"),
             wrong_version=versions[-1] if versions else None,
@@ -139,7 +139,7 @@ class _Reader:
     def _hand(self, data: object, key: str) -> tuple[float, float, int]:
         step = self._mapping(data, key, ("at_s", "force", "from"), required=("at_s", "force"))
         at_s, force = (self._number(step, key, name) for name in ("at_s", "force"))
-        return at_s, force, kinds.ORIGINS[self._choice(step, key, "from", kinds.ORIGINS, "start")]
+        return at_s, force, self._choice(step, key, "from", kinds.ORIGINS, "start")
 
     def _fault(self, data: object, key: str) -> dict[str, Any]:
         given = data.get("kind") if isinstance(data, Mapping) else None
@@ -154,10 +154,7 @@ class _Reader:
             self._add(f"{key}.kind", given, f"is a fault of {kind.devices[0]} devices; this one is {self._device}")
             return {"kind": ""}
         fault = self._mapping(data, key, ("kind", *kind.keys), required=kind.required)
-        values: dict[str, Any] = {"kind": str(given)}
-        for name in kind.keys:
-            values[name] = self._fault_value(fault, key, name)
-        return values
+        return {"kind": str(given), **{name: self._fault_value(fault, key, name) for name in kind.keys}}
 
     def _fault_value(self, fault: Mapping[str, Any], key: str, name: str) -> Any:
         if name == "from":
@@ -201,12 +198,11 @@ class _Reader:
             return []
         return data
 
-    def _choice(self, data: Mapping[str, Any], key: str, name: str, valid: Mapping[str, int], default: str) -> str:
+    def _choice(self, data: Mapping[str, Any], key: str, name: str, valid: Mapping[str, int], default: str) -> int:
         value = data.get(name, default)
-        if value not in valid:
+        if str(value) not in valid:
             self._unknown(f"{key}.{name}", value, valid, "is not allowed")
-            return default
-        return str(value)
+        return valid.get(str(value), valid[default])
 
     def _number(self, data: Mapping[str, Any], key: str, name: str, limit: kinds.Limit | None = None) -> Any:
         """A value within a limit, by default that of its name; the limit's default where it is missing or wrong."""
