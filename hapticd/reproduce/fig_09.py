@@ -1,20 +1,27 @@
-"""Fig. 9: displacement/force diagrams of five springs, and what Sec. VI says of their energy."""
+"""Fig. 9: displacement/force diagrams of five springs; Sec. VI checked: their energy, the counterexample to (46), (54)."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from hapticd.figures.style import GREY, INK, RED, new_figure
-from hapticd.reproduce.energy import comparisons
-from hapticd.reproduce.items import Item, Progress, Table
+from hapticd.reproduce.items import Comparison, Item, Progress, Table, compare
+from hapticd.stability.bounds import CRITERIA, check_bounds
+from hapticd.stability.ledger import ledger
+from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.spring_diagrams import SPRINGS, SpringDiagrams, press_and_release, spring_diagrams
+from hapticd.stability.storage import rho
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 DEPTH, PERIODS, TAU_D = 5.6, 12, 0.6
+#: One period in region A whose energy rises: operating point, ξ(h), ξ̇(h).
+COUNTEREXAMPLE: Final = (Dimensionless(100.0, 0.51, 0.51), 0.99, 0.5)
+#: A motion with delay for (54): ξ(h), ξ(l), ξ(τ₁).
+MOTION: Final = (0.3, 2.85, 5.4)
 _NAMES = {
     "physical": r"physical $\varphi_P$ (21)",
     "quantised": r"quantised $\varphi_Q$ (22)",
@@ -27,7 +34,7 @@ _NAMES = {
 def build(quick: bool, progress: Progress) -> Item:
     """Draw the figure."""
     diagrams = spring_diagrams(press_and_release(DEPTH, float(PERIODS)), PERIODS, TAU_D)
-    checks, numbers = comparisons(diagrams)
+    checks, numbers = _comparisons(diagrams)
     rows = [(name, round(diagrams.work[name], 12), round(diagrams.generated(name), 12)) for name in SPRINGS]
     return Item(
         name="fig9",
@@ -77,3 +84,56 @@ def _draw(diagrams: SpringDiagrams) -> Any:
 def _loop(axes: Axes, diagrams: SpringDiagrams, spring: str, **look: Any) -> None:
     """The closed way of a motion in the diagram, its area filled."""
     axes.fill(diagrams.xi, -diagrams.force[spring], label=_NAMES[spring], **look)
+
+
+def _comparisons(diagrams: SpringDiagrams) -> tuple[list[Comparison], dict[str, Any]]:
+    """What Fig. 9's section compares, and the numbers behind it."""
+    numbers, xi, xi_dot = COUNTEREXAMPLE
+    account = ledger(numbers, xi, xi_dot, 1)
+    before, after = (float(energy) for energy in account.stored)
+    bounds = check_bounds(account)
+    excess = {criterion: float(bounds.excess[criterion][0]) for criterion in CRITERIA}
+    printed, corrected, exact = eq_54(*MOTION)
+    digital, sampled, delayed = (diagrams.generated(name) for name in ("digital", "sampled", "delayed"))
+    found = [
+        compare("energy made by the physical spring", "paper, Sec. VI", 0.0, diagrams.generated("physical"), 1e-12, "KΔ²"),
+        compare("energy made by the quantised spring", "paper, Sec. VI", 0.0, diagrams.generated("quantised"), 1e-12, "KΔ²"),
+        Comparison("energy made by sampling", "paper, eq. 43", "always positive", f"{sampled:.4g} KΔ²", sampled > 0.0),
+        Comparison(
+            "delay adds to it", "paper, Sec. VI", "likely", f"{digital:.4g} → {delayed:.4g} KΔ²", delayed > digital
+        ),
+        compare("H_T before: μ = 100, β = σ = 0.51, ξ = 0.99, ξ̇ = 0.5", "independent simulation", 12.995, before, 5e-4),
+        compare("H_T one period later", "independent simulation", 13.103, after, 5e-4),
+        Comparison(
+            "stored energy in that period, in region A", "paper, eq. 12, 51", "decreases",
+            f"rises by {after - before:.4f} KΔ²", after <= before,
+            note="bound (46) fails just past an encoder edge; with σ ≥ 1 no rise is possible",
+        ),
+        Comparison(
+            "largest E_g less bound (47) in it", "paper, eq. 47", "at most 0", excess["paper"], excess["paper"] <= 1e-9,
+            unit="KΔ²", note=f"corrected bound, σ − 1: {excess['corrected']:.4g}; sharp bound: {excess['sharp']:.4g}",
+        ),
+        compare(
+            "E_gq of ξ(h) = 0.3, ξ(l) = 2.85, ξ(τ₁) = 5.4: (54), signs corrected", "quadrature", exact, corrected, 1e-6,
+            "KΔ²",
+        ),
+        compare(
+            "the same E_gq", "paper, eq. 54 as printed", printed, corrected, 1e-6, "KΔ²",
+            "the last two terms of (54) are printed with the wrong sign, as (33) shows",
+        ),
+    ]  # fmt: skip
+    return found, {
+        "generated": {name: diagrams.generated(name) for name in diagrams.work},
+        "counterexample": {"before": before, "after": after, "excess": excess},
+        "eq_54": {"printed": printed, "corrected": corrected, "quadrature": exact},
+    }
+
+
+def eq_54(xi_h: float, xi_l: float, xi_end: float, points: int = 1_000_000) -> tuple[float, float, float]:
+    """E_gq as (54) is printed, with its signs corrected, and by the midpoint rule from ∫(ρ(h) − ρ(χ))dχ."""
+    rho_h, rho_l, rho_end = (float(rho(xi)) for xi in (xi_h, xi_l, xi_end))
+    ticks = np.floor(xi_end) - np.floor(xi_l)
+    first = float((rho_h - 0.5) * ticks)
+    rest = 0.5 * (rho_end - rho_l) ** 2 + (rho_l - rho_h) * (rho_end - rho_l)
+    middles = xi_l + (xi_end - xi_l) * (np.arange(points) + 0.5) / points
+    return first + rest, first - rest, float(np.mean(rho_h - rho(middles)) * (xi_end - xi_l))

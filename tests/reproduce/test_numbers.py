@@ -6,7 +6,7 @@ import pytest
 from scipy.integrate import quad
 
 from hapticd.figures.markup import text
-from hapticd.reproduce.energy import MOTION, eq_54
+from hapticd.reproduce.fig_09 import MOTION, eq_54
 from hapticd.reproduce.items import compare, show
 from hapticd.stability.devices import TABLE_II
 
