@@ -15,7 +15,6 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.io import savemat
 
-from hapticd.record.arrow import arrow_schema
 from hapticd.record.metadata import complete_metadata
 from hapticd.record.stream import (
     CHECK,
@@ -27,6 +26,7 @@ from hapticd.record.stream import (
     checksum,
     metadata_checksum,
 )
+from hapticd.record.writer import arrow_schema
 
 _COLUMNS = (
     "tick",

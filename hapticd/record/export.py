@@ -18,6 +18,7 @@ import numpy as np
 
 from hapticd.record.errors import RunFileError
 from hapticd.record.files import refuse_existing, written
+from hapticd.record.mcap import write_mcap
 from hapticd.record.metadata import encode_metadata
 from hapticd.record.reader import CSV_METADATA_LINE, Run
 
@@ -96,8 +97,6 @@ def _write_mat(run: Run, file: BinaryIO) -> None:
 
 
 def _write_mcap(run: Run, file: BinaryIO) -> None:
-    from hapticd.record.mcap import write_mcap
-
     write_mcap(run.columns, run.units, _metadata(run), file)
 
 

@@ -230,15 +230,11 @@ def _span(path: Path, time_s: FloatArray, mapping: ImportMap) -> slice:
     if time_s.size < 2:
         raise RunFileError(f"{path} has {time_s.size} sample(s); a run needs at least 2")
     after = time_s - time_s[0]
-    first = int(np.argmax(after >= mapping.from_s)) if mapping.from_s is not None else 0
-    last = time_s.size
-    if mapping.until_s is not None:
-        last -= int(np.argmax((after <= mapping.until_s)[::-1]))
-    empty = mapping.from_s is not None and not np.any(after >= mapping.from_s)
-    empty = empty or (mapping.until_s is not None and not np.any(after <= mapping.until_s))
-    if empty or last - first < 2:
+    late_enough = np.flatnonzero(after >= (-np.inf if mapping.from_s is None else mapping.from_s))
+    early_enough = np.flatnonzero(after <= (np.inf if mapping.until_s is None else mapping.until_s))
+    if not late_enough.size or not early_enough.size or early_enough[-1] <= late_enough[0]:
         raise RunFileError(f"{path}: from_s and until_s leave fewer than 2 samples of {after[-1]:g} s")
-    return slice(first, last)
+    return slice(int(late_enough[0]), int(early_enough[-1]) + 1)
 
 
 def _values(source: Source, signal: Signal, key: str) -> FloatArray:

@@ -6,6 +6,7 @@ The least a run needs is time, a position and a command: `time_s`; `encoder_coun
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -17,7 +18,8 @@ from numpy.typing import NDArray
 
 from hapticd.config.opening import open_regular
 from hapticd.record.errors import RunFileError
-from hapticd.record.metadata import decode_metadata
+from hapticd.record.mcap import read_mcap
+from hapticd.record.metadata import decode_metadata, to_plain
 from hapticd.record.schema import COLUMNS, ROW
 from hapticd.record.sizes import check_unpacked, unpack_limit
 from hapticd.record.stream import Damage, Stream, brief, mappings, read_stream
@@ -67,15 +69,34 @@ class Run:
 
     def to_pandas(self) -> pd.DataFrame:
         """The rows as a DataFrame over ``time_s``; ``.attrs["units"]`` has the unit of each column."""
-        from hapticd.record.tables import to_pandas
+        import pandas as pd
 
-        return to_pandas(self.columns, self.units, str(self.path))
+        columns = dict(self.columns)
+        index = pd.Index(columns.pop("time_s"), name="time_s")
+        frame = pd.DataFrame(columns, index)
+        frame.attrs = {"units": dict(self.units), "run": str(self.path)}
+        return frame
 
     def to_xarray(self) -> xr.Dataset:
-        """The rows as a Dataset over ``time_s``, each variable with ``units``; needs ``hapticd[xarray]``."""
-        from hapticd.record.tables import to_xarray
+        """The rows as a Dataset over ``time_s``, each variable with ``units`` and ``long_name`` where they are known.
 
-        return to_xarray(self.columns, self.units, {"run": str(self.path), **self.metadata})
+        Raises:
+            ImportError: xarray is not installed.
+        """
+        try:
+            import xarray as xr
+        except ImportError as error:
+            raise ImportError("Run.to_xarray needs xarray: pip install 'hapticd[xarray]'") from error
+
+        known = {name: {"units": unit} for name, unit in self.units.items()}
+        for column in COLUMNS:
+            known.setdefault(column.name, {})["long_name"] = column.description
+        data = {name: ("time_s", values, known.get(name, {})) for name, values in self.columns.items()}
+        # netCDF knows text and numbers only: what is nested goes as JSON, as in the run file itself
+        texts = {
+            key: text if isinstance(text, str) else json.dumps(to_plain(text)) for key, text in self.metadata.items()
+        }
+        return xr.Dataset(data, attrs={"run": str(self.path), **texts})
 
 
 def read_run(path: str | Path, *, salvage: bool = False) -> Run:
@@ -204,12 +225,6 @@ def read_parquet(path: Path) -> Any:
         raise RunFileError(f"{path} is not a Parquet file: {brief(error)}") from None
 
 
-def _read_mcap(path: Path) -> Any:
-    from hapticd.record.mcap import read_mcap
-
-    return read_mcap(path)
-
-
 def _read_csv(path: Path) -> Any:
     import pyarrow as pa
     import pyarrow.csv as pacsv
@@ -235,7 +250,7 @@ def _read_csv(path: Path) -> Any:
     return table.replace_schema_metadata(stored or None)
 
 
-_TABLES = {".csv": _read_csv, ".parquet": read_parquet, ".mcap": _read_mcap}
+_TABLES = {".csv": _read_csv, ".parquet": read_parquet, ".mcap": read_mcap}
 
 
 def _check_names(path: Path, names: list[str]) -> None:

@@ -19,12 +19,21 @@ from types import TracebackType
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hapticd.record.arrow import arrow_schema, block_to_batch, rows_to_block
 from hapticd.record.errors import RecordingError, RunExistsError
-from hapticd.record.metadata import complete_metadata, to_plain
-from hapticd.record.schema import Rows, check_rows, empty_rows
-from hapticd.record.stream import CHECK, END_OF_STREAM, EVENTS, FIRST_ROW, TOTAL, checksum
+from hapticd.record.metadata import complete_metadata, encode_metadata, to_plain
+from hapticd.record.schema import COLUMNS, ROW, Rows, check_rows, empty_rows
+from hapticd.record.stream import (
+    CHECK,
+    END_OF_STREAM,
+    EVENTS,
+    FIRST_ROW,
+    METADATA_CHECK,
+    TOTAL,
+    checksum,
+    metadata_checksum,
+)
 
 FLUSH_S = 0.1
 BATCH_ROWS = 1024
@@ -168,13 +177,16 @@ class RunWriter:
             raise RecordingError(f"{self.path} is closed")
 
     def _write_batch(self, rows: Rows, more: Mapping[bytes, bytes] | None = None) -> None:
+        import pyarrow as pa
+
         notes = {FIRST_ROW: b"%d" % self.rows_written, **(more or {})}
         if self._events:
             notes[EVENTS] = json.dumps(self._events, allow_nan=False).encode()
         self._events = []
-        block = rows_to_block(rows)
-        notes[CHECK] = checksum(notes, block)
-        self._encoder.write_batch(block_to_batch(block, self._schema), custom_metadata=notes)
+        columns = _columns(rows)
+        notes[CHECK] = checksum(notes, columns)
+        batch = pa.RecordBatch.from_arrays([pa.array(values) for values in columns], schema=self._schema)
+        self._encoder.write_batch(batch, custom_metadata=notes)
         self._write_staged()
         self.rows_written += rows.size
 
@@ -208,3 +220,31 @@ class RunWriter:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close(complete=kind is None)
+
+
+def arrow_schema(metadata: Mapping[str, Any]) -> Any:
+    """``pyarrow.Schema`` of a run file: every field with ``unit`` and ``description``, the run's metadata beside them.
+
+    Args:
+        metadata: completed metadata (`metadata.complete_metadata`); its ``linear`` decides the unit of forces.
+    """
+    import pyarrow as pa
+
+    linear = bool(metadata["linear"])
+    fields = [
+        pa.field(
+            column.name,
+            pa.from_numpy_dtype(ROW[column.name]),
+            nullable=False,
+            metadata={"unit": column.unit_for(linear=linear), "description": column.description},
+        )
+        for column in COLUMNS
+    ]
+    schema = pa.schema(fields, metadata=encode_metadata(metadata))
+    return schema.with_metadata({**schema.metadata, METADATA_CHECK: metadata_checksum(schema)})
+
+
+def _columns(rows: Rows) -> list[NDArray[Any]]:
+    """The columns, each contiguous, of one transposing copy of the rows as eight-byte words."""
+    block = np.ascontiguousarray(rows).view(np.int64).reshape(rows.size, len(COLUMNS)).T.copy()
+    return [words.view(ROW[column.name]) for words, column in zip(block, COLUMNS, strict=True)]
