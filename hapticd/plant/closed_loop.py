@@ -24,7 +24,7 @@ from hapticd.plant.layout import (
     THETA,
     index_of,
 )
-from hapticd.plant.numeric import holding, substep
+from hapticd.plant.numeric import has_hand, holding, substep
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,12 +35,8 @@ _a = types.Array(_f8, 1, "C")
 _LAG = index_of("amplifier_lag.f_a")
 _BREAKAWAY = index_of("presliding.breakaway")
 _GAP = index_of("backlash.gap")
-_GAP_SHARE = index_of("backlash.load_share")
 _RESONANCE = index_of("flexible_coupling.f_r")
 _RESONANCE_SHARE = index_of("flexible_coupling.load_share")
-_HAND_INERTIA = index_of("hand_impedance.m_h")
-_HAND_DAMPING = index_of("hand_impedance.b_h")
-_HAND_STIFFNESS = index_of("hand_impedance.k_h")
 _HAND_OFF = index_of("hand_impedance.off_s")
 
 # A span that exceeds a whole number of longest steps by rounding only is not divided once more.
@@ -83,7 +79,7 @@ def stays_with_effects(p: NDArray[Any], state: NDArray[Any], time: float, aim: f
     the energy in the swing can give. A load that coasts in its play does not stay, nor does a device that a hand is yet
     to take or to leave.
     """
-    if time < p[_HAND_OFF] and (p[_HAND_INERTIA] != 0.0 or p[_HAND_DAMPING] != 0.0 or p[_HAND_STIFFNESS] != 0.0):
+    if time < p[_HAND_OFF] and has_hand(p):
         return False
     inertia = whole_inertia(p)
     pull, level = holding(p, state[THETA], time, aim)

@@ -22,7 +22,6 @@ from hapticd.effects import (
 from hapticd.jit import effect_term, njit
 from hapticd.plant.hooks import are_installed, are_on, hooked_friction, hooked_torque
 from hapticd.plant.layout import index_of
-from hapticd.plant.path_mean import mean_sine
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -68,6 +67,8 @@ STEADY_PART = 0.5
 """Largest change of speed over which friction may be taken at the mean speed where it changes, in units of `speed_scale`."""
 _STEADY_REACH = 4.0
 """Speed in those units from which on friction is as good as constant."""
+_SHORT = 0.1
+"""Half way below which five terms of the series of sin(half)/half are exact to rounding, and faster."""
 SMALLEST_BREAKAWAY = 1e-12
 """Breakaway displacement [rad or m] from which on `presliding` differs from stiction."""
 
@@ -83,6 +84,18 @@ def has_smooth_terms(p: NDArray[Any]) -> bool:
         or p[_ORDERS] != 0.0
         or (are_installed(p) and are_on(p))
     )
+
+
+@njit(_f8(_f8, _f8), inline=True)
+def mean_sine(middle: float, half: float) -> float:
+    """Return the mean of the sine over ``middle`` ± ``half``, sin(middle)·sin(half)/half.
+
+    With it a torque that depends on position does exactly its potential's work on the way of a step.
+    """
+    if abs(half) < _SHORT:
+        q = half * half
+        return math.sin(middle) * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0 - q / 362880.0))))
+    return math.sin(middle) * math.sin(half) / half
 
 
 @njit(_f8(_p, _f8, _f8, _f8, _f8, _f8), counted=False, inline=True)

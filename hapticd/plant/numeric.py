@@ -23,17 +23,14 @@ from hapticd.plant.effect_terms import (
     viscous_level,
     whole_inertia,
 )
-from hapticd.plant.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, index_of
+from hapticd.plant.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, index_of
 from hapticd.plant.phases import move
-from hapticd.plant.resolution import substeps_for
 from hapticd.plant.slide import FORCES, Forces, friction_of, pull_on
 from hapticd.plant.spring import propagate_about_rest, springs_together
 from hapticd.plant.two_masses import move_with_backlash, move_with_coupling
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
-
-__all__ = ["STATE", "measured", "mechanical", "simulate_windows_serial", "substep", "substeps_for"]
 
 _f8 = types.float64
 _i8 = types.int64
@@ -120,6 +117,12 @@ def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curren
     state[LOAD_THETA], state[LOAD_OMEGA] = state[THETA], state[OMEGA]
 
 
+@njit(types.boolean(_a), counted=False, inline=True)
+def has_hand(p: NDArray[Any]) -> bool:
+    """Whether a hand takes hold of the device at some time."""
+    return p[_HAND_INERTIA] != 0.0 or p[_HAND_DAMPING] != 0.0 or p[_HAND_STIFFNESS] != 0.0
+
+
 @njit(types.boolean(_a), counted=False)
 def needs_effect_terms(p: NDArray[Any]) -> bool:
     """Whether a device has an effect that is more than an edit of the base model (`edited_base`) or of its signals."""
@@ -131,9 +134,7 @@ def needs_effect_terms(p: NDArray[Any]) -> bool:
         or p[_KAPPA] != 0.0
         or p[_WARMING] != 0.0
         or p[_LAG] < math.inf
-        or p[_HAND_INERTIA] != 0.0
-        or p[_HAND_DAMPING] != 0.0
-        or p[_HAND_STIFFNESS] != 0.0
+        or has_hand(p)
     )
 
 
@@ -166,7 +167,7 @@ def holding(p: NDArray[Any], theta: float, time: float, current: float) -> tuple
 @njit(types.void(_a, _a, _f8, _f8, _f8), counted=False)
 def substep(p: NDArray[Any], state: NDArray[Any], time: float, span: float, current: float) -> None:
     """Move the device through a substep of constant motor current; arguments as in :func:`mechanical`."""
-    if p[_HAND_INERTIA] != 0.0 or p[_HAND_DAMPING] != 0.0 or p[_HAND_STIFFNESS] != 0.0:
+    if has_hand(p):
         for _ in range(2):
             part = _until_switch(time, span, p[_HAND_ON], p[_HAND_OFF])
             if part < span:

@@ -15,7 +15,8 @@ from scipy.integrate import solve_ivp
 from hapticd.config import load_config
 from hapticd.plant.electrical import electrical
 from hapticd.plant.layout import SIZE, STATE, device_vector, index_of, initial_state
-from hapticd.plant.numeric import simulate_windows_serial, substeps_for
+from hapticd.plant.numeric import simulate_windows_serial
+from hapticd.plant.resolution import substeps_for
 
 J, B, C, KT = 6.28e-6, 9.0e-6, 2.0e-3, 0.0292
 PERIOD = 1e-3

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from hapticd.plant.numeric import substeps_for
+from hapticd.plant.resolution import substeps_for
 from tests.plant.effects.independent import PERIOD, Floats, motor_current, vector
 
 RANDOM = np.random.default_rng(3)
