@@ -51,7 +51,7 @@ def _million_ticks_per_s(case: _Case, ticks: int, energies: bool = True) -> tupl
     """Runs of one case, again and again until so many ticks are done: million ticks a second, and the last report."""
     config, done, spent = case.config(), 0, 0.0
     while True:
-        report = simulate(config, case.duration_s, deflection=case.deflection, energies=energies).report
+        report = simulate(config, case.duration_s, deflection=case.deflection, energies=energies)
         done += report["ticks"]
         spent += report["ticks"] / report["ticks_per_s"]
         if done >= ticks:

@@ -64,7 +64,7 @@ def simulate(
         excitation = build(resolved, excitation, duration_s=seconds(duration))
     blocks: list[NDArray[Any]] = []
     truths: list[NDArray[np.float64]] = []
-    result = run(
+    report = run(
         resolved,
         seconds(duration),
         deflection=None if deflection is None else deflection_ticks(deflection, resolved),
@@ -87,12 +87,12 @@ def simulate(
         source="simulate",
         origin_counts=resolved.origin_counts,
         seed=seed,
-        simulation=result.report,
+        simulation=report,
     )
     return Run(
         path=Path("simulation"),
         columns=columns,
         metadata=metadata,
         units={**units, "true_position": unit, "true_velocity": f"{unit}/s"},
-        warnings=tuple(result.report["warnings"]),
+        warnings=tuple(report["warnings"]),
     )

@@ -153,7 +153,7 @@ def compute(
     if duration is not None:
         from hapticd.servo.simulate import simulate
 
-        found = simulate(config, duration, deflection=deflection, velocity=velocity).report
+        found = simulate(config, duration, deflection=deflection, velocity=velocity)
         row |= {
             "outcome": found["outcome"],
             "final_position_ticks": found["final"]["position_ticks"],

@@ -86,7 +86,7 @@ def simulate(
     from hapticd.servo.simulate import simulate as run
 
     with _rows_to(out, resolved, seed) as on_rows, output.progress_bar("simulating") as progress:
-        result = run(
+        report = run(
             resolved,
             duration,
             deflection=ticks,
@@ -97,7 +97,8 @@ def simulate(
             on_rows=on_rows,
             progress=progress,
         )
-    report = {**result.report, **({"run": out} if out else {})}
+    if out:
+        report["run"] = out
     output.emit(report, describe(report, resolved.is_linear))
     for warning in report["warnings"]:
         output.warn(f"warning: {warning}")

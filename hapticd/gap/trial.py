@@ -169,7 +169,7 @@ def play(config: Config, experiment: Experiment) -> Recording | None:
         return None
     config = _with_margin(config)
     # The shaft rests somewhere in a raw count; its middle is the best guess.
-    result = simulate(
+    report = simulate(
         config,
         table.shape[1] / config.servo.rate_hz,
         deflection=0.5 / config.encoder.decimation,
@@ -178,7 +178,7 @@ def play(config: Config, experiment: Experiment) -> Recording | None:
         on_rows=lambda rows: blocks.append(rows.copy()),
     )
     rows = np.concatenate(blocks)
-    if result.report["fault"] or np.ptp(rows["encoder_counts"]) < _FEWEST_COUNTS:
+    if report["fault"] or np.ptp(rows["encoder_counts"]) < _FEWEST_COUNTS:
         return None
     resolution = config.raw_resolution
     return Recording(

@@ -73,7 +73,7 @@ def simulated_trace(
 ) -> tuple[Trace, dict[str, Any]]:
     """The same run in virtual time, and the simulation's report."""
     blocks: list[NDArray[Any]] = []
-    result = simulate(
+    report = simulate(
         config,
         duration_s,
         deflection=deflection,
@@ -81,7 +81,6 @@ def simulated_trace(
         safety=True,  # as the daemon has: growth ends in a fault, and the current is clamped
         on_rows=lambda rows: blocks.append(rows.copy()),
     )
-    report = result.report
     if report["fault"] and report["fault"]["code"] in GROWTH:
         report = {**report, "outcome": "growing"}
     rows = np.concatenate(blocks)

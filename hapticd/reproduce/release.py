@@ -77,7 +77,7 @@ def release(case: Case, *, damping_ratio: float | None = None) -> Release:
     """
     config = _config(case, damping_ratio)
     rows: list[Any] = []
-    result = simulate(config, case.periods / case.rate_hz, deflection=case.deflection, on_rows=rows.append)
+    report = simulate(config, case.periods / case.rate_hz, deflection=case.deflection, on_rows=rows.append)
     sampled = np.concatenate(rows)
     numbers = from_config(config)
     return Release(
@@ -86,8 +86,8 @@ def release(case: Case, *, damping_ratio: float | None = None) -> Release:
         xi_dot_max=float(equivalent_velocity(case.deflection, numbers.mu)),
         time_s=np.asarray(sampled["time_s"] - sampled["time_s"][0], dtype=np.float64),
         xi=np.asarray((sampled["encoder_counts"] - config.origin_counts) / case.decimation, dtype=np.float64),
-        report=result.report,
-        rest_periods=_rest(config, case) if result.report["at_rest"] else None,
+        report=report,
+        rest_periods=_rest(config, case) if report["at_rest"] else None,
     )
 
 
@@ -121,6 +121,6 @@ def _rest(config: Config, case: Case) -> int:
     """The longest run at whose end the shaft does not yet stand for good, by bisection: once at rest, it stays so."""
 
     def stands(periods: int) -> bool:
-        return bool(simulate(config, periods / case.rate_hz, deflection=case.deflection).report["at_rest"])
+        return bool(simulate(config, periods / case.rate_hz, deflection=case.deflection)["at_rest"])
 
     return bisect_left(range(1, case.periods), True, key=stands)

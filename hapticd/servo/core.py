@@ -22,7 +22,7 @@ from hapticd.servo.clock import grid_instant
 from hapticd.servo.layout import PARAMS, SERVO
 from hapticd.servo.loop import run
 from hapticd.servo.timing import quantiles_us
-from hapticd.stability.damping import passive_viscous
+from hapticd.stability.damping import passive_viscous, velocity_filter
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from drivers.interface import Driver
     from hapticd.config import Config
-    from hapticd.config.sections import Spring
     from hapticd.record.flight import FlightRing
 
 
@@ -85,13 +84,6 @@ def i2t_limit(config: Config) -> float:
     return float((peak**2 - amplifier.continuous_current**2) * (amplifier.peak_time_s or 0.0))
 
 
-def velocity_keep(spring: Spring, period_s: float) -> float:
-    """Share of the velocity estimate that one period leaves: e^(−2π f T) of the low-pass, 0 of the plain difference."""
-    if spring.velocity_estimate == "difference":
-        return 0.0
-    return math.exp(-2.0 * math.pi * spring.velocity_cutoff_hz * period_s)
-
-
 def parameters(config: Config, request: Request, *, safety: bool = True, latency_s: float = 0.0) -> np.void:
     """One whole parameter set for the mailbox: a new `PARAMS` record, units as its comments say.
 
@@ -108,8 +100,7 @@ def parameters(config: Config, request: Request, *, safety: bool = True, latency
     p["force_per_tick"] = spring.stiffness * config.resolution
     p["bias"] = 0.5 if spring.half_tick_bias else 0.0
     p["damping"] = spring.damping * raw
-    p["velocity_periods"] = spring.velocity_periods if spring.velocity_estimate == "difference" else 1
-    p["velocity_keep"] = velocity_keep(spring, config.period)
+    p["velocity_periods"], p["velocity_keep"] = velocity_filter(spring, config.period)
     p["passivity"] = layout.PASSIVITY_MODES[limits.passivity]
     p["passivity_stiffest"] = 2.0 * passive_viscous(config, latency_s) / config.period
     p["side"] = layout.SIDES[spring.side]
@@ -217,8 +208,7 @@ class ServoCore:
 
     def drain(self) -> NDArray[Any]:
         """Take all rows that are waiting (a copy); one consumer only."""
-        rows, _ = self.drain_with_truth()
-        return rows
+        return joined(*self.portions(len(self.ring)))
 
     def portions(self, rows: int = PORTION_ROWS) -> Iterator[NDArray[Any]]:
         """Take the rows that are waiting now (copies), at least one portion, be it empty; one consumer only.
@@ -250,25 +240,6 @@ class ServoCore:
         rows = joined(self.ring[begin:end]) if begin < end else joined(self.ring[begin:], self.ring[:end])
         overwritten = self.load(atomics.RING_HEAD) - size + 1 - first
         return rows[max(0, overwritten) :]
-
-    def drain_with_truth(self, *, copy: bool = True) -> tuple[NDArray[Any], NDArray[np.float64]]:
-        """Rows that are waiting and the simulated device's true (position, velocity) beside them.
-
-        Args:
-            copy: False for the memory of the ring itself, which is theirs until the loop runs again.
-        """
-        tail = int(self.shared[atomics.RING_TAIL])
-        head = self.load(atomics.RING_HEAD)
-        begin, end = tail & (len(self.ring) - 1), head & (len(self.ring) - 1)
-        if head - tail > len(self.ring) - begin:
-            rows = joined(self.ring[begin:], self.ring[:end])
-            truth = np.concatenate([self.truth[begin:], self.truth[:end]])
-        else:
-            rows, truth = self.ring[begin : begin + head - tail], self.truth[begin : begin + head - tail]
-            if copy:
-                rows, truth = joined(rows), truth.copy()
-        self.store(atomics.RING_TAIL, head)
-        return rows, truth
 
     def next_instant(self) -> tuple[int, float]:
         """Instant (ns, fraction) at which the next tick is due; in virtual time, the end of what was simulated."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numba
@@ -14,7 +13,7 @@ from drivers import declared_latency
 from drivers.loopback import LoopbackDriver
 from hapticd.config import Driver
 from hapticd.jit import njit
-from hapticd.record.schema import ROW
+from hapticd.record.schema import ROW, joined
 from hapticd.servo import atomics, faults, layout
 from hapticd.servo.core import Request, ServoCore, parameters
 from hapticd.stability.map_kernel import energy
@@ -83,17 +82,6 @@ def _described(motion: NDArray[np.float64], period: float, at_rest: bool) -> dic
     }
 
 
-@dataclass(frozen=True)
-class SimulationResult:
-    """What a simulation found; ``report`` holds the JSON keys of ``hapticd simulate --json``."""
-
-    report: dict[str, Any]
-    final_position: float
-    """True position, rad or m."""
-    final_velocity: float
-    """True velocity, rad/s or m/s."""
-
-
 def simulate(
     config: Config,
     duration_s: float,
@@ -107,7 +95,7 @@ def simulate(
     on_rows: Callable[[NDArray[Any]], None] | None = None,
     on_truth: Callable[[NDArray[np.float64]], None] | None = None,
     progress: Callable[[float], None] | None = None,
-) -> SimulationResult:
+) -> dict[str, Any]:
     """Simulate ``duration_s`` of the running loop on the config's own plant model.
 
     Args:
@@ -123,6 +111,9 @@ def simulate(
         on_rows: called with every block of rows, in order.
         on_truth: called with the true (position, velocity) at those rows, (n, 2), rad or m and per s.
         progress: called with the fraction done.
+
+    Returns:
+        The JSON keys of ``hapticd simulate --json``.
 
     Raises:
         ValueError: the duration is shorter than one period.
@@ -163,7 +154,12 @@ def simulate(
         count = min(_CHUNK, ticks - done)
         begin = time.perf_counter()
         reason = core.run(real_time=False, ticks=count)
-        rows, truth = core.drain_with_truth(copy=on_rows is not None or on_truth is not None)
+        # The ring is as long as a chunk, so that these rows begin where it does.
+        head = core.load(atomics.RING_HEAD)
+        core.store(atomics.RING_TAIL, head)
+        rows, truth = core.ring[: head - done], core.truth[: head - done]
+        if on_rows is not None or on_truth is not None:
+            rows, truth = joined(rows), truth.copy()
         if tracker is not None:
             _energies(truth, origin, resolution, period, mu, kappa, stored)
             tracker.update(stored[: len(truth)])
@@ -208,7 +204,7 @@ def simulate(
     }
     if config.safety.passivity != "off":
         report["passivity"] = core.passivity()
-    return SimulationResult(report, position, speed)
+    return report
 
 
 def _fault(core: ServoCore, config: Config, number: int) -> dict[str, Any]:

@@ -23,7 +23,7 @@ too. In both a damper only costs. That it also brakes, no theorem says; `hapticd
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -33,6 +33,7 @@ from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
 
 if TYPE_CHECKING:
     from hapticd.config import Config
+    from hapticd.config.sections import Spring
 
 _ANGLES: Final = np.linspace(0.0, math.pi, 20_001)
 
@@ -63,14 +64,22 @@ class Damper:
             return (1.0 - self.keep) / (1.0 + self.keep)
         return _gamma_of_difference(self.periods)
 
+    def passive_gamma(self, delay: float) -> float:
+        """γ as it counts for passivity: 1 where there is delay."""
+        return 1.0 if delay > 0.0 else self.gamma
+
+
+def velocity_filter(spring: Spring, period_s: float) -> tuple[int, float]:
+    """Periods n over which positions are differenced, and the share a = e^(−2π f T) of the estimate that a period leaves."""
+    if spring.velocity_estimate == "difference":
+        return spring.velocity_periods, 0.0
+    return 1, math.exp(-2.0 * math.pi * spring.velocity_cutoff_hz * period_s)
+
 
 def damper_from_config(config: Config, loop: Loop) -> Damper:
     """The damper of a configuration with a spring."""
-    spring, scales = config.spring, loop.scales
-    beta_v = spring.damping / (scales.stiffness * scales.period)
-    if spring.velocity_estimate == "difference":
-        return Damper(beta_v, spring.velocity_periods)
-    return Damper(beta_v, keep=math.exp(-2.0 * math.pi * spring.velocity_cutoff_hz * scales.period))
+    beta_v = config.spring.damping / (loop.stiffness * loop.period)
+    return Damper(beta_v, *velocity_filter(config.spring, loop.period))
 
 
 def _gamma_of_difference(periods: int) -> float:
@@ -84,15 +93,13 @@ def _gamma_of_difference(periods: int) -> float:
 
 def passive_beta(numbers: Dimensionless, damper: Damper) -> float:
     """Least β for passivity: ½ + τ_D + γβ_v, with γ = 1 where there is delay."""
-    gamma = 1.0 if numbers.tau_d > 0.0 else damper.gamma
-    return 0.5 + numbers.tau_d + gamma * damper.beta_v
+    return 0.5 + numbers.tau_d + damper.passive_gamma(numbers.tau_d) * damper.beta_v
 
 
 def passive_viscous(config: Config, latency_s: float = 0.0) -> float:
     """Least viscous friction b in N m s/rad or N s/m for passivity, K(T/2 + T_D) + γB, with or without a spring."""
     loop = loop_from_config(config, latency_s)
-    damper = damper_from_config(config, replace(loop, stiffness=1.0))
-    gamma = 1.0 if loop.delay > 0.0 else damper.gamma
+    gamma = Damper(0.0, *velocity_filter(config.spring, loop.period)).passive_gamma(loop.delay)
     return loop.stiffness * (0.5 * loop.period + loop.delay) + gamma * config.spring.damping
 
 

@@ -54,7 +54,7 @@ class Simulator:
         on_rows: Callable[[Any], None] | None,
         progress: Callable[[float], None],
         **options: Any,
-    ) -> Simulator:
+    ) -> dict[str, Any]:
         self.asked = {"rate_hz": config.servo.rate_hz, "duration_s": duration_s, **options}
         if on_rows is not None:
             on_rows(np.zeros(10, dtype=ROW))
@@ -62,7 +62,7 @@ class Simulator:
         self.during()
         if self.fails_with is not None:
             raise self.fails_with
-        return self
+        return dict(self.report)
 
 
 @pytest.fixture

@@ -158,8 +158,8 @@ def test_a_device_rests_where_they_hold_it() -> None:
 
 def test_simulate_knows_it() -> None:
     config = config_with(LISTED, encoder={"decimation": 217})
-    first, again = (simulate(config, 0.2, deflection=20.3).report["final"] for _ in range(2))
-    base = simulate(config_with(encoder={"decimation": 217}), 0.2, deflection=20.3).report["final"]
+    first, again = (simulate(config, 0.2, deflection=20.3)["final"] for _ in range(2))
+    base = simulate(config_with(encoder={"decimation": 217}), 0.2, deflection=20.3)["final"]
     assert first == again != base
 
 

@@ -27,7 +27,7 @@ def simulated(rate: float, decimation: int, deflection: float, periods: int) -> 
         },
         "test",
     )
-    return simulate(config, periods / rate, deflection=deflection).report
+    return simulate(config, periods / rate, deflection=deflection)
 
 
 @pytest.mark.parametrize(

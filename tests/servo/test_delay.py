@@ -65,9 +65,9 @@ def test_whole_periods_of_delay_shift_the_current_by_rows() -> None:
 def test_a_hidden_period_makes_case_c_grow() -> None:
     """The classic mistake, made on purpose: one period of delay turns Fig. 8 c from stable to unstable."""
     case_c: dict[str, Any] = {"servo": {"rate_hz": 100}, "encoder": {"decimation": 217}}
-    assert simulate(config(**case_c), 5.0, deflection=2.3).report["outcome"] == "monotone"
+    assert simulate(config(**case_c), 5.0, deflection=2.3)["outcome"] == "monotone"
     hidden = simulate(config(**case_c, delay={"computation_s": 0.01}), 60.0, deflection=2.3)
-    assert hidden.report["outcome"] == "growing"
+    assert hidden["outcome"] == "growing"
 
 
 def test_declared_amplifier_lag_is_part_of_the_plant() -> None:

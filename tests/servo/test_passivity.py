@@ -30,7 +30,7 @@ def config(mode: str, **sections: Any) -> Config:
 def run(cfg: Config, duration_s: float, **motion: Any) -> tuple[Any, dict[str, Any]]:
     blocks: list[Any] = []
     found = simulate(cfg, duration_s, on_rows=lambda rows: blocks.append(rows.copy()), **motion)
-    return np.concatenate(blocks), found.report
+    return np.concatenate(blocks), found
 
 
 def potential(cfg: Config, counts: Any) -> Any:
@@ -110,7 +110,7 @@ def test_the_servo_does_what_the_exact_loop_does(delay_s: float, damping: float)
     loops["counts"], loops["stiffest"] = 217, 2.0 * passive_beta(numbers, damper)
     for periods in (12, 60):
         found = run_loops(loops, periods)[0]
-        final = simulate(cfg, periods / 100.0, deflection=10.3).report["final"]
+        final = simulate(cfg, periods / 100.0, deflection=10.3)["final"]
         assert final["position_ticks"] == pytest.approx(found["xi"], rel=1e-9, abs=1e-7)
     assert found["added"] > 0.0
 

@@ -26,7 +26,7 @@ CASES = {
 @pytest.mark.parametrize("case", CASES)
 def test_fig_8(case: str) -> None:
     sections, deflection, duration_s, outcome = CASES[case]
-    report = simulate(config(**sections), duration_s, deflection=deflection).report
+    report = simulate(config(**sections), duration_s, deflection=deflection)
     assert report["outcome"] == outcome
     if case == "a":
         assert report["final"]["position_ticks"] == pytest.approx(-0.7251, abs=5e-5)
@@ -46,7 +46,7 @@ def test_without_energies_all_but_the_outcome_is_the_same() -> None:
         found = simulate(
             config(**sections), duration_s, deflection=deflection, energies=energies, on_rows=blocks.append
         )
-        reports.append({key: value for key, value in found.report.items() if key not in ("wall_s", "ticks_per_s")})
+        reports.append({key: value for key, value in found.items() if key not in ("wall_s", "ticks_per_s")})
         rows.append(np.concatenate(blocks))
     assert [report.pop("outcome") for report in reports] == ["persistent", None]
     assert [report.pop("motion") is None for report in reports] == [False, True]
@@ -59,7 +59,7 @@ def test_the_motion_is_that_of_the_true_states(case: str) -> None:
     sections, deflection, duration_s, _ = CASES[case]
     blocks: list[Any] = []
     cfg = config(**sections)
-    report = simulate(cfg, duration_s, deflection=deflection, on_truth=lambda truth: blocks.append(truth.copy())).report
+    report = simulate(cfg, duration_s, deflection=deflection, on_truth=lambda truth: blocks.append(truth.copy()))
     position, velocity = np.concatenate(blocks).T
     motion = report["motion"]
     assert motion["peak_deflection"] == pytest.approx(float(np.abs(position).max()))
@@ -76,7 +76,7 @@ def test_the_motion_is_that_of_the_true_states(case: str) -> None:
 
 def test_case_d_with_safety_ends_in_a_latched_fault() -> None:
     sections, deflection, duration_s, _ = CASES["d"]
-    report = simulate(config(**sections), duration_s, deflection=deflection, safety=True).report
+    report = simulate(config(**sections), duration_s, deflection=deflection, safety=True)
     assert report["fault"]["code"] in {"over_speed", "excursion"}
     assert report["peak_current_A"] <= 6.0
 
@@ -84,7 +84,7 @@ def test_case_d_with_safety_ends_in_a_latched_fault() -> None:
 @pytest.mark.parametrize("case", ["a", "b", "c"])
 def test_default_safety_limits_admit_the_other_cases(case: str) -> None:
     sections, deflection, duration_s, _ = CASES[case]
-    assert simulate(config(**sections), duration_s, deflection=deflection, safety=True).report["fault"] is None
+    assert simulate(config(**sections), duration_s, deflection=deflection, safety=True)["fault"] is None
 
 
 def fingerprint(**dither: Any) -> str:
@@ -118,14 +118,14 @@ def test_deflection_and_velocity_are_exact_and_relative_to_a_snapped_origin() ->
     cfg = config(spring={"origin": 0.7}, encoder={"decimation": 217})
     first: list[Any] = []
     result = simulate(cfg, 0.001, deflection=20.3, velocity=0.0, on_rows=lambda rows: first.append(rows.copy()))
-    assert result.report["ticks"] == 1
+    assert result["ticks"] == 1
     row = first[0][0]
     assert row["ticks"] == 20
     assert row["encoder_counts"] == round(0.7 * 8192 / (2 * np.pi)) + int(20.3 * 217)
     moving = simulate(
         config(plant={"viscous": 0.0, "coulomb": 0.0}, spring={"half_tick_bias": False}), 0.003, velocity=0.2
     )
-    assert moving.report["final"]["position_ticks"] == pytest.approx(0.6, rel=1e-12)
+    assert moving["final"]["position_ticks"] == pytest.approx(0.6, rel=1e-12)
 
 
 @pytest.mark.parametrize("rate_hz", [3000, 640, 997, 1e4 / 3])
@@ -143,12 +143,12 @@ def test_too_short_a_duration_is_refused() -> None:
 def test_the_loopback_stands_in_for_any_driver_with_its_declared_latency(monkeypatch: pytest.MonkeyPatch) -> None:
     case_c: dict[str, Any] = {"servo": {"rate_hz": 100}, "encoder": {"decimation": 217}}
     absent = config(**case_c, driver={"name": "board", "port": "/dev/ttyUSB0"})
-    report = simulate(absent, 3.0, deflection=2.3).report
+    report = simulate(absent, 3.0, deflection=2.3)
     assert report["final"]["position_ticks"] == pytest.approx(-0.9322, abs=5e-5)
     assert report["warnings"] == ["driver 'board' is not installed: its latency is not known and is taken as 0"]
     monkeypatch.setattr(
         "drivers.registry._entry_points", lambda: {"board": EntryPoint("board", SLOW, "hapticd.drivers")}
     )
-    late = simulate(absent, 60.0, deflection=2.3).report
+    late = simulate(absent, 60.0, deflection=2.3)
     assert late["outcome"] == "growing"
     assert not any("latency" in warning for warning in late["warnings"])

@@ -107,7 +107,7 @@ def test_with_damping_the_exact_loop_decides() -> None:
     assert "spring.damping       0.003 →" in shaking.help
     ideal = {"dac_bits": 0}  # a converter's end would end the growth
     assert (
-        simulate(config(**SLOW, amplifier=ideal, spring={"damping": 3e-3}), 1.0, deflection=10.3).report["outcome"]
+        simulate(config(**SLOW, amplifier=ideal, spring={"damping": 3e-3}), 1.0, deflection=10.3)["outcome"]
         == "growing"
     )
 

@@ -53,7 +53,7 @@ def test_the_servo_does_what_the_exact_loop_does(estimate: dict[str, Any], delay
     loops = loop_record(loop.numbers, damper_from_config(config, loop), np.array([2.3]), np.zeros(1))
     for periods in (12, 37, 150):
         run = run_loops(loops, periods)[0]
-        found = simulate(config, periods / 100.0, deflection=2.3).report["final"]
+        found = simulate(config, periods / 100.0, deflection=2.3)["final"]
         if run["periods"] == periods:
             assert found["velocity_ticks_per_period"] == pytest.approx(run["xi_dot"], rel=1e-9, abs=1e-8)
         assert found["position_ticks"] == pytest.approx(run["xi"], rel=1e-9, abs=1e-8)

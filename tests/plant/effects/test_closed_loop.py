@@ -124,18 +124,18 @@ def test_an_amplifier_that_is_switched_off_is_off_whatever_the_link_loses() -> N
 @pytest.mark.parametrize("slug", EXAMPLES)
 def test_simulate_runs_and_is_repeatable(slug: str) -> None:
     config = config_with({"name": slug, **EXAMPLES[slug]}, encoder={"decimation": 217})
-    first = simulate(config, 0.2, deflection=20.3).report
-    again = simulate(config, 0.2, deflection=20.3).report
+    first = simulate(config, 0.2, deflection=20.3)
+    again = simulate(config, 0.2, deflection=20.3)
     assert first["final"] == again["final"]
     assert first["outcome"] in ("monotone", "decaying", "persistent", "growing")
-    base = simulate(config_with(encoder={"decimation": 217}), 0.2, deflection=20.3).report
+    base = simulate(config_with(encoder={"decimation": 217}), 0.2, deflection=20.3)
     assert first["final"] != base["final"] or slug == "current_saturation"
     assert first.keys() == base.keys()
 
 
 def test_a_seed_changes_the_lost_commands_of_a_simulation() -> None:
     config = config_with({"name": "dropped_samples", "p": 0.3}, encoder={"decimation": 217})
-    finals = {simulate(config, 0.1, deflection=20.3, seed=seed).report["final"]["position_ticks"] for seed in (1, 1, 2)}
+    finals = {simulate(config, 0.1, deflection=20.3, seed=seed)["final"]["position_ticks"] for seed in (1, 1, 2)}
     assert len(finals) == 2
 
 
