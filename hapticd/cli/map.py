@@ -14,6 +14,7 @@ from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Count, Finite, Positive, SettingsOption
 from hapticd.cli.output import number
+from hapticd.figures.files import save_figure
 
 if TYPE_CHECKING:
     from hapticd.stability.map_engines import Results
@@ -146,7 +147,7 @@ def region_map(
     if picture is not None and not interrupted:
         from hapticd.stability import map_figure
 
-        map_figure.save(maps, picture)
+        save_figure(map_figure.draw(maps), picture)
         found["figure"] = picture
     output.emit(found, describe(maps, found))
     if interrupted:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from hapticd.cli import exits, output
 from hapticd.cli.options import resolve_config
 from hapticd.cli.output import number
+from hapticd.figures.files import save_figure
 
 if TYPE_CHECKING:
     from hapticd.stability.maps import Study
@@ -33,7 +34,7 @@ def zwidth(
     if picture is not None:
         from hapticd.stability import zwidth_figure
 
-        zwidth_figure.save(found, picture, source)
+        save_figure(zwidth_figure.draw(found, source), picture)
         report["figure"] = picture
     output.emit(report, _describe_zwidth(report, config.is_linear))
     return exits.DONE
@@ -68,7 +69,7 @@ def passivity(study: Study, picture: Path | None, jobs: int | None) -> int:
     if picture is not None:
         from hapticd.stability import passivity_figure
 
-        passivity_figure.save(found, picture)
+        save_figure(passivity_figure.draw(found), picture, dpi=120)
         report["figure"] = picture
     output.emit(report, _describe_passivity(report))
     return exits.DONE

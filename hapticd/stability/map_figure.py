@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
-from hapticd.figures.files import save_figure
 from hapticd.stability.map_report import regions_of
-from hapticd.stability.maps import OUTCOMES, Maps
+from hapticd.stability.maps import OUTCOMES, Maps, Study
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import critical_sigma
 from hapticd.stability.storage import FloatArray, velocity_bound
@@ -18,16 +18,18 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-#: The paper's shades: dark growing, medium persistent, light non-monotonically decaying, white monotone.
-SHADES: Final = {"monotone": "#ffffff", "decaying": "#d9d9d9", "persistent": "#9a9a9a", "growing": "#4a4a4a"}
-_NOT_DONE: Final = "#fff3c4"
+Shades = Sequence[tuple[str, str]]
+"""Colour and meaning of the codes 0, 1, … of a map."""
+
+#: The paper's shades of `OUTCOMES`: dark growing, medium persistent, light non-monotonically decaying, white monotone.
+_SHADES: Final[Shades] = (
+    ("#ffffff", "comes to rest, energy falls all the time"),
+    ("#d9d9d9", "comes to rest, energy rises on the way"),
+    ("#9a9a9a", "persistent oscillation"),
+    ("#4a4a4a", "growing"),
+    ("#fff3c4", "not done"),
+)
 _LINE: Final = "#c0392b"
-_LABEL: Final = {
-    "monotone": "comes to rest, energy falls all the time",
-    "decaying": "comes to rest, energy rises on the way",
-    "persistent": "persistent oscillation",
-    "growing": "growing",
-}
 
 
 def boundaries(mu: float, tau_d: float, xi_dot_0: float, beta: FloatArray) -> dict[str, FloatArray]:
@@ -51,7 +53,6 @@ def boundaries(mu: float, tau_d: float, xi_dot_0: float, beta: FloatArray) -> di
 def draw(maps: Maps) -> Figure:
     """One panel a map: rows by delay, columns by initial velocity."""
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
 
     study = maps.study
     rows, columns = len(study.delays), len(study.velocities)
@@ -60,15 +61,14 @@ def draw(maps: Maps) -> Figure:
     for d, tau_d in enumerate(study.delays):
         for v, velocity in enumerate(study.velocities):
             axes = panels[d, v]
-            _panel(axes, maps, d, v)
-            axes.set_title(f"$\\tau_D$ = {tau_d:g}, $\\dot\\xi_0$ = {velocity:g}", fontsize=10)
+            codes = np.where(maps.done[d, v], maps.points["outcome"][d, v], len(OUTCOMES))
+            plane(axes, study, tau_d, velocity, codes, _SHADES)
+            _name_regions(axes, maps, d, v)
             if d == rows - 1:
                 axes.set_xlabel("$\\beta$")
             if v == 0:
                 axes.set_ylabel("$\\sigma$")
-    handles: list[Any] = [Patch(facecolor=SHADES[name], edgecolor="0.4", label=_LABEL[name]) for name in OUTCOMES]
-    if not maps.done.all():
-        handles.append(Patch(facecolor=_NOT_DONE, edgecolor="0.4", label="not done"))
+    handles = patches(_SHADES[:-1] if maps.done.all() else _SHADES)
     figure.legend(handles=handles, loc="outside lower center", ncols=len(handles) if columns > 2 else 1, fontsize=9)
     figure.suptitle(
         f"Outcome of {study.periods} periods at $\\mu$ = {study.mu:g}, with the boundaries of theory", fontsize=11
@@ -76,22 +76,35 @@ def draw(maps: Maps) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, maps: Maps, delay: int, velocity: int) -> None:
-    from matplotlib.colors import ListedColormap
-
-    study = maps.study
-    tau_d = study.delays[delay]
-    beta, sigma = study.betas(tau_d), study.sigmas
-    shade = np.where(maps.done[delay, velocity], maps.points["outcome"][delay, velocity], len(OUTCOMES))
-    colours = ListedColormap([*SHADES.values(), _NOT_DONE])
-    axes.pcolormesh(
-        edges(beta), edges(sigma), shade.T, cmap=colours, vmin=-0.5, vmax=len(OUTCOMES) + 0.5, rasterized=True
-    )
-    lines = boundaries(study.mu, tau_d, study.velocities[velocity], np.linspace(0.0, edges(beta)[-1], 301))
+def plane(axes: Axes, study: Study, tau_d: float, velocity: float, codes: NDArray[Any], shades: Shades) -> None:
+    """A (β, σ) plane of a study, its points in the shades of their codes (β, σ), the boundaries drawn over it."""
+    beta, sigma = edges(study.betas(tau_d)), edges(study.sigmas)
+    shade(axes, beta, sigma, codes, shades)
+    lines = boundaries(study.mu, tau_d, velocity, np.linspace(0.0, beta[-1], 301))
     for name, line in lines.items():
         axes.plot(line[:, 0], line[:, 1], color=_LINE, lw=1.4 if name == "critical" else 0.9)
-    axes.set_xlim(0.0, edges(beta)[-1])
-    axes.set_ylim(0.0, edges(sigma)[-1])
+    axes.set_xlim(0.0, beta[-1])
+    axes.set_ylim(0.0, sigma[-1])
+    axes.set_title(f"$\\tau_D$ = {tau_d:g}, $\\dot\\xi_0$ = {velocity:g}", fontsize=10)
+
+
+def shade(axes: Axes, x: FloatArray, y: FloatArray, codes: NDArray[Any], shades: Shades) -> None:
+    """Cells with the borders ``x`` (n + 1,) and ``y`` (m + 1,) in the shades of their codes (n, m)."""
+    from matplotlib.colors import ListedColormap
+
+    colours = ListedColormap([colour for colour, _ in shades])
+    axes.pcolormesh(x, y, codes.T, cmap=colours, vmin=-0.5, vmax=len(shades) - 0.5, rasterized=True)
+
+
+def patches(shades: Shades) -> list[Any]:
+    """What a legend shows of shades."""
+    from matplotlib.patches import Patch
+
+    return [Patch(facecolor=colour, edgecolor="0.4", label=label) for colour, label in shades]
+
+
+def _name_regions(axes: Axes, maps: Maps, delay: int, velocity: int) -> None:
+    beta, sigma = maps.study.betas(maps.study.delays[delay]), maps.study.sigmas
     names = regions_of(maps, delay, velocity)
     for name in sorted(set(names.ravel().tolist())):
         i, j = np.argwhere(names == name).mean(axis=0)
@@ -104,12 +117,3 @@ def edges(centres: FloatArray) -> FloatArray:
     """Borders of the cells around evenly spaced centres, the first of which lies one step from zero."""
     step = centres[0]
     return np.asarray(np.append(centres - 0.5 * step, centres[-1] + 0.5 * step))
-
-
-def save(maps: Maps, path: Path) -> None:
-    """Write the figure in the format that the path's suffix names (png, svg, pdf).
-
-    Raises:
-        ValueError: matplotlib knows no such format.
-    """
-    save_figure(draw(maps), path)

@@ -13,25 +13,20 @@ What it costs is the largest force that it adds, in ticks of force KΔ.
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.stability.damping import Damper, passive_beta
 from hapticd.stability.maps import GROWING, PERSISTENT, Study
-from hapticd.stability.numbers import Dimensionless
-from hapticd.stability.sampled_loop import LOOP, run_loops
+from hapticd.stability.sampled_loop import LOOP, run_in_threads
 
 #: Counts a tick: the coarsest encoder, and the paper's decimation.
 COUNTS: Final = (1, 217)
 #: What became of a point.
 CALM_ANYWAY, MADE_STABLE, BOUNDED, STILL_GROWS, SPOILT = range(5)
 NAMES: Final = ("calm anyway", "made stable", "bounded", "still grows", "spoilt")
-_CHUNK: Final = 100
 
 
 @dataclass(frozen=True)
@@ -72,15 +67,9 @@ class PassivityMap:
                         **{name.replace(" ", "_"): int((fate == code).sum()) for code, name in enumerate(NAMES)},
                         "share_made_stable": _share(rescued, shaky),
                         "share_made_stable_where_friction_holds_a_tick": _share(rescued, holds),
-                        "added_force_ticks": {
-                            "median": _median(run["added"][rescued]),
-                            "max": _most(run["added"][rescued]),
-                        },
-                        "added_force_share": {"median": _median(ratio), "max": _most(ratio)},
-                        "left_amplitude_ticks": {
-                            "median": _median(run["amplitude"][fate == BOUNDED]),
-                            "max": _most(run["amplitude"][fate == BOUNDED]),
-                        },
+                        "added_force_ticks": _middle_and_most(run["added"][rescued]),
+                        "added_force_share": _middle_and_most(ratio),
+                        "left_amplitude_ticks": _middle_and_most(run["amplitude"][fate == BOUNDED]),
                     }
                 )
         return {"mu": self.study.mu, "periods": self.study.periods, "maps": rows}
@@ -90,12 +79,10 @@ def _share(part: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float | None:
     return float((part & whole).sum() / whole.sum()) if whole.any() else None
 
 
-def _median(values: NDArray[np.float64]) -> float | None:
-    return float(np.median(values)) if values.size else None
-
-
-def _most(values: NDArray[np.float64]) -> float | None:
-    return float(values.max()) if values.size else None
+def _middle_and_most(values: NDArray[np.float64]) -> dict[str, float | None]:
+    if not values.size:
+        return {"median": None, "max": None}
+    return {"median": float(np.median(values)), "max": float(values.max())}
 
 
 def passivity_map(study: Study, counts: tuple[int, ...] = COUNTS, jobs: int | None = None) -> PassivityMap:
@@ -106,11 +93,11 @@ def passivity_map(study: Study, counts: tuple[int, ...] = COUNTS, jobs: int | No
         jobs: threads; None for one per core that this process may use.
     """
     loops = _loops(study)
-    bare = _run(loops, study.periods, jobs)
+    bare = run_in_threads(loops, study.periods, jobs)
     controlled, fate = {}, {}
     for number in counts:
         loops["counts"] = number
-        controlled[number] = _run(loops, study.periods, jobs)
+        controlled[number] = run_in_threads(loops, study.periods, jobs)
         fate[number] = fates(bare["outcome"], controlled[number]["outcome"])
     return PassivityMap(study, counts, bare, controlled, fate)
 
@@ -134,13 +121,6 @@ def _loops(study: Study) -> NDArray[Any]:
     for d, tau_d in enumerate(study.delays):
         loops["tau_d"][d] = tau_d
         loops["beta"][d] = study.betas(tau_d)[None, :, None]
-        loops["stiffest"][d] = 2.0 * passive_beta(Dimensionless(study.mu, 0.0, 0.0, tau_d), Damper(0.0))
+        loops["stiffest"][d] = 2.0 * (0.5 + tau_d)  # αT = 2 b_p (`hapticd.stability.passivity`)
     loops["xi_dot"] = np.array(study.velocities)[None, :, None, None]
     return loops
-
-
-def _run(loops: NDArray[Any], periods: int, jobs: int | None) -> NDArray[Any]:
-    flat = loops.ravel()
-    parts = [flat[k : k + _CHUNK] for k in range(0, flat.size, _CHUNK)]
-    with ThreadPoolExecutor(jobs or len(os.sched_getaffinity(0)), thread_name_prefix="passivity") as pool:
-        return np.concatenate(list(pool.map(lambda part: run_loops(part, periods), parts))).reshape(loops.shape)

@@ -15,6 +15,8 @@ the whole delay is T_V: it knows when a command is sent. Numbers are those of Ta
 from __future__ import annotations
 
 import math
+import os
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -75,6 +77,7 @@ RUN: Final = np.dtype(
 )
 
 REST, VANISHED, LEFT, HORIZON = range(4)
+_CHUNK = 100
 _VANISHED = 1e-12
 #: Ticks within which a motion that goes on is a creep.
 _CREEP = 1e-9
@@ -211,6 +214,19 @@ def run_loops(loops: NDArray[Any], periods: int) -> NDArray[Any]:
     return runs
 
 
+def run_in_threads(loops: NDArray[Any], periods: int, jobs: int | None = None) -> NDArray[Any]:
+    """`run_loops` on threads, for any shape of loops.
+
+    Args:
+        loops: of `LOOP`. periods: the horizon, at least 12.
+        jobs: threads; None for one per core that this process may use.
+    """
+    flat = loops.ravel()
+    parts = [flat[k : k + _CHUNK] for k in range(0, flat.size, _CHUNK)]
+    with ThreadPoolExecutor(jobs or len(os.sched_getaffinity(0)), thread_name_prefix="loops") as pool:
+        return np.concatenate(list(pool.map(lambda part: run_loops(part, periods), parts))).reshape(loops.shape)
+
+
 def loop_record(numbers: Dimensionless, damper: Damper, xi: FloatArray, xi_dot: FloatArray) -> NDArray[Any]:
     """One loop with n starts; (n,) of `LOOP`."""
     loops = np.zeros(np.broadcast(xi, xi_dot).size, LOOP)
@@ -246,25 +262,18 @@ class ExactRun:
         return self.outcome in ("monotone", "decaying")
 
 
-def exact_run(numbers: Dimensionless, damper: Damper, xi: float = 0.0, xi_dot: float = 0.0) -> ExactRun:
-    """Run one motion of a loop with ticks and friction; ξ in ticks, ξ̇ in ticks per period."""
-    return _exact(loop_record(numbers, damper, np.array([xi]), np.array([xi_dot])))
+def exact_run(
+    numbers: Dimensionless, damper: Damper, xi: float = 0.0, xi_dot: float = 0.0, *, linear: bool = False
+) -> ExactRun:
+    """Run one motion of a loop with ticks and friction, or of the ``linear`` one; ξ in ticks, ξ̇ in ticks per period."""
+    loops = loop_record(numbers, damper, np.array([xi]), np.array([xi_dot]))
+    if linear:
+        loops["ticks"], loops["sigma"] = False, 0.0
+    run = run_loops(loops, HORIZON_PERIODS)[0]
+    ended = int(run["periods"]), float(run["amplitude"]), float(run["omega"])
+    return ExactRun(xi, xi_dot, OUTCOMES[run["outcome"]], *ended)
 
 
 def is_linearly_stable(numbers: Dimensionless, damper: Damper) -> bool:
     """Whether the loop without ticks and Coulomb friction dies out: then no motion of the whole loop grows for ever."""
-    loops = loop_record(numbers, damper, np.array([0.0]), np.array([1.0]))
-    loops["ticks"], loops["sigma"] = False, 0.0
-    return _exact(loops).dies_out
-
-
-def _exact(loops: NDArray[Any]) -> ExactRun:
-    run = run_loops(loops, HORIZON_PERIODS)[0]
-    return ExactRun(
-        float(loops["xi"][0]),
-        float(loops["xi_dot"][0]),
-        OUTCOMES[run["outcome"]],
-        int(run["periods"]),
-        float(run["amplitude"]),
-        float(run["omega"]),
-    )
+    return exact_run(numbers, damper, xi_dot=1.0, linear=True).dies_out

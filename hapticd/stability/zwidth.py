@@ -8,8 +8,6 @@ out, or ends in an oscillation of less than one tick: without Coulomb friction, 
 
 from __future__ import annotations
 
-import os
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Any, Final
 
@@ -17,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config import Config
-from hapticd.stability.damping import damper_from_config, passive_beta
+from hapticd.stability.damping import Damper, damper_from_config, velocity_filter
 from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
-from hapticd.stability.sampled_loop import LOOP, run_loops
+from hapticd.stability.sampled_loop import LOOP, run_in_threads
 from hapticd.stability.storage import FloatArray
 
 #: Whether the loop sees ticks, whether the device has Coulomb friction.
@@ -33,7 +31,6 @@ VARIANTS: Final = {
 DIES_OUT, BELOW_ONE_TICK, ABOVE_ONE_TICK, GROWS = range(4)
 _PRESCAN: Final = 20
 _PRESCAN_PERIODS: Final = 1000
-_CHUNK: Final = 200
 
 
 @dataclass(frozen=True)
@@ -115,19 +112,18 @@ def zwidth(
         raise ValueError(f"the velocity must be above 0, got {velocity:g}")
     loop = loop_from_config(config, latency_s)
     if damping_max is None or stiffness_max is None:
-        found = _extent(config, loop)
+        found = _extent(config, loop, jobs)
         damping_max, stiffness_max = damping_max or found[0], stiffness_max or found[1]
     B = np.linspace(0.0, damping_max, count)
     K = stiffness_max * np.arange(1, count + 1) / count
-    fate = {}
-    with ThreadPoolExecutor(jobs or len(os.sched_getaffinity(0)), thread_name_prefix="zwidth") as pool:
-        for variant in VARIANTS:
-            loops = _loops(config, loop, B, K, variant, velocity)
-            parts = [loops[k : k + _CHUNK] for k in range(0, loops.size, _CHUNK)]
-            runs = np.concatenate(list(pool.map(lambda part: run_loops(part, periods), parts)))
-            fate[variant] = _fates(runs).reshape(count, count)
-    passive = [_passive_stiffness(config, loop, damping) for damping in B.tolist()]
-    return ZWidth(config, loop, velocity, periods, B, K, fate, np.array(passive))
+    fate = {
+        variant: _fates(run_in_threads(_loops(config, loop, B, K, variant, velocity), periods, jobs))
+        for variant in VARIANTS
+    }
+    # (b − γB)/(T/2 + T_D)
+    gamma = Damper(0.0, *velocity_filter(config.spring, loop.period)).passive_gamma(loop.delay)
+    passive = np.maximum(0.0, (loop.viscous - gamma * B) / (0.5 * loop.period + loop.delay))
+    return ZWidth(config, loop, velocity, periods, B, K, fate, passive)
 
 
 def _fates(runs: NDArray[Any]) -> NDArray[np.int8]:
@@ -139,7 +135,7 @@ def _fates(runs: NDArray[Any]) -> NDArray[np.int8]:
 def _loops(
     config: Config, loop: Loop, damping: FloatArray, stiffness: FloatArray, variant: str, velocity: float
 ) -> NDArray[Any]:
-    """The loops of a grid, K varying fastest; (n m,) of `LOOP`."""
+    """The loops of a grid; (n, m) of `LOOP`."""
     ticks, friction = VARIANTS[variant]
     loops = np.zeros((damping.size, stiffness.size), LOOP)
     for column, K in enumerate(stiffness.tolist()):
@@ -151,23 +147,15 @@ def _loops(
         loops["beta_v"][:, column] = damping / (K * loop.period)
         loops["periods"], loops["keep"] = damper.periods, damper.keep
     loops["ticks"], loops["xi_dot"], loops["force_limit"] = ticks, velocity, np.inf
-    return loops.ravel()
+    return loops
 
 
-def _extent(config: Config, loop: Loop) -> tuple[float, float]:
+def _extent(config: Config, loop: Loop, jobs: int | None) -> tuple[float, float]:
     """Damping and stiffness a little beyond which the linear loop is calm nowhere."""
     B = np.append(0.0, np.geomspace(0.01, 8.0, _PRESCAN) * loop.inertia / loop.period)
     K = np.geomspace(1e-4, 4.0, 2 * _PRESCAN) * loop.inertia / loop.period**2
-    calm = _fates(run_loops(_loops(config, loop, B, K, "linear", 1.0), _PRESCAN_PERIODS)).reshape(B.size, K.size)
+    calm = _fates(run_in_threads(_loops(config, loop, B, K, "linear", 1.0), _PRESCAN_PERIODS, jobs))
     calm_B, calm_K = np.nonzero(calm == DIES_OUT)
     if calm_B.size == 0:
         return float(B[-1]), float(K[0])
     return 1.3 * float(B[calm_B.max()]), 1.4 * float(K[calm_K.max()])
-
-
-def _passive_stiffness(config: Config, loop: Loop, damping: float) -> float:
-    """Largest K that is passive at a damping: (b − γB)/(T/2 + T_D)."""
-    unit = replace(loop, stiffness=1.0)
-    damper = replace(damper_from_config(config, unit), beta_v=damping / loop.period)
-    own = (passive_beta(unit.numbers, damper) - 0.5 - unit.numbers.tau_d) * loop.period
-    return max(0.0, (loop.viscous - own) / (0.5 * loop.period + loop.delay))

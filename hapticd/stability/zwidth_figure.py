@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticd.figures.files import save_figure
-from hapticd.stability.zwidth import ABOVE_ONE_TICK, BELOW_ONE_TICK, DIES_OUT, GROWS, ZWidth
+from hapticd.stability.map_figure import Shades, patches, shade
+from hapticd.stability.zwidth import ZWidth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-_SHADES: Final = {
-    DIES_OUT: ("#ffffff", "dies out"),
-    BELOW_ONE_TICK: ("#d9d9d9", "goes on, below one tick"),
-    ABOVE_ONE_TICK: ("#9a9a9a", "goes on, one tick and more"),
-    GROWS: ("#4a4a4a", "grows"),
-}
+#: Of the fates DIES_OUT … GROWS of `zwidth`.
+_SHADES: Final[Shades] = (
+    ("#ffffff", "dies out"),
+    ("#d9d9d9", "goes on, below one tick"),
+    ("#9a9a9a", "goes on, one tick and more"),
+    ("#4a4a4a", "grows"),
+)
 _TITLES: Final = {
     "linear": "no ticks, no Coulomb friction",
     "coulomb": "Coulomb friction, no ticks",
@@ -30,21 +30,18 @@ _LINEAR, _PASSIVE, _POINT = "#c0392b", "#0b5fa5", "#0b5fa5"
 
 def draw(found: ZWidth, title: str) -> Figure:
     """Four panels."""
-    from matplotlib.colors import ListedColormap
     from matplotlib.figure import Figure
-    from matplotlib.patches import Patch
 
     linear = found.config.is_linear
     figure = Figure(figsize=(9.0, 7.6), layout="constrained")
     panels = figure.subplots(2, 2, sharex=True, sharey=True)
-    colours = ListedColormap([shade for shade, _ in _SHADES.values()])
-    handles: list[Any] = [Patch(facecolor=shade, edgecolor="0.4", label=label) for shade, label in _SHADES.values()]
+    handles = patches(_SHADES)
     step_B, step_K = found.damping[1], found.stiffness[0]
     edges_B = np.append(found.damping - 0.5 * step_B, found.damping[-1] + 0.5 * step_B)
     edges_K = np.append(found.stiffness - 0.5 * step_K, found.stiffness[-1] + 0.5 * step_K)
     limit = found.largest("linear")
     for axes, (variant, fate) in zip(panels.ravel(), found.fate.items(), strict=True):
-        axes.pcolormesh(edges_B, edges_K, fate.T, cmap=colours, vmin=-0.5, vmax=len(_SHADES) - 0.5, rasterized=True)
+        shade(axes, edges_B, edges_K, fate, _SHADES)
         (border,) = axes.plot(
             found.damping, limit + 0.5 * step_K, color=_LINEAR, lw=1.3, label="limit of the linear loop"
         )
@@ -70,8 +67,3 @@ def draw(found: ZWidth, title: str) -> Figure:
         f"Z-width of {title}: motions that pass the origin at {found.velocity:g} ticks per period", fontsize=11
     )
     return figure
-
-
-def save(found: ZWidth, path: Path, title: str) -> None:
-    """Write the figure in the format that the path's suffix names (png, svg, pdf)."""
-    save_figure(draw(found, title), path)

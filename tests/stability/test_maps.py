@@ -9,6 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy import linalg
 
+from hapticd.figures.files import save_figure
 from hapticd.stability import map_engines, map_figure, map_kernel, map_report, map_store
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.escape import escape, linear_loop
@@ -250,7 +251,7 @@ def test_the_figure_shows_every_map(eight_maps: Maps, tmp_path: Path) -> None:
     figure = map_figure.draw(eight_maps)
     assert len(figure.axes) == 8
     assert {text.get_text() for text in figure.axes[5].texts} == {"B", "C", "D", "E", "F1", "F2"}
-    map_figure.save(eight_maps, tmp_path / "maps.png")
+    save_figure(figure, tmp_path / "maps.png")
     assert (tmp_path / "maps.png").read_bytes().startswith(b"\x89PNG")
 
 
