@@ -25,7 +25,7 @@ from hapticd.servo import atomics
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, parameters
 from hapticd.servo.thread import ServoThread
-from hapticd.stability.energy_estimate import EnergyEstimate
+from hapticd.stability.energy_replay import EnergyEstimate
 
 if TYPE_CHECKING:
     from drivers.interface import Driver

@@ -15,14 +15,22 @@ SI units; positions from the spring's origin. The same kernel serves run files a
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numba import from_dtype, types
 from numpy.typing import NDArray
 
 from hapticd.jit import njit
-from hapticd.record.schema import FLAG_EXCITATION, FLAG_MISSED_EXCHANGE, FLAG_MISSED_PERIOD, FLAG_RUNNING, ROW, Rows
+from hapticd.record.schema import (
+    FLAG_EXCITATION,
+    FLAG_MISSED_EXCHANGE,
+    FLAG_MISSED_PERIOD,
+    FLAG_RUNNING,
+    ROW,
+    Rows,
+    check_rows,
+)
 from hapticd.stability.passivity import spring_potential
 from hapticd.stability.segments import move_with_stiffness
 from hapticd.stability.storage import FloatArray
@@ -253,3 +261,94 @@ def replay(
             out[k, O_GENERATED], out[k, O_UNEXPLAINED] = s[S_GENERATED], s[S_UNEXPLAINED] + s[S_SETTINGS]
             out[k, O_POSITION] = s[S_POSITION]
             out[k, O_PUT_OUT], out[k, O_OBSERVED] = s[S_PUT_OUT], s[S_OBSERVED]
+
+
+_NO_OUTPUT = np.zeros((0, OUTPUTS))
+_NO_PLACES = np.zeros((0, PLACES))
+
+
+class EnergyEstimate:
+    """Stored, dissipated and generated energy since the last start, through the model (`energy_replay`).
+
+    Rows without ``FLAG_RUNNING`` keep the model on track and book nothing; each start begins anew. One thread calls
+    `update` and `configure`; `status` may be called from another and is then at most one row's sums out of step.
+
+    Args:
+        config: the config in force. latency_s: the driver's declared latency.
+        origin_counts: raw count of the spring's origin in force; None: the config's.
+        velocity: at the first row, in rad/s or m/s.
+
+    Example:
+        >>> from hapticd.config import load_config
+        >>> estimate = EnergyEstimate(load_config(None))
+        >>> estimate.status()["stored_J"]
+        0.0
+    """
+
+    def __init__(
+        self, config: Config, latency_s: float = 0.0, origin_counts: int | None = None, velocity: float = 0.0
+    ) -> None:
+        self._parameters = replay_parameters(config, latency_s, origin_counts)
+        self._state = replay_state()
+        self._state[S_VELOCITY] = velocity
+
+    def configure(self, config: Config, latency_s: float = 0.0, origin_counts: int | None = None) -> None:
+        """Take changed settings into force from the next row on.
+
+        What the spring holds more or less because of them is work of the settings, kept apart in ``settings_J``.
+        """
+        s, old = self._state, self._parameters
+        new = replay_parameters(config, latency_s, origin_counts)
+        before = stored_energy(old, s)
+        shift = (old[P_ORIGIN] - new[P_ORIGIN]) * new[P_RAW]
+        s[S_POSITION] += shift
+        s[S_COUNTS] += old[P_ORIGIN] - new[P_ORIGIN]
+        self._parameters = new
+        if s[S_RUNNING]:
+            s[S_STORED] = stored_energy(new, s)
+            s[S_SETTINGS] += s[S_STORED] - before
+
+    @property
+    def origin_counts(self) -> int:
+        """Raw count of the spring's origin in force."""
+        return int(self._parameters[P_ORIGIN])
+
+    def update(self, rows: Rows) -> None:
+        """Take in the next rows, (n,) of `record.ROW` in order; n may be 0.
+
+        Raises:
+            TypeError: the rows are not of `record.ROW`.
+        """
+        check_rows(rows)
+        replay(self._parameters, self._state, np.ascontiguousarray(rows), _NO_OUTPUT, _NO_PLACES)
+
+    def status(self) -> dict[str, Any]:
+        """Energies in J since the last start.
+
+        Returns:
+            ``stored_J`` now and ``stored_at_start_J``; since then ``dissipated_J``, ``generated_J``, ``settings_J``
+            (changed settings) and ``unexplained_J``: a hand's work and the model's errors. They balance:
+            stored = stored_at_start − dissipated + generated + settings + unexplained. ``estimate`` says what they are.
+        """
+        s = self._state
+        return {
+            "estimate": "through the model",
+            "stored_J": float(s[S_STORED]),
+            "stored_at_start_J": float(s[S_START]),
+            "dissipated_J": float(s[S_VISCOUS] + s[S_COULOMB]),
+            "generated_J": float(s[S_GENERATED]),
+            "settings_J": float(s[S_SETTINGS]),
+            "unexplained_J": float(s[S_UNEXPLAINED]),
+        }
+
+    def replayed(self, rows: Rows) -> tuple[FloatArray, FloatArray]:
+        """`update`, with what it found in every row.
+
+        Returns:
+            (n, OUTPUTS) energies in J and positions, and (n, PLACES) places visited while each row's force acted, not
+            a number where that is not known to its end.
+        """
+        check_rows(rows)
+        out, places = np.zeros((rows.size, OUTPUTS)), np.full((rows.size, PLACES), np.nan)
+        replay(self._parameters, self._state, np.ascontiguousarray(rows), out, places)
+        return out, places

@@ -19,7 +19,7 @@ from hapticd.record.errors import RunFileError
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_RUNNING, Rows, empty_rows
 from hapticd.stability import energy_replay as e
 from hapticd.stability.bounds import Bounds, places_checked
-from hapticd.stability.energy_estimate import EnergyEstimate
+from hapticd.stability.energy_replay import EnergyEstimate
 from hapticd.stability.outcome import energy_rises
 from hapticd.stability.storage import FloatArray
 

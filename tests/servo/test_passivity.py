@@ -12,8 +12,7 @@ from hapticd.record.schema import FLAG_CLAMPED, FLAG_EXCITATION
 from hapticd.servo.excitation import build
 from hapticd.servo.simulate import simulate
 from hapticd.stability.damping import Damper, passive_beta
-from hapticd.stability.energy_estimate import EnergyEstimate
-from hapticd.stability.energy_replay import O_OBSERVED, O_PUT_OUT
+from hapticd.stability.energy_replay import O_OBSERVED, O_PUT_OUT, EnergyEstimate
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.sampled_loop import loop_record, run_loops
 from tests.servo.scripted import Scripted, core_for, rows_of

@@ -14,7 +14,7 @@ from hapticd.record.errors import RunFileError
 from hapticd.record.schema import FLAG_RUNNING, Rows
 from hapticd.servo.simulate import simulate
 from hapticd.stability import energy_replay as e
-from hapticd.stability.energy_estimate import EnergyEstimate
+from hapticd.stability.energy_replay import EnergyEstimate
 from hapticd.stability.ledger import Ledger, ledger
 from hapticd.stability.numbers import from_config
 from hapticd.stability.run_energy import RunEnergy, run_energy
