@@ -14,13 +14,13 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from drivers import max_rate
-from hapticd.config import Config, ConfigError, apply_settings
+from hapticd.config import ConfigError, apply_settings
 from hapticd.config.sections import Servo
 from hapticd.stability.assessment import STABLE, Assessment, assess
 from hapticd.stability.boundary import boundary
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.devices import HUMAN_OPERATOR
-from hapticd.stability.numbers import Loop, loop_from_config
+from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 from hapticd.stability.tuning import Start, grip_damping
 
@@ -103,11 +103,11 @@ def _solve(safe: Callable[[float], bool], bad: float, good: float) -> float | No
     return boundary(lambda value: 1.0 if safe(value) else -1.0, good, bad)
 
 
-def _rounded(safe: Callable[[float], bool], value: float, towards: float) -> float:
-    """A value of few digits on the safe side of a solution, or the solution itself."""
-    for digits in _DIGITS:
+def _rounded(safe: Callable[[float], bool], value: float, *, up: bool = False) -> float:
+    """A value of few digits on the safe side of a solution, which is below it or `up`, or the solution itself."""
+    for digits in _DIGITS if value > 0.0 else ():
         power = 10.0 ** (digits - 1 - math.floor(math.log10(value)))
-        short = (math.ceil if towards > value else math.floor)(value * power) / power
+        short = (math.ceil if up else math.floor)(value * power) / power
         if abs(short - value) <= _SLACK * value and short > 0.0 and safe(short):
             return short
     return value
@@ -119,27 +119,33 @@ def _apply(found: Assessment, aim: Aim, key: str, before: float, after: float, u
         config = apply_settings(found.config, {key: after})
     except ConfigError:
         return None
-    then = assess(config, latency_s=found.latency_s)
-    if found.damped is not None:
-        return _verified(found, config, key, before, after, unit)
-    xi_dot_max = None if found.start is None else found.start.xi_dot_max(then.loop)
-    where = region(then.numbers, xi_dot_max)
-    if where not in aim:
-        return None
-    return Change(key, before, after, unit, where, criterion_margin(then.numbers, xi_dot_max))
-
-
-def _verified(found: Assessment, config: Config, key: str, before: float, after: float, unit: str) -> Change | None:
-    """The change of a loop with damping, for which no region speaks: if the exact loop then dies out."""
-    deflection, velocity = found.deflection, found.velocity
-    if found.start is not None:
-        scales = loop_from_config(config, found.latency_s).scales
-        deflection = None if deflection is None else float(scales.position_to_xi(found.start.deflection))
-        velocity = None if velocity is None else float(scales.velocity_to_xi_dot(found.start.velocity))
-    then = assess(config, deflection=deflection, velocity=velocity, latency_s=found.latency_s)
-    if then.verdict != "stable":
+    then = assess(config, start=found.start, latency_s=found.latency_s)
+    # Of a loop with damping no region speaks: the exact loop has to die out.
+    holds = then.region in aim if found.damped is None else then.verdict == "stable"
+    if not holds:
         return None
     return Change(key, before, after, unit, then.region, criterion_margin(then.numbers, then.xi_dot_max))
+
+
+def _searched(
+    found: Assessment,
+    aim: Aim,
+    key: str,
+    before: float,
+    end: float,
+    unit: str,
+    changed: Callable[[float], Loop],
+    most: float = math.inf,
+) -> Change | None:
+    """The nearest safe value on the way to `end`, of few digits and at most `most`; `changed` is the loop with a value."""
+
+    def safe(value: float) -> bool:
+        return value <= most and _safe(changed(value), found.start, aim)
+
+    solved = _solve(safe, before, end)
+    if solved is None:
+        return None
+    return _apply(found, aim, key, before, _rounded(safe, solved, up=end > before), unit)
 
 
 def _damping(found: Assessment, aim: Aim) -> Change | None:
@@ -156,19 +162,11 @@ def _damping(found: Assessment, aim: Aim) -> Change | None:
 
 
 def _stiffness(found: Assessment, aim: Aim) -> Change | None:
-    loop, start = found.loop, found.start
-    K = loop.stiffness
+    loop = found.loop
+    K, unit = loop.stiffness, "N/m" if found.config.is_linear else "N m/rad"
     if K == 0.0:
         return None
-
-    def safe(stiffness: float) -> bool:
-        return _safe(replace(loop, stiffness=stiffness), start, aim)
-
-    solved = _solve(safe, K, K * 1e-6)
-    if solved is None:
-        return None
-    unit = "N/m" if found.config.is_linear else "N m/rad"
-    return _apply(found, aim, "spring.stiffness", K, _rounded(safe, solved, 0.0), unit)
+    return _searched(found, aim, "spring.stiffness", K, K * 1e-6, unit, lambda K: replace(loop, stiffness=K))
 
 
 def _decimation(found: Assessment, aim: Aim) -> Change | None:
@@ -187,18 +185,12 @@ def _decimation(found: Assessment, aim: Aim) -> Change | None:
 
 
 def _rate(found: Assessment, aim: Aim) -> Change | None:
-    loop, start, present = found.loop, found.start, found.config.servo.rate_hz
+    loop, present = found.loop, found.config.servo.rate_hz
     highest = min(_upper_limit("rate_hz"), max_rate(found.config)[0])
     if present >= highest:
         return None
-
-    def safe(rate: float) -> bool:
-        return rate <= highest and _safe(replace(loop, period=1.0 / rate), start, aim)
-
-    solved = _solve(safe, present, highest)
-    if solved is None:
-        return None
-    return _apply(found, aim, "servo.rate_hz", present, _rounded(safe, solved, math.inf), "Hz")
+    key = "servo.rate_hz"
+    return _searched(found, aim, key, present, highest, "Hz", lambda f: replace(loop, period=1.0 / f), highest)
 
 
 def _upper_limit(key: str) -> float:
@@ -209,19 +201,11 @@ def _upper_limit(key: str) -> float:
 
 def _delay(found: Assessment, aim: Aim) -> Change | None:
     """Less computation delay; the amplifier's lag and the driver's latency stay."""
-    present = found.config.delay.computation_s
+    loop, present = found.loop, found.config.delay.computation_s
     if present == 0.0:
         return None
-    loop, start = found.loop, found.start
-
-    def safe(computation: float) -> bool:
-        return _safe(replace(loop, delay=loop.delay - present + computation), start, aim)
-
-    solved = _solve(safe, present, 0.0)
-    if solved is None:
-        return None
-    after = _rounded(safe, solved, 0.0) if solved > 0.0 else 0.0
-    return _apply(found, aim, "delay.computation_s", present, after, "s")
+    key = "delay.computation_s"
+    return _searched(found, aim, key, present, 0.0, "s", lambda T_V: replace(loop, delay=loop.delay - present + T_V))
 
 
 def _motion(found: Assessment, aim: Aim) -> Change | None:
@@ -234,14 +218,17 @@ def _motion(found: Assessment, aim: Aim) -> Change | None:
         return None
     loop, size = found.loop, abs(asked)
 
+    def begun(value: float) -> Start:
+        return Start.in_ticks(loop, **{key: math.copysign(value, asked)})
+
     def safe(value: float) -> bool:
-        return _safe(loop, Start.in_ticks(loop, **{key: math.copysign(value, asked)}), aim)
+        return _safe(loop, begun(value), aim)
 
     solved = _solve(safe, size, 0.0)
     if solved is None or solved <= 0.0:
         return None
-    after = _rounded(safe, solved, 0.0)
-    then = assess(found.config, latency_s=found.latency_s, **{key: math.copysign(after, asked)})
+    after = _rounded(safe, solved)
+    then = assess(found.config, start=begun(after), latency_s=found.latency_s)
     unit = "ticks/period" if key == "velocity" else "ticks"
     margin = criterion_margin(then.numbers, then.xi_dot_max)
     return Change(key, asked, math.copysign(after, asked), unit, then.region, margin)
@@ -252,16 +239,12 @@ def _grip(found: Assessment, aim: Aim) -> Change | None:
 
     For a rotary device the paper gives no hand, and what a grip adds depends on the handle.
     """
-    loop, start, present = found.loop, found.start, found.config.hand.damping
+    loop, present = found.loop, found.config.hand.damping
     missing = grip_damping(loop)
     if missing == 0.0 or (found.config.is_linear and present + missing > HUMAN_OPERATOR.damping):
         return None
-
-    def safe(damping: float) -> bool:
-        return _safe(replace(loop, viscous=loop.viscous - present + damping), start, aim)
-
-    solved = _solve(safe, present, present + missing * (1.0 + 1e-9))
-    if solved is None:
-        return None
-    unit = "N s/m" if found.config.is_linear else "N m s/rad"
-    return _apply(found, aim, "hand.damping", present, _rounded(safe, solved, math.inf), unit)
+    key, unit = "hand.damping", "N s/m" if found.config.is_linear else "N m s/rad"
+    enough = present + missing * (1.0 + 1e-9)
+    return _searched(
+        found, aim, key, present, enough, unit, lambda b: replace(loop, viscous=loop.viscous - present + b)
+    )

@@ -123,7 +123,12 @@ class Assessment:
 
 
 def assess(
-    config: Config, *, velocity: float | None = None, deflection: float | None = None, latency_s: float = 0.0
+    config: Config,
+    *,
+    velocity: float | None = None,
+    deflection: float | None = None,
+    start: Start | None = None,
+    latency_s: float = 0.0,
 ) -> Assessment:
     """Ask the theory about a configuration.
 
@@ -131,6 +136,7 @@ def assess(
         config: a resolved configuration.
         velocity: initial velocity at the origin, in coarse ticks per period.
         deflection: release at rest from here, in coarse ticks from the origin.
+        start: in the place of both, the motion in SI units.
         latency_s: the driver's declared sample-to-current latency in s.
 
     Raises:
@@ -140,8 +146,10 @@ def assess(
         raise ValueError("a motion begins with a velocity or with a deflection, not with both")
     loop = loop_from_config(config, latency_s)
     numbers = loop.numbers
-    start = None
-    if velocity is not None or deflection is not None:
+    if start is not None:
+        xi, xi_dot = start.to_ticks(loop)
+        deflection, velocity = (xi, None) if start.deflection else (None, xi_dot)
+    elif velocity is not None or deflection is not None:
         # in SI units, so that it stays the same motion when the loop is changed
         start = Start.in_ticks(loop, deflection=deflection or 0.0, velocity=velocity or 0.0)
     with np.errstate(over="ignore", invalid="ignore"):

@@ -43,12 +43,15 @@ class Start:
         """A start given as ξ₀ in coarse ticks and ξ̇₀ in ticks per period of this loop."""
         return cls(loop.scales.xi_to_position(deflection), loop.scales.xi_dot_to_velocity(velocity))
 
+    def to_ticks(self, loop: Loop) -> tuple[float, float]:
+        """ξ₀ in coarse ticks and ξ̇₀ in ticks per period of a loop."""
+        return loop.scales.position_to_xi(self.deflection), loop.scales.velocity_to_xi_dot(self.velocity)
+
     def xi_dot_max(self, loop: Loop) -> float:
         """Velocity bound (13) in ticks per period, a release turned into its equivalent velocity."""
+        n, (xi, xi_dot) = loop.numbers, self.to_ticks(loop)
         if loop.stiffness == 0.0:
-            return abs(loop.scales.velocity_to_xi_dot(self.velocity))
-        n, scales = loop.numbers, loop.scales
-        xi, xi_dot = scales.position_to_xi(self.deflection), scales.velocity_to_xi_dot(self.velocity)
+            return abs(xi_dot)
         return float(velocity_bound(xi, xi_dot, n.mu, n.tau_d, n.kappa))
 
 
@@ -67,25 +70,22 @@ def stiffness_max_passive(loop: Loop, criterion: Criterion = "paper", start: Sta
         K in N m/rad or N/m; 0 when no stiffness will do; None when there is delay and no `start`.
     """
     if loop.delay == 0.0:
-        return _stiffness_max_static(loop, QUANTUM[criterion])
+        return stiffness_max_stable(loop, criterion)
     if start is None:
         return None
-    return min(_stiffness_max_static(loop, QUANTUM[criterion]), stiffness_max_dissipating(loop, start, criterion))
+    return min(stiffness_max_stable(loop, criterion), stiffness_max_dissipating(loop, start, criterion))
 
 
-def stiffness_max_stable(loop: Loop) -> float:
-    """Largest K in A, F1 or F2: stable at every speed, with σ ≥ ½ and β ≥ ½ + τ_D; 0 when no stiffness will do."""
-    return _stiffness_max_static(loop, QUANTUM["paper"])
-
-
-def _stiffness_max_static(loop: Loop, quantum: float) -> float:
-    """Largest K with β ≥ ½ + τ_D and σ ≥ q, moved to the right side of its rounding."""
+def stiffness_max_stable(loop: Loop, criterion: Criterion = "paper") -> float:
+    """Largest K in A, F1 or F2: stable at every speed, with σ ≥ q and β ≥ ½ + τ_D; 0 when no stiffness will do."""
+    quantum = QUANTUM[criterion]
 
     def least(K: float) -> float:
         n = replace(loop, stiffness=K).numbers
         return min(viscous_margin(n), n.sigma - quantum)
 
     K = min(loop.viscous / (0.5 * loop.period + loop.delay), loop.coulomb / (quantum * loop.resolution))
+    # to the right side of its rounding
     return _largest(least, K * (1.0 + 1e-12), K * (1.0 - 1e-12))
 
 
