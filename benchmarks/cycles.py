@@ -67,7 +67,7 @@ def summarise(rows: Sequence[Row], name: str) -> Summary:
 
 def _write(rows: list[Row]) -> None:
     TABLE.parent.mkdir(parents=True, exist_ok=True)
-    names = [field.name for field in fields(Row) if field.name not in ("predicted", "locked", "half_periods")]
+    names = [field.name for field in fields(Row) if field.name not in ("predicted", "locked")]
     with TABLE.open("w", newline="") as file:
         writer = csv.writer(file)
         writer.writerow([*names, "predicted_amplitude", "predicted_omega", "locked_half_period"])

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 from drivers import max_rate
 from hapticd.config import Config
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.stability.criterion import QUANTUM, criterion_margin, sampling_bound_ok, sampling_ratio
-from hapticd.stability.effects import uncounted
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 
@@ -24,6 +24,11 @@ def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: f
     if loop.stiffness > 0.0:
         found += [*_theory(loop, xi_dot_max), *_motion(config, loop, xi_dot_max, deflection)]
     return tuple(found)
+
+
+def uncounted(config: Config) -> tuple[str, ...]:
+    """Effects of the plant that the theory leaves out: a loop's numbers take the others at their worst."""
+    return tuple(listed.name for listed in config.plant.effects if CATALOGUE[listed.name].in_loop is None)
 
 
 def proof_applies(config: Config) -> bool:

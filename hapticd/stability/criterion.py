@@ -17,7 +17,6 @@ Velocities in ticks per period, accelerations in ticks per period².
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import Final, Literal
 
 import numpy as np
@@ -158,14 +157,13 @@ def velocity_limit(numbers: Dimensionless, criterion: Criterion = "paper") -> fl
         return math.inf
     if n.tau_d == 0.0 and criterion != "sharp":
         return (n.sigma - quantum) / (0.5 - n.beta)
-    return _largest(lambda v: criterion_margin(numbers, v, criterion), 1.0)
 
+    def margin(v: float) -> float:
+        return criterion_margin(numbers, v, criterion)
 
-def _largest(margin: Callable[[float], float], start: float) -> float:
-    """Largest v ≥ 0 with margin(v) ≥ 0, for a margin that falls with v, to the last bit."""
     if margin(0.0) < 0.0:
         return 0.0
-    low, high = 0.0, start
+    low, high = 0.0, 1.0
     while margin(high) >= 0.0:
         low, high = high, 2.0 * high
         if math.isinf(high):

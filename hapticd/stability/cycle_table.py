@@ -46,7 +46,6 @@ class Row:
         omega: simulated; not a number when growing.
         amplitude_error: predicted/simulated − 1; not a number unless both oscillate.
         frequency_error: the same for ω.
-        half_periods: p of every exact cycle of 2p periods that this point has.
         locked: the exact cycle that the simulation is on; None where it is on none of them.
         agrees: both errors are within tolerance, or both say growth.
         why: empty where they agree.
@@ -62,7 +61,6 @@ class Row:
     omega: float
     amplitude_error: float
     frequency_error: float
-    half_periods: tuple[int, ...]
     locked: LockedCycle | None
     agrees: bool
     why: str
@@ -124,7 +122,6 @@ def _row(numbers: Dimensionless, outcome: str, amplitude: float, omega: float) -
         omega=math.nan if grows else omega,
         amplitude_error=amplitude_error,
         frequency_error=frequency_error,
-        half_periods=tuple(cycle.half_period for cycle in exact),
         locked=locked,
         agrees=agrees,
         why="" if agrees else _why(predicted, exact, locked, grows, amplitude),

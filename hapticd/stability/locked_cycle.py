@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from hapticd.plant.exact import phi_functions
 from hapticd.stability.numbers import Dimensionless
 
 
@@ -70,30 +71,15 @@ class _HalfWave:
         return sign * (self._slowed(time - self._speeding) - self.amplitude)
 
     def _stopping_time(self, speeding: float) -> float:
-        speed = self._drive * speeding * _phi1(-self._rate * speeding)
+        speed = self._drive * speeding * phi_functions(-self._rate * speeding)[1]
         w = self._rate * speed / self._brake
         return speed / self._brake * (math.log1p(w) / w if w > 0.0 else 1.0)
 
     def _sped(self, time: float) -> float:
         """Way from rest under the net force ½ − σ."""
-        return self._drive * time * time * _phi2(-self._rate * time)
+        return self._drive * time * time * phi_functions(-self._rate * time)[2]
 
     def _slowed(self, time: float) -> float:
         """Way to rest under the net force −(½ + σ), the time counted back from rest."""
-        return self._brake * time * time * _phi2(self._rate * time)
-
-
-def _phi1(z: float) -> float:
-    """(eᶻ − 1)/z."""
-    return math.expm1(z) / z if z != 0.0 else 1.0
-
-
-def _phi2(z: float) -> float:
-    """(eᶻ − 1 − z)/z², by its series for small z."""
-    if abs(z) < 0.1:
-        term, total = 0.5, 0.0
-        for k in range(3, 14):
-            total += term
-            term *= z / k
-        return total
-    return (math.expm1(z) - z) / (z * z)
+        exponential, phi1, phi2 = phi_functions(-self._rate * time)
+        return self._brake * time * time * (phi1 - phi2) / exponential  # φ₂(−z) = (φ₁(z) − φ₂(z))/eᶻ

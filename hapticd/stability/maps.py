@@ -15,7 +15,7 @@ Only rule 4 knows the horizon. With a delay, energies are compared at h + τ_D, 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
@@ -143,7 +143,6 @@ class Chunk:
     stop: int
 
 
-@dataclass
 class Maps:
     """A study and what is known of it.
 
@@ -153,14 +152,10 @@ class Maps:
         done: bool of the same shape.
     """
 
-    study: Study
-    points: PointArray = field(default_factory=lambda: np.empty(0, POINT))
-    done: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, np.bool_))
-
-    def __post_init__(self) -> None:
-        if self.points.size == 0:
-            self.points = np.zeros(self.study.shape, POINT)
-            self.done = np.zeros(self.study.shape, np.bool_)
+    def __init__(self, study: Study) -> None:
+        self.study = study
+        self.points: PointArray = np.zeros(study.shape, POINT)
+        self.done = np.zeros(study.shape, np.bool_)
 
     @property
     def fraction(self) -> float:

@@ -195,7 +195,7 @@ def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
         config: a resolved configuration.
         latency_s: the driver's declared sample-to-current latency in s, added to T_A + T_V.
     """
-    device = Loop(
+    loop = Loop(
         inertia=config.plant.inertia,
         viscous=config.plant.viscous,
         coulomb=config.plant.coulomb,
@@ -204,16 +204,12 @@ def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
         period=config.period,
         delay=config.amplifier.delay + config.delay.computation_s + latency_s,
     )
-    return _with_effects(device, config).with_hand(config.hand.inertia, config.hand.damping, config.hand.stiffness)
-
-
-def _with_effects(loop: Loop, config: Config) -> Loop:
-    """The loop with what the theory can take of ``plant.effects``: base parameters, delays, the weaker friction."""
+    # Base parameters, delays, the weaker friction.
     for listed in config.plant.effects:
         effect = CATALOGUE[listed.name]
         if effect.in_loop is not None:
             loop = replace(loop, **effect.in_loop(loop, effect.complete(listed.model_extra or {})))
-    return loop
+    return loop.with_hand(config.hand.inertia, config.hand.damping, config.hand.stiffness)
 
 
 def from_config(config: Config, latency_s: float = 0.0) -> Dimensionless:

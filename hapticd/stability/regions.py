@@ -10,12 +10,7 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from hapticd.stability.criterion import (
-    coulomb_margin,
-    criterion_margin,
-    viscous_margin,
-    xi_ddot_bound,
-)
+from hapticd.stability.criterion import coulomb_margin, criterion_margin, viscous_margin, xi_ddot_bound
 from hapticd.stability.numbers import Dimensionless
 
 #: What each region means, for people.

@@ -21,7 +21,7 @@ from hapticd.plant import kernel
 from hapticd.plant.layout import HOOKS, NAMES, SIZE, device_vector, index_of, neutral_vector
 from hapticd.plant.resolution import substeps_for
 from hapticd.servo.simulate import simulate
-from hapticd.stability.effects import uncounted
+from hapticd.stability.cautions import uncounted
 from hapticd.stability.numbers import loop_from_config
 from tests.plant.effects.independent import C, Laws, apart, excitation, simulated, vector
 from tests.plant.effects.test_closed_loop import config_with, driven

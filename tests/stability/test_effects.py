@@ -9,7 +9,7 @@ import pytest
 
 from hapticd.config import Config, parse_config
 from hapticd.stability.assessment import assess
-from hapticd.stability.effects import uncounted
+from hapticd.stability.cautions import uncounted
 from hapticd.stability.numbers import loop_from_config
 
 BASE = loop_from_config(parse_config({}, "x"))
