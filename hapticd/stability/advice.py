@@ -15,6 +15,7 @@ from typing import Any, Final
 
 from drivers import max_rate
 from hapticd.config import ConfigError, apply_settings
+from hapticd.config.keys import unit_of
 from hapticd.config.sections import Servo
 from hapticd.stability.assessment import STABLE, Assessment, assess
 from hapticd.stability.boundary import boundary
@@ -113,7 +114,7 @@ def _rounded(safe: Callable[[float], bool], value: float, *, up: bool = False) -
     return value
 
 
-def _apply(found: Assessment, aim: Aim, key: str, before: float, after: float, unit: str) -> Change | None:
+def _apply(found: Assessment, aim: Aim, key: str, before: float, after: float) -> Change | None:
     """The change if the configuration allows it and it does what it should."""
     try:
         config = apply_settings(found.config, {key: after})
@@ -124,6 +125,7 @@ def _apply(found: Assessment, aim: Aim, key: str, before: float, after: float, u
     holds = then.region in aim if found.damped is None else then.verdict == "stable"
     if not holds:
         return None
+    unit = "counts a tick" if key == "encoder.decimation" else unit_of(key, config.is_linear)
     return Change(key, before, after, unit, then.region, criterion_margin(then.numbers, then.xi_dot_max))
 
 
@@ -133,7 +135,6 @@ def _searched(
     key: str,
     before: float,
     end: float,
-    unit: str,
     changed: Callable[[float], Loop],
     most: float = math.inf,
 ) -> Change | None:
@@ -145,7 +146,7 @@ def _searched(
     solved = _solve(safe, before, end)
     if solved is None:
         return None
-    return _apply(found, aim, key, before, _rounded(safe, solved, up=end > before), unit)
+    return _apply(found, aim, key, before, _rounded(safe, solved, up=end > before))
 
 
 def _damping(found: Assessment, aim: Aim) -> Change | None:
@@ -153,20 +154,18 @@ def _damping(found: Assessment, aim: Aim) -> Change | None:
     present = found.config.spring.damping
     if found.damped is None:
         return None
-    unit = "N s/m" if found.config.is_linear else "N m s/rad"
     for factor in _DAMPING_FACTORS:
         after = float(f"{present * factor:.3g}")
-        if change := _apply(found, aim, "spring.damping", present, after, unit):
+        if change := _apply(found, aim, "spring.damping", present, after):
             return change
     return None
 
 
 def _stiffness(found: Assessment, aim: Aim) -> Change | None:
-    loop = found.loop
-    K, unit = loop.stiffness, "N/m" if found.config.is_linear else "N m/rad"
-    if K == 0.0:
+    loop, present = found.loop, found.loop.stiffness
+    if present == 0.0:
         return None
-    return _searched(found, aim, "spring.stiffness", K, K * 1e-6, unit, lambda K: replace(loop, stiffness=K))
+    return _searched(found, aim, "spring.stiffness", present, present * 1e-6, lambda K: replace(loop, stiffness=K))
 
 
 def _decimation(found: Assessment, aim: Aim) -> Change | None:
@@ -181,7 +180,7 @@ def _decimation(found: Assessment, aim: Aim) -> Change | None:
     else:
         solved = _solve(safe, present, 1.0)
         after = None if solved is None else math.floor(solved)
-    return None if after is None else _apply(found, aim, "encoder.decimation", present, after, "counts a tick")
+    return None if after is None else _apply(found, aim, "encoder.decimation", present, after)
 
 
 def _rate(found: Assessment, aim: Aim) -> Change | None:
@@ -190,7 +189,7 @@ def _rate(found: Assessment, aim: Aim) -> Change | None:
     if present >= highest:
         return None
     key = "servo.rate_hz"
-    return _searched(found, aim, key, present, highest, "Hz", lambda f: replace(loop, period=1.0 / f), highest)
+    return _searched(found, aim, key, present, highest, lambda f: replace(loop, period=1.0 / f), highest)
 
 
 def _upper_limit(key: str) -> float:
@@ -205,7 +204,7 @@ def _delay(found: Assessment, aim: Aim) -> Change | None:
     if present == 0.0:
         return None
     key = "delay.computation_s"
-    return _searched(found, aim, key, present, 0.0, "s", lambda T_V: replace(loop, delay=loop.delay - present + T_V))
+    return _searched(found, aim, key, present, 0.0, lambda T_V: replace(loop, delay=loop.delay - present + T_V))
 
 
 def _motion(found: Assessment, aim: Aim) -> Change | None:
@@ -243,8 +242,5 @@ def _grip(found: Assessment, aim: Aim) -> Change | None:
     missing = grip_damping(loop)
     if missing == 0.0 or (found.config.is_linear and present + missing > HUMAN_OPERATOR.damping):
         return None
-    key, unit = "hand.damping", "N s/m" if found.config.is_linear else "N m s/rad"
-    enough = present + missing * (1.0 + 1e-9)
-    return _searched(
-        found, aim, key, present, enough, unit, lambda b: replace(loop, viscous=loop.viscous - present + b)
-    )
+    key, enough = "hand.damping", present + missing * (1.0 + 1e-9)
+    return _searched(found, aim, key, present, enough, lambda b: replace(loop, viscous=loop.viscous - present + b))

@@ -97,6 +97,9 @@ class OutcomeTracker:
 
     The peaks of blocks of equal length are kept; when there are 768, neighbours are merged and the length doubles.
 
+    Attributes:
+        samples: energies seen so far. rises: how many times the energy rose from one sample to the next.
+
     Example:
         >>> tracker = OutcomeTracker()
         >>> tracker.update(np.array([3.0, 2.0, 1.0]))
@@ -112,18 +115,8 @@ class OutcomeTracker:
         self._partial = -np.inf
         self._partial_count = 0
         self._last: float | None = None
-        self._rises = 0
-        self._samples = 0
-
-    @property
-    def samples(self) -> int:
-        """Energies seen so far."""
-        return self._samples
-
-    @property
-    def rises(self) -> int:
-        """How many times the energy rose from one sample to the next."""
-        return self._rises
+        self.rises = 0
+        self.samples = 0
 
     def update(self, energy_chunk: FloatArray) -> None:
         """Take in the next energies, (n,) in time order; n may be 0 and may differ from call to call."""
@@ -131,10 +124,10 @@ class OutcomeTracker:
         if chunk.size == 0:
             return
         if self._last is not None and chunk[0] > self._last * (1.0 + RISE_TOLERANCE):
-            self._rises += 1
-        self._rises += int(np.count_nonzero(energy_rises(chunk)))
+            self.rises += 1
+        self.rises += int(np.count_nonzero(energy_rises(chunk)))
         self._last = float(chunk[-1])
-        self._samples += chunk.size
+        self.samples += chunk.size
         while chunk.size:
             chunk = chunk[self._absorb(chunk) :]
 
@@ -173,6 +166,6 @@ class OutcomeTracker:
 
     def outcome(self, at_rest: bool, grew_past_limit: bool = False) -> Outcome:
         """The verdict on what was taken in so far; see `decide`."""
-        if not at_rest and not grew_past_limit and self._rises == 0 and 0 < self._samples < 2 * STRETCHES:
+        if not at_rest and not grew_past_limit and self.rises == 0 and 0 < self.samples < 2 * STRETCHES:
             return "monotone"
-        return decide(self._rises > 0, self.tail_peaks(), at_rest, grew_past_limit)
+        return decide(self.rises > 0, self.tail_peaks(), at_rest, grew_past_limit)

@@ -63,7 +63,7 @@ def report(found: Assessment, changes: Sequence[Change], name: str, device: Devi
     """
     sections = [
         f"{name}{_motion(found)}: {HEADLINES[found.verdict]}",
-        "\n".join(_paragraph(_why(found))),
+        _paragraph(_why(found)),
         "\n".join(_numbers(found)),
     ]
     if changes:
@@ -75,7 +75,7 @@ def report(found: Assessment, changes: Sequence[Change], name: str, device: Devi
     if device is not None:
         sections.append("\n".join(_table_ii(device)))
     if found.warnings:
-        sections.append("\n".join(line for text in found.warnings for line in _paragraph(f"warning: {text}", "  ")))
+        sections.append("\n".join(_paragraph(f"warning: {text}", "  ") for text in found.warnings))
     return "\n\n".join(sections)
 
 
@@ -129,8 +129,8 @@ def shortest(value: float) -> str:
     return f"{value:.12g}"
 
 
-def _paragraph(text: str, hanging: str = "") -> list[str]:
-    return textwrap.wrap(text, _WIDTH, subsequent_indent=hanging, break_long_words=False)
+def _paragraph(text: str, hanging: str = "") -> str:
+    return textwrap.fill(text, _WIDTH, subsequent_indent=hanging, break_long_words=False)
 
 
 def _motion(found: Assessment) -> str:
@@ -206,19 +206,16 @@ def _damping(found: Assessment, stiffness_unit: str) -> Iterator[str]:
 
 def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
     """The changes that would help, a line each under a heading."""
-    return "\n".join(_advice(found, changes))
-
-
-def _advice(found: Assessment, changes: Sequence[Change]) -> Iterator[str]:
     every = "" if found.start is not None else " at every speed"
-    yield f"One of these changes is enough to make it stable{every}:"
+    lines = [f"One of these changes is enough to make it stable{every}:"]
     for change in changes:
         what = change.key if "." in change.key else f"--{change.key}"
         values = f"{shortest(change.before)} → {shortest(change.after)} {change.unit}"
         harsh = ", hardly a wall any more" if change.key == "spring.stiffness" and change.size > math.log(10.0) else ""
-        yield f"{_INDENT}{what:<20} {values:<32} {_LABELS[change.key]}{harsh} (region {change.region})"
+        lines.append(f"{_INDENT}{what:<20} {values:<32} {_LABELS[change.key]}{harsh} (region {change.region})")
     if found.verdict == "depends":
-        yield "Or keep below the speed limit; ask about a motion of yours with --velocity or --deflection."
+        lines.append("Or keep below the speed limit; ask about a motion of yours with --velocity or --deflection.")
+    return "\n".join(lines)
 
 
 def _table_ii(device: Device) -> Iterator[str]:
@@ -230,7 +227,7 @@ def _table_ii(device: Device) -> Iterator[str]:
         if row.note:
             notes.append(row.note)
     for note in dict.fromkeys(notes):
-        yield from _paragraph(f"{_INDENT}{note}", _INDENT)
+        yield _paragraph(f"{_INDENT}{note}", _INDENT)
     fraction = grip_fraction(device.loop)
     yield (
         f"{_INDENT}a hand with {100.0 * fraction:.0f} % of the table's human operator ({HUMAN_OPERATOR.damping:g} N s/m) "
