@@ -211,7 +211,8 @@ class Recorder:
             if rows.size:
                 self._last_tick = int(rows["tick"][-1])
             if (stalled := time.monotonic() - began) > _STALL_S:
-                self._note_stall(stalled)
+                self._writer.annotate({"event": "stalled", "utc": utc_now(), "seconds": stalled})
+                log.warning("the disk did not answer for %.1f s; rows waited in memory", stalled)
         except RecordingError as error:
             self._rows = self._writer.rows_written
             self._fail(str(error))
@@ -227,11 +228,6 @@ class Recorder:
             lost = {"rows": tick - before - 1, "after_tick": before, "before_tick": tick}
             self._writer.annotate({"event": "dropped", "utc": utc_now(), **lost})
             log.error("%d rows were lost between the ticks %d and %d", tick - before - 1, before, tick)
-
-    def _note_stall(self, stalled_s: float) -> None:
-        assert self._writer is not None
-        self._writer.annotate({"event": "stalled", "utc": utc_now(), "seconds": stalled_s})
-        log.warning("the disk did not answer for %.1f s; rows waited in memory", stalled_s)
 
     def _sync(self) -> None:
         """Have the disk take what was written: a power cut then costs little more than a second."""

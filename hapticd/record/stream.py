@@ -214,15 +214,11 @@ def _field(data: bytes | memoryview, table: int, number: int) -> int:
 
 
 def _matches(batch: Any, notes: Mapping[bytes, bytes]) -> bool:
-    if any(column.null_count or not _plain_number(column.type) for column in batch.columns):
-        return False
-    return notes.get(CHECK) == checksum(notes, (column.to_numpy() for column in batch.columns))
-
-
-def _plain_number(kind: Any) -> bool:
     import pyarrow as pa
 
-    return bool(kind in (pa.int64(), pa.float64()))
+    if any(column.null_count or column.type not in (pa.int64(), pa.float64()) for column in batch.columns):
+        return False
+    return notes.get(CHECK) == checksum(notes, (column.to_numpy() for column in batch.columns))
 
 
 def _plain(kind: Any) -> bool:

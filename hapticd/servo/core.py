@@ -68,10 +68,6 @@ class Request:
     excitation_length: int = 0
 
 
-def _limit(value: float | None) -> float:
-    return math.inf if value is None or value == 0 else float(value)
-
-
 def i2t_limit(config: Config) -> float:
     """What the motor may take above its continuous current before ``over_current`` trips, A² s.
 
@@ -117,20 +113,20 @@ def parameters(config: Config, request: Request, *, safety: bool = True, latency
     p["delay_ns"] = config.delay.computation_s * 1e9
     step, p["dac_max_code"] = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
     p["dac_step"] = step
-    peak = _limit(amplifier.peak_current)
+    peak = amplifier.peak_current or math.inf
     # The DAC rounds; a clamp that is not on its grid could be rounded up, beyond the peak.
     p["peak_current"] = math.floor(peak / step) * step if step and math.isfinite(peak) else peak
-    p["continuous_current"] = _limit(amplifier.continuous_current)
+    p["continuous_current"] = amplifier.continuous_current or math.inf
     p["i2t_limit"] = i2t_limit(config)
     p["safety"] = safety
-    p["max_speed"] = _limit(limits.max_velocity) / raw
-    p["max_excursion"] = _limit(limits.max_excursion) / raw
-    p["encoder_jump"] = _limit(limits.encoder_jump)
-    p["missed_exchanges"] = _limit(limits.missed_exchanges)
+    p["max_speed"] = (limits.max_velocity or math.inf) / raw
+    p["max_excursion"] = (limits.max_excursion or math.inf) / raw
+    p["encoder_jump"] = limits.encoder_jump or math.inf
+    p["missed_exchanges"] = limits.missed_exchanges or math.inf
     p["overrun_policy"] = layout.OVERRUN_POLICIES[config.servo.overrun.policy]
-    p["overrun_fault_after"] = _limit(config.servo.overrun.fault_after)
+    p["overrun_fault_after"] = config.servo.overrun.fault_after or math.inf
     p["heartbeat_ns"] = (limits.heartbeat_timeout_s or 0.0) * 1e9
-    p["enable_timeout_ns"] = _limit(limits.enable_timeout_s) * 1e9
+    p["enable_timeout_ns"] = (limits.enable_timeout_s or math.inf) * 1e9
     p["excitation_id"] = request.excitation_id
     p["excitation_length"] = request.excitation_length
     return p
