@@ -112,6 +112,14 @@ def test_with_damping_the_exact_loop_decides() -> None:
     )
 
 
+def test_too_much_damping_is_told_where_the_spring_alone_is_calm() -> None:
+    """The grip that the spring alone would need is none at all, and nothing that could be rounded."""
+    shaking = judge(config(**SLOW, spring={"damping": 3e-3}), 0.0, deflection=2.3)
+    assert (shaking.verdict, shaking.region) == ("refused", "E")
+    assert "spring.damping       0.003 →" in shaking.help
+    assert "hand.damping" not in shaking.help
+
+
 def test_damping_without_a_spring_is_looked_at() -> None:
     assert judge(config(spring={"stiffness": 0.0, "damping": 1e-4}), 0.0).verdict == "admitted"
     assert judge(config(spring={"stiffness": 0.0, "damping": 0.05}), 0.0).verdict == "refused"
