@@ -238,6 +238,7 @@ def withstanding(first: Fit, rounds: list[Round], tried: int) -> list[CrossValid
     """Judge what was named beside a disturbance that may be slow, and take out of `rounds` what is no more than that.
 
     What is sure there as well stands; and what makes most of the missing force go, which no slow torque does in its place.
+    No further effect stands whose parameters end at their limits there: that is another law.
 
     Args:
         first: the nominal model. rounds: of the search, changed in place. tried: how many effects competed.
@@ -248,14 +249,15 @@ def withstanding(first: Fit, rounds: list[Round], tried: int) -> list[CrossValid
     needed = constants.MATERIAL * first.out.size
     freed = [cross_validate(fit.with_free_memory()) for fit in _path(first, rounds, needed)]
     for number in reversed(range(len(rounds))):
-        whole, without = freed[-1], freed[number]
+        whole, without, at = freed[-1], freed[number], len(first.terms) + number
         if number + 1 < len(rounds):
-            poorer = whole.fit.without(len(first.terms) + number).with_noise(without.fit.noise)
+            poorer = whole.fit.without(at).with_noise(without.fit.noise)
             without = cross_validate(poorer.maximise(tolerance=ROUGH * needed))
         _, errors = evidence(whole.less(rounds[number].taken.penalty), without)
         left, before = missing_power(whole.fit), missing_power(without.fit)
         is_sure = errors > critical(whole.held_out.size, tried) and left < (1.0 - constants.SHARE) * before
-        if not is_sure and left > (1.0 - constants.CLOSED) * before:
+        is_limit = number > 0 and whole.fit.terms[at].at_bounds(whole.fit.u[whole.fit.columns(at)])
+        if is_limit or (not is_sure and left > (1.0 - constants.CLOSED) * before):
             _take_out(rounds, number, without)
             del freed[number + 1]
             freed[-1] = without

@@ -219,13 +219,25 @@ def test_a_law_that_stood_in_gives_way_to_its_limit(hidden: Hidden) -> None:
 
 
 def test_what_a_slow_torque_explains_as_well_is_not_named(hidden: Hidden) -> None:
-    recording, model = hidden([], 1, 2.0 * SECONDS, Coloured(0.25, 0.2))
+    recording, model = hidden([], 3, 2.0 * SECONDS, Coloured(0.25, 0.2))
     first = cross_validate(nominal_fit(problem_of([recording], model)))
     rounds = _named(first, "coulomb_friction")
     path = withstanding(first.fit, rounds, len(CATALOGUE))
     assert rounds == []
     assert [judged.fit.terms for judged in path] == [()]
     assert path[0].fit.noise_values()[3] > constants.SHORT_MEMORY_S
+
+
+def test_no_further_law_stands_at_the_end_of_its_range(hidden: Hidden, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A slow disturbance may lead it there after it was taken."""
+    effects = [{"name": "coulomb_friction", "r": 0.5}, {"name": "constant_bias", "tau_0": -3e-4}]
+    recording, model = hidden(effects, 12, SECONDS)
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    rounds = _named(first, "coulomb_friction", "constant_bias")
+    assert len(withstanding(first.fit, rounds, len(CATALOGUE))) == 3
+    monkeypatch.setattr(Term, "at_bounds", lambda law, u: [law.coordinates[0].name])
+    path = withstanding(first.fit, rounds, len(CATALOGUE))
+    assert [[item.slug for item in judged.fit.terms] for judged in path] == [[], ["coulomb_friction"]]
 
 
 def test_a_late_record_wins_only_where_no_law_of_the_device_does_as_well(biased: CrossValidated) -> None:
