@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import yaml
+from pydantic_core import to_jsonable_python
 
 from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE
@@ -39,8 +39,9 @@ def write_outputs(result: GapResult, recordings: Sequence[Recording], model: Con
     changes = consequences(model, improved, declared_latency(model)[0])
     text = model_yaml(model, result, [recording.name for recording in recordings])
     document = {**result.to_json(), "consequences": changes}
+    plain = to_jsonable_python(document, inf_nan_mode="null", fallback=lambda value: value.tolist())
     files = {
-        JSON: json.dumps(_finite(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n",
+        JSON: json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
         MODEL: text,
         REPORT: page(result, recordings, changes, {slug: spec.summary for slug, spec in CATALOGUE.items()}, text),
     }
@@ -55,14 +56,3 @@ def write_outputs(result: GapResult, recordings: Sequence[Recording], model: Con
     if EXPERIMENT not in files:
         (folder / EXPERIMENT).unlink(missing_ok=True)
     return document
-
-
-def _finite(value: Any) -> Any:
-    """Non-finite numbers have no JSON form."""
-    if isinstance(value, Mapping):
-        return {str(key): _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    if hasattr(value, "tolist"):
-        return _finite(value.tolist())
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -122,7 +122,7 @@ class GapResult:
             "statement": self.statement,
             "interrupted": self.interrupted,
             "effects": list(self.effects),
-            "steps": [_step(step) for step in self.steps],
+            "steps": [asdict(step) for step in self.steps],
             "where": [dict(entry) for entry in self.where],
             "gap": {
                 "train": {"before": self.gap.train_before, "after": self.gap.train_after},
@@ -130,34 +130,11 @@ class GapResult:
                 "noise_floor": self.gap.noise_floor,
                 "unit": self.gap.unit,
             },
-            "remainder": {
-                "share": self.remainder.share,
-                "words": self.remainder.words,
-                "structure": [dict(entry) for entry in self.remainder.structure],
-            },
+            "remainder": asdict(self.remainder),
             "prediction": dict(self.prediction),
             "recording": dict(self.recording),
-            "base": {name: _estimate(value) for name, value in self.base.items()},
+            "base": {name: asdict(value) for name, value in self.base.items()},
             "next_experiment": dict(self.next_experiment) if self.next_experiment else None,
             "warnings": list(self.warnings),
             "details": dict(self.details),
         }
-
-
-def _estimate(estimate: Estimate) -> dict[str, Any]:
-    return {"value": estimate.value, "ci95": list(estimate.ci95), "unit": estimate.unit}
-
-
-def _step(step: Step) -> dict[str, Any]:
-    return {
-        "effect": step.effect,
-        "parameters": {name: _estimate(value) for name, value in step.parameters.items()},
-        "gap_before": step.gap_before,
-        "gap_after": step.gap_after,
-        "share": step.share,
-        "evidence": step.evidence,
-        "log_likelihood_gain": step.log_likelihood_gain,
-        "indistinguishable_from": list(step.indistinguishable_from),
-        "ranking": [asdict(ranked) for ranked in step.ranking],
-        "entry": dict(step.entry),
-    }
