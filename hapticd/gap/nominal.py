@@ -45,7 +45,7 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
     coarse = [
         changed(probe.u, white=white, sensor=np.log(sensor * q))
         for white in np.log(problem.torque * np.sqrt(T)) + np.arange(-9.0, 5.0, 1.5)
-        for sensor in (0.1, 0.5, 5.0, 50.0)
+        for sensor in (0.1, 0.5, 5.0, 50.0, 500.0)
     ]
     best, best_u = best_of(coarse)
     spread = best_u[WHITE]

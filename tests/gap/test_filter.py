@@ -69,12 +69,21 @@ def test_without_dry_friction_it_is_a_kalman_filter(kind: str, periods: tuple[fl
     assert np.abs((out["mean"] - exact.mean) / deviation).max() < 0.01
     assert out["variance"] == pytest.approx(exact.variance, rel=0.01)
     density = norm.pdf(one.measured + 0.5 * one.resolution, exact.mean, deviation)
-    expected = np.log(density * one.resolution + OUTLIER)
+    expected = np.log(density * one.resolution + OUTLIER * one.resolution / one.noise[1])
     assert total == pytest.approx(expected.sum(), abs=0.5)
     assert total == pytest.approx(out["log_p"].sum(), abs=1e-6)
     innovation = (one.measured + 0.5 * one.resolution - out["mean"]) / np.sqrt(out["variance"])
     assert np.std(innovation[50:]) == pytest.approx(1.0, abs=0.12)
     assert out["moved"] == pytest.approx(innovation * np.sqrt(out["variance"]), rel=1e-2, abs=2.0 * one.resolution)
+
+
+def test_cells_far_below_the_noise_are_as_good_as_a_density() -> None:
+    """A record of positions in SI units shows no cells: how wide they are taken decides nothing, outliers included."""
+    wide = case(NOISES["white"], cell_share=1e-2)
+    wide.measured[300] += 5.0 * wide.noise[1]
+    narrow = wide._replace(resolution=0.1 * wide.resolution, measured=wide.measured + 0.45 * wide.resolution)
+    difference = filtered(narrow)[1]["log_p"] - filtered(wide)[1]["log_p"]
+    assert difference == pytest.approx(np.full(difference.size, -math.log(10.0)), abs=1e-3)
 
 
 def test_wide_cells_are_probabilities() -> None:

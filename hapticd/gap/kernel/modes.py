@@ -50,7 +50,7 @@ MODE = np.dtype(
 """A mode, or a piece of one that is on its way to another."""
 
 OUTLIER = 1e-3 / 64.0
-"""Probability of an arbitrary count: what a gross outlier costs at most."""
+"""Probability of an arbitrary count, or of a width of the sensor's noise if that is wider: what a gross outlier costs."""
 RARE = 1e-4
 """Probability below which a mode is not followed."""
 
@@ -231,8 +231,9 @@ def see(
         row.seen * row.xd / row.variance,
     )
     probability = mass * math.exp(largest)
-    row.log_p = math.log(probability + OUTLIER)
-    regular = probability / (probability + OUTLIER)
+    outlier = OUTLIER * resolution / max(resolution, sensor)
+    row.log_p = math.log(probability + outlier)
+    regular = probability / (probability + outlier)
     row.moved = left = 0.0
     row.x = row.v = row.d = row.bristle = row.load_x = row.load_v = row.contact = 0.0
     for k in range(3):
