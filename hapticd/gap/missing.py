@@ -126,7 +126,8 @@ def since_reversal(velocity: Floats, position: Floats, moves: NDArray[np.bool_])
 def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | None]]:
     """Coordinates that a missing force may depend on, and with which sign: (n,) values, and (n,) factor or None.
 
-    Motion is what was known before the force acted: what is known of it afterwards is what the force has made of it.
+    Motion and current are what was known before the force acted: what is known afterwards is what the force has made of them,
+    the current too, where a controller answers.
     """
     series = fit.problem.series
     velocity = fit.out["v"]
@@ -142,7 +143,7 @@ def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | No
         "way since a reversal, against the motion": (np.log(way + series.resolution), direction),
         "position, against the motion": (found.position, direction),
         "acceleration": ((fit.out["next_v"] - velocity) / series.period_s, None),
-        "change of the current": (np.gradient(series.command, series.period_s), None),
+        "change of the current": (np.diff(series.command, prepend=series.command[0]) / series.period_s, None),
     }
 
 
