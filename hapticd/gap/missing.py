@@ -126,8 +126,8 @@ def since_reversal(velocity: Floats, position: Floats, moves: NDArray[np.bool_])
 def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | None]]:
     """Coordinates that a missing force may depend on, and with which sign: (n,) values, and (n,) factor or None.
 
-    Motion and current are what was known before the force acted: what is known afterwards is what the force has made of them,
-    the current too, where a controller answers.
+    Motion and current are what was known before the force acted: what is known afterwards is what the force has made of
+    them, of the current too where a controller answers.
     """
     series = fit.problem.series
     velocity = fit.out["v"]

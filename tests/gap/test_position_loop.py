@@ -1,0 +1,106 @@
+"""An axis under a position loop, as most machines are recorded: the controller answers the very torque that nobody knows."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numba
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from hapticd.config import Config, parse_config
+from hapticd.gap import find_gap
+from hapticd.gap.recording import Recording
+
+Floats = NDArray[np.float64]
+
+INERTIA, VISCOUS, COULOMB, TORQUE_CONSTANT = 2e-4, 1e-3, 0.02, 0.05
+PERIOD_S, SUBSTEPS = 1e-3, 200
+BANDWIDTH_HZ, DAMPING_RATIO = 15.0, 0.8
+NOISE_RAD = 1e-4
+
+
+@numba.njit
+def _axis(
+    reference: Floats, noise: Floats, torque: Floats, inertia: float, viscous: float, coulomb: float, gains: Floats
+) -> tuple[Floats, Floats]:
+    """Measured position and current of an axis that follows a reference; semi-implicit steps of 5 µs, with stiction."""
+    n, dt = reference.size, PERIOD_S / SUBSTEPS
+    position, current = np.empty(n), np.empty(n)
+    x, v, rate = reference[0], 0.0, 0.0
+    last = x
+    for k in range(n):
+        y = x + noise[k]
+        ahead = (reference[min(k + 1, n - 1)] - reference[k]) / PERIOD_S
+        rate += 0.2 * ((y - last) / PERIOD_S - rate)
+        last = y
+        i = gains[0] * (reference[k] - y) + gains[1] * (ahead - rate)
+        position[k], current[k] = y, i
+        for _ in range(SUBSTEPS):
+            push = TORQUE_CONSTANT * i + torque[k]
+            before = v
+            if v == 0.0:
+                if abs(push) <= coulomb:
+                    continue
+                v = dt * (push - math.copysign(coulomb, push)) / inertia
+            else:
+                after = v + dt * (push - viscous * v - math.copysign(coulomb, v)) / inertia
+                v = after if after * v > 0.0 else 0.0
+            x += 0.5 * dt * (before + v)
+    return position, current
+
+
+def recorded(seed: int, duration_s: float = 12.0, **factors: float) -> tuple[Recording, Config]:
+    """A recording beside a coloured torque of 5 % of Coulomb friction, and the nominal model.
+
+    Args:
+        seed: of reference, noise and torque. duration_s: length.
+        factors: on ``inertia``, ``viscous`` and ``coulomb`` of the true device.
+    """
+    rng = np.random.default_rng(seed)
+    n = int(duration_s / PERIOD_S)
+    time_s = PERIOD_S * np.arange(n)
+    omega, size, phase = 2.0 * np.pi * np.array([0.13, 0.31, 0.73, 1.7]), np.array([2.0, 1.0, 0.4, 0.12]), rng.random(4)
+    reference = size @ np.sin(np.outer(omega, time_s) + 2.0 * np.pi * phase[:, None])
+    kept = math.exp(-PERIOD_S / 0.05)
+    torque = np.zeros(n)
+    for k in range(1, n):
+        torque[k] = kept * torque[k - 1] + math.sqrt(1.0 - kept**2) * rng.normal()
+    natural = 2.0 * np.pi * BANDWIDTH_HZ
+    gains = INERTIA / TORQUE_CONSTANT * np.array([natural**2, 2.0 * DAMPING_RATIO * natural])
+    position, current = _axis(
+        reference,
+        rng.normal(0.0, NOISE_RAD, n),
+        0.05 * COULOMB * torque,
+        INERTIA * factors.get("inertia", 1.0),
+        VISCOUS * factors.get("viscous", 1.0),
+        COULOMB * factors.get("coulomb", 1.0),
+        gains,
+    )
+    off: dict[str, Any] = {"bandwidth_hz": 0, "dac_bits": 0, "peak_current": 0, "continuous_current": 0}
+    model = parse_config(
+        {
+            "plant": {"inertia": INERTIA, "viscous": VISCOUS, "coulomb": COULOMB},
+            "amplifier": {"torque_constant": TORQUE_CONSTANT, **off},
+        },
+        "the axis",
+    )
+    return Recording("axis", time_s, position, 0.0, current, None, PERIOD_S, None, False, None), model
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_what_the_controller_answers_is_no_effect(seed: int) -> None:
+    recording, model = recorded(seed)
+    result = find_gap([recording], model)
+    assert result.verdict == "no_missing_effect", result.statement
+    assert result.remainder.structure == ()
+
+
+def test_a_wrong_friction_is_named_and_nothing_is_left() -> None:
+    recording, model = recorded(3, coulomb=1.3)
+    result = find_gap([recording], model)
+    assert (result.verdict, result.effects) == ("effect_found", ("coulomb_friction",)), result.statement
+    found = result.steps[0].parameters["r"]
+    assert found.ci95[0] < 0.3 < found.ci95[1]
