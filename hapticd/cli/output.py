@@ -12,13 +12,20 @@ from typing import Any
 
 
 def to_json(document: Any) -> str:
-    """JSON text; non-finite numbers become ``null``, numpy's numbers and arrays plain ones, all else text."""
-    from pydantic_core import to_jsonable_python
+    """JSON text; non-finite numbers become ``null``, numpy scalars numbers, paths text."""
+    return json.dumps(_plain(document), indent=2, ensure_ascii=False, allow_nan=False)
 
-    plain = to_jsonable_python(
-        document, inf_nan_mode="null", fallback=lambda value: getattr(value, "tolist", value.__str__)()
-    )
-    return json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False)
+
+def _plain(value: Any) -> Any:
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
 
 
 quiet: ContextVar[bool] = ContextVar("quiet", default=False)
