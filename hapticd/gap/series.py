@@ -110,8 +110,10 @@ class Series:
         """Sum over the samples of each block; shape (n,) or (n, k) to (blocks,) or (blocks, k)."""
         if values.ndim == 1:
             return np.asarray(np.bincount(self.block, values, self.blocks), dtype=np.float64)
-        sums = [np.bincount(self.block, column, self.blocks) for column in values.T]
-        return np.reshape(sums, (values.shape[1], self.blocks)).T
+        sums = np.empty((self.blocks, values.shape[1]))
+        for k, column in enumerate(values.T):
+            sums[:, k] = np.bincount(self.block, column, self.blocks)
+        return sums
 
     def currents(self, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each."""
