@@ -35,7 +35,7 @@ _CLIMBS = 4
 _BASIN = 0.4
 """Difference of the logarithms of two starts that lead to the same maximum."""
 _HOPEFUL = 0.02
-_WORTH_A_CLIMB = 0.1
+_WORTH_A_CLIMB = 0.4
 """Share of what an effect must gain that its start must promise to be followed further."""
 HALVINGS, _TRIAL_HALVINGS = 6, 2
 _COLUMNS = 64

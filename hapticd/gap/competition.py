@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -27,12 +28,14 @@ if TYPE_CHECKING:
 _FIRST_STEPS = 3
 _SHORTLIST = 8
 _PROMISING = 0.05
-_HALF_WAY = 0.25
+_HALF_WAY = 0.5
 _CLOSE = 0.3
 _MOST_FITTED = 4
+_CLIMB = 10
+"""Steps of a contender's climb: the one that is taken is climbed to the end."""
 _CLOSER = 0.3
 """First steps of the last climb over those of the first."""
-ROUGH = 0.05
+ROUGH = 0.2
 """Share of what an effect must gain to which contenders are fitted; the one that is taken is fitted to the end."""
 
 
@@ -50,6 +53,11 @@ class CrossValidated:
     def total(self) -> float:
         """Held-out score of all blocks."""
         return float(self.held_out.sum())
+
+    @cached_property
+    def beside_slow(self) -> CrossValidated:
+        """The same fitted beside a disturbance that may be slow, and judged there; no discrete choice is priced."""
+        return cross_validate(self.fit.with_free_memory())
 
     def less(self, penalty: float) -> CrossValidated:
         """The same less the logarithm of the number of discrete choices that were made for it."""
@@ -99,19 +107,11 @@ def cross_validate(fit: Fit, penalty: float = 0.0) -> CrossValidated:
 
 
 def evidence(better: CrossValidated, other: CrossValidated) -> tuple[float, float]:
-    """Held-out gain of one hypothesis over another, nats, and the same in standard errors.
-
-    If the better one is true, the gain varies by the sum of its own scores times the difference of the two predictions; sums
-    over blocks make that robust to scores that hang together. Twice the gain over that deviation is the z-statistic of a
-    likelihood ratio.
-    """
+    """Held-out gain of one hypothesis over another, nats, and the same in standard errors."""
     gain = better.total - other.total
     a, b = better.fit.out, other.fit.out
-    shift = a["mean"] - b["mean"]
-    noise = shift * (a if gain >= 0.0 else b)["score"]
-    blocks = better.fit.problem.series.per_block(noise)
-    deviation = np.sqrt(max(float(np.sum(blocks**2)), float(np.sum(noise**2))) + 4.0)
-    return gain, 2.0 * gain / deviation
+    noise = (a["mean"] - b["mean"]) * (a if gain >= 0.0 else b)["score"]
+    return gain, better.fit.problem.series.standard_errors(gain, noise)
 
 
 def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> list[Contender]:
@@ -142,7 +142,7 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
         if len(contenders) == _MOST_FITTED:
             break
         rival = max((other.judged.fit.log_likelihood for other in contenders), default=-np.inf)
-        fit.maximise(tolerance=ROUGH * needed, rival=rival)
+        fit.maximise(_CLIMB, ROUGH * needed, rival)
         judged = cross_validate(fit, present.penalty + candidate.penalty)
         gain, errors = evidence(judged, present)
         contenders.append(Contender(candidate.slug, judged, gain, errors, candidate.penalty))
@@ -202,7 +202,7 @@ def _keeps_the_drive(fit: Fit, present: Fit) -> bool:
     return drives[0] > constants.DRIVE_KEPT * drives[1] and moves[0] > constants.DRIVE_KEPT * moves[1]
 
 
-def simplest_first(contenders: list[Contender], needed: float) -> list[Contender]:
+def simplest_first(contenders: list[Contender]) -> list[Contender]:
     """The order of the held-out score, but a law that is a limit of the best one goes before it where it is as good.
 
     So does any law of the device before a late record.
@@ -210,15 +210,14 @@ def simplest_first(contenders: list[Contender], needed: float) -> list[Contender
     best = contenders[0]
     for other in contenders[1:]:
         is_simpler = other.slug in CATALOGUE[best.slug].contains or late_record.is_late(best.law)
-        if is_simpler and is_as_good(other.judged, best.judged, needed):
+        if is_simpler and is_as_good(other.judged, best.judged):
             return [other, *(contender for contender in contenders if contender is not other)]
     return contenders
 
 
-def is_as_good(simpler: CrossValidated, other: CrossValidated, needed: float) -> bool:
-    """Whether what the other one gains is no more than chance, or does not matter."""
-    gain, errors = evidence(other, simpler)
-    return errors < constants.TIE or gain < needed
+def is_as_good(simpler: CrossValidated, other: CrossValidated) -> bool:
+    """Whether what the other one gains is no more than chance."""
+    return evidence(other, simpler)[1] < constants.TIE
 
 
 def tied_with(best: Contender, others: Sequence[Contender]) -> tuple[str, ...]:
@@ -233,9 +232,9 @@ def tied_with(best: Contender, others: Sequence[Contender]) -> tuple[str, ...]:
 def is_rival(best: str, other: str, ahead: float) -> bool:
     """Whether a law that is `ahead` of the best one by so many standard errors may be the true one instead.
 
-    A law that the best one is a limit of is as good at least: it is a rival where it is surely better, though by little.
+    A law that the best one is a limit of is always as good: it is no rival.
     """
-    return ahead > (constants.TIE if best in CATALOGUE[other].contains else -constants.TIE)
+    return best not in CATALOGUE[other].contains and ahead > -constants.TIE
 
 
 def round_of(before: CrossValidated, contenders: Sequence[Contender], *, to_the_end: bool = True) -> Round:

@@ -19,8 +19,6 @@ LASTING_S = 0.02
 """Time over which a white force is averaged to count as missing [s]: what is faster than 50 Hz moves no shaft."""
 LEVEL = 0.005
 """Probability that nothing missing is given a name, over the whole catalogue."""
-MATERIAL = 0.002
-"""Held-out gain, in nats a sample, below which an effect does not matter."""
 SHARE = 0.07
 """Share of what is still missing, in power, that an effect must close to be named."""
 CLOSED = 0.5

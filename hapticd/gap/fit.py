@@ -266,18 +266,14 @@ class Fit:
         return Fit(problem, self.terms, self.u)
 
     def scan_power(self) -> None:
-        """Line search in the power of all process noise: its curvature is the least quadratic of all."""
-        for step in (-0.7, 0.7):
-            moved = False
-            while True:
-                u = self.u.copy()
-                u[[WHITE, DISTURBANCE]] += step
-                if not self.move(u, _SCANNED):
-                    break
-                moved = True
-                step *= 1.5
-            if moved:
+        """Line search towards less process noise, all of it together: its curvature is the least quadratic of all."""
+        step = -0.7
+        while True:
+            u = self.u.copy()
+            u[[WHITE, DISTURBANCE]] += step
+            if not self.move(u, _SCANNED):
                 break
+            step *= 1.5
 
     def held_out(self) -> Floats:
         """Log-likelihood of each block under the estimate without its fold, shape (blocks,).

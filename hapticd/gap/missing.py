@@ -240,14 +240,13 @@ def better_function(before: Fit, law: Term, count: int = 8) -> str | None:
         before: the model without the law, held out. law: started at its estimate.
     """
     found = missing_force(before)
-    needed = constants.MATERIAL * before.out.size
     own = (before.extended(law).out["mean"] - before.out["mean"])[:, None]
     shift = _held_out_shift(before, own)
     best: tuple[float, str | None] = (-np.inf, None)
     for name, columns in _functions(before, found, count):
         gain, errors = _gain(before, _held_out_shift(before, sensitivities(before.out, columns)), shift)
         is_simpler = columns.shape[1] <= len(law.coordinates)
-        if (gain > needed and errors > constants.TIE) or (is_simpler and (gain > -needed or errors > -constants.TIE)):
+        if errors > (-constants.TIE if is_simpler else constants.TIE):
             best = max(best, (gain, name), key=lambda pair: pair[0])
     return best[1]
 
@@ -307,7 +306,4 @@ def _gain(fit: Fit, shift: Floats, other: Floats | float = 0.0) -> tuple[float, 
     """Gain of one change of the predictions over another, nats, and the same in standard errors."""
     score, information = fit.out["score"], fit.out["information"]
     gain = float(np.sum((shift - other) * score - 0.5 * (shift**2 - other**2) * information))
-    noise = (shift - other) * (score - shift * information)
-    blocks = fit.problem.series.per_block(noise)
-    deviation = np.sqrt(max(float(np.sum(blocks**2)), float(np.sum(noise**2))) + 4.0)
-    return gain, 2.0 * gain / deviation
+    return gain, fit.problem.series.standard_errors(gain, (shift - other) * (score - shift * information))

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapticd.gap import constants
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import term
@@ -32,7 +31,7 @@ def first_orders(space: Score, scale: Scale) -> list[Candidate]:
     found = _pursued(space, scale)
     present, best, most = space.present, found, -math.inf
     for _ in range(_PURSUITS):
-        if found is None or found.promise < constants.MATERIAL * present.out.size:
+        if found is None:
             break
         fit = present.extended(found.term).approach(present.u.size, 2)
         if fit.log_likelihood <= most:

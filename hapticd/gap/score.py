@@ -63,14 +63,16 @@ class Score:
         """What a term promises, started as well as its direction says."""
         present = self.present
         fit = present.extended(item)
-        value, out = fit.log_likelihood, fit.out
+        out = fit.out
         g, H = self.reduced((out["mean"] - present.out["mean"])[:, None])
         factor = float(g[0] / max(H[0, 0], 1e-300))
         amplitude = CATALOGUE[item.slug].amplitude
         if not amplitude:
             step = min(max(factor, 0.0), 1.0)
             promise = step * float(g[0]) - 0.5 * step * step * float(H[0, 0])
-            return Candidate(item.slug, item, self.weight * max(promise, value - present.log_likelihood))
+            if CATALOGUE[item.slug].acts_on == "memory":
+                fit.scan_power()  # with the noise of the poorer model the right resonance may look worse than none
+            return Candidate(item.slug, item, self.weight * max(promise, fit.log_likelihood - present.log_likelihood))
         if factor <= 0.0 and (item.coordinates[0].is_log or item.coordinates[0].lower >= 0.0):
             return Candidate(item.slug, item, 0.0)
         return Candidate(item.slug, item.scaled(amplitude, factor), self.weight * 0.5 * factor * float(g[0]))

@@ -49,6 +49,11 @@ def critical(problem_blocks: int, tried: int) -> float:
     return float(student.isf(constants.LEVEL / max(tried, 1), problem_blocks - 1))
 
 
+def least_gain(needed_errors: float) -> float:
+    """What an effect with one parameter gains that is just sure, nats: less is not worth a fit."""
+    return 0.5 * needed_errors**2
+
+
 def is_quiet(fit: Fit) -> bool:
     """Whether the process noise is about the least that a device has: nothing is missing then."""
     noise = fit.noise_values()
@@ -59,7 +64,7 @@ def is_quiet(fit: Fit) -> bool:
 def search(
     first: CrossValidated, slugs: Sequence[str], progress: Callable[[float, str], None], rounds: list[Round]
 ) -> str | None:
-    """Add effects as long as held-out samples ask for one.
+    """Add effects as long as held-out samples ask for one, and no slow disturbance does as well.
 
     Args:
         first: the nominal model. slugs: effects that may be named.
@@ -70,40 +75,52 @@ def search(
     Returns:
         An effect that predicts better for sure and was not named, because with it as much force is missing.
     """
-    present, needed = first, constants.MATERIAL * first.fit.out.size
-    needed_errors = critical(first.held_out.size, len(slugs))
+    present, needed_errors = first, critical(first.held_out.size, len(slugs))
+    needed = least_gain(needed_errors)
     doubtful: list[Round] = []  # one at most, which may become sure beside the next
+    possible: list[Contender] = []
     new: Round | None = None
     for number in range(constants.MOST_EFFECTS):
         progress(number / (constants.MOST_EFFECTS + 1), "trying effects")
         if is_quiet(present.fit):
             break
         path = [*rounds, *doubtful]
-        tried = [slug for slug in _beside(doubtful, slugs) if slug not in _settled(path)]
-        possible = admitted(compete(present, tried, needed), present, is_further=bool(path))
+        if not possible:
+            tried = [slug for slug in _beside(doubtful, slugs) if slug not in _settled(path)]
+            possible = admitted(compete(present, tried, needed), present, is_further=bool(path))
         new = _next(possible, present, needed, needed_errors)
         is_late = new is not None and late_record.is_late(new.taken.law)
         is_last = number + 1 == constants.MOST_EFFECTS
-        is_sure = new is not None and _has_evidence(new.taken, needed, needed_errors) and _closes(new)
+        is_sure = new is not None and new.taken.evidence >= needed_errors and _closes(new)
         if new is None or (doubtful and (is_late or not is_sure)) or (is_last and not is_sure):
             break
         path.append(new)
         if not is_sure:
-            doubtful, present = [new], new.taken.judged
+            doubtful, present, possible = [new], new.taken.judged, []
             continue
         gone = set() if is_late else look_back(path, slugs, len(first.fit.terms), needed_errors, needed)
-        if doubtful and (
-            doubtful[0].taken.slug in gone or not closes(path[-1].taken.judged.fit, doubtful[0].before.fit)
-        ):
+        if doubtful and not _stand_together(doubtful[0], gone, path, len(rounds)):
             break
+        if path and not is_late and not _withstands(path[-1], len(slugs)):
+            possible = [one for one in possible if one.slug != new.taken.slug]
+            if doubtful or not possible:
+                break
+            continue
         rounds[:] = path
         if is_late or not rounds:
             break
-        present, doubtful, new = rounds[-1].taken.judged, [], None
+        present, doubtful, possible, new = rounds[-1].taken.judged, [], [], None
     for each in (*doubtful, new):
-        if each is not None and _has_evidence(each.taken, needed, needed_errors) and not _closes(each):
+        if each is not None and each.taken.evidence >= needed_errors and not _closes(each):
             return each.taken.slug
     return None
+
+
+def _stand_together(doubtful: Round, gone: set[str], path: Sequence[Round], before: int) -> bool:
+    """Whether a name in doubt stands beside the next: less force is missing, or no more names than before do better."""
+    if doubtful.taken.slug in gone:
+        return False
+    return len(path) <= before or closes(path[-1].taken.judged.fit, doubtful.before.fit)
 
 
 def _next(possible: Sequence[Contender], present: CrossValidated, needed: float, needed_errors: float) -> Round | None:
@@ -112,18 +129,14 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     In doubt is what gains most of all that closes some of the missing force; else of what is sure, which may only stand
     beside other base parameters. They move it, so it is not climbed to the end before they are known.
     """
-    contenders = _in_order(closing(possible, present, needed_errors), needed)
-    if not contenders or not _has_evidence(contenders[0], needed, needed_errors):
+    contenders = _in_order(closing(possible, present, needed_errors))
+    if not contenders or contenders[0].evidence < needed_errors:
         gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]
         closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
-        contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors], needed)
+        contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors])
     if not contenders:
         return None
     return round_of(present, contenders, to_the_end=closes(contenders[0].judged.fit, present.fit))
-
-
-def _has_evidence(taken: Contender, needed: float, needed_errors: float) -> bool:
-    return taken.gain >= needed and taken.evidence >= needed_errors
 
 
 def _closes(new: Round) -> bool:
@@ -137,11 +150,11 @@ def _beside(doubtful: Sequence[Round], slugs: Sequence[str]) -> Sequence[str]:
     return [slug for slug in slugs if slug in CORRECTIONS]
 
 
-def _in_order(contenders: list[Contender], needed: float) -> list[Contender]:
+def _in_order(contenders: list[Contender]) -> list[Contender]:
     """Contenders, the one to take first; a late record is no other name for it."""
     best, others = contenders[:1], contenders[1:]
     if contenders:
-        best[0], *others = simplest_first(contenders, needed)
+        best[0], *others = simplest_first(contenders)
     return [*best, *(other for other in others if not late_record.is_late(other.law))]
 
 
@@ -167,14 +180,16 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         price = last.judged.penalty - named.taken.penalty
         without = cross_validate(poorer.maximise(tolerance=ROUGH * needed), price)
         gain, errors = evidence(last.judged, without)
-        if errors < needed_errors or gain < needed or not closes(last.judged.fit, without.fit):
+        if errors < needed_errors or not closes(last.judged.fit, without.fit):
             gone.add(named.taken.slug)
             _take_out(rounds, number, without)
             _reopen(rounds, number)
             number = len(rounds)
             continue
         limits = set(CATALOGUE[named.taken.slug].contains) & set(slugs)
-        others = (limits | set(named.tied)) - _settled([*rounds[:number], *rounds[number + 1 :]])
+        if named.taken.slug in CORRECTIONS:  # errors of the base go in place of each other
+            limits |= set(CORRECTIONS) & set(slugs)
+        others = (limits | set(named.tied)) - {named.taken.slug} - _settled([*rounds[:number], *rounds[number + 1 :]])
         asked = compete(without, sorted(others), needed) if others else []
         rivals = [
             rival
@@ -184,7 +199,7 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         better = [
             rival
             for rival in rivals
-            if _goes_before(rival, last, named.taken.slug, needed)
+            if _goes_before(rival, last, named.taken.slug)
             and _names(rounds) - {named.taken.slug} | {rival.slug} not in seen
         ]
         if better:
@@ -205,12 +220,12 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
     return gone
 
 
-def _goes_before(rival: Contender, last: Contender, slug: str, needed: float) -> bool:
+def _goes_before(rival: Contender, last: Contender, slug: str) -> bool:
     """Whether a law belongs in the place of `slug`, with which the last model was judged."""
     if rival.slug in CATALOGUE[slug].contains:
-        return is_as_good(rival.judged, last.judged, needed)
+        return is_as_good(rival.judged, last.judged)
     if slug in CATALOGUE[rival.slug].contains:
-        return not is_as_good(last.judged, rival.judged, needed)
+        return not is_as_good(last.judged, rival.judged)
     return rival.judged.total > last.judged.total
 
 
@@ -234,7 +249,7 @@ def _take_out(rounds: list[Round], number: int, without: CrossValidated) -> None
         rounds[-1] = replace(rounds[-1], contenders=(last, *rounds[-1].contenders[1:]))
 
 
-def withstanding(first: Fit, rounds: list[Round], tried: int) -> list[CrossValidated]:
+def withstanding(first: CrossValidated, rounds: list[Round], tried: int) -> list[CrossValidated]:
     """Judge what was named beside a disturbance that may be slow, and take out of `rounds` what is no more than that.
 
     What is sure there as well stands; and what makes most of the missing force go, which no slow torque does in its place.
@@ -246,33 +261,45 @@ def withstanding(first: Fit, rounds: list[Round], tried: int) -> list[CrossValid
     Returns:
         The nominal model and that of each round that is left, fitted with such a disturbance.
     """
-    needed = constants.MATERIAL * first.out.size
-    freed = [cross_validate(fit.with_free_memory()) for fit in _path(first, rounds, needed)]
+    needed = least_gain(critical(first.held_out.size, tried))
+    freed = [each.beside_slow for each in _path(first, rounds, needed)]
     for number in reversed(range(len(rounds))):
-        whole, without, at = freed[-1], freed[number], len(first.terms) + number
+        whole, without, at = freed[-1], freed[number], len(first.fit.terms) + number
         if number + 1 < len(rounds):
             poorer = whole.fit.without(at).with_noise(without.fit.noise)
             without = cross_validate(poorer.maximise(tolerance=ROUGH * needed))
-        _, errors = evidence(whole.less(rounds[number].taken.penalty), without)
-        left, before = missing_power(whole.fit), missing_power(without.fit)
-        is_sure = errors > critical(whole.held_out.size, tried) and left < (1.0 - constants.SHARE) * before
         is_limit = number > 0 and whole.fit.terms[at].at_bounds(whole.fit.u[whole.fit.columns(at)])
-        if is_limit or (not is_sure and left > (1.0 - constants.CLOSED) * before):
+        if is_limit or not _is_more(whole.less(rounds[number].taken.penalty), without, tried):
             _take_out(rounds, number, without)
             del freed[number + 1]
             freed[-1] = without
     return freed
 
 
-def _path(first: Fit, rounds: Sequence[Round], needed: float) -> list[Fit]:
+def _withstands(last: Round, tried: int) -> bool:
+    """Whether what was named last is more than a slow disturbance."""
+    return _is_more(last.taken.judged.beside_slow.less(last.taken.penalty), last.before.beside_slow, tried)
+
+
+def _is_more(whole: CrossValidated, without: CrossValidated, tried: int) -> bool:
+    """Whether a law is sure and closes its share, or most of the missing force, beside a disturbance that may be slow."""
+    _, errors = evidence(whole, without)
+    left, before = missing_power(whole.fit), missing_power(without.fit)
+    is_sure = errors > critical(whole.held_out.size, tried) and left < (1.0 - constants.SHARE) * before
+    return is_sure or left < (1.0 - constants.CLOSED) * before
+
+
+def _path(first: CrossValidated, rounds: Sequence[Round], needed: float) -> list[CrossValidated]:
     """The nominal model and that of each round, without what was taken out since."""
-    path = [rounds[-1].taken.judged.fit if rounds else first]
+    path = [rounds[-1].taken.judged if rounds else first]
     for each in reversed(rounds):
-        poorer, known = path[0].without(len(path[0].terms) - 1), each.before.fit
+        poorer, known = path[0].fit.without(len(path[0].fit.terms) - 1), each.before
         is_known = [(item.slug, item.fixed) for item in poorer.terms] == [
-            (item.slug, item.fixed) for item in known.terms
+            (item.slug, item.fixed) for item in known.fit.terms
         ]
-        path.insert(0, known if is_known else poorer.with_noise(known.noise).maximise(tolerance=ROUGH * needed))
+        if not is_known:
+            known = cross_validate(poorer.with_noise(known.fit.noise).maximise(tolerance=ROUGH * needed))
+        path.insert(0, known)
     return path
 
 

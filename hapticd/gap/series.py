@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import TYPE_CHECKING
@@ -114,6 +115,18 @@ class Series:
         for k, column in enumerate(values.T):
             sums[:, k] = np.bincount(self.block, column, self.blocks)
         return sums
+
+    def standard_errors(self, gain: float, noise: Floats) -> float:
+        """Return a gain in standard errors: twice the gain over its deviation, the z-statistic of a likelihood ratio.
+
+        Args:
+            gain: of one hypothesis over another, nats.
+            noise: (n,) the better one's scores times the difference of the two predictions. If it is true, the gain varies
+                by their sum; sums over blocks make that robust to scores that hang together. By itself the better model
+                says that it varies by twice the gain: no less.
+        """
+        blocks = self.per_block(noise)
+        return 2.0 * gain / math.sqrt(max(float(blocks @ blocks), float(noise @ noise), 2.0 * abs(gain), 1e-300))
 
     def currents(self, p: Floats) -> tuple[Floats, Floats, Floats]:
         """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each."""

@@ -156,7 +156,7 @@ def _result(
     unnamed: str | None,
 ) -> GapResult:
     # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
-    freed = withstanding(first.fit, rounds, len(slugs))
+    freed = withstanding(first, rounds, len(slugs))
     first, last = freed[0], freed[-1]
     found = [missing_force(judged.fit) for judged in freed]
     power = [missing.rms**2 for missing in found]
