@@ -39,6 +39,7 @@ class Coordinate:
         scale: change of the coordinate that matters.
         prior: standard deviation of a normal prior about `centre`; infinite for none.
         centre: where that prior is centred.
+        neutral: the value without which the law is complete (no rebound): there it is no other law, though its range ends.
     """
 
     name: str
@@ -49,6 +50,7 @@ class Coordinate:
     scale: float
     prior: float = np.inf
     centre: float = 0.0
+    neutral: float = np.nan
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,7 @@ class Term:
         return [
             c.name
             for c, value, width in zip(self.coordinates, u, halves, strict=True)
-            if not c.lower < value - width <= value + width < c.upper
+            if (value - width <= c.lower != c.neutral) or (value + width >= c.upper != c.neutral)
         ]
 
     def moved(self, u: Sequence[float] | Floats) -> Term:
@@ -134,7 +136,9 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
                     scale = abs(value)
                 else:
                     scale = max(abs(value), 0.2 if parameter.unit == "rad" else 0.1)
-            coordinates.append(Coordinate(name, first + k, is_log, float(lower), float(upper), float(scale)))
+            bounds = float(lower), float(upper), float(scale)
+            neutral = np.nan if is_log else parameter.neutral
+            coordinates.append(Coordinate(name, first + k, is_log, *bounds, neutral=neutral))
             start.append(value)
     return Term(slug, tuple(coordinates), tuple(start), tuple(fixed))
 

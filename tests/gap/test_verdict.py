@@ -95,3 +95,12 @@ def test_nothing_missing_names_the_noise_floor() -> None:
     _, statement = decide([], [], [], GAP, CLEAN)
     assert "Nothing is missing" in statement
     assert "2e-06 N m" in statement
+
+
+def test_a_play_without_rebound_is_no_other_law() -> None:
+    play = term("backlash", {"gap": 0.01, "load_share": 0.3, "restitution": 0.0}, (), 0.1)
+    gap, load_share, _ = play.start
+    assert play.at_bounds(play.start) == []
+    assert play.at_bounds(play.start, (0.1, 0.1, 0.2)) == []
+    assert play.at_bounds((gap, load_share, 0.95)) == ["restitution"]
+    assert play.at_bounds((gap, play.coordinates[1].lower, 0.0)) == ["load_share"]
