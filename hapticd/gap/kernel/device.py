@@ -24,6 +24,9 @@ _a = types.Array(_f8, 1, "C")
 FARTHEST_TWIST = 1.0
 """Twist of a coupling [rad or m] beyond which the load is put back to the shaft."""
 
+_NEAR, _NEAR_TURN = 0.05, 0.03
+"""How far from the usual one a period may be, as a share of it, and in radians of the resonance."""
+
 _GAP = index_of("backlash.gap")
 _GAP_SHARE = index_of("backlash.load_share")
 _RESONANCE = index_of("flexible_coupling.f_r")
@@ -79,6 +82,9 @@ PERIOD = np.dtype(
         ("moves", "f8"),  # out: probability that the shaft moves
         ("moving", "f8", (4, 5)),  # what x, v, w and the load's x and v do to x, v and the load's, on a coupling
         ("held", "f8", (4, 5)),  # the same while friction holds the shaft
+        ("usual", "f8"),  # length of a period about which the two are known [s], or 0
+        ("near", "f8"),  # how far about it, as a share
+        ("nodes", "f8", (3, 2, 4, 5)),  # both at its ends and in between
         ("now", "f8", (4, 5)),  # scratch
     ],
     align=True,
@@ -115,13 +121,11 @@ def look_up(p: NDArray[Any], current: NDArray[Any], law: Any) -> None:
         law.twist_rate = law.twist * natural
 
 
-@njit(types.void(_a, _law, _period), counted=False)
-def couple(p: NDArray[Any], law: Any, period: Any) -> None:
-    """Fill in what a period does to small differences of motor and load."""
-    to, span = coupling_of(p), period.span
-    inertia = moving_inertia(p, 0.0)
-    rate, omega2 = law.viscous / inertia, law.stiffness / inertia
+@njit(types.void(_a, _law, _period, _f8), counted=False)
+def _couple_exactly(p: NDArray[Any], law: Any, period: Any, span: float) -> None:
+    to, inertia = coupling_of(p), moving_inertia(p, 0.0)
     M, H = period.moving, period.held
+    rate, omega2 = law.viscous / inertia, law.stiffness / inertia
     M[0, 0], M[1, 0], M[2, 0], M[3, 0] = swing_apart(span, 1.0, 0.0, 0.0, 0.0, 0.0, rate, omega2, to)
     M[0, 1], M[1, 1], M[2, 1], M[3, 1] = swing_apart(span, 0.0, 1.0, 0.0, 0.0, -1.0 / span, rate, omega2, to)
     M[0, 2], M[1, 2], M[2, 2], M[3, 2] = swing_apart(span, 0.0, 0.0, 0.0, 0.0, 1.0 / span, rate, omega2, to)
@@ -132,6 +136,35 @@ def couple(p: NDArray[Any], law: Any, period: Any) -> None:
     H[2, 3], H[3, 3] = swing_on_fixed_end(span, 1.0, 0.0, to)
     H[2, 4], H[3, 4] = swing_on_fixed_end(span, 0.0, 1.0, to)
     H[2, 0], H[3, 0] = 1.0 - H[2, 3], -H[3, 3]
+
+
+@njit(types.void(_a, _law, _period), counted=False)
+def couple(p: NDArray[Any], law: Any, period: Any) -> None:
+    """Fill in what a period does to small differences of motor and load.
+
+    Periods of about the usual length, of which no two may be the same, are quadratic between three: to some 1e-6, for what
+    is carried linearly anyway.
+    """
+    if period.usual == 0.0:
+        to = coupling_of(p)
+        period.usual = period.span
+        period.near = min(_NEAR, _NEAR_TURN / (math.sqrt(to.stiffness * (1.0 + to.ratio)) * period.span))
+        for k in range(3):
+            _couple_exactly(p, law, period, period.usual * (1.0 + (k - 1.0) * period.near))
+            for j in range(4):
+                for i in range(5):
+                    period.nodes[k, 0, j, i] = period.moving[j, i]
+                    period.nodes[k, 1, j, i] = period.held[j, i]
+    s = (period.span / period.usual - 1.0) / period.near
+    if abs(s) > 1.0:
+        _couple_exactly(p, law, period, period.span)
+        return
+    before, at, after = 0.5 * s * (s - 1.0), 1.0 - s * s, 0.5 * s * (s + 1.0)
+    N = period.nodes
+    for j in range(4):
+        for k in range(5):
+            period.moving[j, k] = before * N[0, 0, j, k] + at * N[1, 0, j, k] + after * N[2, 0, j, k]
+            period.held[j, k] = before * N[0, 1, j, k] + at * N[1, 1, j, k] + after * N[2, 1, j, k]
 
 
 @njit(types.void(_law, _mode), counted=False)
