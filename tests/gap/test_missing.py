@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from benchmarks.gap.disturbance import Coloured
+from hapticd.gap import constants, missing
 from hapticd.gap.fit import Fit
 from hapticd.gap.missing import (
     better_function,
@@ -135,3 +137,20 @@ def test_a_line_in_time_is_found(hidden: Callable[..., Any], truth: Callable[...
     deviation = np.sqrt(fit.out["variance"] * fit.out["share"])
     fit.out["moved"] += 0.7 * deviation * np.sin(2.0 * np.pi * 73.0 * recording.time_s)
     assert lines(fit)[0] == pytest.approx(73.0, abs=0.5)
+
+
+def test_a_number_of_which_one_block_knows_all_does_not_spoil_that_block() -> None:
+    """On the edge of a breakaway a model's own slopes are huge; the other blocks say next to nothing of that number."""
+    rng = np.random.default_rng(5)
+    block = np.repeat(np.arange(20), 50)
+    own = 1e-2 * rng.normal(size=(block.size, 1))
+    own[block == 0] = 100.0
+    answer = rng.normal(size=(block.size, 1))
+    score = 0.3 * answer[:, 0] + rng.normal(size=block.size)
+    out = {"score": score, "information": np.ones(block.size)}
+    series = SimpleNamespace(fold=np.arange(20) % constants.FOLDS, block=block)
+    fit = cast("Fit", SimpleNamespace(out=out, own_slopes=own, problem=SimpleNamespace(series=series)))
+    shift = missing._held_out_shift(fit, answer)
+    gain = np.bincount(block, shift * score - 0.5 * shift**2)
+    assert gain.sum() > 30.0
+    assert gain[0] > -5.0
