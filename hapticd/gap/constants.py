@@ -19,9 +19,8 @@ LASTING_S = 0.02
 """Time over which a white force is averaged to count as missing [s]: what is faster than 50 Hz moves no shaft."""
 LEVEL = 0.005
 """Probability that nothing missing is given a name, over the whole catalogue."""
-SHARE = 0.03
-"""Share of the missing force's power that matters: of what is still missing, which an effect must close to be named; of all
-that is missing, which a function of one coordinate must explain to be told."""
+SHARE = 0.07
+"""Share of what is still missing, in power, that an effect must close to be named."""
 CLOSED = 0.5
 """Share of the missing force's power that the named effects must close to be all that was found to be missing; what closes
 as much beside a disturbance that may be slow stands, whatever the likelihood says of it there."""
@@ -30,6 +29,8 @@ FORCE_MARGIN = 0.1
 likelihood."""
 DRIVE_KEPT = 0.3
 """Share of the driving torque, and of the moving samples, that a law must leave: what cancels the drive fits anything."""
+STRUCTURE_SHARE = 0.03
+"""Share of the missing force's power that a function of one coordinate must explain for what is left to matter."""
 BASE_PRIOR = 1.5
 """Standard deviation of the logarithm of a base parameter that is fitted along: a factor of 4.5."""
 TIE = 3.0

@@ -35,7 +35,7 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
     needed = student.isf(constants.LEVEL / max(len(tested), 1), fit.problem.series.blocks - 1)
     for test in sorted(tested, key=lambda test: -test.gain):
         part = float(np.mean(test.force[found.moves] ** 2)) / power_before if power_before > 0.0 else 0.0
-        if test.errors > needed and min(part, share) > constants.SHARE:
+        if test.errors > needed and min(part, share) > constants.STRUCTURE_SHARE:
             p_value = float(student.sf(test.errors, fit.problem.series.blocks - 1)) * len(tested)
             entries.append({"coordinate": test.coordinate, "share": min(part, share), "p_value": min(p_value, 1.0)})
     words = [SHOWS_AS[entry["coordinate"]] for entry in entries[:_TOLD]]
@@ -44,7 +44,7 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
     if words:
         text = f"{left}: {'; '.join(words)}."
     else:
-        text = f"{left}; it depends on nothing that was looked at." if share > constants.SHARE else f"{left}."
+        text = f"{left}; it depends on nothing that was looked at." if share > constants.STRUCTURE_SHARE else f"{left}."
     return Remainder(share, text, tuple(entries))
 
 

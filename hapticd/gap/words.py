@@ -61,7 +61,7 @@ def places(where: Sequence[Mapping[str, Any]], unit: str) -> list[str]:
     Args:
         where: of `gap.json`. unit: of the gap.
     """
-    told = [entry for entry in where if entry["share"] >= constants.SHARE][:_TOLD]
+    told = [entry for entry in where if entry["share"] >= constants.STRUCTURE_SHARE][:_TOLD]
     return [_place(entry, unit) for entry in told]
 
 
