@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from hapticd.effects.parameters import ANGLE, NUMBER, load_share, log_grid, magnitude
+from hapticd.effects.parameters import ANGLE, NUMBER, load_share, magnitude, small_ways
 from hapticd.effects.spec import Effect, Notes, Parameter, Scale, Values
 
 
@@ -15,9 +15,7 @@ def common_velocity(motor_inertia: float, omega: float, load_inertia: float, loa
 
 def _grid(scale: Scale) -> Iterable[Values]:
     return [
-        {"gap": counts * scale.resolution, "load_share": share, "restitution": 0.3}
-        for counts in log_grid(4.0, 400.0, 9)
-        for share in (0.25, 0.5)
+        {"gap": gap, "load_share": share, "restitution": 0.3} for gap in small_ways(scale, 2.0) for share in (0.25, 0.5)
     ]
 
 

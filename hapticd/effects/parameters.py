@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 
-from hapticd.effects.spec import Parameter
+from hapticd.effects.spec import Parameter, Scale
 
 NUMBER = ("", "")
 TORQUE = ("N m", "N")
@@ -48,6 +48,12 @@ def log_grid(low: float, high: float, count: int) -> tuple[float, ...]:
     if not 0.0 < low < high:
         return ()
     return tuple(low * (high / low) ** (k / (count - 1)) for k in range(count))
+
+
+def small_ways(scale: Scale, factor: float) -> tuple[float, ...]:
+    """Displacements that motion may hide, rising by about a factor: from a few counts to a tenth of the travel."""
+    low, high = max(4.0 * scale.resolution, 1e-5 * scale.travel), 0.1 * scale.travel
+    return log_grid(low, high, 2 + int(math.log(high / low) / math.log(factor))) if high > low > 0.0 else ()
 
 
 def phases(count: int) -> tuple[float, ...]:

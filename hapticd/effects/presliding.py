@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 
-from hapticd.effects.parameters import ANGLE, DAMPING, magnitude
+from hapticd.effects.parameters import ANGLE, DAMPING, magnitude, small_ways
 from hapticd.effects.spec import Effect, Notes, Scale, Values
 
 
@@ -22,8 +22,7 @@ def bristle_after(z: float, steady: float, way: float) -> float:
 
 def _grid(scale: Scale) -> Iterable[Values]:
     starts = []
-    for counts in (5, 15, 40, 120, 400):
-        breakaway = counts * scale.resolution
+    for breakaway in small_ways(scale, 3.0):
         # Damping ratio ½ of the shaft on the bristle.
         half_damped = math.sqrt(scale.coulomb / breakaway * scale.inertia)
         starts += [{"breakaway": breakaway, "sigma_1": sigma_1} for sigma_1 in (half_damped, 0.05 * half_damped)]
