@@ -15,10 +15,11 @@ import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.effects.spec import Scale
-from hapticd.gap import grip, late_record, ripple
+from hapticd.gap import constants, grip, late_record, ripple
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import SENSOR
+from hapticd.gap.missing import MOVES
 from hapticd.gap.parallel import each
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import Term, term
@@ -88,17 +89,36 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
             starts = both_signs(term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale))
             if slug == late_record.DELAY:
                 starts += late_record.starts(scale.period_s)
-            tried = [candidate for candidate in each(part.along, starts) if candidate.promise > 0.0]
-            tried.sort(key=lambda candidate: -candidate.promise)
-            remembers = CATALOGUE[slug].acts_on == "memory"
-            found += _apart(tried, _CLIMBS) if remembers else [space.along(c.term) for c in tried[:1]]
+            tried = sorted(each(part.along, starts), key=lambda candidate: -candidate.promise)
+            if CATALOGUE[slug].acts_on == "memory":
+                closest = sorted(tried, key=lambda candidate: candidate.left)
+                found += _apart([*_apart(tried, _CLIMBS // 2), *closest], _CLIMBS)
+            else:
+                found += [space.along(c.term) for c in tried[:1] if c.promise > 0.0]
     least = max(_HOPEFUL * max((c.promise for c in found), default=0.0), _WORTH_A_CLIMB * needed)
-    hopeful = [_gripped(space, c, scale) if c.slug == grip.SLUG else c for c in found if c.promise > least]
+    hopeful = [
+        _gripped(space, c, scale) if c.slug == grip.SLUG else c
+        for c in found
+        if c.promise > least or c.left < 1.0 - constants.STRUCTURE_SHARE
+    ]
     followed = _followed(space, part, hopeful)
     best_of: dict[str, Candidate] = {}
     for candidate in sorted(followed, key=lambda candidate: -candidate.promise):
         best_of.setdefault(candidate.slug, candidate)
     return list(best_of.values())
+
+
+def keeps_the_drive(fit: Fit, present: Fit) -> bool:
+    """Whether a law leaves current and motion their part: one that cancels the drive fits anything."""
+    drives = []
+    for model in (fit, present):
+        p = model.device()
+        duration, current, _ = model.problem.series.currents(p)
+        constant = p[index_of("torque_constant")] * (1.0 + p[index_of("torque_constant_error.r")])
+        friction = 1.0 - p[index_of("load_dependent_friction.kappa")]
+        drives.append(constant * friction * float(np.sqrt(np.sum(duration * current**2))))
+    moves = [float(np.mean(model.out["v_v"] > MOVES)) for model in (fit, present)]
+    return drives[0] > constants.DRIVE_KEPT * drives[1] and moves[0] > constants.DRIVE_KEPT * moves[1]
 
 
 def both_signs(starts: Iterable[Term]) -> list[Term]:
@@ -134,7 +154,8 @@ def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[C
         item = tried[k].term.moved(climbs[k].fit.u[climbs[k].own])
         whole = space.present.extended(item)
         whole.scan_power()
-        found.append(replace(tried[k], term=item, promise=whole.log_likelihood - space.present.log_likelihood))
+        if keeps_the_drive(whole, space.present):
+            found.append(replace(tried[k], term=item, promise=whole.log_likelihood - space.present.log_likelihood))
     return found
 
 

@@ -10,9 +10,9 @@ import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, grip, late_record, ripple
-from hapticd.gap.candidates import HALVINGS, Climb, candidates, scale_of
-from hapticd.gap.missing import MOVES, missing_power
-from hapticd.plant.layout import index_of
+from hapticd.gap.candidates import HALVINGS, Climb, candidates, keeps_the_drive, scale_of
+from hapticd.gap.missing import missing_power
+from hapticd.gap.remainder import is_all_chance
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -123,7 +123,8 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
     # A law competes with its limits, however little they promise by themselves.
     limits = {slug for candidate in likely for slug in CATALOGUE[candidate.slug].contains}
     likely += [c for c in found if c.slug in limits and c not in likely]
-    fits = [(candidate, _approached(present.fit, candidate)) for candidate in likely]
+    approached = [(candidate, _approached(present.fit, candidate)) for candidate in likely]
+    fits = [pair for pair in approached if keeps_the_drive(pair[1], present.fit)]
     fits.sort(key=lambda pair: -pair[1].log_likelihood)
     base = present.fit.log_likelihood
     if not fits:
@@ -164,24 +165,26 @@ def admitted(contenders: Sequence[Contender], present: CrossValidated, *, is_fur
         contender
         for contender in contenders
         if not (is_further and contender.law.at_bounds(contender.law.start))
-        and _keeps_the_drive(contender.judged.fit, present.fit)
+        and keeps_the_drive(contender.judged.fit, present.fit)
     ]
 
 
 def closing(contenders: Sequence[Contender], present: CrossValidated, needed_errors: float) -> list[Contender]:
-    """Those that make the missing force smaller; and of those with evidence only such as do it about as well as the best.
+    """What is sure, and whatever closes its share of the missing force about as well as the best of that.
 
-    The likelihood of the next count lives at high frequencies, where a recorded current may be late or filtered; the missing
-    force is what the device lacks. A law that gains the one without closing the other is none.
+    Where nothing that is sure closes its share, all that is sure. The likelihood of the next count lives at high
+    frequencies, where a recorded current may be late or filtered; the missing force is what the device lacks.
     """
-    if not contenders:
-        return []
     power = missing_power(present.fit)
     left = {contender.slug: missing_power(contender.judged.fit) for contender in contenders}
-    contenders = [contender for contender in contenders if left[contender.slug] < (1.0 - constants.SHARE) * power]
-    sure = [left[contender.slug] for contender in contenders if contender.evidence >= needed_errors]
-    limit = min(sure, default=-np.inf) + constants.FORCE_MARGIN * power
-    return [contender for contender in contenders if left[contender.slug] <= limit]
+    sure = [contender for contender in contenders if contender.evidence >= needed_errors]
+    closers = [contender for contender in contenders if left[contender.slug] < (1.0 - constants.SHARE) * power]
+    if any(contender in closers for contender in sure):
+        kept = closers
+    else:  # a late record is no law, and of use only where it closes
+        kept = sure = [contender for contender in sure if not late_record.is_late(contender.law)]
+    limit = min((left[one.slug] for one in kept if one in sure), default=-np.inf) + constants.FORCE_MARGIN * power
+    return [contender for contender in kept if left[contender.slug] <= limit]
 
 
 def closes(fit: Fit, other: Fit) -> bool:
@@ -189,17 +192,12 @@ def closes(fit: Fit, other: Fit) -> bool:
     return missing_power(fit) < (1.0 - constants.SHARE) * missing_power(other)
 
 
-def _keeps_the_drive(fit: Fit, present: Fit) -> bool:
-    """Whether a law leaves current and motion their part: one that cancels the drive fits anything."""
-    drives = []
-    for model in (fit, present):
-        p = model.device()
-        duration, current, _ = model.problem.series.currents(p)
-        constant = p[index_of("torque_constant")] * (1.0 + p[index_of("torque_constant_error.r")])
-        friction = 1.0 - p[index_of("load_dependent_friction.kappa")]
-        drives.append(constant * friction * float(np.sqrt(np.sum(duration * current**2))))
-    moves = [float(np.mean(model.out["v_v"] > MOVES)) for model in (fit, present)]
-    return drives[0] > constants.DRIVE_KEPT * drives[1] and moves[0] > constants.DRIVE_KEPT * moves[1]
+def matters(better: CrossValidated, other: CrossValidated) -> bool:
+    """Whether what one model has more is no stand-in for something else: it closes its share, or leaves nothing but chance.
+
+    How sure a law is counts for nothing where its model is not right in other respects; where it is, that is enough.
+    """
+    return closes(better.fit, other.fit) or is_all_chance(better.beside_slow.fit)
 
 
 def simplest_first(contenders: list[Contender]) -> list[Contender]:

@@ -15,7 +15,8 @@ from hapticd.gap.kernel.filter import run_filter
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, NOISE, TICK, WHITE
 from hapticd.gap.parallel import each
-from hapticd.gap.terms import torque_slopes
+from hapticd.gap.terms import LINE, line_torques, torque_slopes
+from hapticd.plant.effect_terms import torque_constant
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -111,6 +112,10 @@ class Fit:
         p = self.device(u)
         out = np.empty(series.size, TICK)
         duration, current, spread = series.currents(p)
+        for number, item in enumerate(self.terms):
+            if item.slug == LINE:
+                torque = line_torques(item, series.middle_s) @ u[self.columns(number)]
+                current = current + (torque / torque_constant(p))[:, None]
         total = run_filter(
             p,
             self.noise_values(u),
@@ -143,7 +148,7 @@ class Fit:
         self.scores, self.slopes, self.spreads = (np.zeros((self.out.size, self.u.size)) for _ in range(3))
         for number, item in enumerate(self.terms):
             own = self.columns(number)
-            columns = torque_slopes(item, self.u[own], self.out["x"])
+            columns = torque_slopes(item, self.u[own], self.out["x"], self.problem.series.middle_s)
             if columns is not None and free[own].any():
                 self.slopes[:, own] = sensitivities(self.out, columns)
                 self.scores[:, own] = self.slopes[:, own] * self.out["score"][:, None]

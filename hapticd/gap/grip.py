@@ -8,6 +8,7 @@ explains better speaks for the hand at that instant, and the best interval is th
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,6 +33,8 @@ _SHORTEST, _LONGEST = 4, 0.75
 """Fewest pieces, and the largest part of time and of travel, that a grip lasts."""
 _SMALL = 0.02
 """Share of the device's own inertia, damping and stiffness from which a size that shows as negative starts."""
+_NEAR = 2
+"""Pieces by which a climb may move an edge."""
 _EDGES = ("on_s", "off_s")
 _PARAMETERS = ("m_h", "b_h", "k_h", *_EDGES, "rest")
 _SHIFTS_S = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
@@ -113,7 +116,14 @@ def _term(sizes: Floats, begin: float, end: float, middle: float, scale: Scale) 
         "off_s": end,
         "rest": middle + float(np.clip(push / stiffness, -scale.travel, scale.travel)),
     }
-    return term(SLUG, values, (), 0.1 * scale.travel)
+    item = term(SLUG, values, (), 0.1 * scale.travel)
+    # A climb moves an edge but little: what wants to grow on and on is no grip.
+    near = _NEAR * scale.duration_s / _PIECES
+    held = (
+        replace(c, lower=values[c.name] - near, upper=values[c.name] + near) if c.name in _EDGES else c
+        for c in item.coordinates
+    )
+    return replace(item, coordinates=tuple(held))
 
 
 def _interval_and_sizes(fit: Fit) -> tuple[float, float, Floats]:

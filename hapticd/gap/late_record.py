@@ -52,8 +52,9 @@ def told(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
             low, high = late_s - reach * error, late_s + reach * error
             if low > 0.0:
                 words = (
-                    f"the current is recorded {1e3 * late_s:.3g} ms late ({1e3 * low:.3g} to {1e3 * high:.3g} ms), or the "
-                    "device answers by so much sooner than the model says: these data cannot tell. It is fitted along."
+                    f"the current is recorded {1e3 * late_s:.3g} ms late ({1e3 * low:.3g} to {1e3 * high:.3g} ms), or it is "
+                    "a sample of a current that changes in between, or the device answers by so much sooner than the model "
+                    "says: these data cannot tell. It is fitted along."
                 )
                 return {"current_late_s": {"value": late_s, "ci95": [low, high]}, "warnings": [words]}
     return {"warnings": []}

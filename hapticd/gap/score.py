@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap.missing import missing_power
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,12 +30,14 @@ class Candidate:
     Attributes:
         slug: the effect. term: with its start.
         promise: log-likelihood that it promises, nats. penalty: logarithm of the number of discrete choices made for it.
+        left: share of the missing force's power that it leaves at its start; told of what the device remembers.
     """
 
     slug: str
     term: Term
     promise: float
     penalty: float = 0.0
+    left: float = 1.0
 
 
 class Score:
@@ -46,6 +49,7 @@ class Score:
         self.weight = 1.0 / share
         self.own = present.own_slopes
         H = (self.own * self.information[:, None]).T @ self.own
+        self.power = missing_power(present)
         self.inverse = np.linalg.pinv(H) if self.own.size else np.zeros((0, 0))
 
     def reduced(self, directions: Floats) -> tuple[Floats, Floats]:
@@ -70,9 +74,12 @@ class Score:
         if not amplitude:
             step = min(max(factor, 0.0), 1.0)
             promise = step * float(g[0]) - 0.5 * step * step * float(H[0, 0])
+            left = 1.0
             if CATALOGUE[item.slug].acts_on == "memory":
                 fit.scan_power()  # with the noise of the poorer model the right resonance may look worse than none
-            return Candidate(item.slug, item, self.weight * max(promise, fit.log_likelihood - present.log_likelihood))
+                left = missing_power(fit) / self.power
+            promise = max(promise, fit.log_likelihood - present.log_likelihood)
+            return Candidate(item.slug, item, self.weight * promise, left=left)
         if factor <= 0.0 and (item.coordinates[0].is_log or item.coordinates[0].lower >= 0.0):
             return Candidate(item.slug, item, 0.0)
         return Candidate(item.slug, item.scaled(amplitude, factor), self.weight * 0.5 * factor * float(g[0]))

@@ -14,7 +14,8 @@ import numpy as np
 from scipy.stats import t as student
 
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.gap import constants, late_record
+from hapticd.gap import constants, late_record, lines
+from hapticd.gap.candidates import keeps_the_drive
 from hapticd.gap.competition import (
     ROUGH,
     Contender,
@@ -28,11 +29,13 @@ from hapticd.gap.competition import (
     evidence,
     is_as_good,
     is_rival,
+    matters,
     round_of,
     simplest_first,
 )
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, WHITE
 from hapticd.gap.missing import missing_power
+from hapticd.gap.remainder import is_all_chance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -91,7 +94,7 @@ def search(
         new = _next(possible, present, needed, needed_errors)
         is_late = new is not None and late_record.is_late(new.taken.law)
         is_last = number + 1 == constants.MOST_EFFECTS
-        is_sure = new is not None and new.taken.evidence >= needed_errors and _closes(new)
+        is_sure = new is not None and new.taken.evidence >= needed_errors and matters(new.taken.judged, new.before)
         if new is None or (doubtful and (is_late or not is_sure)) or (is_last and not is_sure):
             break
         path.append(new)
@@ -130,13 +133,13 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     beside other base parameters. They move it, so it is not climbed to the end before they are known.
     """
     contenders = _in_order(closing(possible, present, needed_errors))
-    if not contenders or contenders[0].evidence < needed_errors:
+    if not (contenders and contenders[0].evidence >= needed_errors and matters(contenders[0].judged, present)):
         gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]
         closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
         contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors])
     if not contenders:
         return None
-    return round_of(present, contenders, to_the_end=closes(contenders[0].judged.fit, present.fit))
+    return round_of(present, contenders, to_the_end=matters(contenders[0].judged, present))
 
 
 def _closes(new: Round) -> bool:
@@ -180,7 +183,8 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         price = last.judged.penalty - named.taken.penalty
         without = cross_validate(poorer.maximise(tolerance=ROUGH * needed), price)
         gain, errors = evidence(last.judged, without)
-        if errors < needed_errors or not closes(last.judged.fit, without.fit):
+        is_closing = closes(last.judged.fit, without.fit)
+        if errors < needed_errors or not (is_closing or matters(last.judged, without)):
             gone.add(named.taken.slug)
             _take_out(rounds, number, without)
             _reopen(rounds, number)
@@ -194,7 +198,7 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         rivals = [
             rival
             for rival in closing(admitted(asked, without, is_further=True), without, needed_errors)
-            if not late_record.is_late(rival.law)
+            if not late_record.is_late(rival.law) and (not is_closing or closes(rival.judged.fit, without.fit))
         ]
         better = [
             rival
@@ -263,6 +267,10 @@ def withstanding(first: CrossValidated, rounds: list[Round], tried: int) -> list
     """
     needed = least_gain(critical(first.held_out.size, tried))
     freed = [each.beside_slow for each in _path(first, rounds, needed)]
+    if (line := lines.along(freed[0].fit, freed[-1].fit)) is not None:
+        with_lines = cross_validate(freed[-1].fit.extended(line).maximise())
+        if evidence(with_lines, freed[-1])[1] > critical(first.held_out.size, tried):
+            freed = [*(cross_validate(each.fit.extended(line).maximise()) for each in freed[:-1]), with_lines]
     for number in reversed(range(len(rounds))):
         whole, without, at = freed[-1], freed[number], len(first.fit.terms) + number
         if number + 1 < len(rounds):
@@ -282,11 +290,14 @@ def _withstands(last: Round, tried: int) -> bool:
 
 
 def _is_more(whole: CrossValidated, without: CrossValidated, tried: int) -> bool:
-    """Whether a law is sure and closes its share, or most of the missing force, beside a disturbance that may be slow."""
+    """Whether a law is sure and matters, or closes most of the missing force, beside a disturbance that may be slow."""
+    if not keeps_the_drive(whole.fit, without.fit):
+        return False
     _, errors = evidence(whole, without)
-    left, before = missing_power(whole.fit), missing_power(without.fit)
-    is_sure = errors > critical(whole.held_out.size, tried) and left < (1.0 - constants.SHARE) * before
-    return is_sure or left < (1.0 - constants.CLOSED) * before
+    is_sure = errors > critical(whole.held_out.size, tried)
+    if is_sure and (closes(whole.fit, without.fit) or is_all_chance(whole.fit)):
+        return True
+    return missing_power(whole.fit) < (1.0 - constants.CLOSED) * missing_power(without.fit)
 
 
 def _path(first: CrossValidated, rounds: Sequence[Round], needed: float) -> list[CrossValidated]:

@@ -87,6 +87,11 @@ class Series:
         """Duration of all recordings together."""
         return float(self.time_s[np.append(np.flatnonzero(np.diff(self.recording)), -1)].sum())
 
+    @property
+    def middle_s(self) -> Floats:
+        """(n,) middle of the period after each sample."""
+        return self.time_s + 0.5 * self.period_s
+
     def thinned(self, every: int) -> Series:
         """One block of `every` so many, for a first look at a fraction of the time; nothing tells their first states.
 

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
+LINE = "line"
+"""Slug of a term that is no effect: torques that swing in time, each at a fixed frequency (`hapticd.gap.lines`)."""
 _INSTANT_S = 0.2
 """Change of an instant that matters [s]."""
 _FAR = 30.0
@@ -33,7 +35,7 @@ class Coordinate:
 
     Attributes:
         name: parameter, with its index where it is an element of a list.
-        word: index in the device vector.
+        word: index in the device vector; −1 for what is not in it.
         is_log: whether the coordinate is the logarithm.
         lower, upper: bounds of the coordinate.
         scale: change of the coordinate that matters.
@@ -72,9 +74,11 @@ class Term:
     def put(self, p: Floats, u: Sequence[float] | Floats) -> None:
         """Write the effect with coordinates `u` into a device vector."""
         for index, value in self.fixed:
-            p[index] = value
+            if index >= 0:
+                p[index] = value
         for coordinate, value in zip(self.coordinates, u, strict=True):
-            p[coordinate.word] = np.exp(value) if coordinate.is_log else value
+            if coordinate.word >= 0:
+                p[coordinate.word] = np.exp(value) if coordinate.is_log else value
 
     def at_bounds(self, u: Sequence[float] | Floats, half: Sequence[float] | Floats | float = 0.0) -> list[str]:
         """Parameters whose coordinates in `u` are, give or take `half`, at the end of their range."""
@@ -143,12 +147,20 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
     return Term(slug, tuple(coordinates), tuple(start), tuple(fixed))
 
 
-def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats) -> Floats | None:
-    """Derivative of an effect's torque by its coordinates where that is a plain function of position, shape (n, k).
+def line_torques(item: Term, time_s: Floats) -> Floats:
+    """Torque of a unit of each coordinate of lines at n instants, shape (n, k): a sine and a cosine of each."""
+    turns = np.multiply.outer(time_s, [2.0 * np.pi * frequency for _, frequency in item.fixed])
+    return np.ascontiguousarray(np.stack([np.sin(turns), np.cos(turns)], axis=2).reshape(time_s.size, -1))
+
+
+def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, time_s: Floats) -> Floats | None:
+    """Derivative of a term's torque by its coordinates where that is a plain function of position or time, shape (n, k).
 
     A ripple of many orders has many coordinates; their slopes through the linearised filter cost one pass instead of one
     run of the filter each.
     """
+    if item.slug == LINE:
+        return line_torques(item, time_s)
     if item.slug != "torque_ripple":
         return None
     found = np.empty((x.size, len(item.coordinates)))

@@ -37,7 +37,7 @@ SHOWS_AS: Final = {
     "way since a reversal, against the motion": "friction that builds up or fades after a reversal",
     "position, against the motion": "friction that depends on the position",
     "acceleration": "a torque that depends on the acceleration",
-    "change of the current": "a torque that follows changes of the current",
+    "change of the current": "a torque that follows changes of the current, or a current filtered before it was recorded",
 }
 """Coordinate to what a missing force looks like that depends on it."""
 _TOLD: Final = 3

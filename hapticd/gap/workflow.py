@@ -178,7 +178,7 @@ def _result(
         if not is_quiet(last.fit)
         and (coordinate := missing.better_function(each.before.fit, each.taken.law)) is not None
     }
-    laws = [(last.fit.terms[number], last.fit.columns(number)) for number in range(fixed, len(last.fit.terms))]
+    laws = [(last.fit.terms[number], last.fit.columns(number)) for number in range(fixed, fixed + len(rounds))]
     series = first.fit.problem.series
     half = _reach(series.blocks) * np.sqrt(np.diag(covariance))
     at_bounds = {law.slug: names for law, own in laws if (names := law.at_bounds(last.fit.u[own], half[own]))}

@@ -54,3 +54,18 @@ def test_a_grip_on_nothing_promises_little(hidden: Callable[..., Any]) -> None:
     settled = grip.settled(present.extended(first.term), 0, scale_of(present))
     assert settled.log_likelihood - present.log_likelihood < 0.01 * present.out.size
     assert np.isfinite(settled.log_likelihood)
+
+
+def test_a_climb_moves_an_edge_but_little(hidden: Callable[..., Any]) -> None:
+    """A hand that would hold on for all of the record is inertia, friction and a spring; it had been climbed to."""
+    recording, model = hidden([{"name": grip.SLUG, **HAND}], 3, SECONDS)
+    present = nominal_fit(problem_of([recording], model))
+    present.differentiate()
+    (first,) = grip.first_grip(Score(present), scale_of(present))
+    starts = {
+        c.name: (value, c.lower, c.upper) for c, value in zip(first.term.coordinates, first.term.start, strict=True)
+    }
+    for name in ("on_s", "off_s"):
+        start, lower, upper = starts[name]
+        assert start - lower == pytest.approx(upper - start)
+        assert upper - lower < 0.05 * SECONDS

@@ -12,6 +12,7 @@ import pytest
 from benchmarks.gap.disturbance import Coloured
 from hapticd.gap import constants, missing
 from hapticd.gap.fit import Fit
+from hapticd.gap.lines import lines
 from hapticd.gap.missing import (
     better_function,
     explainable,
@@ -25,7 +26,7 @@ from hapticd.gap.missing import (
     where,
 )
 from hapticd.gap.nominal import nominal_fit
-from hapticd.gap.remainder import lines, remainder_of
+from hapticd.gap.remainder import remainder_of
 from hapticd.gap.terms import term
 from hapticd.gap.workflow import problem_of
 

@@ -52,11 +52,14 @@ def _axis(
     return position, current
 
 
-def recorded(seed: int, duration_s: float = 12.0, **factors: float) -> tuple[Recording, Config]:
+def recorded(
+    seed: int, duration_s: float = 12.0, *, line_hz: float = 0.0, **factors: float
+) -> tuple[Recording, Config]:
     """A recording beside a coloured torque of 5 % of Coulomb friction, and the nominal model.
 
     Args:
         seed: of reference, noise and torque. duration_s: length.
+        line_hz: of a swinging torque of 5 % of Coulomb friction besides; 0 for none.
         factors: on ``inertia``, ``viscous`` and ``coulomb`` of the true device.
     """
     rng = np.random.default_rng(seed)
@@ -73,7 +76,7 @@ def recorded(seed: int, duration_s: float = 12.0, **factors: float) -> tuple[Rec
     position, current = _axis(
         reference,
         rng.normal(0.0, NOISE_RAD, n),
-        0.05 * COULOMB * torque,
+        0.05 * COULOMB * (torque + np.sin(2.0 * np.pi * line_hz * time_s)),
         INERTIA * factors.get("inertia", 1.0),
         VISCOUS * factors.get("viscous", 1.0),
         COULOMB * factors.get("coulomb", 1.0),
@@ -104,3 +107,11 @@ def test_a_wrong_friction_is_named_and_nothing_is_left() -> None:
     assert (result.verdict, result.effects) == ("effect_found", ("coulomb_friction",)), result.statement
     found = result.steps[0].parameters["r"]
     assert found.ci95[0] < 0.3 < found.ci95[1]
+
+
+def test_a_line_in_time_is_no_effect_though_the_controller_answers_it() -> None:
+    """Its phase is known from the motion before: it had looked like a torque that depends on the acceleration."""
+    recording, model = recorded(3, line_hz=31.0)
+    result = find_gap([recording], model, design=False)
+    assert result.verdict == "no_missing_effect", result.statement
+    assert "a line at 31 Hz in time" in result.remainder.words

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
@@ -12,6 +13,7 @@ from scipy.stats import t as student
 
 from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.effects.spec import Scale
 from hapticd.gap import constants, find_gap, late_record
 from hapticd.gap.candidates import both_signs, candidates
 from hapticd.gap.competition import (
@@ -345,3 +347,37 @@ def test_a_name_in_doubt_stands_if_it_is_sure_beside_the_next(hidden: Hidden, mo
 
     assert sorted(found(0.5 * (before + after))) == slugs
     assert found(2.0 * after) == []
+
+
+def test_a_law_that_may_not_be_named_beats_no_other(biased: CrossValidated, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What cancels the drive fits anything: it had pushed the true law out before it was refused itself."""
+    slugs = ["constant_bias", "gravity", "return_spring"]
+    monkeypatch.setattr("hapticd.gap.competition._CLOSE", 1.0 - 1e-9)  # all but the best are beaten
+    monkeypatch.setattr("hapticd.gap.constants.FORCE_MARGIN", 1.0)
+    (best,) = compete(biased, slugs, 10.0)
+    monkeypatch.setattr("hapticd.gap.competition.keeps_the_drive", lambda fit, present: fit.terms[-1].slug != best.slug)
+    (other,) = compete(biased, slugs, 10.0)
+    assert other.slug != best.slug
+
+
+def test_a_small_law_is_named_where_its_model_leaves_nothing_but_chance(hidden: Hidden) -> None:
+    """Beside a coloured torque most of what is missing is that torque: a law that is sure had been refused for its size."""
+    effect = {"name": "stribeck", "s": 0.27, "omega_s": 3.0}
+    recording, model = hidden([effect], 12, 20.0, Coloured(0.25, 0.01))
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    rounds: list[Round] = []
+    search(first, ["stribeck", "constant_bias", "quadratic_drag"], lambda share, text: None, rounds)
+    assert [each.taken.slug for each in rounds] == ["stribeck"]
+    assert not closes(rounds[0].taken.judged.fit, first.fit)
+
+
+def test_what_is_hidden_in_the_motion_is_looked_for_at_its_size_whatever_the_resolution() -> None:
+    """Positions in rad have cells far below any play: starts in counts had ended a thousand times below the truth."""
+    sizes = (1e-4, 1e-5, 1e-3, 1e-2)
+    for resolution in (1e-9, 1e-3):
+        scale = Scale(*sizes[:4], resolution, 1e-3, 20.0, 0.2, (1.0,) * 5, (1.0,) * 7, (0.0,) * 5, 2.0)
+        for slug, name in (("backlash", "gap"), ("presliding", "breakaway")):
+            found = [start[name] for start in CATALOGUE[slug].starts(scale)]
+            assert min(found) < 6e-3
+            assert max(found) == pytest.approx(0.2)
+            assert all(b < 3.5 * a for a, b in itertools.pairwise(sorted(found)))

@@ -1,0 +1,87 @@
+"""Lines: torques that swing in time at a frequency of their own, as mains, a fan or a machine next door leave them.
+
+What was known before such a torque acted tells its phase, through the current too where a controller answers: it looks like
+structure in the motion. So what was found is judged with the lines that are still there fitted along, as sines of time.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.signal import welch
+
+from hapticd.gap.terms import LINE, Coordinate, Term
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.gap.fit import Fit
+
+    Floats = NDArray[np.float64]
+
+_TOLD = 3
+_SEGMENTS, _LONGEST_SEGMENT = 8, 4096
+_AROUND = 50
+"""Frequencies to either side that are a line's neighbourhood."""
+_LINE = 25.0
+"""Power over that of the neighbourhood at which a frequency is a line."""
+_LOWEST_HZ = 5.0
+_FINER = 6
+"""Steps of a frequency in which a sine gains or loses a turn over the record."""
+
+
+def lines(fit: Fit) -> list[float]:
+    """Frequencies [Hz] at which the innovations of a model have a line, the strongest first."""
+    series = fit.problem.series
+    innovation = _innovation(fit)
+    length = min(2 ** int(math.log2(2 * series.size / _SEGMENTS)), _LONGEST_SEGMENT)
+    frequency, power = welch(innovation, 1.0 / series.period_s, nperseg=length)
+    around = np.array([np.median(power[max(k - _AROUND, 0) : k + _AROUND]) for k in range(power.size)])
+    found: list[float] = []
+    ratio = np.where(frequency > max(_LOWEST_HZ, 2.0 * frequency[1]), power / around, 0.0)
+    while ratio.max() > _LINE and len(found) < _TOLD:
+        k = int(np.argmax(ratio))
+        found.append(float(frequency[k]))
+        ratio[max(k - _AROUND // 5, 0) : k + _AROUND // 5] = 0.0
+    return found
+
+
+def _innovation(fit: Fit) -> Floats:
+    deviation = np.sqrt(np.maximum(fit.out["variance"] * fit.out["share"], 1e-300))
+    return np.asarray(np.clip(fit.out["moved"] / deviation, -5.0, 5.0))
+
+
+def along(first: Fit, last: Fit) -> Term | None:
+    """The term that fits lines along: those of the nominal model, which a law may have taken on, and of the last one.
+
+    None where there are no lines, and for several recordings, in each of which they have phases of their own.
+    """
+    series = last.problem.series
+    if series.recording[-1] > 0:
+        return None
+    step, reach = 1.0 / (_FINER * series.duration_s), _SEGMENTS / series.duration_s
+    found: list[float] = []
+    for fit in (last, first):
+        innovation = _innovation(fit)
+        for coarse in lines(fit):
+            near = coarse + np.arange(-reach, reach, step)
+            swings = [abs(np.exp(-2j * np.pi * one * series.time_s) @ innovation) for one in near]
+            frequency = float(near[int(np.argmax(swings))])
+            if all(abs(frequency - other) > reach for other in found):
+                found.append(frequency)
+    if not found:
+        return None
+    most, scale = 10.0 * last.problem.torque, 0.01 * last.problem.torque
+    coordinates = [
+        Coordinate(f"{part} of {frequency:.6g} Hz", -1, False, -most, most, scale)
+        for frequency in found
+        for part in ("sine", "cosine")
+    ]
+    return Term(LINE, tuple(coordinates), (0.0,) * len(coordinates), tuple((-1, frequency) for frequency in found))
+
+
+def frequencies(fit: Fit) -> list[float]:
+    """Lines [Hz] that a model has, and those that it leaves."""
+    return [value for item in fit.terms if item.slug == LINE for _, value in item.fixed] + lines(fit)
