@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test compiled lint types jstypes layers bench soak dist audit versions docs site firmware firmware-test \
+.PHONY: run test compiled compiled-daemon compiled-gap lint types jstypes layers bench soak dist audit versions docs site firmware firmware-test \
   firmware-fuzz install uninstall system-test clean help
 
 help:            ## this list
@@ -16,13 +16,23 @@ help:            ## this list
 run: $(STAMP)    ## the daemon on the simulated RE35/Copley testbed, in real time
 	$(BIN)/hapticd run
 
-test: $(STAMP) lint types jstypes layers compiled   ## every check and test that needs no special machine
-	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 2 --dist worksteal --durations=15
+# Hundreds of processes start: none of them should have to read our source anew, whatever the shell says.
+test: export PYTHONDONTWRITEBYTECODE :=
+# Three processes on two cores, since some of the tests wait; the longer compilation begins before mypy.
+test: $(STAMP)   ## every check and test that needs no special machine
+	@$(MAKE) --no-print-directory -j2 --output-sync=target lint layers compiled-gap types jstypes compiled-daemon
+	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 3 --dist worksteal --durations=15
 	$(BIN)/python -m pytest -m realtime --durations=15
 
 compiled: $(STAMP)   ## fill the compile caches of daemon, gap workflow and simulated hardware, side by side
-	$(BIN)/python -c 'import hapticd.gap, tests.sim_hw.forked_device' & \
-	  $(BIN)/python -m hapticd.service.precompile && wait $$!
+	@$(MAKE) --no-print-directory -j2 compiled-daemon compiled-gap
+
+compiled-daemon: $(STAMP)
+	$(BIN)/python -m hapticd.service.precompile
+	$(BIN)/python -c 'import tests.sim_hw.forked_device'
+
+compiled-gap: $(STAMP)
+	$(BIN)/python -c 'import hapticd.gap'
 
 lint: $(STAMP)   ## ruff; do the installed packages agree with one another
 	$(BIN)/python -m pip --disable-pip-version-check check

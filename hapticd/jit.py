@@ -68,7 +68,7 @@ numba.config.CACHE_DIR = str(_cache_folder())
 
 @contextlib.contextmanager
 def _cached(function: Callable[..., Any]) -> Iterator[None]:
-    """Numba asks for its cache's folder once, when it decorates a function."""
+    """Point Numba at the right cache folder while it decorates a function: it asks only then."""
     before = numba.config.CACHE_DIR
     room = next((room for room in _FOLDERS if function.__module__.startswith(f"{room}.")), "")
     numba.config.CACHE_DIR = str(_cache_folder(room))
@@ -141,7 +141,7 @@ def effect_term_callback(function: Callable[..., float], leading: int, parameter
 
 
 def _typed_intrinsic(function: Callable[..., Any]) -> Callable[..., Any]:
-    """An intrinsic is called without its typing context, so its own annotation would mislead a type checker."""
+    """Type an intrinsic as it is called: without the typing context that its definition takes."""
     return cast(Callable[..., Any], intrinsic(function))
 
 

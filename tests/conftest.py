@@ -8,12 +8,13 @@ a second: it is then repeated, at most twice, and the summary names it (docs/dec
 
 from __future__ import annotations
 
+import functools
 import signal
 from pathlib import Path
 
 import pytest
 
-from tests.forked import fork_what_hil_starts
+from tests.forked import fork_what_hil_starts, start_server
 
 if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     # A shell's job in the background, as a CI may be, begins with SIGINT ignored, and so would every process of the tests.
@@ -68,14 +69,30 @@ PATIENT = (
 REPEATS = 2
 
 
+@functools.cache
+def _is_among(path: Path, places: tuple[str, ...]) -> bool:
+    return any(path.relative_to(TESTS).is_relative_to(place) for place in places)
+
+
+def pytest_sessionstart(session: pytest.Session) -> None:
+    """With ``-m realtime`` nearly all devices and daemons are forked: their server loads beside the collection."""
+    if session.config.option.markexpr == "realtime" and not session.config.option.collectonly:
+        start_server()
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """With ``-m realtime`` leave out the files that name no such test: importing them all takes seconds."""
+    if config.option.markexpr != "realtime" or not collection_path.name.startswith("test_") or collection_path.is_dir():
+        return None
+    return None if _is_among(collection_path, WALL_CLOCK) or "realtime" in collection_path.read_text() else True
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what runs against the wall clock ``realtime``, and have it and what waits repeated when it fails."""
     for item in items:
-        place = item.path.relative_to(TESTS)
-        if any(place.is_relative_to(folder) for folder in WALL_CLOCK):
+        if _is_among(item.path, WALL_CLOCK):
             item.add_marker(pytest.mark.realtime)
-        is_patient = any(place.is_relative_to(folder) for folder in PATIENT)
-        if is_patient or item.get_closest_marker("realtime"):
+        if _is_among(item.path, PATIENT) or item.get_closest_marker("realtime"):
             item.add_marker(pytest.mark.flaky(reruns=REPEATS))
 
 

@@ -14,6 +14,7 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from pathlib import Path
 from types import SimpleNamespace
@@ -25,6 +26,11 @@ _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.sim_hw.forked_device", "tests.service.forked_daemon", "tests.frozen"])
 _PR_SET_PDEATHSIG = 1
 _PROGRAMS = {"sim_hw": "sim_hw.__main__:main", "hapticd.cli": "hapticd.cli.main:main"}
+
+
+def start_server() -> None:
+    """Have the server import and load while we do something else; the first process waits for it otherwise."""
+    forkserver.ensure_running()
 
 
 class Forked:

@@ -276,7 +276,7 @@ def _flights() -> list[bytes]:
         ring = FlightRing.create(Path(folder), "sample", 64, words=4)
         ring.describe({"config": {}, "kind": "run"})
         ring.rows[:40] = _rows(40)
-        ring.words[0] = 40
+        ring.shared[0] = 40
         ring.leave()
         return [ring.path.read_bytes()]
 

@@ -113,7 +113,7 @@ class CanopenDriver(Driver):
         import canopen
 
         from drivers.canopen.bring_up import bring_up
-        from drivers.canopen.bus import Monitor, deafen, listen, open_bus
+        from drivers.canopen.bus import Monitor, listen, open_bus, stop_listening
 
         options = self._options
         bus = open_bus(options)
@@ -132,7 +132,7 @@ class CanopenDriver(Driver):
         except (can.CanError, OSError) as error:
             raise DriverError(f"{options.interface} {options.channel}: the interface does not send: {error}") from error
         finally:
-            deafen(network)
+            stop_listening(network)
         self._drive = drive
         self._prepare(drive)
         if options.compiled:
@@ -173,7 +173,7 @@ class CanopenDriver(Driver):
         self._last_reason = self.error
         network, self._network = self._network, None
         from drivers.canopen.bring_up import release
-        from drivers.canopen.bus import deafen, listen
+        from drivers.canopen.bus import listen, stop_listening
 
         options, drive, self._drive = self._options, self._drive, None
         healthy = self._block[w.REASON] == 0
@@ -190,7 +190,7 @@ class CanopenDriver(Driver):
                 log.warning("closing the CAN drive: %s; its own watchdog has to switch it off", error)
         finally:
             with contextlib.suppress(Exception):
-                deafen(network)
+                stop_listening(network)
             # A call under way must not meet the descriptor's number in another socket's hands.
             time.sleep(min(self.config.period, _LAST_CALL_S))
             if network.bus is not None:

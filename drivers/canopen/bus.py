@@ -102,7 +102,7 @@ def listen(network: canopen.Network, monitor: Monitor) -> None:
         network.notifier = can.Notifier(network.bus, [*network.listeners, monitor], _NOTIFIER_S)
 
 
-def deafen(network: canopen.Network) -> None:
+def stop_listening(network: canopen.Network) -> None:
     """End that thread: from here on the exchange alone reads the bus."""
     if network.notifier is not None:
         network.notifier.stop()

@@ -61,7 +61,7 @@ def sweep(
         settings: dotted key to value, the same in every combination.
         client: a ``distributed.Client``, whose workers compute; they need hapticd. None for this machine.
         jobs: processes on this machine; one a core by default, 1 stays in this one.
-        progress: told the fraction done.
+        progress: called with the fraction done.
 
     Returns:
         A row a combination, in order: the swept values; ``mu beta sigma tau_d region verdict proven xi_dot_max

@@ -91,7 +91,7 @@ def check(
     text = report(found, changes, title, None if assignments else device)
     if sure is not None:
         unit = "N/m" if config.is_linear else "N m/rad"
-        said = f"with plant.uncertainty: {sure.words}"
+        said = f"with plant.uncertainty: {sure.text}"
         if sure.stiffness_max is not None:
             said += f"; stiffness up to {sure.stiffness_max:.3g} {unit} with 95 %"
         text += f"\n\n{textwrap.fill(said, 100)}"

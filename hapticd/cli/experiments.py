@@ -17,7 +17,7 @@ from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Duration, ForceOption, Quantity, SocketOption, connect, guarded
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
-from hapticd.figures.files import whole
+from hapticd.figures.files import atomic_write
 
 if TYPE_CHECKING:
     from hapticd.client import Client
@@ -228,7 +228,7 @@ def _copied(answer: dict[str, Any], out: Path) -> dict[str, Any]:
     """The answer with the copy of its recording: the daemon may be somebody else's and not see this folder."""
     source = Path((answer["result"] or {}).get("run") or answer["run"])
     try:
-        with whole(out) as part:
+        with atomic_write(out) as part:
             shutil.copyfile(source, part)
     except OSError as error:
         output.warn(f"the recording is {source}; it cannot be copied to {out}: {error.strerror or error}")

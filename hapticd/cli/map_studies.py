@@ -75,8 +75,8 @@ def passivity(study: Study, picture: Path | None, jobs: int | None) -> int:
     return exits.DONE
 
 
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100.0 * share:.3g} %"
+def _percent(fraction: float | None) -> str:
+    return "-" if fraction is None else f"{100.0 * fraction:.3g} %"
 
 
 def _describe_passivity(report: dict[str, Any]) -> str:

@@ -259,9 +259,9 @@ def connect(socket: Path | None) -> Client:
     from hapticd.client import Client, DaemonUnreachable
 
     if socket is None:
-        from hapticd.config import places
+        from hapticd.config import paths
 
-        socket = places.find_socket()
-        if reason := places.foreign(socket.parent):
+        socket = paths.find_socket()
+        if reason := paths.foreign(socket.parent):
             raise DaemonUnreachable(f"{reason}; nothing is sent to whoever answers there")
     return Client(socket)

@@ -34,11 +34,11 @@ def recover(folder: FolderArgument = None, out: Path | None = None) -> None:
     check_folder(out)
     if folder is not None and not folder.is_dir():
         raise exits.UsageError(f"{folder} is no folder")
-    from hapticd.config import places
+    from hapticd.config import paths
     from hapticd.record.flight import memory_directory
     from hapticd.service import flight
 
-    folders = [folder] if folder else [memory_directory(), places.service_socket().parent]
+    folders = [folder] if folder else [memory_directory(), paths.service_socket().parent]
     found = [run for place in dict.fromkeys(folders) if place is not None for run in flight.recover(place, "", out)]
     lines = [f"{run.run}: {run.rows} rows\n  {run.reason}" for run in found]
     output.emit({"recovered": [asdict(run) for run in found]}, "\n".join(lines) or "nothing to recover")

@@ -115,7 +115,7 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
         yield None
         return
     from hapticd.config import config_digest
-    from hapticd.figures.files import whole
+    from hapticd.figures.files import atomic_write
     from hapticd.record import RunWriter
 
     metadata: dict[str, Any] = {
@@ -127,7 +127,7 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
         metadata["seed"] = seed
     before = signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     try:
-        with whole(out) as part, RunWriter(part, metadata) as writer:
+        with atomic_write(out) as part, RunWriter(part, metadata) as writer:
             yield writer.write
     finally:
         signal.signal(signal.SIGTERM, before)

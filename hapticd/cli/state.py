@@ -12,7 +12,7 @@ from hapticd.cli.command import command
 from hapticd.cli.completion import complete_setting
 from hapticd.cli.options import ForceOption, SocketOption, connect, guarded, parse_settings
 from hapticd.control.endpoints import Endpoints
-from hapticd.control.fault_words import fault_lines
+from hapticd.control.fault_text import fault_lines
 
 ReloadArgument = Annotated[
     str | None,

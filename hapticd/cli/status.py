@@ -14,7 +14,7 @@ from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Positive, SocketOption, connect
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
-from hapticd.control.fault_words import fault_lines
+from hapticd.control.fault_text import fault_lines
 
 if TYPE_CHECKING:
     from hapticd.client import Client

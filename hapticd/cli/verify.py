@@ -41,7 +41,7 @@ def verify(run: RunArgument) -> int:
 
 
 def _text(verdict: Verdict) -> str:
-    lines = [f"{verdict.path} is damaged: {words}" for words in verdict.words]
+    lines = [f"{verdict.path} is damaged: {text}" for text in verdict.damage_text]
     if lines:
         lines.append(f"{verdict.rows} rows are left: 'hapticd export {verdict.path} --to parquet --salvage' keeps them")
     elif verdict.checked:

@@ -13,7 +13,7 @@ from hapticd.client.client import (
     settings_for_a_while,
     stop_on_interrupt,
 )
-from hapticd.client.places import find_run, recording_folders
+from hapticd.client.recordings import find_run, recording_folders
 
 __all__ = [
     "Client",

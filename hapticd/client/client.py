@@ -1,4 +1,4 @@
-"""The control API from outside: `Endpoints` sent to the daemon's socket, and what an experiment needs beside them.
+"""Client of the control API: sends `Endpoints` to the daemon's socket, and helps to run experiments.
 
 Each request is a connection of its own: on a Unix socket that costs microseconds, nothing goes stale while nobody asks,
 and one client may be used from several threads.
@@ -18,7 +18,7 @@ from operator import getitem
 from pathlib import Path
 from typing import Any
 
-from hapticd.config.places import find_socket
+from hapticd.config.paths import find_socket
 from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict
 
 ANSWER_TIMEOUT_S = 30.0

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-from hapticd.figures.files import whole
+from hapticd.figures.files import atomic_write
 
 _SAMPLE = re.compile(r"^([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{(.*)\})? (\S+)$", re.MULTILINE)
 
@@ -39,6 +39,6 @@ def replace(path: Path, text: str) -> None:
     Raises:
         OSError: the folder is not there or not writable.
     """
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text(text)
         part.chmod(0o644)

@@ -13,7 +13,7 @@ from pydantic_core import PydanticCustomError
 
 from hapticd.config.fields import Flag, Section, Text, findings_error, quantity
 from hapticd.config.nearest import nearest_name
-from hapticd.config.places import default_directory, default_socket
+from hapticd.config.paths import default_directory, default_socket
 from hapticd.config.problems import NO_VALUE, Finding
 
 _SOCKET_BYTES = 107  # sun_path of Linux is 108 bytes with its terminating zero

@@ -1,4 +1,4 @@
-"""Bring-up of a serial DAC board by a person: ``hapticd doctor --device CONFIG``.
+"""Bring-up of a serial DAC board by a operator: ``hapticd doctor --device CONFIG``.
 
 First what needs no current: who it is, how fast it answers, whether its counter follows the knob and which way. Then, each
 only when the person agrees, what needs the output stage on: the watchdog at zero current, and a ramp that shows whether
@@ -37,7 +37,7 @@ _FAULT_NAMES: Final = {
 }
 
 
-class Person(Protocol):
+class Operator(Protocol):
     """Who stands at the rig; :mod:`hapticd.cli.doctor` asks a terminal."""
 
     def agrees(self, question: str) -> bool:
@@ -77,12 +77,12 @@ def percentile(values: Sequence[float], fraction: float) -> float | None:
     return sorted(values)[max(0, math.ceil(fraction * len(values)) - 1)] if values else None
 
 
-def bring_up(config: Config, person: Person, current: float | None = None) -> BringUp:
+def bring_up(config: Config, operator: Operator, current: float | None = None) -> BringUp:
     """Look at the board step by step.
 
     Args:
         config: driver, amplifier and encoder of the rig.
-        person: who turns the knob and agrees to currents.
+        operator: who turns the knob and agrees to currents.
         current: peak of the ramp, A; None: RAMP_FRACTION of the continuous current.
 
     Raises:
@@ -96,13 +96,13 @@ def bring_up(config: Config, person: Person, current: float | None = None) -> Br
             times += round_trips(board)
             findings.append(round_trip(times, config))
             findings += inputs(board)
-            findings += knob(board, config, person)
+            findings += knob(board, config, operator)
             if any(finding.level is Level.BAD for finding in findings):
                 text = "not looked at: what is bad above comes first"
                 findings += [Finding(name, Level.NOTE, text) for name in ("watchdog", "polarity")]
             else:
-                findings.append(watchdog(board, person))
-                findings.append(ramp(board, config, person, current))
+                findings.append(watchdog(board, operator))
+                findings.append(ramp(board, config, operator, current))
         except NoReplyError:
             fix = "check the cable, and that driver.baud is the board's"
             findings.append(Finding("answers", Level.BAD, "a SAMPLE was not answered within 250 ms", "", fix))
@@ -167,12 +167,12 @@ def inputs(board: Board) -> Iterator[Finding]:
         yield Finding("fault inputs", Level.GOOD, "none active")
 
 
-def knob(board: Board, config: Config, person: Person) -> Iterator[Finding]:
+def knob(board: Board, config: Config, operator: Operator) -> Iterator[Finding]:
     """The counter while the knob is turned by hand, then its direction."""
-    if not person.does(f"Turn the knob back and forth, slowly, then as fast as you ever will, for {TURN_S:.0f} s"):
+    if not operator.does(f"Turn the knob back and forth, slowly, then as fast as you ever will, for {TURN_S:.0f} s"):
         yield Finding("encoder", Level.NOTE, "not looked at: nobody to turn the knob")
         return
-    least, most, fastest, failed = _turned(board, person)
+    least, most, fastest, failed = _turned(board, operator)
     if failed:
         matters = f"an edge came too soon at {fastest:.0f} counts/s, or a wire is broken"
         yield Finding("encoder", Level.BAD, "ENCODER_FAULT while turning", matters, "turn slower, or a faster counter")
@@ -185,12 +185,12 @@ def knob(board: Board, config: Config, person: Person) -> Iterator[Finding]:
         level = Level.NOTE if limit and per_period > limit else Level.GOOD
         yield Finding("encoder", level, text, "" if level is Level.GOOD else "faster than safety.encoder_jump admits")
     before = board.counts
-    if person.does("Turn the knob a little in the direction that you call positive, and hold it there"):
+    if operator.does("Turn the knob a little in the direction that you call positive, and hold it there"):
         board.sample()
         yield _direction(board.counts - before, config)
 
 
-def _turned(board: Board, person: Person) -> tuple[int, int, float, bool]:
+def _turned(board: Board, operator: Operator) -> tuple[int, int, float, bool]:
     """Least and most counts from the beginning, the largest rate in counts/s, and whether ENCODER_FAULT came."""
     board.sample()
     start = last = least = most = board.counts
@@ -204,7 +204,7 @@ def _turned(board: Board, person: Person) -> tuple[int, int, float, bool]:
         rate = (board.counts - last) / (now - before)
         fastest = max(fastest, abs(rate))
         least, most = min(least, board.counts), max(most, board.counts)
-        person.shows(board.counts - start, rate, fastest)
+        operator.shows(board.counts - start, rate, fastest)
         last, before = board.counts, now
     return least - start, most - start, fastest, failed
 
@@ -221,10 +221,10 @@ def _direction(moved: int, config: Config) -> Finding:
     )
 
 
-def watchdog(board: Board, person: Person) -> Finding:
+def watchdog(board: Board, operator: Operator) -> Finding:
     """Enable at zero current, say nothing more, and see the board switch itself off."""
     name, wanted = "watchdog", board.options.watchdog_ms
-    if not person.agrees("Switch the output stage on, at zero current, to see the watchdog switch it off?"):
+    if not operator.agrees("Switch the output stage on, at zero current, to see the watchdog switch it off?"):
         return Finding(name, Level.NOTE, "not looked at: it needs the output stage on")
     board.session.configure(wanted, board.capabilities)
     board.command(board.middle, enable=False)
@@ -245,13 +245,13 @@ def watchdog(board: Board, person: Person) -> Finding:
     return Finding(name, Level.GOOD, f"off and at mid-scale within {tripped_ms:.1f} ms of {wanted} ms")
 
 
-def ramp(board: Board, config: Config, person: Person, current: float | None) -> Finding:
+def ramp(board: Board, config: Config, operator: Operator, current: float | None) -> Finding:
     """Raise the current slowly to a small peak and back: which way does the counter go."""
     name = "polarity"
     continuous = config.amplifier.continuous_current
     largest = continuous or board.capabilities.full_scale_ua * 1e-6
     peak = min(RAMP_FRACTION * largest if current is None else current, largest)
-    if not person.agrees(
+    if not operator.agrees(
         f"Raise the current to {peak:.3g} A and back within {RAMP_S:g} s? The shaft may turn; hands off."
     ):
         return Finding(name, Level.NOTE, "not looked at: it needs current in the motor")

@@ -18,7 +18,7 @@ import numpy as np
 import drivers
 from hapticd.servo import atomics
 from hapticd.servo.core import Request, parameters
-from hapticd.servo.pace import MARGIN, used_share, verdict
+from hapticd.servo.pace import MARGIN, used_fraction, verdict
 from hapticd.servo.thread import ServoThread
 from hapticd.servo.timing import bucket_edges
 from hapticd.stability.numbers import loop_from_config
@@ -57,7 +57,7 @@ class RateResult:
     @property
     def used(self) -> float | None:
         """Share of a period taken by lateness and execution at p99.9."""
-        return used_share(self.timing, self.rate_hz)
+        return used_fraction(self.timing, self.rate_hz)
 
     @property
     def verdict(self) -> str:

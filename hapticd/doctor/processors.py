@@ -58,13 +58,13 @@ def isolation(machine: Machine, config: Config) -> Finding:
     isolated = cpu_list(machine.read(f"{_CPUS}/isolated"))
     wanted = config.servo.cpu
     if wanted is None:
-        found = f"CPUs {_words(isolated)} are isolated, servo.cpu is null" if isolated else "no CPU is set apart"
+        found = f"CPUs {_cpu_text(isolated)} are isolated, servo.cpu is null" if isolated else "no CPU is set apart"
         fix = f"set servo.cpu to {min(isolated)}" if isolated else ""
         return Finding("isolated cpu", Level.NOTE if isolated else Level.GOOD, found, "", fix)
     online = cpu_list(machine.read(f"{_CPUS}/online"))
     if online and wanted not in online:
-        fix = f"set servo.cpu to one of {_words(online)}, or null"
-        return Finding("isolated cpu", Level.BAD, f"servo.cpu = {wanted}, online are {_words(online)}", "", fix)
+        fix = f"set servo.cpu to one of {_cpu_text(online)}, or null"
+        return Finding("isolated cpu", Level.BAD, f"servo.cpu = {wanted}, online are {_cpu_text(online)}", "", fix)
     if wanted in isolated:
         return Finding("isolated cpu", Level.GOOD, f"servo.cpu = {wanted} is isolated")
     return Finding(
@@ -103,7 +103,7 @@ def hyper_threading(machine: Machine, config: Config) -> Finding:
     return Finding("hyper-threading", Level.NOTE, "on", matters, f"echo off > {_CPUS}/smt/control")
 
 
-def _words(cpus: frozenset[int]) -> str:
+def _cpu_text(cpus: frozenset[int]) -> str:
     return ", ".join(str(cpu) for cpu in sorted(cpus))
 
 

@@ -26,7 +26,7 @@ def naming(path: Path) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def whole(path: Path) -> Iterator[Path]:
+def atomic_write(path: Path) -> Iterator[Path]:
     """A file to be written beside a path: it takes the path's name where all goes well, and is gone otherwise."""
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     try:
@@ -44,5 +44,5 @@ def save_figure(figure: Figure, path: Path, dpi: int = 130) -> None:
         ValueError: matplotlib knows no such format.
     """
     kind = path.suffix.lstrip(".") or "png"
-    with naming(path), whole(path) as part:
+    with naming(path), atomic_write(path) as part:
         figure.savefig(part, format=kind, dpi=dpi)

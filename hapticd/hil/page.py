@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticd.figures.files import whole
+from hapticd.figures.files import atomic_write
 from hapticd.figures.markup import STYLE
 from hapticd.figures.style import BLUE, GREY, ORANGE, new_figure, style
 from hapticd.hil.suite import CaseResult, SuiteResult
@@ -27,7 +27,7 @@ def write_page(result: SuiteResult, folder: Path) -> Path:
     """Write the report into a folder and return its path."""
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / PAGE
-    with whole(path) as part:
+    with atomic_write(path) as part:
         part.write_text(_page(result))
     return path
 

@@ -222,7 +222,7 @@ def _excite(daemon: DaemonProcess, config: Config) -> CaseResult:
 
 
 def _undisturbed(daemon: DaemonProcess, begin: Callable[[], dict[str, Any]]) -> tuple[dict[str, Any], dict[str, int]]:
-    """Do an experiment, again if a period or an exchange was missed in it; its result, and how often it was tried."""
+    """Run an experiment, and repeat it if a period or an exchange was missed; its result and the number of attempts."""
     client = daemon.client
     attempts, disturbed = 0, 0
     result: dict[str, Any] = {}

@@ -50,7 +50,7 @@ class Solution:
         inertia: J in kg m² or kg, > 0. viscous: b. coulomb: c. bias: τ₀, by the corrected sign of the encoder.
         delay_s: from sample to current.
         sign: 1, or −1 where the encoder counts against the torque.
-        share: of the driving torque's power that the balance explains, at most 1.
+        explained: fraction of the driving torque's power, at most 1.
     """
 
     inertia: float
@@ -59,7 +59,7 @@ class Solution:
     bias: float
     delay_s: float
     sign: int
-    share: float
+    explained: float
 
 
 @dataclass(frozen=True)
@@ -67,11 +67,11 @@ class Balance(Solution):
     """The best of all delays and both signs.
 
     Attributes:
-        share_other_sign: `share` with the other sign.
+        explained_other_sign: `explained` with the other sign.
         at_delays: (m, 5) inertia, viscous, coulomb, bias and delay_s of the balance at every delay that was tried.
     """
 
-    share_other_sign: float
+    explained_other_sign: float
     at_delays: Floats
 
 
@@ -110,8 +110,8 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
     period = parts[0].period_s
     delays = np.arange(0.0, max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period), max(0.25 * period, 2.5e-4))
     found = [[_solve(parts, delay, sign) for delay in delays] for sign in (1, -1)]
-    tried, others = sorted(found, key=lambda of_sign: -max(one.share for one in of_sign))
-    best, other = (max(of_sign, key=lambda one: one.share) for of_sign in (tried, others))
+    tried, others = sorted(found, key=lambda of_sign: -max(one.explained for one in of_sign))
+    best, other = (max(of_sign, key=lambda one: one.explained) for of_sign in (tried, others))
     drive = float(np.sqrt(np.mean(np.concatenate([part.torque[part.moves] for part in parts]) ** 2)))
     if drive == 0.0:
         names = ", ".join(recording.name for recording in recordings)
@@ -122,7 +122,7 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
     least = _LEAST_SHARE * drive / np.append(size, 1.0)
     at_delays[:, :3] = np.maximum(at_delays[:, :3], least)
     J, b, c, bias, delay_s = at_delays[tried.index(best)].tolist()
-    return Balance(J, b, c, bias, delay_s, best.sign, best.share, other.share, at_delays)
+    return Balance(J, b, c, bias, delay_s, best.sign, best.explained, other.explained, at_delays)
 
 
 def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
@@ -156,5 +156,5 @@ def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> Solution:
     J, b, c, bias = found.x / scale
     left = float(np.mean((y - A @ (found.x / scale)) ** 2))
     power = float(np.mean(y**2))
-    share = 1.0 - left / power if power > 0.0 else 0.0
-    return Solution(float(J), float(b), float(c), float(bias), float(delay_s), sign, share)
+    explained = 1.0 - left / power if power > 0.0 else 0.0
+    return Solution(float(J), float(b), float(c), float(bias), float(delay_s), sign, explained)

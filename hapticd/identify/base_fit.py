@@ -79,7 +79,7 @@ class BaseFit:
 
     @property
     def telling_s(self) -> float:
-        """Seconds that tell of the least told parameter, as if all of them told alike (Kish's effective sample size)."""
+        """Effective duration of data on the least certain parameter, s (Kish's effective sample size)."""
         series = self.fit.problem.series
         information = self.fit.slopes[:, -len(FITTED) :] ** 2 * self.fit.out["information"][:, None]
         each = series.per_block(information)
@@ -166,8 +166,8 @@ def _climbed(fit: Fit) -> Fit:
 def _least_error_of_bias(fit: Fit) -> float:
     """Standard error of the bias if the torque itself could be seen all the time (Cramér–Rao), N m or N.
 
-    A bias is not told from the mean of the disturbance, a Gauss–Markov process of variance s² and correlation time τ: over
-    a time T no unbiased estimate of a mean has a smaller variance than 2 s² τ / (T + 2τ).
+    A bias cannot be told from the mean of the disturbance, a Gauss–Markov process of variance s² and correlation time τ:
+    over a time T no unbiased estimate of a mean has a smaller variance than 2 s² τ / (T + 2τ).
     """
     _, _, rms, memory_s, _ = fit.noise_values()
     return float(rms * np.sqrt(2.0 * memory_s / (fit.problem.series.duration_s + 2.0 * memory_s)))
@@ -211,7 +211,7 @@ def _climb(fit: Fit) -> None:
         H = S.T @ S
         step = np.zeros(fit.u.size)
         step[own] = np.linalg.solve(H + 1e-3 * np.diag(np.diag(H) + 1e-300), S.sum(axis=0))
-        if not any(fit.move(fit.u + share * step) for share in (1.0, 0.3, 0.1)):
+        if not any(fit.move(fit.u + fraction * step) for fraction in (1.0, 0.3, 0.1)):
             break
         if fit.log_likelihood - before < _POOR_STEP:
             break

@@ -34,7 +34,7 @@ def identify(
         settings: dotted key to value, applied to the model.
         known_inertia: kg m² or kg, where it is known otherwise: tells what the torque constant must be.
         out: config to write, with the plant that was found and its uncertainty; the comments of a model that is a file stay.
-        progress: told the fraction done.
+        progress: called with the fraction done.
 
     Returns:
         ``inertia``, ``viscous``, ``coulomb``, ``bias`` and ``delay``, each with ``value``, ``ci95`` and ``unit``; ``sign``;

@@ -49,8 +49,8 @@ def record_live(
     """Play the experiments on a running daemon and return their recordings.
 
     Args:
-        client: the daemon; it is told to stop when interrupted.
-        config: the daemon's config: its limits. say: told every step. bar: progress bar with a label.
+        client: of the daemon, which is stopped when interrupted.
+        config: the daemon's config: its limits. say: called with a line about each step. bar: progress bar with a label.
         keep_spring: leave the rendered spring on, for a device that would fall without it.
 
     Raises:

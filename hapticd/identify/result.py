@@ -31,7 +31,7 @@ class Identified:
         current_gain: measured over commanded current; None where none was measured.
         torque_constant: as taken. torque_constant_implied: by a known inertia; None without one.
         declared_delay_s: what the config and its driver say of the delay.
-        runs: files. assumed: what no measurement told. warnings: what limits or contradicts the result.
+        runs: files. assumed: values that no measurement gives. warnings: what limits or contradicts the result.
     """
 
     inertia: Estimate

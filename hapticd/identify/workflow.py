@@ -79,7 +79,7 @@ def identify(
         recordings: of one device, from `load_any`.
         model: encoder, torque constant, effects and hand of the device; its inertia, frictions and delay are not used.
         known_inertia: kg m² or kg, where it is known otherwise: tells what the torque constant must be.
-        progress: told the fraction done.
+        progress: called with the fraction done.
 
     Raises:
         RecordingError: nothing can be concluded from a recording.
@@ -179,7 +179,7 @@ def _result(found: BaseFit, recordings: Sequence[Recording], model: Config, star
         details={
             "duration_s": found.fit.problem.series.duration_s,
             "samples": found.fit.problem.series.size,
-            "explained_share": start.share,
+            "explained_share": start.explained,
             "disturbance": {"rms": float(noise[2]), "correlation_s": float(noise[3])},
             "likelihood_evaluations": len(found.fit.problem.runs),
         },
@@ -220,15 +220,15 @@ def _doubts(found: BaseFit, start: Balance, result: Identified) -> list[str]:
             "the intervals may leave out the truth, first of all those of delay and viscous friction; record an experiment, "
             "such as hapticd excite"
         )
-    if start.share - start.share_other_sign < _CLEAR_SIGN:
+    if start.explained - start.explained_other_sign < _CLEAR_SIGN:
         doubts.append(
-            f"the encoder's sign is not certain: inertia and friction explain {100 * start.share:.0f} % of the driving "
-            f"torque with it, {100 * start.share_other_sign:.0f} % with the other"
+            f"the encoder's sign is not certain: inertia and friction explain {100 * start.explained:.0f} % of the driving "
+            f"torque with it, {100 * start.explained_other_sign:.0f} % with the other"
         )
-    if start.share < _POOR:
+    if start.explained < _POOR:
         doubts.append(
-            f"inertia and friction explain only {100 * start.share:.0f} % of the driving torque: something else moves the "
-            "shaft; hapticd gap may name it"
+            f"inertia and friction explain only {100 * start.explained:.0f} % of the driving torque: something else moves "
+            "the shaft; hapticd gap may name it"
         )
     for name in ("viscous", "coulomb"):
         estimate = getattr(result, name)

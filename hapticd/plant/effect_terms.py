@@ -90,7 +90,7 @@ def has_smooth_terms(p: NDArray[Any]) -> bool:
 def mean_sine(middle: float, half: float) -> float:
     """Return the mean of the sine over ``middle`` ± ``half``, sin(middle)·sin(half)/half.
 
-    With it a torque that depends on position does exactly its potential's work on the way of a step.
+    Averaged like this over a step, a torque that depends on position does exactly the work of its potential.
     """
     if abs(half) < _SHORT:
         q = half * half

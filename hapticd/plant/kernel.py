@@ -221,9 +221,9 @@ def plant_advance(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float) -> Non
 
 @njit("void(float64[::1], int64[::1], int64, float64, float64)", inline=True, counted=False)
 def plant_current(f: NDArray[Any], i: NDArray[Any], ns: int, frac: float, current: float) -> None:
-    """Have the amplifier deliver a current (A): onto the DAC's grid, into saturation, and into the motor T_A later.
+    """Queue a current (A) for the motor: put on the DAC's grid, limited, and in force T_A later.
 
-    An amplifier that is switched off is given 0 A here: no link loses that.
+    To switch the amplifier off, give it 0 A here; no link can lose that.
 
     Commands take effect in the order in which they were given. One whose effect is already past takes effect as soon as
     the shaft next moves; not-a-number is zero current.

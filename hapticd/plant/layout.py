@@ -80,7 +80,7 @@ def _names(effect: Effect) -> list[str]:
 
 
 def _all_names() -> tuple[tuple[str, ...], int]:
-    """Name of every element, and the number of the first one of the hooks."""
+    """Name of every element, and the index of the first hook."""
     names = list(BASE_NAMES)
     for effect in CATALOGUE.values():
         if not effect.is_hooked:

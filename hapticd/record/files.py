@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
-from hapticd.figures.files import whole
+from hapticd.figures.files import atomic_write
 from hapticd.record.errors import RecordingError, RunExistsError, RunFileError
 from hapticd.record.metadata import utc_now
 from hapticd.record.writer import RunWriter
@@ -51,7 +51,7 @@ def written(target: Path) -> Iterator[Path]:
         RunFileError: it cannot be written.
     """
     try:
-        with whole(target) as part:
+        with atomic_write(target) as part:
             yield part
     except OSError as error:
         raise RunFileError(f"cannot write {target}: {error.strerror or error}") from error

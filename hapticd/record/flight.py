@@ -1,13 +1,13 @@
-"""The flight recorder: the servo's ring and its shared words in a memory-mapped file that outlives the process.
+"""The flight recorder: the servo's ring and its shared atomics in a memory-mapped file that outlives the process.
 
 The servo thread stores into memory, as ever; it makes no call and waits for nothing. What it has stored belongs to the
 kernel's page cache and is there whatever ends the process (SIGKILL, SIGSEGV, out of memory). The file is best on a file
 system in memory: on a disk, each page that the kernel has written back is write-protected, and the next store into it
 waits for the file system (decision 26, ``python -m benchmarks.ring_store``).
 
-Layout, native byte order, every part at a multiple of a page: `HEADER`; the shared words; two metadata slots, written by
+Layout, native byte order, every part at a multiple of a page: `HEADER`; the shared atomics; two metadata slots, written by
 turns, each with its number, length and CRC-32; the rows. Row n lies in slot n modulo the number of rows. The header names
-the shared word that counts finished rows: the newest of them are valid, except the oldest slot, which may be half
+the atomic that counts finished rows: the newest of them are valid, except the oldest slot, which may be half
 overwritten.
 """
 
@@ -29,7 +29,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.config import places
+from hapticd.config import paths
 from hapticd.config.opening import open_regular
 from hapticd.record.errors import RecordingError, RunFileError
 from hapticd.record.metadata import to_plain
@@ -49,7 +49,7 @@ HEADER = np.dtype(
         ("magic", "S8"),
         ("row_digest", "i8"),  # of the row's fields
         ("rows", "i8"),  # slots, a power of two
-        ("words", "i8"),  # shared words
+        ("words", "i8"),  # how many shared atomics
         ("head_word", "i8"),  # which of them counts finished rows
         ("pid", "i8"),
         ("clock_ns", "i8"),  # Unix time less CLOCK_MONOTONIC, ns
@@ -85,7 +85,7 @@ class FlightRing:
 
     Attributes:
         path: the file.
-        words: the shared words, shape (n,), int64, in the file.
+        shared: the shared atomics, shape (n,), int64, in the file.
         rows: the ring, shape (rows,) of `schema.ROW`, in the file.
     """
 
@@ -93,7 +93,7 @@ class FlightRing:
         self.path = path
         self._descriptor, self._memory, self._slots_at = descriptor, memory, layout.slots_at
         self._number = 0
-        self.words: NDArray[np.int64] = np.frombuffer(memory, np.int64, layout.words, _PAGE)
+        self.shared: NDArray[np.int64] = np.frombuffer(memory, np.int64, layout.words, _PAGE)
         self.rows: Rows = np.frombuffer(memory, ROW, layout.rows, layout.rows_at)
 
     @classmethod
@@ -104,7 +104,7 @@ class FlightRing:
             directory: where; made if missing, for the owner alone.
             name: tells this daemon from others.
             rows: slots, a power of two.
-            words: number of shared words.
+            words: number of shared atomics, a word each.
             head_word: which of them counts finished rows.
 
         Raises:
@@ -115,7 +115,7 @@ class FlightRing:
         descriptor = -1
         try:
             directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-            if reason := places.foreign(directory):
+            if reason := paths.foreign(directory):
                 raise RecordingError(f"no flight recorder in {directory}: {reason}")
             descriptor = os.open(part, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -185,7 +185,7 @@ def memory_directory() -> Path | None:
     for place in (os.environ.get("RUNTIME_DIRECTORY", "").split(":")[0], os.environ.get("XDG_RUNTIME_DIR", "")):
         if place and Path(place).is_absolute() and in_memory(Path(place)):
             return Path(place)
-    own = places.memory_folder()
+    own = paths.memory_folder()
     return own if in_memory(own.parent) else None
 
 
@@ -207,7 +207,7 @@ class Flight:
     Attributes:
         path: the file.
         rows: rows of its last `PAST_S` seconds, shape (n,), oldest first.
-        words: its shared words.
+        shared: its shared atomics.
         metadata: what a run file would have said of itself.
         pid: its process number.
         torn: rows left out because a page of the file is older than its neighbours; only a power cut does that.
@@ -217,7 +217,7 @@ class Flight:
 
     path: Path
     rows: Rows
-    words: NDArray[np.int64]
+    shared: NDArray[np.int64]
     metadata: dict[str, Any]
     pid: int
     torn: int
@@ -270,12 +270,12 @@ def read(path: Path, descriptor: int) -> Flight:
             raise RunFileError(f"{path} was made by another version of hapticd, or its header is damaged")
         if layout.size != size:
             raise RunFileError(f"{path} is cut short: {size} bytes of {layout.size}")
-        words = np.frombuffer(memory[_PAGE : _PAGE + 8 * layout.words], np.int64)
+        shared = np.frombuffer(memory[_PAGE : _PAGE + 8 * layout.words], np.int64)
         ring = np.frombuffer(memory[layout.rows_at : layout.rows_at + layout.rows * ROW.itemsize], ROW)
         metadata = _newest_metadata(memory, layout)
-    rows, torn = _last(ring, int(words[header["head_word"]]))
+    rows, torn = _last(ring, int(shared[header["head_word"]]))
     rebooted = bool(header["boot"]) and header["boot"] != _boot()
-    return Flight(path, rows, words, metadata, int(header["pid"]), torn, rebooted, int(header["clock_ns"]))
+    return Flight(path, rows, shared, metadata, int(header["pid"]), torn, rebooted, int(header["clock_ns"]))
 
 
 def _newest_metadata(memory: mmap.mmap, layout: _Layout) -> dict[str, Any]:

@@ -122,7 +122,7 @@ def read_run(path: str | Path, *, salvage: bool = False) -> Run:
     else:
         stream = native_stream(path)
         table, events, whole, damage = _table(path, stream), stream.events, stream.whole, tuple(stream.damage)
-        damaged = damage_words(stream)
+        damaged = damage_text(stream)
     if damaged and not salvage:
         raise RunFileError(
             f"{path} is damaged: {'; '.join(damaged)}; 'hapticd export {path} --to parquet --salvage' keeps the rest"
@@ -142,7 +142,7 @@ def read_run(path: str | Path, *, salvage: bool = False) -> Run:
     events = mappings(metadata.pop("events", [])) or events
     truncated = bool(metadata.pop("truncated", False)) or not whole
     warnings = [f"{path.name} was not ended properly; its rows end with the last whole batch"] if truncated else []
-    warnings += [f"{path.name} is damaged: {words}" for words in damaged]
+    warnings += [f"{path.name} is damaged: {text}" for text in damaged]
     warnings += time_warnings(columns["time_s"])
     return Run(path, columns, metadata, units or exported_units, events, truncated, tuple(warnings), damage)
 
@@ -159,12 +159,12 @@ def native_stream(path: Path) -> Stream:
         raise RunFileError(f"cannot read {path}: {error.strerror}") from error
 
 
-def damage_words(stream: Stream) -> list[str]:
+def damage_text(stream: Stream) -> list[str]:
     """What is damaged, in words; nothing for a file that is as it was written, or cut at its end."""
-    words = [f"{damage} do not match their checksum" for damage in stream.damage]
+    text = [f"{damage} do not match their checksum" for damage in stream.damage]
     if stream.metadata_damaged:
-        words.append("its description (config, units, names) does not match its checksum")
-    return words
+        text.append("its description (config, units, names) does not match its checksum")
+    return text
 
 
 def column_names(path: Path, table: Any) -> list[str]:

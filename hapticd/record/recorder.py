@@ -39,10 +39,10 @@ class Recorder:
     """Records what the servo loop leaves in its ring; starts its thread at once.
 
     Args:
-        drain: takes the rows that wait in the ring when it is called, at most the ring's size, in portions, of which there
+        drain: takes the rows that wait in the ring when it is called, at most the ring's size, in batches, of which there
             is at least one, be it empty; called by one thread at a time.
         dropped: rows the ring had to drop since the servo loop began.
-        past: copies the rows of the last so many seconds, whether drained or not; called from any thread.
+        history: copies the rows of the last so many seconds, whether drained or not; called from any thread.
         metadata: what describes a run begun now; see `metadata.run_metadata`.
         directory: where runs without a path of their own go.
     """
@@ -51,12 +51,12 @@ class Recorder:
         self,
         drain: Callable[[], Iterable[Rows]],
         dropped: Callable[[], int],
-        past: Callable[[float], Rows],
+        history: Callable[[float], Rows],
         metadata: Callable[[], Mapping[str, Any]],
         directory: str | Path,
     ) -> None:
         self.directory = Path(directory)
-        self._drain, self._dropped, self._past, self._metadata = drain, dropped, past, metadata
+        self._drain, self._dropped, self._history, self._metadata = drain, dropped, history, metadata
         self._writer: RunWriter | None = None
         self._path: Path | None = None
         self._state = "off"
@@ -128,7 +128,7 @@ class Recorder:
         Raises:
             RecordingError: the file or its folder cannot be made, or the disk is full.
         """
-        rows = self._past(PAST_S)
+        rows = self._history(PAST_S)
         described = self._described("fault", label)
         with open_new_run(self.directory, "fault", label, described) as writer:
             for start in range(0, rows.size, _DUMP_ROWS):

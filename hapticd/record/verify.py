@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hapticd.record.errors import RunFileError
-from hapticd.record.reader import damage_words, native_stream
+from hapticd.record.reader import damage_text, native_stream
 from hapticd.record.stream import CHECKED_VERSION, Damage
 
 
@@ -21,7 +21,7 @@ class Verdict:
         truncated: the recording was not ended properly; its rows end with the last whole batch.
         damage: rows that are lost though the file goes on after them.
         metadata_damaged: config, units or names are not what was written.
-        words: what is damaged, for people.
+        damage_text: what is damaged, a sentence each.
     """
 
     path: Path
@@ -30,7 +30,7 @@ class Verdict:
     truncated: bool
     damage: tuple[Damage, ...]
     metadata_damaged: bool
-    words: tuple[str, ...]
+    damage_text: tuple[str, ...]
 
     @property
     def checked(self) -> bool:
@@ -54,5 +54,5 @@ def verify(path: str | Path) -> Verdict:
         raise RunFileError(f"{path} has no checksums; only native run files (.arrow) have")
     stream = native_stream(path)
     rows = sum(batch.num_rows for batch in stream.batches)
-    words = tuple(damage_words(stream))
-    return Verdict(path, stream.version, rows, not stream.whole, tuple(stream.damage), stream.metadata_damaged, words)
+    text = tuple(damage_text(stream))
+    return Verdict(path, stream.version, rows, not stream.whole, tuple(stream.damage), stream.metadata_damaged, text)

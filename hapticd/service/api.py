@@ -115,7 +115,7 @@ def _answering(endpoint: Endpoint, control: Control, pool: ThreadPoolExecutor) -
             given["trusted"] = caller is not None and caller.is_own_user
         method = partial(getattr(control, endpoint.name), **given)
         if endpoint.queue != "query":
-            method = partial(_told, endpoint, caller, method)
+            method = partial(_carry_out, endpoint, caller, method)
         try:
             result = await asyncio.get_running_loop().run_in_executor(pool, method)
         except replies.ANSWERS:
@@ -135,22 +135,22 @@ def _answering(endpoint: Endpoint, control: Control, pool: ThreadPoolExecutor) -
     return answer
 
 
-def _told(endpoint: Endpoint, caller: Caller | None, method: partial[JsonDict]) -> JsonDict:
+def _carry_out(endpoint: Endpoint, caller: Caller | None, method: partial[JsonDict]) -> JsonDict:
     """Carry out a command; the log says who asked for it, but never before a stop: a user's name may be slow to find."""
 
-    def tell() -> None:
+    def log_caller() -> None:
         if caller is not None:
             fields = {"uid": caller.uid, "pid": caller.pid, "request": endpoint.name}
             arguments = ", ".join(f"{name}={value!r}" for name, value in method.keywords.items())
             log.info("%s: %s(%s)", caller, endpoint.name, arguments, extra={"journal": fields})
 
     if endpoint.queue == "command":
-        tell()
+        log_caller()
         return method()
     try:
         return method()
     finally:
-        tell()
+        log_caller()
 
 
 def _documented(endpoint: Endpoint) -> dict[str, Any]:

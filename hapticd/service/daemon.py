@@ -274,7 +274,7 @@ class Daemon(Endpoints):
 
 
 def source_name(source: str | None) -> str:
-    """What to call the configuration that came from there."""
+    """Display name of a configuration's source."""
     return source or "re35 (built in)"
 
 

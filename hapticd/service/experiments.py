@@ -103,7 +103,7 @@ class Experiments:
             raise Refused("busy", f"experiment {newest.id} ({newest.kind}) is running; 'hapticd stop' ends it")
 
     def _admit(self, deflection: float, *, release: bool, force: bool) -> None:
-        """Refuse what begins at rest at a deflection in coarse ticks while anything is in the way of it."""
+        """Refuse a start at rest from a deflection in coarse ticks while anything rules it out."""
         self._faults.refuse()
         self.refuse_running()
         rig = self._rendering.rig
@@ -186,7 +186,7 @@ class Experiments:
 
 
 def excited_deflection(config: Config, table: NDArray[np.float64]) -> float:
-    """The release, in coarse ticks, that an excitation's motion amounts to: what the guard is asked about.
+    """The release, in coarse ticks, that is equivalent to an excitation's motion; the guard judges this one.
 
     The place where the spring would hold the shaft moves with current and origin. A step of it is a release; a slow motion
     of it takes the shaft along at its own speed, whatever the way.

@@ -1,6 +1,6 @@
-"""The fault from its first tick to its clearing: noticed in the loop, said once, latched on disk, kept with its past.
+"""A fault from its first tick to its clearing: noticed in the loop, logged once, latched on disk, its history recorded.
 
-Guarded by a lock of its own, so that the supervisor notices a fault however long a command holds the daemon's.
+It has a lock of its own, so the supervisor notices a fault even while a command holds the daemon's lock.
 """
 
 from __future__ import annotations
@@ -91,7 +91,7 @@ class FaultManager:
         self.refuse()
 
     def latch_raised(self) -> None:
-        """Latch a new fault on disk, say it once, keep the 10 s before it."""
+        """Latch a new fault on disk, log it once, record the 10 s before it."""
         with self.lock:
             if self._rendering.rig.state == w.FAULT and self._fault is None and self._rendering.rig.fault_number:
                 self.latch(self._described())

@@ -1,4 +1,4 @@
-"""What a dead daemon left, as a run file: at the next start, or by ``hapticd recover``."""
+"""Turn what a dead daemon left into a run file: at the next start, or by ``hapticd recover``."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hapticd.config import places
+from hapticd.config import paths
 from hapticd.record import RecordingError, RunFileError
 from hapticd.record.files import open_new_run
 from hapticd.record.flight import PAST_S, SUFFIX, Flight, FlightRing, dead, memory_directory
@@ -86,7 +86,7 @@ def crash_log(config: Config, name: str) -> Iterator[None]:
     path = directory / f"{name}-{os.getpid()}{_CRASH_SUFFIX}"
     try:
         directory.mkdir(mode=0o700, parents=True, exist_ok=True)
-        if reason := places.foreign(directory):
+        if reason := paths.foreign(directory):
             raise PermissionError(errno.EPERM, reason)
         file = path.open("w")
     except OSError as error:
@@ -110,7 +110,7 @@ def recover(directory: Path, name: str, out: Path | None = None) -> list[Recover
         name: of the daemon; empty for all daemons of this user.
         out: folder of the run files; None: the dead daemon's own.
     """
-    if reason := places.foreign(directory):
+    if reason := paths.foreign(directory):
         log.error("nothing is recovered: %s", reason)
         return []
     found = []
@@ -146,7 +146,7 @@ def _write(flight: Flight, out: Path | None, crash: str) -> Recovered | None:
         "crash": crash or None,
         "died_utc": _died(flight),
         "torn_rows": flight.torn,
-        "lost_rows": int(flight.words[atomics.DROPPED]),
+        "lost_rows": int(flight.shared[atomics.DROPPED]),
     }
     with open_new_run(folder, "crash", code, metadata) as writer:
         for start in range(0, flight.rows.size, _PORTION_ROWS):
@@ -155,15 +155,15 @@ def _write(flight: Flight, out: Path | None, crash: str) -> Recovered | None:
 
 
 def why(flight: Flight, crash: str = "") -> tuple[str, str]:
-    """Why a daemon died, as far as anything tells: a short name and a sentence.
+    """Why a daemon died, as far as it is known: a short name and a sentence.
 
     Args:
         flight: what it left.
         crash: what its fatal signal wrote.
     """
-    mode = int(flight.words[atomics.MODE])
+    mode = int(flight.shared[atomics.MODE])
     state = layout.STATE_NAMES[mode] if 0 <= mode < len(layout.STATE_NAMES) else f"unknown ({mode})"
-    number = int(flight.words[atomics.FAULT_CODE])
+    number = int(flight.shared[atomics.FAULT_CODE])
     during = f"in state {state}"
     if number in faults.KINDS:
         during += f" with the fault {faults.KINDS[number].code}"
@@ -180,7 +180,7 @@ def why(flight: Flight, crash: str = "") -> tuple[str, str]:
 
 def _died(flight: Flight) -> str:
     """When its supervisor beat last, UTC: within 50 ms of its death, unless that had stopped before."""
-    instant_s = (flight.clock_ns + int(flight.words[atomics.HEARTBEAT_NS])) * 1e-9
+    instant_s = (flight.clock_ns + int(flight.shared[atomics.HEARTBEAT_NS])) * 1e-9
     with contextlib.suppress(ValueError, OverflowError):
         return datetime.fromtimestamp(instant_s, UTC).isoformat(timespec="milliseconds")
     return "unknown"

@@ -19,7 +19,7 @@ from rich.text import Text
 
 from drivers import DriverConfigError
 from hapticd.config import ConfigError
-from hapticd.control.fault_words import fault_lines
+from hapticd.control.fault_text import fault_lines
 from hapticd.record.files import why_unwritable
 from hapticd.service.access import Rules
 from hapticd.service.api import ApiServer

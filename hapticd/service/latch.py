@@ -8,7 +8,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from hapticd.figures.files import whole
+from hapticd.figures.files import atomic_write
 from hapticd.servo import faults
 
 REQUIRED = ("code", "cause")
@@ -67,7 +67,7 @@ class FaultLatch:
     def store(self, fault: dict[str, Any]) -> None:
         """Write the fault, whole or not at all."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
-        with whole(self.path) as part, part.open("w") as file:
+        with atomic_write(self.path) as part, part.open("w") as file:
             file.write(json.dumps(fault, indent=1) + "\n")
             file.flush()
             os.fsync(file.fileno())

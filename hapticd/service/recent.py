@@ -1,4 +1,4 @@
-"""How the loop did, since its start and lately: the difference between its histograms now and those of some seconds ago.
+"""Timing since the start and lately: the difference between the histograms now and those of some seconds ago.
 
 The loop only ever counts up. The supervisor keeps a copy a second; nothing of this is in the tick.
 """
@@ -110,7 +110,7 @@ def _between(first: _Look, last: _Look, rate_hz: float) -> dict[str, Any]:
 
 
 def _quantiles(last: NDArray[np.int64], first: NDArray[np.int64], largest_ns: int) -> dict[str, float | None]:
-    """As `quantiles_us`; what came after a first look is known to its bucket, right to 3 %, and at most the largest ever."""
+    """As `quantiles_us`; values after the first look are known to within their bucket, 3 %, and never exceed the maximum."""
     histogram = last - first
     if first.any() and histogram.any():
         largest_ns = min(round(bucket_edges()[np.flatnonzero(histogram)[-1] + 1]), largest_ns)

@@ -74,6 +74,6 @@ class Reconnector:
         self._take_over(rig, driver)
 
     def _is_news(self, error: Exception) -> bool:
-        """Whether the attempt before this one ended otherwise; what goes on is said once."""
+        """Whether this attempt ended differently from the last; a repeated error is logged once."""
         before, self._said = self._said, str(error)
         return self._said != before

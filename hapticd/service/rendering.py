@@ -57,7 +57,7 @@ class Rendering:
         return token
 
     def run(self, token: int, refuse_fault: Callable[[], None]) -> None:
-        """Ask for running and wait until the loop renders, or says why not.
+        """Request ``running`` and wait until the loop renders, or reports why it does not.
 
         Args:
             token: of :meth:`Rig.run_token`, from before the command was looked at.

@@ -108,7 +108,7 @@ class Rig:
         self.recorder = Recorder(
             self._drain,
             self.core.dropped,
-            self.core.past,
+            self.core.history,
             self._metadata,
             Path(config.record.directory),
         )
@@ -125,9 +125,9 @@ class Rig:
         return parameters(self.config, self.request, latency_s=self.driver.latency_s)
 
     def _drain(self) -> Iterator[Rows]:
-        """Rows for the recorder; on their way the energies are booked, to within one portion of a changed setting."""
+        """Rows for the recorder. Energies are updated with each batch; a changed setting takes effect within one batch."""
         self._describe()
-        for rows in self.core.portions():
+        for rows in self.core.drain_batches():
             settings = (self.config, self.origin_counts)
             if settings != self._energy_settings:
                 self._energy_settings = settings
@@ -164,7 +164,7 @@ class Rig:
 
     @property
     def grants(self) -> list[Grant]:
-        """What was asked of the machine, and what of it was had."""
+        """The real-time features that were requested, and which were granted."""
         return self.servo.grants + ([] if self.flight_grant is None else [self.flight_grant])
 
     @property
@@ -209,7 +209,7 @@ class Rig:
             self._publish(config, changes)
 
     def halt(self, *, final: bool = False) -> int:
-        """Ask for ``off``, and make every attempt to run that has already begun fail. Waits for nobody.
+        """Request ``off`` and revoke every pending attempt to run. Does not wait.
 
         Args:
             final: no token is valid any more; the rig is about to be closed.

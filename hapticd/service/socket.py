@@ -18,7 +18,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from hapticd.config import places
+from hapticd.config import paths
 
 MAX_PATH_BYTES = 107
 """``sun_path`` holds 108 bytes, the last one a zero."""
@@ -71,7 +71,7 @@ def bind(path: Path, mode: int = 0o660, group: str | None = None) -> BoundSocket
     owner = group_id(group, "api.group") if group is not None else None
     try:
         path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
-        if reason := places.foreign(path.parent):
+        if reason := paths.foreign(path.parent):
             raise SocketError(
                 f"cannot create the control socket {path}: {reason}, or choose another socket with --socket"
             )

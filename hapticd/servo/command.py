@@ -1,4 +1,4 @@
-"""From the current that is asked for to the driver: DAC grid, the delay T_V, and the way out through zero."""
+"""From the requested current to the driver: DAC grid, the delay T_V, and the shutdown through zero current."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def write_zero(servo: Any) -> int:
 
 @njit(inline=True, counted=False)
 def leave(servo: Any) -> None:
-    """The loop's way out: zero current first, then amplifier off, each tried again when the exchange fails."""
+    """End the loop: zero current first, then amplifier off, each tried again when the exchange fails."""
     for enable in (1, 0):
         if enable == 1 and servo.state.amplifier == DISABLED:
             continue
@@ -74,7 +74,7 @@ def write_at(servo: Any, current: float, ns: int, frac: float) -> int:
 
 @njit(inline=True, counted=False)
 def delay(servo: Any) -> None:
-    """Put the rendered current into T_V."""
+    """Queue the rendered current for T_V."""
     state, tick = servo.state, servo.tick
     if state.delayed_head - state.delayed_tail < MOST_DELAYED:
         command = servo.delayed[state.delayed_head & _MASK]

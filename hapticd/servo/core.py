@@ -38,13 +38,13 @@ PORTION_ROWS = 1024
 
 
 @njit("void(int64[::1], int64, int64)", counted=False)
-def _store(shared: NDArray[Any], word: int, value: int) -> None:
-    atomic_store(shared, word, value)
+def _store(shared: NDArray[Any], index: int, value: int) -> None:
+    atomic_store(shared, index, value)
 
 
 @njit("int64(int64[::1], int64)", counted=False)
-def _load(shared: NDArray[Any], word: int) -> int:
-    return atomic_load(shared, word)
+def _load(shared: NDArray[Any], index: int) -> int:
+    return atomic_load(shared, index)
 
 
 @njit(numba.void(numba.from_dtype(SERVO), numba.int64[::1], numba.from_dtype(PARAMS)), counted=False)
@@ -69,7 +69,7 @@ class Request:
 
 
 def i2t_limit(config: Config) -> float:
-    """What the motor may take above its continuous current before ``over_current`` trips, A² s.
+    """I²t that the motor may take above its continuous current before ``over_current`` trips, A² s.
 
     ``(peak² - continuous²) peak_time``; without a peak current, three times the continuous one stands in for it.
     """
@@ -138,7 +138,7 @@ class ServoCore:
     Args:
         driver: an open driver; kept alive by this object.
         ring_rows: rows the ring holds, a power of two (131072 rows are 13 s at 10 kHz).
-        flight: a file whose memory is ring and shared words, so that they outlive the process; None: memory of our own.
+        flight: a file whose memory is ring and shared atomics, so that they outlive the process; None: memory of our own.
         keep_truth: keep the simulated device's true state beside each row.
         excitation_rows: longest excitation in ticks.
     """
@@ -154,7 +154,7 @@ class ServoCore:
     ) -> None:
         self.driver = driver
         self.memory = np.zeros(1, SERVO)
-        self.shared = np.zeros(atomics.SIZE, np.int64) if flight is None else flight.words
+        self.shared = np.zeros(atomics.SIZE, np.int64) if flight is None else flight.shared
         self.ring = np.zeros(ring_rows, ROW) if flight is None else flight.rows
         self.truth = np.zeros((ring_rows if keep_truth else 0, 2))
         self.excitation = np.zeros((2, excitation_rows))
@@ -177,13 +177,13 @@ class ServoCore:
         _publish(self.memory[0], self.shared, params)
         return int(self.shared[atomics.SEQUENCE])
 
-    def load(self, word: int) -> int:
-        """A shared word, with acquire ordering."""
-        return int(_load(self.shared, word))
+    def load(self, index: int) -> int:
+        """A shared atomic, with acquire ordering."""
+        return int(_load(self.shared, index))
 
-    def store(self, word: int, value: int) -> None:
-        """A shared word of the supervisor's, with release ordering."""
-        _store(self.shared, word, value)
+    def store(self, index: int, value: int) -> None:
+        """A shared atomic of the supervisor's, with release ordering."""
+        _store(self.shared, index, value)
 
     def begin(self, start_ns: int, mode: int = layout.OFF) -> None:
         """Set the time grid's origin and the first mode, with the first published parameter set in force."""
@@ -204,12 +204,12 @@ class ServoCore:
 
     def drain(self) -> NDArray[Any]:
         """Take all rows that are waiting (a copy); one consumer only."""
-        return joined(*self.portions(len(self.ring)))
+        return joined(*self.drain_batches(len(self.ring)))
 
-    def portions(self, rows: int = PORTION_ROWS) -> Iterator[NDArray[Any]]:
-        """Take the rows that are waiting now (copies), at least one portion, be it empty; one consumer only.
+    def drain_batches(self, rows: int = PORTION_ROWS) -> Iterator[NDArray[Any]]:
+        """Take the rows that are waiting now (copies), at least one batch, be it empty; one consumer only.
 
-        However long nobody has drained, what is then worked on fits into a few hundred kilobytes.
+        Each batch fits into a few hundred kilobytes, however many rows are waiting.
         """
         head = self.load(atomics.RING_HEAD)
         while True:
@@ -221,7 +221,7 @@ class ServoCore:
             if tail + len(taken) == head:
                 return
 
-    def past(self, seconds: float) -> NDArray[Any]:
+    def history(self, seconds: float) -> NDArray[Any]:
         """Copy of the rows of the last ``seconds``, taken or not, oldest first; from any thread, beside the loop."""
         size = len(self.ring)
         head = self.load(atomics.RING_HEAD)

@@ -39,7 +39,7 @@ PARAMS = np.dtype(
         ("bias", "f8"),  # ½ or 0, ticks
         ("damping", "f8"),  # B a count, N m or N for one count/s
         ("velocity_periods", "i8"),  # over which positions are differenced
-        ("velocity_keep", "f8"),  # share of the velocity estimate that a period leaves; 0 for the plain difference
+        ("velocity_keep", "f8"),  # fraction of the velocity estimate that a period leaves; 0 for the plain difference
         ("passivity", "i8"),  # PASSIVITY_OFF, PASSIVITY_OBSERVE, PASSIVITY_CONTROL
         (
             "passivity_stiffest",

@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from typing import Any, Final
 
 MARGIN: Final = 0.5
-"""Share of a period that lateness and execution may take together at p99.9 in a rate that is recommended."""
+"""Fraction of a period that lateness and execution may take together at p99.9 in a rate that is recommended."""
 
 
-def used_share(timing: Mapping[str, Any], rate_hz: float) -> float | None:
-    """Share of a period taken by lateness and execution at p99.9; None where nothing was counted.
+def used_fraction(timing: Mapping[str, Any], rate_hz: float) -> float | None:
+    """Fraction of a period taken by lateness and execution at p99.9; None where nothing was counted.
 
     Args:
         timing: with ``wake_us`` and ``exec_us``. rate_hz: the servo rate.
@@ -23,9 +23,9 @@ def verdict(timing: Mapping[str, Any], rate_hz: float) -> str:
     """Whether the loop keeps up, in words.
 
     Args:
-        timing: as for `used_share`, with ``missed`` and ``exchanges_missed``. rate_hz: the servo rate.
+        timing: as for `used_fraction`, with ``missed`` and ``exchanges_missed``. rate_hz: the servo rate.
     """
-    used = used_share(timing, rate_hz)
+    used = used_fraction(timing, rate_hz)
     if used is None:
         return "no tick yet"
     missed = [

@@ -1,7 +1,7 @@
 """The passivity observer and controller in the loop (`safety.passivity`); equations: `hapticd.stability.passivity`.
 
-Booked are the current as it was last written and the raw counts, at every tick in which the spring is rendered. While an
-excitation plays nothing is booked and nothing added: what it puts in is asked for.
+The observer books the last written current and the raw counts at every tick in which the spring is rendered. While an
+excitation plays, observer and controller rest: the energy that it puts in is wanted.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ def observe(servo: Any) -> None:
 
 @njit(inline=True, counted=False)
 def control(servo: Any, current: float, limit: float) -> float:
-    """The current with what dissipates the excess, within the limit, A; with a rendered current within it already."""
+    """Add the current that dissipates the excess to the rendered one, within the limit, A."""
     params, state = servo.params, servo.state
     excited = (servo.tick.flags & FLAG_EXCITATION) != 0
     known = state.observes and not excited

@@ -93,7 +93,7 @@ def name_thread(name: str) -> None:
 
 
 def block_signals() -> None:
-    """No signal is handled in the calling thread but those that its own code raises, which end the process."""
+    """Block all signals in the calling thread except those that its own code raises, which end the process."""
     own = {signal.SIGSEGV, signal.SIGBUS, signal.SIGFPE, signal.SIGILL}
     signal.pthread_sigmask(signal.SIG_BLOCK, signal.valid_signals() - own)
 

@@ -56,7 +56,7 @@ _KEPT_TURNS = 32
 
 @njit(numba.void(_STATES, _f8, _f8, numba.float64[::1]), counted=False)
 def _follow(truth: NDArray[Any], origin: float, done: float, motion: NDArray[Any]) -> None:
-    """Keep what a person asks of a motion first; ``motion`` is by the names above, ticks of the last turns at its end."""
+    """Update the summary of a motion; ``motion`` is indexed by the names above and ends with the ticks of the last turns."""
     for k in range(len(truth)):
         speed = truth[k, 1]
         motion[_PEAK] = max(motion[_PEAK], abs(truth[k, 0] - origin))

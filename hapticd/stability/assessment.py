@@ -60,7 +60,7 @@ class Assessment:
         region: region of Fig. 3 or 5.
         proven: whether the sharp criterion proves that this motion loses energy all the time, whatever the region; for the
             ideal loop (amplifier a pure delay, no converter), and never where the config is outside the theory.
-        verdict: what all that means in one word.
+        verdict: the conclusion in one word.
         velocity_limit: largest ξ̇_max that dissipates (15), in ticks per period.
         stiffness_passive, stiffness_dissipating: largest K; None where there is none to name.
         cycle: the self-sustained oscillation that the motion ends in (describing function); None if it ends in none.

@@ -1,4 +1,4 @@
-"""What a configuration has that the theory leaves out, or that will get in the way of what it predicts."""
+"""What the theory leaves out of a configuration, or what will interfere with its prediction."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ def check_figure(
         if change.key in targets:
             _arrow(axis, found, change, targets[change.key], beta)
     if sure is not None:
-        label = f"where it may be: {sure.words.partition(';')[0]}"
+        label = f"where it may be: {sure.text.partition(';')[0]}"
         axis.plot(sure.beta, sure.sigma, ".", color=BLUE, alpha=0.35, ms=5, mew=0, zorder=3)
         axis.plot([], [], ".", color=BLUE, ms=5, label=label)
     axis.plot(

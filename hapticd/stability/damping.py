@@ -17,7 +17,7 @@ it, 1/n of the difference over n periods and 1 − a of the low-pass. So every f
     σ + βv ≥ w(v) + τ_D · (largest speed one delay earlier) + β_v (ξ̇_max + g),
 
 which for high speeds is β ≥ ½ + τ_D + β_v, Colgate and Schenkel's, and at rest σ ≥ ½ + β_v g: a damper's ticks must be held
-too. In both a damper only costs. That it also brakes, no theorem says; `hapticd.stability.sampled_loop` runs it.
+too. In both, a damper only costs. No theorem covers its braking; `hapticd.stability.sampled_loop` simulates it.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Damper:
     Attributes:
         beta_v: β_v = B/(KT).
         periods: n, over which positions are differenced.
-        keep: a, the share of the estimate that a period leaves; 0 for the plain difference.
+        keep: a, the fraction of the estimate that a period leaves; 0 for the plain difference.
     """
 
     beta_v: float
@@ -59,7 +59,7 @@ class Damper:
 
     @property
     def gamma(self) -> float:
-        """γ: the damping that the damper itself asks of the device, as a share of B."""
+        """γ: the damping that the damper itself asks of the device, as a fraction of B."""
         if self.keep > 0.0:
             return (1.0 - self.keep) / (1.0 + self.keep)
         return _gamma_of_difference(self.periods)
@@ -70,7 +70,7 @@ class Damper:
 
 
 def velocity_filter(spring: Spring, period_s: float) -> tuple[int, float]:
-    """Periods n over which positions are differenced, and the share a = e^(−2π f T) of the estimate that a period leaves."""
+    """Periods n over which positions are differenced, and the fraction a = e^(−2π f T) of the estimate that stays."""
     if spring.velocity_estimate == "difference":
         return spring.velocity_periods, 0.0
     return 1, math.exp(-2.0 * math.pi * spring.velocity_cutoff_hz * period_s)

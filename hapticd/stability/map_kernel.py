@@ -1,4 +1,4 @@
-"""One point of a region map, compiled: the loop of eq. 7–9 from sample to sample, exactly, until its fate is certain.
+"""One point of a region map, compiled: the loop of eq. 7–9 from sample to sample, exactly, until its outcome is certain.
 
 The step is that of `hapticd.plant.exact`; as period and friction do not change during a run, its exponentials are
 computed once a run. A run ends before its horizon only for a reason that settles its outcome for ever:
@@ -102,7 +102,7 @@ def run_point(
 
     Args:
         start: of `START`. periods: the horizon.
-        early: end when the fate is certain; otherwise only at the limit and the horizon.
+        early: end when the outcome is certain; otherwise only at the limit and the horizon.
         growth: (2, 2 + p) eigenvector of `hapticd.stability.escape.Escape`, real and imaginary part.
         ring: (p,) work space; holds the commands under way at the end, the oldest at ``periods run modulo p``.
         saved: (p,) work space. peaks: (STRETCHES,) out: largest energy in each stretch of the horizon's second half.

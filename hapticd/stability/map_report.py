@@ -1,4 +1,4 @@
-"""Region maps against theory: what each region promises, what the simulation found, and every point that disagrees.
+"""Region maps against theory: what each region predicts, what the simulation found, and every point that disagrees.
 
 A, E and F1 promise that motions die out; F2 too, though energy may rise on the way. B promises that motions stay small:
 a point that grows disagrees, and oscillations of one tick and more are listed. C cannot come to rest (σ < ½). D promises

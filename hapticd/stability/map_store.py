@@ -17,7 +17,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from hapticd.figures.files import whole
+from hapticd.figures.files import atomic_write
 from hapticd.record.metadata import versions
 from hapticd.stability import map_kernel
 from hapticd.stability.map_engines import Results
@@ -63,7 +63,7 @@ def save(path: Path, maps: Maps) -> None:
         "metadata": np.array(json.dumps(metadata(study), ensure_ascii=False)),
         **{name: maps.points[name] for name in POINT.names or ()},
     }
-    with whole(path) as part, part.open("wb") as file:
+    with atomic_write(path) as part, part.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, **arrays)
 
 

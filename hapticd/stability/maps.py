@@ -219,7 +219,7 @@ def run_points(
         xi_dot: (n,) initial velocity in ticks per period.
         periods: horizon, at least 12.
         xi: (n,) initial position in ticks; 0 when left out.
-        early: end a run when its fate is certain. False goes on to the horizon (or 10⁹ ticks), where rule 4 decides what
+        early: end a run when its outcome is certain. False goes on to the horizon (or 10⁹ ticks), where rule 4 decides what
             is not at rest; it is there to check that the early ends change nothing.
 
     Returns:

@@ -10,7 +10,7 @@ from hapticd.stability.passivity_map import PassivityMap
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Of the fates CALM_ANYWAY … SPOILT of `passivity_map`.
+#: Of the classes CALM_ANYWAY … SPOILT of `passivity_map`.
 _SHADES: Final[Shades] = (
     ("#ffffff", "comes to rest without it"),
     ("#7fb2d9", "made stable"),
@@ -32,7 +32,7 @@ def draw(found: PassivityMap) -> Figure:
     for row, (d, counts) in enumerate(rows):
         for v, velocity in enumerate(study.velocities):
             axes = panels[row, v]
-            plane(axes, study, study.delays[d], velocity, found.fate[counts][d, v], _SHADES)
+            plane(axes, study, study.delays[d], velocity, found.classes[counts][d, v], _SHADES)
             if row == len(rows) - 1:
                 axes.set_xlabel("$\\beta$")
             if v == 0:

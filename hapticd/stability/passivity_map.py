@@ -36,46 +36,46 @@ class PassivityMap:
     Attributes:
         study: the grid of maps. counts: a tick, as the controller reads them.
         bare: of `RUN`, shape ``study.shape``. controlled: for each of ``counts``.
-        fate: CALM_ANYWAY … SPOILT of each point, for each of ``counts``.
+        classes: CALM_ANYWAY … SPOILT of each point, for each of ``counts``.
     """
 
     study: Study
     counts: tuple[int, ...]
     bare: NDArray[Any]
     controlled: dict[int, NDArray[Any]]
-    fate: dict[int, NDArray[np.int8]]
+    classes: dict[int, NDArray[np.int8]]
 
     @property
     def report(self) -> dict[str, Any]:
-        """The JSON document: for each delay and number of counts a tick, shares and cost."""
+        """The JSON document: for each delay and number of counts a tick, fractions and cost."""
         rows = []
         sigma = np.broadcast_to(self.study.sigmas, self.study.shape)
         for d, tau_d in enumerate(self.study.delays):
             for counts in self.counts:
-                fate, run, bare = self.fate[counts][d], self.controlled[counts][d], self.bare[d]
+                of, run, bare = self.classes[counts][d], self.controlled[counts][d], self.bare[d]
                 shaky = bare["outcome"] >= PERSISTENT
                 holds = shaky & (sigma[d] >= 0.5)
-                rescued = fate == MADE_STABLE
+                rescued = of == MADE_STABLE
                 ratio = run["added"][rescued] / run["largest"][rescued]
                 rows.append(
                     {
                         "tau_d": tau_d,
                         "counts_per_tick": counts,
-                        "points": int(fate.size),
+                        "points": int(of.size),
                         "unstable": int(shaky.sum()),
                         "growing": int((bare["outcome"] == GROWING).sum()),
-                        **{name.replace(" ", "_"): int((fate == code).sum()) for code, name in enumerate(NAMES)},
-                        "share_made_stable": _share(rescued, shaky),
-                        "share_made_stable_where_friction_holds_a_tick": _share(rescued, holds),
+                        **{name.replace(" ", "_"): int((of == code).sum()) for code, name in enumerate(NAMES)},
+                        "share_made_stable": _fraction(rescued, shaky),
+                        "share_made_stable_where_friction_holds_a_tick": _fraction(rescued, holds),
                         "added_force_ticks": _middle_and_most(run["added"][rescued]),
                         "added_force_share": _middle_and_most(ratio),
-                        "left_amplitude_ticks": _middle_and_most(run["amplitude"][fate == BOUNDED]),
+                        "left_amplitude_ticks": _middle_and_most(run["amplitude"][of == BOUNDED]),
                     }
                 )
         return {"mu": self.study.mu, "periods": self.study.periods, "maps": rows}
 
 
-def _share(part: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float | None:
+def _fraction(part: NDArray[np.bool_], whole: NDArray[np.bool_]) -> float | None:
     return float((part & whole).sum() / whole.sum()) if whole.any() else None
 
 
@@ -94,24 +94,24 @@ def passivity_map(study: Study, counts: tuple[int, ...] = COUNTS, jobs: int | No
     """
     loops = _loops(study)
     bare = run_in_threads(loops, study.periods, jobs)
-    controlled, fate = {}, {}
+    controlled, classes = {}, {}
     for number in counts:
         loops["counts"] = number
         controlled[number] = run_in_threads(loops, study.periods, jobs)
-        fate[number] = fates(bare["outcome"], controlled[number]["outcome"])
-    return PassivityMap(study, counts, bare, controlled, fate)
+        classes[number] = classify(bare["outcome"], controlled[number]["outcome"])
+    return PassivityMap(study, counts, bare, controlled, classes)
 
 
-def fates(bare: NDArray[np.int64], controlled: NDArray[np.int64]) -> NDArray[np.int8]:
+def classify(bare: NDArray[np.int64], controlled: NDArray[np.int64]) -> NDArray[np.int8]:
     """What the controller made of points with these outcomes."""
     calm_before, calm_after = bare < PERSISTENT, controlled < PERSISTENT
     grows = controlled == GROWING
-    fate = np.select(
+    found = np.select(
         [calm_before & calm_after, calm_before, calm_after, grows],
         [CALM_ANYWAY, SPOILT, MADE_STABLE, STILL_GROWS],
         BOUNDED,
     )
-    return fate.astype(np.int8)
+    return found.astype(np.int8)
 
 
 def _loops(study: Study) -> NDArray[Any]:

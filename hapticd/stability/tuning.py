@@ -1,4 +1,4 @@
-"""What may be changed, and how far: largest stiffness, delay, tick and period; the grip that makes a device passive.
+"""Limits on single parameters: largest stiffness, delay, tick and period; the grip that makes a device passive.
 
 The criterion is solved for one SI parameter of the loop with the motion held fixed in SI units, so that everything that
 depends on the parameter moves with it (K is in μ, β, σ, the a-priori ξ̈_max and, for a release, in ξ̇_max).

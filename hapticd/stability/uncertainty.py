@@ -78,7 +78,7 @@ class Confidence:
         }
 
     @property
-    def words(self) -> str:
+    def text(self) -> str:
         """One or two sentences."""
         text = f"stable with a probability of {self._percent(self.stable)}"
         if self.passive is not None:
@@ -131,7 +131,7 @@ def confidence(found: Assessment) -> Confidence | None:
 
 
 class _Judged(NamedTuple):
-    """The draws: which are stable, which passive, and a number that tells how clearly."""
+    """The draws: which are stable, which passive, and the margin of each."""
 
     stable: NDArray[np.bool_]
     passive: NDArray[np.bool_] | None
@@ -160,7 +160,7 @@ def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
 
 
 def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
-    """By what `check` itself goes by there: proof or exact loop, and Colgate and Schenkel's bound."""
+    """By the same rules as `check`: proof or exact loop, and Colgate and Schenkel's bound."""
     start = found.start
     judged = [
         damped(found.config, loop, None if start is None else start.xi_dot_max(loop), found.deflection, found.velocity)

@@ -41,7 +41,7 @@ class ZWidth:
         config: of the device. loop: it in SI units.
         velocity: at which the motion passes the origin, ticks per period. periods: the horizon.
         damping: (n,) B in N m s/rad or N s/m, from 0. stiffness: (m,) K in N m/rad or N/m, evenly from one step above 0.
-        fate: of each of `VARIANTS` (n, m): DIES_OUT, BELOW_ONE_TICK, ABOVE_ONE_TICK or GROWS.
+        outcome: of each of `VARIANTS` (n, m): DIES_OUT, BELOW_ONE_TICK, ABOVE_ONE_TICK or GROWS.
         passive: (n,) largest K that Colgate and Schenkel's bound allows, 0 where none.
     """
 
@@ -51,12 +51,12 @@ class ZWidth:
     periods: int
     damping: FloatArray
     stiffness: FloatArray
-    fate: dict[str, NDArray[np.int8]]
+    outcome: dict[str, NDArray[np.int8]]
     passive: FloatArray
 
     def largest(self, variant: str) -> FloatArray:
         """(n,) largest K below which the variant is calm throughout; 0 where not even the smallest is."""
-        calm = self.fate[variant] <= BELOW_ONE_TICK
+        calm = self.outcome[variant] <= BELOW_ONE_TICK
         softer = np.where(calm.all(axis=1), calm.shape[1], np.argmin(calm, axis=1))
         return np.asarray(np.append(0.0, self.stiffness)[softer])
 
@@ -71,7 +71,7 @@ class ZWidth:
                 "stiffness": float(limit[best]),
                 "damping": float(self.damping[best]),
                 "without_damping": float(limit[0]),
-                "calm": float((self.fate[variant] <= BELOW_ONE_TICK).mean()),
+                "calm": float((self.outcome[variant] <= BELOW_ONE_TICK).mean()),
             }
         return {
             "velocity_ticks_per_period": self.velocity,
@@ -116,20 +116,22 @@ def zwidth(
         damping_max, stiffness_max = damping_max or found[0], stiffness_max or found[1]
     B = np.linspace(0.0, damping_max, count)
     K = stiffness_max * np.arange(1, count + 1) / count
-    fate = {
+    outcome = {
         variant: _fates(run_in_threads(_loops(config, loop, B, K, variant, velocity), periods, jobs))
         for variant in VARIANTS
     }
     # (b − γB)/(T/2 + T_D)
     gamma = Damper(0.0, *velocity_filter(config.spring, loop.period)).passive_gamma(loop.delay)
     passive = np.maximum(0.0, (loop.viscous - gamma * B) / (0.5 * loop.period + loop.delay))
-    return ZWidth(config, loop, velocity, periods, B, K, fate, passive)
+    return ZWidth(config, loop, velocity, periods, B, K, outcome, passive)
 
 
 def _fates(runs: NDArray[Any]) -> NDArray[np.int8]:
     persistent = np.where(runs["amplitude"] < 1.0, BELOW_ONE_TICK, ABOVE_ONE_TICK)
-    fates = np.where(runs["outcome"] == GROWING, GROWS, np.where(runs["outcome"] == PERSISTENT, persistent, DIES_OUT))
-    return fates.astype(np.int8)
+    outcomes = np.where(
+        runs["outcome"] == GROWING, GROWS, np.where(runs["outcome"] == PERSISTENT, persistent, DIES_OUT)
+    )
+    return outcomes.astype(np.int8)
 
 
 def _loops(

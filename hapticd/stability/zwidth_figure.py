@@ -12,7 +12,7 @@ from hapticd.stability.zwidth import ZWidth
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Of the fates DIES_OUT … GROWS of `zwidth`.
+#: Of the outcomes DIES_OUT … GROWS of `zwidth`.
 _SHADES: Final[Shades] = (
     ("#ffffff", "dies out"),
     ("#d9d9d9", "goes on, below one tick"),
@@ -40,8 +40,8 @@ def draw(found: ZWidth, title: str) -> Figure:
     edges_B = np.append(found.damping - 0.5 * step_B, found.damping[-1] + 0.5 * step_B)
     edges_K = np.append(found.stiffness - 0.5 * step_K, found.stiffness[-1] + 0.5 * step_K)
     limit = found.largest("linear")
-    for axes, (variant, fate) in zip(panels.ravel(), found.fate.items(), strict=True):
-        shade(axes, edges_B, edges_K, fate, _SHADES)
+    for axes, (variant, outcome) in zip(panels.ravel(), found.outcome.items(), strict=True):
+        shade(axes, edges_B, edges_K, outcome, _SHADES)
         (border,) = axes.plot(
             found.damping, limit + 0.5 * step_K, color=_LINEAR, lw=1.3, label="limit of the linear loop"
         )

@@ -12,12 +12,12 @@ from hapticd.plant import kernel
 from sim_hw import layout as w
 from sim_hw import log
 from sim_hw.firmware.emulator import EmulatorError
+from sim_hw.firmware.layout import BOARD, FRAMED
 from sim_hw.firmware.output import lose_power, show_inputs, take_outputs
 from sim_hw.firmware.service import BOARD_GONE, PLUG_IN, POWER_OFF, POWER_ON, STOPPED, UNPLUG, serve
-from sim_hw.firmware.words import BOARD, FRAMED
 from sim_hw.motion import log_row, set_current
 from sim_hw.plant import end_log
-from sim_hw.serial_board import words as b
+from sim_hw.serial_board import layout as b
 
 if TYPE_CHECKING:
     from hapticd.config import Config

@@ -6,11 +6,11 @@ from hapticd.jit import fence_acquire, njit
 from sim_hw import layout as w
 from sim_hw import log
 from sim_hw.firmware import page as p
-from sim_hw.firmware.words import BOARD, BOARD_LENGTH, READ
+from sim_hw.firmware.layout import BOARD, BOARD_LENGTH, READ
 from sim_hw.layout import I64, SIM, Sim
 from sim_hw.motion import log_row, note_enabled, set_current, take_counts
-from sim_hw.serial_board import words as b
-from sim_hw.serial_board.words import LINE, Line, fault_bit
+from sim_hw.serial_board import layout as b
+from sim_hw.serial_board.layout import LINE, Line, fault_bit
 
 
 @njit((SIM, I64, I64, I64, I64), counted=False)

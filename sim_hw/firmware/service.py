@@ -11,14 +11,14 @@ from sim_hw import kinds, log
 from sim_hw import layout as w
 from sim_hw.clock import POLLHUP, POLLIN, monotonic_ns, pollfd, read, returned_events, wait_readable, write
 from sim_hw.faults import begin_fault, pass_frame, random_bits
+from sim_hw.firmware.layout import BOARD, BOARD_LENGTH, FRAMED, GLITCH_SHOWN
 from sim_hw.firmware.output import show_inputs, take_outputs
-from sim_hw.firmware.words import BOARD, BOARD_LENGTH, FRAMED, GLITCH_SHOWN
 from sim_hw.held import next_held, release, take
 from sim_hw.layout import BYTES, I64, SIM, Sim
 from sim_hw.motion import end_sample, log_row
-from sim_hw.serial_board import words as b
+from sim_hw.serial_board import layout as b
 from sim_hw.serial_board.framing import LONGEST_FRAME, decode, encode
-from sim_hw.serial_board.words import LINE, Line, next_due_ns
+from sim_hw.serial_board.layout import LINE, Line, next_due_ns
 
 STOPPED, UNPLUG, PLUG_IN, POWER_OFF, POWER_ON, BOARD_GONE = range(6)
 """Why the service returned."""

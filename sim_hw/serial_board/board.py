@@ -11,9 +11,9 @@ from sim_hw import log
 from sim_hw.clock import monotonic_ns
 from sim_hw.layout import I64, SIM, Sim
 from sim_hw.motion import end_sample, log_row, move_to, note_enabled, set_current, take_counts
-from sim_hw.serial_board import words as b
+from sim_hw.serial_board import layout as b
+from sim_hw.serial_board.layout import LINE, Line, fault_bit
 from sim_hw.serial_board.sending import send
-from sim_hw.serial_board.words import LINE, Line, fault_bit
 
 _NS_PER_MS = 1_000_000
 _HELLO_REPLY, _CONFIGURE_REPLY, _SAMPLE_REPLY = 0x81, 0x82, 0x83

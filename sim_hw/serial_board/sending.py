@@ -11,9 +11,9 @@ from sim_hw.clock import write
 from sim_hw.faults import pass_frame, random_bits
 from sim_hw.held import release
 from sim_hw.layout import I64, SIM, Sim
-from sim_hw.serial_board import words as b
+from sim_hw.serial_board import layout as b
 from sim_hw.serial_board.framing import encode
-from sim_hw.serial_board.words import LINE, Line
+from sim_hw.serial_board.layout import LINE, Line
 
 
 @njit((SIM, LINE, I64, I64), counted=False)

@@ -14,11 +14,11 @@ from sim_hw.faults import begin_fault, pass_frame
 from sim_hw.held import next_held, release, take
 from sim_hw.layout import BYTES, I64, SIM, Sim
 from sim_hw.motion import log_row, move_to
-from sim_hw.serial_board import words as b
+from sim_hw.serial_board import layout as b
 from sim_hw.serial_board.board import handle, latch_fault, power_up, reboot, trip_watchdog
 from sim_hw.serial_board.framing import LONGEST_FRAME, decode
+from sim_hw.serial_board.layout import LINE, Line, next_due_ns
 from sim_hw.serial_board.sending import put_on_line, send_garbage
-from sim_hw.serial_board.words import LINE, Line, next_due_ns
 
 STOPPED, UNPLUG, PLUG_IN = 0, 1, 2
 """Why the service returned."""

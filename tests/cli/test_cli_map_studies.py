@@ -17,7 +17,7 @@ from .conftest import Run
 
 def test_zwidth_agrees_with_what_is_known_of_it() -> None:
     found = zwidth(load_config(None), 0.0, count=16, periods=1500, jobs=1)
-    limit = {variant: found.largest(variant).max() for variant in found.fate}
+    limit = {variant: found.largest(variant).max() for variant in found.outcome}
     assert limit["linear"] < limit["coulomb"]
     assert limit["ticks"] <= limit["linear"]
     # well within the passive springs all motions die out
@@ -27,7 +27,7 @@ def test_zwidth_agrees_with_what_is_known_of_it() -> None:
     finer = zwidth(load_config(None), 0.0, count=6, periods=12000, stiffness_max=most, damping_max=1e-6, jobs=1)
     assert found.stiffness[0] > finer.stiffness[-1]
     for variant in ("linear", "coulomb", "ticks and coulomb"):
-        assert (finer.fate[variant][0] == DIES_OUT).all()
+        assert (finer.outcome[variant][0] == DIES_OUT).all()
 
 
 def test_the_controller_stops_what_grows_and_not_what_cannot_rest() -> None:
@@ -36,10 +36,10 @@ def test_the_controller_stops_what_grows_and_not_what_cannot_rest() -> None:
     row = found.report["maps"][0]
     assert row["growing"] > 0
     assert row["share_made_stable_where_friction_holds_a_tick"] == 1.0
-    for fate in found.fate.values():
-        assert not (fate == STILL_GROWS).any()
-        assert (fate == MADE_STABLE).any()
-        assert set(fate[0, 0][:, study.sigmas < 0.5].ravel().tolist()) == {BOUNDED}
+    for classes in found.classes.values():
+        assert not (classes == STILL_GROWS).any()
+        assert (classes == MADE_STABLE).any()
+        assert set(classes[0, 0][:, study.sigmas < 0.5].ravel().tolist()) == {BOUNDED}
 
 
 def test_zwidth_draws_its_figure(hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.client import textfile
-from hapticd.config import places
+from hapticd.config import paths
 
 from ..service.fake_control import FakeControl, serve
 from .conftest import Run
@@ -66,9 +66,9 @@ def test_own_daemon_goes_before_the_service_and_the_service_before_nothing(
     hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    monkeypatch.setattr(places, "_SERVICE_RUNTIME", tmp_path / "service")
+    monkeypatch.setattr(paths, "_SERVICE_RUNTIME", tmp_path / "service")
     (tmp_path / "service").mkdir()
-    service = places.service_socket()
+    service = paths.service_socket()
     assert f"no daemon answers on {tmp_path / 'hapticd.sock'}" in hapticd("status").err
     with serve(FakeControl(), service):
         assert str(service) in hapticd("status").out

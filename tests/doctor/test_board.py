@@ -20,7 +20,7 @@ PUSHED = f"{{hand: [{{at_s: 0.0, force: 0.0022}}, {{at_s: {PUSHED_S}, force: 0.0
 """Somewhat more than friction, then nothing."""
 
 
-class Person:
+class Operator:
     """Answers as told, and remembers."""
 
     def __init__(self, agrees: bool = True, does: bool = True) -> None:
@@ -63,18 +63,18 @@ def text(found: BringUp, name: str) -> str:
 
 def test_a_good_board(tmp_path: Path) -> None:
     with running_board(tmp_path, PUSHED) as device:
-        person = Person()
-        person.agrees_from = time.monotonic() + PUSHED_S + 0.5
-        found = bring_up(config(device.link), person, current=0.4)
+        operator = Operator()
+        operator.agrees_from = time.monotonic() + PUSHED_S + 0.5
+        found = bring_up(config(device.link), operator, current=0.4)
         log = device.stop()
     assert [one for one in found.findings if one.level is not Level.GOOD] == []
     assert found.fit
     assert len(found.round_trip_us) == 20
     assert "firmware 1.2" in text(found, "board")
     assert "within 5" in text(found, "watchdog")
-    assert len(person.questions) == 2
-    assert "0.4 A" in person.questions[1]
-    assert person.shown[-1][0] > 0
+    assert len(operator.questions) == 2
+    assert "0.4 A" in operator.questions[1]
+    assert operator.shown[-1][0] > 0
     assert rows(log, "WATCHDOG").size == 1
     assert 0.05 < log["command_A"].max() <= 0.4  # an eighth of a turn ends it
     assert log["command_A"].min() == 0.0
@@ -83,7 +83,7 @@ def test_a_good_board(tmp_path: Path) -> None:
 
 def test_nothing_is_enabled_without_a_yes(tmp_path: Path) -> None:
     with running_board(tmp_path) as device:
-        found = bring_up(config(device.link), Person(agrees=False, does=False))
+        found = bring_up(config(device.link), Operator(agrees=False, does=False))
         log = device.stop()
     assert rows(log, "ENABLE").size == 0
     assert found.fit
@@ -92,19 +92,19 @@ def test_nothing_is_enabled_without_a_yes(tmp_path: Path) -> None:
 
 def test_what_is_bad_keeps_the_output_off(tmp_path: Path) -> None:
     with running_board(tmp_path, PUSHED) as device:
-        person = Person()
-        found = bring_up(config(device.link, amplifier={"dac_bits": 12, "dac_full_scale": 4.0}), person)
+        operator = Operator()
+        found = bring_up(config(device.link, amplifier={"dac_bits": 12, "dac_full_scale": 4.0}), operator)
         log = device.stop()
     assert not found.fit
     assert "14 bits, the config says 12 bits" in text(found, "dac_bits")
     assert "6 A, the config says 4.0 A" in text(found, "dac_full_scale")
-    assert person.questions == []
+    assert operator.questions == []
     assert rows(log, "ENABLE").size == 0
 
 
 def test_a_counter_that_stands_still(tmp_path: Path) -> None:
     with running_board(tmp_path) as device:
-        found = bring_up(config(device.link), Person())
+        found = bring_up(config(device.link), Operator())
     assert "the counter did not move" in text(found, "encoder")
     assert levels(found)["encoder"] is Level.BAD
 
@@ -113,7 +113,7 @@ def test_fault_inputs(tmp_path: Path) -> None:
     with running_board(
         tmp_path, "{faults: [{kind: external_stop, at_s: 0.0}, {kind: encoder_fault, at_s: 0}]}"
     ) as device:
-        found = bring_up(config(device.link), Person(does=False))
+        found = bring_up(config(device.link), Operator(does=False))
     assert "ENCODER_FAULT, EXTERNAL_STOP" in text(found, "fault inputs")
     assert not found.fit
 
@@ -121,7 +121,7 @@ def test_fault_inputs(tmp_path: Path) -> None:
 def test_wrong_polarity(tmp_path: Path) -> None:
     script = "{hand: [{at_s: 0.0, force: 0.0, from: enabled}, {at_s: 0.05, force: -0.03, from: enabled}]}"
     with running_board(tmp_path, script) as device:
-        found = bring_up(config(device.link), Person(does=False), current=0.5)
+        found = bring_up(config(device.link), Operator(does=False), current=0.5)
         log = device.stop()
     assert levels(found)["polarity"] is Level.BAD
     assert "run away" in text(found, "polarity")
@@ -138,7 +138,7 @@ def test_inverted_encoder_turns_the_direction_round() -> None:
 
 def test_a_board_that_falls_silent(tmp_path: Path) -> None:
     with running_board(tmp_path, "{faults: [{kind: silent, at_s: 0.0, from: enabled}]}") as device:
-        found = bring_up(config(device.link), Person(does=False))
+        found = bring_up(config(device.link), Operator(does=False))
     assert "a SAMPLE was not answered within 250 ms" in text(found, "answers")
     assert not found.fit
 

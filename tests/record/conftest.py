@@ -16,6 +16,6 @@ def ring() -> Ring:
 
 @pytest.fixture
 def recorder(ring: Ring, tmp_path: Path) -> Iterator[Recorder]:
-    made = Recorder(ring.drain, lambda: ring.lost, ring.past, lambda: {"config": CONFIG}, tmp_path / "runs")
+    made = Recorder(ring.drain, lambda: ring.lost, ring.history, lambda: {"config": CONFIG}, tmp_path / "runs")
     yield made
     made.shutdown()

@@ -20,7 +20,7 @@ def until_killed(folder: Path, clock: Path) -> None:
     with clock.open("r+b") as file:
         newest = mmap.mmap(file.fileno(), 8)
     ring = Ring()
-    recorder = Recorder(ring.drain, lambda: 0, ring.past, dict, folder)
+    recorder = Recorder(ring.drain, lambda: 0, ring.history, dict, folder)
     path = recorder.start()
     while True:
         time.sleep(0.001)
@@ -36,7 +36,7 @@ def until_full(folder: Path, limit: int | None) -> None:
     if limit is not None:
         resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
     ring = Ring()
-    recorder = Recorder(ring.drain, lambda: 0, ring.past, dict, folder)
+    recorder = Recorder(ring.drain, lambda: 0, ring.history, dict, folder)
     path = recorder.start()
     while recorder.status()["state"] == "recording":
         ring.push(200)

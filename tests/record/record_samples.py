@@ -60,7 +60,7 @@ class Ring:
             self.lost += count
             self.full = True
 
-    def past(self, seconds: float) -> Rows:
+    def history(self, seconds: float) -> Rows:
         with self.lock:
             return self.newest[self.newest["time_s"] > (self.made - 1) / self.rate_hz - seconds]
 

@@ -24,7 +24,7 @@ def fill(ring: FlightRing, count: int, rate_hz: float = 1000.0) -> Rows:
     rows = make_rows(count, 0, rate_hz)
     for number in range(max(0, count - SLOTS), count):
         ring.rows[number % SLOTS] = rows[number]
-    ring.words[0] = count
+    ring.shared[0] = count
     return rows
 
 

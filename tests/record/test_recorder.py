@@ -112,7 +112,7 @@ def test_a_folder_that_cannot_be_made_is_named(ring: Ring, tmp_path: Path) -> No
         (tmp_path / "file", r"record\.directory .*/file is not a folder"),
         (tmp_path / "file" / "below", r"cannot make record\.directory .*/file/below: Not a directory"),
     ]:
-        made = Recorder(ring.drain, lambda: 0, ring.past, dict, directory)
+        made = Recorder(ring.drain, lambda: 0, ring.history, dict, directory)
         with pytest.raises(RecordingError, match=message):
             made.start()
         with pytest.raises(RecordingError, match=message):
@@ -204,7 +204,7 @@ def test_status_answers_while_the_disk_hangs(recorder: Recorder, monkeypatch: py
 
 
 def test_the_thread_is_named_and_ends_with_shutdown(ring: Ring, tmp_path: Path) -> None:
-    made = Recorder(ring.drain, lambda: 0, ring.past, dict, tmp_path)
+    made = Recorder(ring.drain, lambda: 0, ring.history, dict, tmp_path)
     assert "hapticd-recorder" in {thread.name for thread in threading.enumerate()}
     path = made.start()
     ring.push(3)

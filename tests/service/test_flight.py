@@ -65,8 +65,8 @@ def test_what_was_left_becomes_one_run_and_is_taken_away(tmp_path: Path) -> None
     assert grant.granted
     assert flight.recover(tmp_path, "rig") == [], "its daemon lives"
     ring.rows["tick"][:5], ring.rows["time_s"][:5] = range(5), np.arange(5) * 1e-3
-    ring.words[atomics.RING_HEAD] = 5
-    ring.words[atomics.MODE] = layout.RUNNING
+    ring.shared[atomics.RING_HEAD] = 5
+    ring.shared[atomics.MODE] = layout.RUNNING
     ring.describe({"config": on_a_disk(tmp_path).model_dump(mode="json")})
     ring.leave()
     assert flight.recover(tmp_path, "another") == []
@@ -103,12 +103,12 @@ def test_the_first_row_after_a_full_ring_says_so() -> None:
 def test_the_past_is_read_out_of_the_ring_taken_or_not() -> None:
     cfg = config()
     core = core_for(Scripted(cfg), cfg)
-    assert core.past(1.0).size == 0
+    assert core.history(1.0).size == 0
     core.run(real_time=False, ticks=600)
     core.drain()
     core.run(real_time=False, ticks=900)
-    past = core.past(0.25)
-    assert past["tick"][-1] == core.past(100.0)["tick"][-1]
+    past = core.history(0.25)
+    assert past["tick"][-1] == core.history(100.0)["tick"][-1]
     assert past.size == 250
-    assert np.all(np.diff(core.past(100.0)["tick"]) == 1)
-    assert core.past(100.0).size == 1023
+    assert np.all(np.diff(core.history(100.0)["tick"]) == 1)
+    assert core.history(100.0).size == 1023

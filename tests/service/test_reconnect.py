@@ -86,7 +86,7 @@ def assert_no_current_before(log_path: Path, start_ns: int, watchdog_ms: int) ->
 
 UNPLUGGED = "faults: [{at_s: 0.3, from: enabled, kind: unplug, duration_s: 1.5}]"
 RESTARTED = "faults: [{at_s: 0.3, from: enabled, kind: reboot, off_s: 0.02}]"
-POWER_CYCLED = "faults: [{at_s: 0.3, from: enabled, kind: reboot, off_s: 3.0}]"
+POWER_CYCLED = "faults: [{at_s: 0.3, from: enabled, kind: reboot, off_s: 1.5}]"
 FLAPPING = """
 faults:
   - {at_s: 0.3, from: enabled, kind: unplug, duration_s: 1.0}

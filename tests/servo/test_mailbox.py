@@ -84,16 +84,16 @@ def test_a_backlog_comes_in_portions_and_ends_where_it_ended_when_asked() -> Non
     driver = NullDriver(config())
     driver.open()
     core = ServoCore(driver, ring_rows=64, excitation_rows=1)
-    assert [len(rows) for rows in core.portions(20)] == [0]
+    assert [len(rows) for rows in core.drain_batches(20)] == [0]
     core.publish(parameters(config(), Request()))
     core.begin(0)
     core.run(real_time=False, ticks=50)
-    assert [len(rows) for rows in core.portions(20)] == [20, 20, 10]
+    assert [len(rows) for rows in core.drain_batches(20)] == [20, 20, 10]
     core.run(real_time=False, ticks=40)
-    portions = core.portions(20)
-    taken = [list(next(portions)["tick"])]
+    batches = core.drain_batches(20)
+    taken = [list(next(batches)["tick"])]
     core.run(real_time=False, ticks=7)
-    taken += [list(rows["tick"]) for rows in portions]
+    taken += [list(rows["tick"]) for rows in batches]
     assert [len(ticks) for ticks in taken] == [14, 20, 6]  # the ring's end lies after 64 rows
     assert [tick for ticks in taken for tick in ticks] == list(range(50, 90))
     assert list(core.drain()["tick"]) == list(range(90, 97))

@@ -170,7 +170,10 @@ def test_energy_never_rises_where_the_criterion_holds(criterion: Criterion, dela
         # σ on the edge of the criterion, where a wrong constant would show; ξ̈_max contains σ/μ
         sigma = 0.0
         for _ in range(50):
-            sigma -= min(0.0, float(dissipation_margin(mu, beta, sigma, tau_d, top, criterion)))
+            margin = float(dissipation_margin(mu, beta, sigma, tau_d, top, criterion))
+            if margin >= 0.0:
+                break
+            sigma -= margin
         if not dissipation_margin(mu, beta, sigma * (1 + 1e-9), tau_d, top, criterion) >= 0.0:
             continue
         points += 1

@@ -14,7 +14,7 @@ import pytest
 
 from drivers.null import NullDriver
 from hapticd.config import parse_config
-from hapticd.config.places import default_socket
+from hapticd.config.paths import default_socket
 from hapticd.record import RecordingError
 from hapticd.record.files import open_new_run
 from hapticd.record.flight import FlightRing

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+
 import canopen
 import numpy as np
 import pytest
@@ -25,6 +27,7 @@ def block() -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     return made
 
 
+@functools.cache
 def canopen_node() -> canopen.LocalNode:
     """A node whose PDOs are mapped as bring-up maps them, in canopen's own object model."""
     node = canopen.LocalNode(NODE, canopen.import_od(str(FOLDER / "copley.eds"), NODE))

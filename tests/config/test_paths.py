@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.config import places
+from hapticd.config import paths
 from hapticd.record import RecordingError
 from hapticd.record.flight import FlightRing
 from hapticd.service.socket import SocketError, bind
@@ -16,17 +16,17 @@ from hapticd.service.socket import SocketError, bind
 @pytest.fixture
 def open_to_all(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     """Stands for /tmp and /dev/shm."""
-    monkeypatch.setattr("hapticd.config.places._TEMPORARY", tmp_path)
-    monkeypatch.setattr("hapticd.config.places._SHARED_MEMORY", tmp_path)
+    monkeypatch.setattr("hapticd.config.paths._TEMPORARY", tmp_path)
+    monkeypatch.setattr("hapticd.config.paths._SHARED_MEMORY", tmp_path)
     return tmp_path
 
 
 def test_a_folder_of_ours_is_used(open_to_all: Path) -> None:
     own = open_to_all / f"hapticd-{os.getuid()}"
-    assert places.foreign(own) is None, "not there yet"
+    assert paths.foreign(own) is None, "not there yet"
     own.mkdir(mode=0o755)
-    assert places.foreign(own) is None
-    assert places.memory_folder() == own
+    assert paths.foreign(own) is None
+    assert paths.memory_folder() == own
 
 
 def test_a_folder_that_somebody_else_made_first_is_not_used(open_to_all: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -35,7 +35,7 @@ def test_a_folder_that_somebody_else_made_first_is_not_used(open_to_all: Path, m
         patch.setattr(os, "getuid", lambda: stranger)
         theirs = open_to_all / f"hapticd-{stranger}"
         theirs.mkdir()
-        assert f"{theirs} belongs to uid {stranger - 1}, not to uid {stranger}" in str(places.foreign(theirs))
+        assert f"{theirs} belongs to uid {stranger - 1}, not to uid {stranger}" in str(paths.foreign(theirs))
         with pytest.raises(SocketError, match="belongs to uid"):
             bind(theirs / "hapticd.sock")
         with pytest.raises(RecordingError, match="belongs to uid"):
@@ -45,9 +45,9 @@ def test_a_folder_that_somebody_else_made_first_is_not_used(open_to_all: Path, m
     elsewhere.mkdir(mode=0o755)
     own = open_to_all / f"hapticd-{os.getuid()}"
     own.symlink_to(elsewhere)
-    assert "is not a directory" in str(places.foreign(own))
+    assert "is not a directory" in str(paths.foreign(own))
     own.unlink()
     own.mkdir()
     own.chmod(0o777)
-    assert "others may write to" in str(places.foreign(own))
-    assert places.foreign(elsewhere) is None, "a folder that the config names is its owner's affair"
+    assert "others may write to" in str(paths.foreign(own))
+    assert paths.foreign(elsewhere) is None, "a folder that the config names is its owner's affair"

@@ -7,7 +7,7 @@ import os
 from pathlib import Path
 
 from hapticd.client.client import Client, DaemonUnreachable, RequestRefused
-from hapticd.config import places
+from hapticd.config import paths
 
 _LOOK_S = 0.5
 """How long a daemon may take to say where it records; it is only asked on the way to something else."""
@@ -22,7 +22,7 @@ def recording_folders(socket: str | Path | None = None) -> list[Path]:
     folders = []
     with contextlib.suppress(DaemonUnreachable, RequestRefused, KeyError):
         folders.append(Path(Client(socket, timeout_s=_LOOK_S).config()["record"]["directory"]))
-    folders += [Path(places.default_directory()), places.service_directory()]
+    folders += [Path(paths.default_directory()), paths.service_directory()]
     return list(dict.fromkeys(folders))
 
 

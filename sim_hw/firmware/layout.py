@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim_hw.serial_board.words import BENCH_WORDS
+from sim_hw.serial_board.layout import BENCH_WORDS
 
 BOARD = BENCH_WORDS
 """Descriptor of the line to the board; −1 while it is off."""
