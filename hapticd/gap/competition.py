@@ -258,7 +258,7 @@ def _polished(fit: Fit) -> tuple[Fit, float]:
         if item.slug == grip.SLUG:
             fit = grip.settled(fit, number, scale_of(fit))
         elif item.slug == ripple.SLUG:
-            fit, more = ripple.settled(fit.maximise(), number, scale_of(fit))
+            fit, more = ripple.settled(fit, number, scale_of(fit))
             dearer += more
         elif item.slug in CATALOGUE and CATALOGUE[item.slug].acts_on == "memory":
             Climb(fit, number, _CLOSER).go(HALVINGS)

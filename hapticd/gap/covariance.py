@@ -23,12 +23,13 @@ _NARROWER = 6
 
 
 def covariance_of(fit: Fit) -> Floats:
-    """Covariance of the coordinates, shape (k, k); call `Fit.held_out` before.
+    """Covariance of the coordinates, shape (k, k).
 
     The expected information, of means and of variances, is the bread of the sandwich (White 1982); scores summed over
     blocks are between, so that it is robust to what the model has wrong about single samples and their dependence. No
     variance is less than what the model by itself says.
     """
+    fit.differentiate()
     free = fit.free(fit.scores.sum(axis=0))
     if any(CATALOGUE[item.slug].acts_on == "memory" for item in fit.terms if item.slug in CATALOGUE):
         _secants(fit, free)

@@ -55,9 +55,9 @@ class Fit:
         u: (k,) coordinates, the noise first.
         log_likelihood: with the prior of the base parameters, in nats.
         out: (n,) of `TICK` at `u`.
-        scores: (n, k) derivative of each sample's log probability, where `maximise` or `held_out` has been called.
+        scores: (n, k) derivative of each sample's log probability, after `differentiate`; `held_out` drops it again.
         slopes: (n, k) derivative of each sample's predicted measurement.
-        spreads: (n, k) derivative of the logarithm of its variance.
+        spreads: (n, k) derivative of the logarithm of its variance; as `scores`.
     """
 
     def __init__(self, problem: Problem, terms: Sequence[Term], u: Floats) -> None:
@@ -312,6 +312,7 @@ class Fit:
                         break
             self.fold_u.append(u)
             total += np.where(series.fold == fold, series.per_block(log_p), 0.0)
+        self.scores = self.spreads = np.zeros((0, 0))  # a search keeps many fits
         return total
 
     def set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:

@@ -83,5 +83,7 @@ def along(first: Fit, last: Fit) -> Term | None:
 
 
 def frequencies(fit: Fit) -> list[float]:
-    """Lines [Hz] that a model has, and those that it leaves."""
-    return [value for item in fit.terms if item.slug == LINE for _, value in item.fixed] + lines(fit)
+    """Lines [Hz] that a model has, and those that it leaves elsewhere: no frequency is quite constant."""
+    found = [value for item in fit.terms if item.slug == LINE for _, value in item.fixed]
+    near = 2.0 * _SEGMENTS / fit.problem.series.duration_s
+    return found + [left for left in lines(fit) if all(abs(left - other) > near for other in found)]

@@ -61,6 +61,7 @@ def settled(fit: Fit, number: int, scale: Scale) -> tuple[Fit, float]:
         if found is None or _are_alike(found.term, present):
             break
         price = found.penalty * (1.0 - len(present.fixed) / len(found.term.fixed))
+        fit.maximise()
         again = fit.replaced(number, found.term).maximise()
         if again.log_likelihood - price <= fit.log_likelihood:
             break

@@ -92,6 +92,9 @@ def search(
             tried = [slug for slug in _beside(doubtful, slugs) if slug not in _settled(path)]
             possible = admitted(compete(present, tried, needed), present, is_further=bool(path))
         new = _next(possible, present, needed, needed_errors)
+        while new is not None and not admitted([new.taken], present, is_further=bool(path)):
+            possible = _others(possible, new)  # climbed to the end it is another law, or none
+            new = _next(possible, present, needed, needed_errors)
         is_late = new is not None and late_record.is_late(new.taken.law)
         is_last = number + 1 == constants.MOST_EFFECTS
         is_sure = new is not None and new.taken.evidence >= needed_errors and matters(new.taken.judged, new.before)
@@ -101,11 +104,14 @@ def search(
         if not is_sure:
             doubtful, present, possible = [new], new.taken.judged, []
             continue
-        gone = set() if is_late else look_back(path, slugs, len(first.fit.terms), needed_errors, needed)
-        if doubtful and not _stand_together(doubtful[0], gone, path, len(rounds)):
-            break
-        if path and not is_late and not _withstands(path[-1], len(slugs)):
-            possible = [one for one in possible if one.slug != new.taken.slug]
+        stands = is_late or _withstands(new, len(slugs))
+        if stands and not is_late:
+            gone = look_back(path, slugs, len(first.fit.terms), needed_errors, needed)
+            if doubtful and not _stand_together(doubtful[0], gone, path, len(rounds)):
+                break
+            stands = not path or _withstands(path[-1], len(slugs))
+        if not stands:
+            possible = _others(possible, new)
             if doubtful or not possible:
                 break
             continue
@@ -140,6 +146,10 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     if not contenders:
         return None
     return round_of(present, contenders, to_the_end=matters(contenders[0].judged, present))
+
+
+def _others(possible: Sequence[Contender], new: Round) -> list[Contender]:
+    return [one for one in possible if one.slug != new.taken.slug]
 
 
 def _closes(new: Round) -> bool:

@@ -112,7 +112,6 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     whole = found.on(problem.with_free_memory())
     _scan_bias(whole)
     fit = _inside(_shaken(whole.maximise(tolerance=_ROUGHLY)).maximise())
-    fit.differentiate()
     values = fit.u[-len(FITTED) :].copy()
     values[0] = np.exp(values[0])
     slopes = _slopes(values)

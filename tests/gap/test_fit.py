@@ -125,11 +125,17 @@ def test_no_start_breaks_the_filter(nothing: Fit) -> None:
                 assert np.all(np.isfinite(fit.out[name])), (slug, name)
 
 
-def test_a_record_without_noise_leaves_nothing_to_vary(hidden: Callable[..., Any]) -> None:
+def test_a_record_without_noise_leaves_nothing_to_vary(
+    hidden: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """All noise is at its least: no coordinate is free, and the covariance has no row."""
     recording, model = hidden([], 8, 2.0)
     fit = nominal_fit(problem_of([recording], model))
     fit.u = fit.lower.copy()
-    fit.held_out()
-    fit.scores = -np.abs(fit.scores) - 1.0  # all that may move is pushed against its end
+
+    def pushed() -> None:
+        fit.scores = np.full((fit.out.size, fit.u.size), -1.0)  # all that may move is pushed against its end
+        fit.slopes = fit.spreads = np.zeros_like(fit.scores)
+
+    monkeypatch.setattr(fit, "differentiate", pushed)
     assert not covariance_of(fit).any()
