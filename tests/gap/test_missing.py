@@ -12,7 +12,7 @@ import pytest
 from benchmarks.gap.disturbance import Coloured
 from hapticd.gap import constants, missing
 from hapticd.gap.fit import Fit
-from hapticd.gap.lines import lines
+from hapticd.gap.lines import along, frequencies, lines
 from hapticd.gap.missing import (
     better_function,
     explainable,
@@ -138,6 +138,12 @@ def test_a_line_in_time_is_found(hidden: Callable[..., Any], truth: Callable[...
     deviation = np.sqrt(fit.out["variance"] * fit.out["share"])
     fit.out["moved"] += 0.7 * deviation * np.sin(2.0 * np.pi * 73.0 * recording.time_s)
     assert lines(fit)[0] == pytest.approx(73.0, abs=0.5)
+    item = along(fit, fit)
+    assert item is not None
+    beside = fit.extended(item)
+    beside.out["moved"] = fit.out["moved"]  # a line that is not quite constant is not all gone
+    assert frequencies(beside) == [item.fixed[0][1]]
+    assert frequencies(fit) == lines(fit)
 
 
 def test_a_number_of_which_one_block_knows_all_does_not_spoil_that_block() -> None:

@@ -360,6 +360,36 @@ def test_a_law_that_may_not_be_named_beats_no_other(biased: CrossValidated, monk
     assert other.slug != best.slug
 
 
+def test_a_law_that_ends_at_a_limit_as_it_is_climbed_gives_way_to_the_next(
+    biased: CrossValidated, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapticd.gap.constants.FORCE_MARGIN", 1.0)
+    slugs = ["constant_bias", "asymmetric_coulomb"]
+    first, second = (compete(biased, [slug], 0.0)[0] for slug in slugs)
+    monkeypatch.setattr("hapticd.gap.search.compete", lambda present, slugs, needed: [first, second])
+
+    def admitted(contenders: list[Contender], present: CrossValidated, *, is_further: bool) -> list[Contender]:
+        climbed = len(contenders) == 1
+        return [one for one in contenders if not (climbed and one.slug == first.slug)]
+
+    monkeypatch.setattr("hapticd.gap.search.admitted", admitted)
+    monkeypatch.setattr("hapticd.gap.constants.MOST_EFFECTS", 2)
+    rounds: list[Round] = []
+    search(biased, slugs, lambda share, text: None, rounds)
+    assert [each.taken.slug for each in rounds] == [second.slug]
+
+
+def test_what_a_slow_torque_explains_as_well_makes_nobody_look_back(
+    biased: CrossValidated, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """That look back had taken a minute of a processor, for a law that was dropped after it."""
+    monkeypatch.setattr("hapticd.gap.search._withstands", lambda last, tried: False)
+    monkeypatch.setattr("hapticd.gap.search.look_back", lambda *given: pytest.fail("looked back"))
+    rounds: list[Round] = []
+    search(biased, ["constant_bias"], lambda share, text: None, rounds)
+    assert rounds == []
+
+
 def test_a_small_law_is_named_where_its_model_leaves_nothing_but_chance(hidden: Hidden) -> None:
     """Beside a coloured torque most of what is missing is that torque: a law that is sure had been refused for its size."""
     effect = {"name": "stribeck", "s": 0.27, "omega_s": 3.0}
