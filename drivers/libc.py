@@ -16,7 +16,6 @@ from hapticd.jit import carray, njit
 SCRATCH: Final = 3
 """Words of scratch: a ``struct timespec`` and a ``struct pollfd``."""
 POLLIN: Final = 0x1
-POLLOUT: Final = 0x4
 
 _CLOCK_MONOTONIC = 1
 _MSG_DONTWAIT_NOSIGNAL = 0x40 | 0x4000

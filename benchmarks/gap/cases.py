@@ -55,6 +55,11 @@ def write_case(root: Path, name: str, recording: Recording, effects: Sequence[Ef
     return folder
 
 
+def run_file(folder: Path) -> Path:
+    """The recording in a case's folder."""
+    return next(folder.glob("run.*"))
+
+
 def write_atomically(path: Path, content: bytes) -> None:
     """Through a temporary file beside the path."""
     path.parent.mkdir(parents=True, exist_ok=True)

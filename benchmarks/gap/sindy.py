@@ -17,8 +17,8 @@ import yaml
 from numpy.typing import NDArray
 
 from benchmarks.gap import devices
+from benchmarks.gap.cases import run_file
 from benchmarks.gap.plan import exact_class
-from benchmarks.gap.tasks import run_file
 
 Floats = NDArray[np.float64]
 

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from benchmarks.gap import processes, recipes
-from benchmarks.gap.cases import Files, case_files, write_files
+from benchmarks.gap.cases import Files, case_files, run_file, write_files
 from benchmarks.gap.generate import STEP_S, UnstableError, generate, visibility
 from benchmarks.gap.hidden import Effect
 from benchmarks.gap.plan import Case
@@ -96,11 +96,6 @@ def timed(answer: Callable[[Path], Answer], files: Files) -> Answer:
             found = {"error": traceback.format_exc(limit=-6)}
         spent = {"wall_s": time.perf_counter() - begin, "processor_s": time.process_time() - processor_begin}
     return {**spent, "peak_memory_MB": processes.peak_memory_mb(), **found}
-
-
-def run_file(folder: Path) -> Path:
-    """The recording in a case's folder."""
-    return next(folder.glob("run.*"))
 
 
 def loaded(folder: Path) -> tuple[Recording, Config]:

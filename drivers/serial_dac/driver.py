@@ -120,11 +120,6 @@ class SerialDacDriver(Driver):
         self._port.close()
         self._port = self._session = None
 
-    @property
-    def line_errors(self) -> tuple[int, int]:
-        """Replies that came too late or twice, and bad frames, since :meth:`open`."""
-        return int(self._state[state.S_STALE]), int(self._state[state.S_BAD_FRAMES])
-
     def describe(self) -> str:
         """Port, baud, firmware and capabilities."""
         options, found = self._options, self._capabilities

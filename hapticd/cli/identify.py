@@ -87,11 +87,11 @@ def identify(
         found = identify_device(recordings, nominal, known_inertia=known_inertia, progress=bar)
     document = {**found.document, "config": out}
     if out is not None:
-        from hapticd.client.textfile import replace
+        from hapticd.figures.files import write_text
 
         # settings of the command line belong into the file too: the plant was found under them
         source = None if assignments or model is None else model
-        replace(out, with_plant(text_of(source, nominal), found))
+        write_text(out, with_plant(text_of(source, nominal), found))
     output.emit(document, describe(found, out))
     for warning in found.warnings:
         output.warn(f"warning: {warning}")

@@ -56,9 +56,9 @@ def init(
         raise UsageError("nobody to ask: give --answers FILE (keys: hapticd init --list), or run it in a terminal")
     values = answered(given, str(answers or "answers"))
     text, config, warnings = config_text(values)
-    from hapticd.client.textfile import replace
+    from hapticd.figures.files import write_text
 
-    replace(out, text)
+    write_text(out, text)
     document = {"config": out, "answers": values, "warnings": warnings, "linear": config.is_linear}
     said = [
         f"written: {out}",

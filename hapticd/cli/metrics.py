@@ -26,6 +26,7 @@ def metrics(out: Path | None = None, testbed: str | None = None, socket: SocketO
         testbed (NAME): Add the label testbed=NAME to every sample, to tell several daemons on one machine apart.
     """
     from hapticd.client import DaemonUnreachable, textfile
+    from hapticd.figures.files import write_text
 
     client = connect(socket)
     try:
@@ -36,7 +37,7 @@ def metrics(out: Path | None = None, testbed: str | None = None, socket: SocketO
         text, up = "", False
     text = textfile.labelled(text + textfile.up(up), testbed)
     if out is not None:
-        textfile.replace(out, text)
+        write_text(out, text)
     if output.as_json.get() or out is None:
         output.emit({"up": up, "output": out, "samples": textfile.samples(text)}, text.removesuffix("\n"))
     if not up:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import re
-from pathlib import Path
 
-from hapticd.figures.files import atomic_write
-
+# prometheus_client's parser would lose comments and the numbers' text, and its writer sorts the labels.
 _SAMPLE = re.compile(r"^([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{(.*)\})? (\S+)$", re.MULTILINE)
 
 
@@ -31,14 +29,3 @@ def labelled(text: str, testbed: str | None) -> str:
 def samples(text: str) -> dict[str, float]:
     """Each sample's value by its name with labels."""
     return {f"{name}{{{labels}}}" if labels else name: float(value) for name, labels, value in _SAMPLE.findall(text)}
-
-
-def replace(path: Path, text: str) -> None:
-    """Put a readable file in place by renaming: the collector sees the old text or the new one, never half of it.
-
-    Raises:
-        OSError: the folder is not there or not writable.
-    """
-    with atomic_write(path) as part:
-        part.write_text(text)
-        part.chmod(0o644)

@@ -1,4 +1,4 @@
-"""Bring-up of a serial DAC board by a operator: ``hapticd doctor --device CONFIG``.
+"""Bring-up of a serial DAC board by an operator: ``hapticd doctor --device CONFIG``.
 
 First what needs no current: who it is, how fast it answers, whether its counter follows the knob and which way. Then, each
 only when the person agrees, what needs the output stage on: the watchdog at zero current, and a ramp that shows whether

@@ -36,6 +36,17 @@ def atomic_write(path: Path) -> Iterator[Path]:
         part.unlink(missing_ok=True)
 
 
+def write_text(path: Path, text: str) -> None:
+    """Put a text that everybody may read in a path's place: who reads it finds the old text or the new one.
+
+    Raises:
+        OSError: the folder is not there or not writable.
+    """
+    with atomic_write(path) as part:
+        part.write_text(text)
+        part.chmod(0o644)
+
+
 def save_figure(figure: Figure, path: Path, dpi: int = 130) -> None:
     """Write a figure in the format that the path's suffix names (png, svg, pdf); png without one.
 

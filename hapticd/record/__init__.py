@@ -9,7 +9,6 @@ from hapticd.record.metadata import host_facts, run_metadata, versions
 from hapticd.record.reader import Run, read_run
 from hapticd.record.recorder import Recorder
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, ROW
-from hapticd.record.summary import summary
 from hapticd.record.verify import Verdict, verify
 from hapticd.record.writer import RunWriter
 
@@ -32,7 +31,6 @@ __all__ = [
     "parse_map",
     "read_run",
     "run_metadata",
-    "summary",
     "verify",
     "versions",
 ]

@@ -28,8 +28,7 @@ from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.rendering import ANSWER_S, Rendering
 from hapticd.service.replacement import Replacement
 from hapticd.service.rig import Rig
-from hapticd.servo import atomics
-from hapticd.servo import layout as w
+from hapticd.servo import atomics, layout
 from hapticd.stability.guard import same_loop
 
 if TYPE_CHECKING:
@@ -100,7 +99,7 @@ class Daemon(Endpoints):
             self.rig.wait_ticks(1)  # until then nobody knows where the shaft is
             self._rendering.refuse_place()
             judgement = None
-            if self.rig.state != w.RUNNING:
+            if self.rig.state != layout.RUNNING:
                 config = self.rig.config
                 judgement = self._rendering.admit(
                     config, deflection_of(self.rig, config, self.rig.origin_counts), force=force
@@ -120,7 +119,8 @@ class Daemon(Endpoints):
         with self._lock:
             self.rig.halt()
             self._experiments.cancel()
-            stopped = self.rig.wait(lambda: self.rig.state in (w.OFF, w.FAULT), ANSWER_S) and self.rig.wait_ticks(2)
+            ended = layout.OFF, layout.FAULT
+            stopped = self.rig.wait(lambda: self.rig.state in ended, ANSWER_S) and self.rig.wait_ticks(2)
             self._rendering.end_recording()
         if not stopped:
             raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
@@ -129,18 +129,18 @@ class Daemon(Endpoints):
     def estop(self) -> JsonDict:
         """Zero current in the next tick and a latched fault. Takes no lock."""
         rig = self._replacement.estop()
-        if not (rig.wait(lambda: rig.state == w.FAULT, ANSWER_S) and rig.wait_ticks(1)):
+        if not (rig.wait(lambda: rig.state == layout.FAULT, ANSWER_S) and rig.wait_ticks(1)):
             raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
         return self.status()
 
     def clear(self) -> JsonDict:
         """Clear the latched fault; refused when it comes straight back."""
         with self._lock:
-            if self.rig.state != w.FAULT:
+            if self.rig.state != layout.FAULT:
                 return self.status()
             self._experiments.cancel()
             before = self.rig.fault_number
-            self.rig.ask(state=w.OFF, clear=self.rig.request.clear + 1, excitation_id=0, excitation_length=0)
+            self.rig.ask(state=layout.OFF, clear=self.rig.request.clear + 1, excitation_id=0, excitation_length=0)
             self.rig.wait(self.rig.applied, ANSWER_S)
             self.rig.wait_ticks(int(self.rig.config.safety.missed_exchanges or 0) + 3)
             self._faults.confirm_cleared(before)
@@ -257,7 +257,7 @@ class Daemon(Endpoints):
     def _admit_change(self, config: Config, moves_origin: bool, force: bool) -> JsonDict | None:
         """Judge live settings: with the shaft where it is if the spring is rendered. None: the theory sees no change."""
         rig = self.rig
-        latency_s, rendered = rig.driver.latency_s, rig.state in (w.READY, w.RUNNING)
+        latency_s, rendered = rig.driver.latency_s, rig.state in (layout.READY, layout.RUNNING)
         if same_loop(rig.config, config, latency_s) and not (rendered and moves_origin):
             return None
         origin = config.origin_counts if moves_origin else rig.origin_counts

@@ -18,8 +18,7 @@ import numpy as np
 from hapticd.record import read_run
 from hapticd.record.schema import FLAG_RUNNING
 from hapticd.service.refusals import Refused
-from hapticd.servo import atomics, excitation, faults
-from hapticd.servo import layout as w
+from hapticd.servo import atomics, excitation, faults, layout
 from hapticd.stability.numbers import from_config
 from hapticd.stability.outcome import STRETCHES, decide
 from hapticd.stability.storage import equivalent_deflection
@@ -251,12 +250,12 @@ def run_job(
 ) -> None:
     """Wait for the end (or a fault, or a stop), switch off, close the recording, and work out the result."""
     try:
-        while not finished() and rig.state == w.RUNNING and not experiment.cancelled.wait(_POLL_S):
+        while not finished() and rig.state == layout.RUNNING and not experiment.cancelled.wait(_POLL_S):
             pass
-        faulted = rig.state == w.FAULT
+        faulted = rig.state == layout.FAULT
         ended_early = not finished()
         rig.halt()
-        rig.wait(lambda: rig.state in (w.OFF, w.FAULT), 1.0)
+        rig.wait(lambda: rig.state in (layout.OFF, layout.FAULT), 1.0)
         rig.wait_ticks(2)
         rig.recorder.stop()
         result = {"run": str(path), **conclude(path)}

@@ -17,8 +17,7 @@ from hapticd.control.endpoints import JsonDict
 from hapticd.record import RecordingError
 from hapticd.service.latch import CIRCUMSTANCES
 from hapticd.service.refusals import Refused
-from hapticd.servo import atomics, faults
-from hapticd.servo import layout as w
+from hapticd.servo import atomics, faults, layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +51,7 @@ class FaultManager:
 
     def active(self) -> JsonDict | None:
         """The fault that the loop is in, as `hapticd.control.schemas.Fault`; None when it is in none."""
-        if self._rendering.rig.state != w.FAULT:
+        if self._rendering.rig.state != layout.FAULT:
             return None
         latched = self._fault
         fault = latched or self._described()
@@ -93,7 +92,7 @@ class FaultManager:
     def latch_raised(self) -> None:
         """Latch a new fault on disk, log it once, record the 10 s before it."""
         with self.lock:
-            if self._rendering.rig.state == w.FAULT and self._fault is None and self._rendering.rig.fault_number:
+            if self._rendering.rig.state == layout.FAULT and self._fault is None and self._rendering.rig.fault_number:
                 self.latch(self._described())
 
     def latch(self, fault: JsonDict) -> None:
@@ -129,7 +128,7 @@ class FaultManager:
             Refused: it, or another one, is there.
         """
         with self.lock:
-            if self._rendering.rig.state == w.FAULT:
+            if self._rendering.rig.state == layout.FAULT:
                 # It may be another one by now.
                 self._fault = None
                 self.latch_raised()
@@ -142,14 +141,14 @@ class FaultManager:
     def servo_died(self) -> None:
         """The servo thread has ended by itself: close the driver, and say so in the loop's place."""
         rig = self._rendering.rig
-        if rig.servo.alive() or rig.state == w.FAULT:
+        if rig.servo.alive() or rig.state == layout.FAULT:
             return
         log.critical("the servo thread has ended by itself; closing the driver")
         rig.driver.close()
         with self.lock:
             # The loop is gone, so its atomics are ours to write.
             rig.core.store(atomics.FAULT_CODE, faults.DRIVER_ERROR)
-            rig.core.store(atomics.MODE, w.FAULT)
+            rig.core.store(atomics.MODE, layout.FAULT)
             detail = "the servo thread ended by itself; restart the daemon"
             self.latch(faults.describe(faults.DRIVER_ERROR, -1, 0, is_linear=False, detail=detail))
 

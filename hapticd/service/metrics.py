@@ -15,7 +15,7 @@ from prometheus_client.core import GaugeMetricFamily as Gauge
 from prometheus_client.core import HistogramMetricFamily, Metric
 from prometheus_client.registry import Collector
 
-from hapticd.servo import layout as w
+from hapticd.servo import layout
 from hapticd.servo.faults import NUMBERS
 from hapticd.servo.timing import bucket_edges
 
@@ -53,7 +53,7 @@ class RigCollector(Collector):
         yield _histogram("hapticd_execution_seconds", "How long a tick took", core.exec_histogram)
         yield Gauge("hapticd_rate_hertz", "Servo rate", timing["rate_hz"])
         state = Gauge("hapticd_state", "1 for the state that the daemon is in", labels=["state"])
-        for name in w.STATE_NAMES:
+        for name in layout.STATE_NAMES:
             state.add_metric([name], float(status["state"] == name))
         yield state
         faults = Counter("hapticd_faults", "Faults latched since the daemon began", labels=["code"])

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from drivers import DriverError
 from hapticd.service.rig import opened_driver
-from hapticd.servo import layout as w
+from hapticd.servo import layout
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -52,7 +52,7 @@ class Reconnector:
     def _run(self) -> None:
         while not self._ending.wait(RETRY_S):
             rig = self._rig()
-            if not (rig.config.driver.reconnect and rig.state == w.FAULT and rig.device_lost):
+            if not (rig.config.driver.reconnect and rig.state == layout.FAULT and rig.device_lost):
                 continue
             if self._is_latched():
                 try:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from hapticd.record import RecordingError
 from hapticd.service.refusals import DriverFailure, Refused
-from hapticd.servo import layout as w
+from hapticd.servo import layout
 from hapticd.stability.guard import Judgement, judge
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ class Rendering:
     def switch_off(self) -> int:
         """Amplifier off, the recording of a run ended; returns a run token."""
         token = self.rig.halt()
-        self.rig.wait(lambda: self.rig.state == w.OFF, ANSWER_S)
+        self.rig.wait(lambda: self.rig.state == layout.OFF, ANSWER_S)
         self.end_recording()
         return token
 
@@ -70,12 +70,12 @@ class Rendering:
         rig = self.rig
         timeout = (rig.config.safety.enable_timeout_s or 60.0) + ANSWER_S
         if rig.run(token):
-            rig.wait(lambda: rig.state in (w.RUNNING, w.FAULT) or rig.is_revoked(token), timeout)
+            rig.wait(lambda: rig.state in (layout.RUNNING, layout.FAULT) or rig.is_revoked(token), timeout)
         if rig.is_revoked(token):
             raise Refused("stopped", "stopped before it began")
-        if rig.state == w.FAULT:
+        if rig.state == layout.FAULT:
             refuse_fault()
-        if rig.state != w.RUNNING:
+        if rig.state != layout.RUNNING:
             rig.halt()
             raise DriverFailure(f"the servo loop did not begin to render within {timeout:g} s")
 

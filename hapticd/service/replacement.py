@@ -10,8 +10,7 @@ from drivers import DriverError
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.rendering import enforce
 from hapticd.service.rig import Rig
-from hapticd.servo import atomics, faults
-from hapticd.servo import layout as w
+from hapticd.servo import atomics, faults, layout
 from hapticd.stability.guard import judge
 
 if TYPE_CHECKING:
@@ -60,7 +59,7 @@ class Replacement:
             Refused: the spring is rendered, the daemon would have to restart, or no driver or guard for it.
             DriverFailure: it failed, and the config before it is in force again.
         """
-        if self._rendering.rig.state in (w.READY, w.RUNNING):
+        if self._rendering.rig.state in (layout.READY, layout.RUNNING):
             raise Refused(
                 "restart_needed",
                 f"{', '.join(fixed)}: cannot change while the spring is rendered; 'hapticd stop' first",

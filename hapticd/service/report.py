@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from hapticd.config import Config, config_digest
 from hapticd.control.endpoints import JsonDict
-from hapticd.servo import atomics
-from hapticd.servo import layout as w
+from hapticd.servo import atomics, layout
 from hapticd.stability import numbers, regions
 
 if TYPE_CHECKING:
@@ -24,7 +23,7 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict, recent: Recen
     snapshot = rig.core.snapshot
     recorder = rig.recorder.status()
     return {
-        "state": w.STATE_NAMES[rig.state],
+        "state": layout.STATE_NAMES[rig.state],
         "fault": fault,
         "config_digest": config_digest(config),
         "timing": _timing(rig, recent),

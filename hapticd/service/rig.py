@@ -21,8 +21,7 @@ from hapticd.record import Recorder, run_metadata
 from hapticd.record.frames import Context
 from hapticd.record.schema import Rows
 from hapticd.service.flight import open_ring
-from hapticd.servo import atomics
-from hapticd.servo import layout as w
+from hapticd.servo import atomics, layout
 from hapticd.servo.core import Request, parameters
 from hapticd.servo.thread import ServoThread
 from hapticd.stability.energy_replay import EnergyEstimate
@@ -220,7 +219,7 @@ class Rig:
         with self._asking:
             self._halts += 1
             self._ended = self._ended or final
-            self._publish(None, {"state": w.OFF, "excitation_id": 0, "excitation_length": 0})
+            self._publish(None, {"state": layout.OFF, "excitation_id": 0, "excitation_length": 0})
             return self._halts
 
     def run_token(self) -> int:
@@ -236,7 +235,7 @@ class Rig:
         with self._asking:
             if self.is_revoked(token):
                 return False
-            self._publish(None, {"state": w.RUNNING})
+            self._publish(None, {"state": layout.RUNNING})
             return True
 
     def _publish(self, config: Config | None, changes: dict[str, Any]) -> None:

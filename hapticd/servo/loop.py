@@ -32,7 +32,7 @@ from hapticd.servo.timing import count
 _RUNAWAY_TICKS = 1_000_000_000
 
 _SERVO = numba.from_dtype(SERVO)
-_WORDS = numba.types.Array(numba.int64, 1, "C")
+_SHARED = numba.types.Array(numba.int64, 1, "C")
 _ROWS = numba.types.Array(numba.from_dtype(ROW), 1, "C")
 _TABLE = numba.types.Array(numba.float64, 2, "C")
 
@@ -184,7 +184,7 @@ def record(servo: Any, shared: Any, ring: Any, truth: Any, spent_ns: int) -> Non
     atomic_store(shared, atomics.RING_HEAD, head + 1)
 
 
-@njit(numba.int64(_SERVO, _WORDS, _ROWS, _TABLE, _TABLE, numba.int64), counted=False)
+@njit(numba.int64(_SERVO, _SHARED, _ROWS, _TABLE, _TABLE, numba.int64), counted=False)
 def run(servo: Any, shared: Any, ring: Any, truth: Any, excitation: Any, ticks: int) -> int:
     """Run ``ticks`` ticks (real time: until it is told to stop) and return one of the RETURN_* reasons.
 

@@ -1,6 +1,6 @@
-"""The bounds of Sec. VI beside what really happens: friction (40), generation without (47) and with delay (58).
+"""The bounds of Sec. VI on generation beside what really happens: without delay (47) and with delay (58).
 
-(40) holds always. (47) and (58) do not: they follow from (46), which is true only where its maximum is attained, and fail
+They do not always hold: they follow from (46), which is true only where its maximum is attained, and fail
 for motions that start just beside an encoder edge. With D = ξ(τ₁) − ξ(l) and d = ξ(l) − ξ(h), the bounds on E_g are
 
 * ``paper``: ½D² + (½ + |d|)|D|, (47) and, as |d| = τ_D|ξ̇(η)| (57), (58);
@@ -29,12 +29,6 @@ from hapticd.stability.storage import FloatArray
 TOLERANCE: Final = 1e-9
 CRITERIA: Final[tuple[Criterion, ...]] = get_args(Criterion)
 _TICKS_SEARCHED = 4
-
-
-def friction_bound(beta: ArrayLike, sigma: ArrayLike, way: ArrayLike, duration: ArrayLike) -> FloatArray:
-    """Least energy that friction takes out of a motion over `way` ticks in `duration` periods (eq. 40)."""
-    b, s, D, t = (np.asarray(a, dtype=np.float64) for a in (beta, sigma, way, duration))
-    return np.asarray(b * D * D / t + s * np.abs(D))
 
 
 def generation_bound(way: ArrayLike, late: ArrayLike = 0.0, criterion: Criterion = "paper") -> FloatArray:
@@ -75,7 +69,6 @@ class Bounds:
     Attributes:
         way: (n,) D over the whole interval. late: (n,) d.
         generated: (n,) E_g over the whole interval.
-        friction_margin: (n,) E_d − (40); None where the friction is not known. Never below zero but for rounding.
         excess: criterion → (n,) largest E_g − bound at any τ₁ of the interval; positive is a violation.
         scale: (n,) energies with which rounding is to be compared.
     """
@@ -83,7 +76,6 @@ class Bounds:
     way: FloatArray
     late: FloatArray
     generated: FloatArray
-    friction_margin: FloatArray | None
     excess: dict[Criterion, FloatArray]
     scale: FloatArray
 
@@ -93,22 +85,15 @@ class Bounds:
 
 
 def check_bounds(account: Ledger) -> Bounds:
-    """Check (40), (47) or (58), and the bounds that hold, in every interval of a ledger."""
+    """Check (47) or (58), and the bounds that hold, in every interval of a ledger."""
     first = int(account.coasts)
     start, end = account.xi[first:-1], account.xi[first + 1 :]
     low, high, sampled = account.low[first:], account.high[first:], account.sampled[first:]
-    n = account.numbers
-    least = friction_bound(n.beta, n.sigma, end - start, np.diff(account.tau)[first:])
-    return places_checked(sampled, start, end, low, high, account.dissipated[first:] - least)
+    return places_checked(sampled, start, end, low, high)
 
 
 def places_checked(
-    sampled: FloatArray,
-    start: FloatArray,
-    end: FloatArray,
-    low: FloatArray,
-    high: FloatArray,
-    friction_margin: FloatArray | None = None,
+    sampled: FloatArray, start: FloatArray, end: FloatArray, low: FloatArray, high: FloatArray
 ) -> Bounds:
     """Check the bounds on generation for intervals given by the places they sampled and visited, each (n,) in ticks."""
     late, way = start - sampled, end - start
@@ -123,7 +108,7 @@ def places_checked(
         for criterion in CRITERIA
     }
     scale = 1.0 + generation_bound(np.maximum(high - start, start - low), late)
-    return Bounds(way, late, generated(sampled, start, way), friction_margin, excess, scale)
+    return Bounds(way, late, generated(sampled, start, way), excess, scale)
 
 
 def _supremum(

@@ -157,11 +157,6 @@ class Maps:
         self.points: PointArray = np.zeros(study.shape, POINT)
         self.done = np.zeros(study.shape, np.bool_)
 
-    @property
-    def fraction(self) -> float:
-        """Share of the points that are done."""
-        return float(self.done.mean())
-
     def missing(self) -> list[Chunk]:
         """The chunks that hold a point not yet done."""
         return [chunk for chunk in chunks(self.study) if not self.done[_place(chunk)].all()]

@@ -87,7 +87,6 @@ HORIZON_PERIODS: Final = 50_000
 
 _LOOPS = types.Array(from_dtype(LOOP), 1, "C")
 _RUNS = types.Array(from_dtype(RUN), 1, "C")
-_f8 = types.float64
 
 
 @njit(inline=True)

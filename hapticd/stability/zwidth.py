@@ -117,7 +117,7 @@ def zwidth(
     B = np.linspace(0.0, damping_max, count)
     K = stiffness_max * np.arange(1, count + 1) / count
     outcome = {
-        variant: _fates(run_in_threads(_loops(config, loop, B, K, variant, velocity), periods, jobs))
+        variant: _outcomes(run_in_threads(_loops(config, loop, B, K, variant, velocity), periods, jobs))
         for variant in VARIANTS
     }
     # (b − γB)/(T/2 + T_D)
@@ -126,7 +126,7 @@ def zwidth(
     return ZWidth(config, loop, velocity, periods, B, K, outcome, passive)
 
 
-def _fates(runs: NDArray[Any]) -> NDArray[np.int8]:
+def _outcomes(runs: NDArray[Any]) -> NDArray[np.int8]:
     persistent = np.where(runs["amplitude"] < 1.0, BELOW_ONE_TICK, ABOVE_ONE_TICK)
     outcomes = np.where(
         runs["outcome"] == GROWING, GROWS, np.where(runs["outcome"] == PERSISTENT, persistent, DIES_OUT)
@@ -156,7 +156,7 @@ def _extent(config: Config, loop: Loop, jobs: int | None) -> tuple[float, float]
     """Damping and stiffness a little beyond which the linear loop is calm nowhere."""
     B = np.append(0.0, np.geomspace(0.01, 8.0, _PRESCAN) * loop.inertia / loop.period)
     K = np.geomspace(1e-4, 4.0, 2 * _PRESCAN) * loop.inertia / loop.period**2
-    calm = _fates(run_in_threads(_loops(config, loop, B, K, "linear", 1.0), _PRESCAN_PERIODS, jobs))
+    calm = _outcomes(run_in_threads(_loops(config, loop, B, K, "linear", 1.0), _PRESCAN_PERIODS, jobs))
     calm_B, calm_K = np.nonzero(calm == DIES_OUT)
     if calm_B.size == 0:
         return float(B[-1]), float(K[0])

@@ -22,7 +22,6 @@ _POINTS: Final = 20_000
 _COLOURS: Final = (BLUE, ORANGE)
 _EVENTS: Final = 12
 """More marks than this would hide the trace."""
-_DECADES: Final = 9.0
 
 Draw = Callable[[Any, "Sequence[Signals]"], None]
 

@@ -11,7 +11,7 @@ import pytest
 from drivers import DriverError
 from drivers.interface import DEVICE_FAULT, LOST, MISSED, OK, STATUS_ENABLED, X_COUNTS, X_DEVICE_CODE, X_STATUS
 from drivers.serial_dac import SerialDacDriver, budget
-from tests.drivers.serial.expected_exchange import IMPATIENT_S, Loop, config
+from tests.drivers.serial.expected_exchange import IMPATIENT_S, Loop, config, line_errors
 from tests.firmware.citations import PAGE, cites, statements
 from tests.firmware.devices import Device, currents
 from tests.polling import wait_until
@@ -79,7 +79,7 @@ def test_a_session(device: Device, tmp_path: Path) -> None:
         for code in (100, -200, *(300 for _ in range(300))):  # seq comes round
             assert loop.read() == OK
             assert loop.write(code, 1) == OK
-        assert driver.line_errors == (0, 0)
+        assert line_errors(driver) == (0, 0)
         driver.close()
         board.wait_for_event("DISABLE")
         log = board.stop()
@@ -153,7 +153,7 @@ def test_lost_and_corrupt_replies(device: Device, tmp_path: Path) -> None:
             assert loop.x[X_COUNTS] == counts
             assert loop.write(0, 1) == OK
             assert loop.read() == OK
-            assert driver.line_errors == (0, int(kind == "corrupt"))
+            assert line_errors(driver) == (0, int(kind == "corrupt"))
 
 
 @cites(
@@ -168,7 +168,7 @@ def test_a_reply_that_comes_twice(device: Device, tmp_path: Path) -> None:
         for _ in range(3):
             assert loop.read() == OK
             assert loop.write(0, 1) == OK
-        assert driver.line_errors == (1, 0)
+        assert line_errors(driver) == (1, 0)
 
 
 @cites("command_seq is not that of the last COMMAND")

@@ -139,21 +139,6 @@ def test_pages_that_a_power_cut_kept_from_the_disk_cost_their_batches(run: Path,
     assert set(range(read_run(writer.path).rows)) <= set(ticks.tolist())
 
 
-def test_version_1_is_still_read(tmp_path: Path) -> None:
-    path = tmp_path / "old.arrow"
-    schema = pa.schema(
-        [("time_s", pa.float64()), ("encoder_counts", pa.int64()), ("current_command_A", pa.float64())],
-        metadata={"hapticd.format_version": "1"},
-    )
-    with pa.OSFile(str(path), "wb") as sink, pa.ipc.new_stream(sink, schema) as stream:
-        stream.write_batch(
-            pa.RecordBatch.from_arrays([pa.array([0.0, 0.1]), pa.array([1, 2]), pa.array([0.0, 0.0])], schema=schema)
-        )
-    assert read_run(path).columns["encoder_counts"].tolist() == [1, 2]
-    verdict = verify(path)
-    assert (verdict.version, verdict.checked, verdict.rows) == (1, False, 2)
-
-
 def test_compressed_values_are_refused_before_they_are_unpacked(tmp_path: Path) -> None:
     path = tmp_path / "bomb.arrow"
     schema = pa.schema([(name, pa.float64()) for name in ("time_s", "position", "force")])

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from record_samples import CONFIG, make_rows
+from record_samples import CONFIG
 
-from hapticd.record import Run, host_facts, run_metadata, summary, versions
+from hapticd.record import host_facts, run_metadata, versions
 from hapticd.record.metadata import decode_metadata, encode_metadata
-from hapticd.record.schema import COLUMNS, FLAG_MEANINGS, FLAG_MISSED_PERIOD, ROW
+from hapticd.record.schema import COLUMNS, FLAG_MEANINGS, ROW
 
 
 def test_importing_the_package_loads_no_arrow_scipy_or_numba() -> None:
@@ -64,25 +64,6 @@ def test_metadata_of_any_kind_becomes_strict_json_and_comes_back() -> None:
     assert decode_metadata({**stored, b"pandas": b"{}"}) == expected
     assert decode_metadata({b"hapticd.note": b"not json"}) == {"note": "not json"}
     assert decode_metadata(None) == {}
-
-
-def test_summary_of_a_run() -> None:
-    rows = make_rows(1001)
-    rows["tick"][500:] += 3
-    rows["flags"][500] |= FLAG_MISSED_PERIOD
-    rows["tick"][800:] += 2
-    result = summary(Run(Path("x"), {name: rows[name] for name in ROW.names or ()}))
-    assert (result["rows"], result["missed"], result["lost_rows"]) == (1001, 1, 2)
-    assert result["duration_s"] == pytest.approx(1.0)
-    assert result["rate_hz"] == pytest.approx(1000.0)
-    assert result["wake_late_ns"] == {"p50": 1049.0, "p99": 1098.0, "max": 1099}
-
-
-def test_summary_of_a_foreign_or_empty_run_leaves_out_what_it_cannot_know() -> None:
-    foreign = summary(Run(Path("x"), {"time_s": np.array([0.0, 0.5]), "position": np.zeros(2), "force": np.zeros(2)}))
-    assert (foreign["rate_hz"], foreign["missed"], foreign["wake_late_ns"]) == (2.0, None, None)
-    empty = summary(Run(Path("x"), {name: make_rows(0)[name] for name in ROW.names or ()}))
-    assert (empty["rows"], empty["duration_s"], empty["rate_hz"], empty["wake_late_ns"]) == (0, 0.0, None, None)
 
 
 def test_the_reference_page_and_the_schema_agree() -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from drivers.interface import X_CODE, X_CURRENT, X_ENABLE, X_PERIOD_NS, new_exchange
 from drivers.serial_dac import SerialDacDriver
+from drivers.serial_dac.state import S_BAD_FRAMES, S_STALE
 from hapticd.config import Config, parse_config
 from tests.drivers.serial.reference import framed
 from tests.polling import PATIENCE_S
@@ -92,6 +93,11 @@ class Loop:
         self.x[X_CODE], self.x[X_ENABLE] = code, enable
         self.floats[X_CURRENT] = code * 6.0 / 8192
         return int(_FUNCTION(self.driver.write_address)(self.driver.state_address, self.x.ctypes.data))
+
+
+def line_errors(driver: SerialDacDriver) -> tuple[int, int]:
+    """Replies that came too late or twice, and bad frames, since the driver was opened."""
+    return int(driver._state[S_STALE]), int(driver._state[S_BAD_FRAMES])
 
 
 def _raw(reply: str | bytes | HangUp) -> bytes | HangUp:

@@ -34,6 +34,7 @@ from tests.drivers.serial.expected_exchange import (
     config,
     expected_exchange,
     line,
+    line_errors,
     reply,
 )
 from tests.polling import PATIENCE_S, wait_until
@@ -63,7 +64,7 @@ def test_a_session_byte_for_byte(monkeypatch: pytest.MonkeyPatch) -> None:
         assert loop.write(683, 1) == OK
         assert (loop.read(), loop.x[X_COUNTS]) == (OK, 104)
         assert loop.write(683, 0) == OK
-    assert driver.line_errors == (0, 0)
+    assert line_errors(driver) == (0, 0)
 
 
 def test_garbage_before_a_reply_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -74,7 +75,7 @@ def test_garbage_before_a_reply_costs_nothing(monkeypatch: pytest.MonkeyPatch) -
         loop = Loop(driver)
         assert (loop.read(), loop.x[X_COUNTS]) == (OK, 7)
         assert loop.write(683, 1) == OK
-    assert driver.line_errors == (0, 1)
+    assert line_errors(driver) == (0, 1)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +104,7 @@ def test_an_exchange_without_its_reply_is_missed_and_commanded(
         assert loop.write(683, 1) == OK
         assert (loop.read(), loop.x[X_COUNTS]) == (OK, 8)
         assert loop.write(0, 0) == OK
-    assert driver.line_errors == errors
+    assert line_errors(driver) == errors
 
 
 def test_a_command_that_the_board_does_not_confirm_is_a_missed_exchange(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -232,7 +233,7 @@ def test_a_line_that_never_falls_silent_does_not_hold_the_loop(monkeypatch: pyte
         began = time.monotonic()
         assert loop.read(IMPATIENT_S) == MISSED
         assert time.monotonic() - began < PATIENCE_S
-    assert driver.line_errors == (0, 0)
+    assert line_errors(driver) == (0, 0)
 
 
 def test_a_full_line_is_a_missed_exchange_and_the_next_frame_is_set_apart() -> None:
