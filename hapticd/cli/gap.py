@@ -124,23 +124,23 @@ def gap(
 
 def describe(document: dict[str, Any], out: Path) -> str:
     """A few lines about what was found, from the content of gap.json."""
-    from hapticd.gap import words
+    from hapticd.gap import text
 
     gap = document["gap"]
     held_out, unit = gap["held_out"], gap["unit"]
-    lines = [f"timing of the data: {words.timing(document)}"] if words.timing_is_off(document) else []
+    lines = [f"timing of the data: {text.timing(document)}"] if text.timing_is_off(document) else []
     lines.append(f"{document['verdict']}: {document['statement']}")
     for step in document["steps"]:
-        values = [*words.chosen(step), *(f"{name} = {_estimate(value)}" for name, value in step["parameters"].items())]
+        values = [*text.chosen(step), *(f"{name} = {_estimate(value)}" for name, value in step["parameters"].items())]
         lines.append(f"  {step['effect']}: {', '.join(values)}")
-        lines.append(f"    {step['evidence']:.1f} standard errors; {words.behind(step)}")
+        lines.append(f"    {step['evidence']:.1f} standard errors; {text.behind(step)}")
     lines += [f"  {name} refitted: {_estimate(value)}" for name, value in document["base"].items()]
-    lines += [f"where: {place}" for place in words.places(document["where"], unit)]
+    lines += [f"where: {place}" for place in text.places(document["where"], unit)]
     lines.append(
         f"missing force on held-out data: {held_out['before']:.3g} {unit} before, {held_out['after']:.3g} {unit} after; "
         f"noise alone reads {gap['noise_floor']:.2g} {unit}"
     )
-    lines += [f"predicted {sentence}" for sentence in words.predictions(document)]
+    lines += [f"predicted {sentence}" for sentence in text.predictions(document)]
     left = document["remainder"]["words"]
     if document["verdict"] != "no_missing_effect" and left not in document["statement"]:
         lines.append(f"left: {left}")

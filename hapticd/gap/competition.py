@@ -45,9 +45,9 @@ class CrossValidated:
 
     fit: Fit
     held_out: Floats
-    """(blocks,) log-likelihood of each block under the estimate without its fold, less the price of discrete choices."""
+    """(blocks,) log-likelihood of each block under the estimate without its fold, less the penalty for discrete choices."""
     penalty: float = 0.0
-    """That price: the logarithm of the number of discrete choices that were made for all of the model's laws."""
+    """That penalty: the logarithm of the number of discrete choices that were made for all of the model's laws."""
 
     @property
     def total(self) -> float:
@@ -56,7 +56,7 @@ class CrossValidated:
 
     @cached_property
     def beside_slow(self) -> CrossValidated:
-        """The same fitted beside a disturbance that may be slow, and judged there; no discrete choice is priced."""
+        """The same fitted beside a disturbance that may be slow, and judged there; no discrete choice is penalised."""
         return cross_validate(self.fit.with_free_memory())
 
     def less(self, penalty: float) -> CrossValidated:
@@ -92,7 +92,7 @@ class Round:
     before: CrossValidated
     contenders: tuple[Contender, ...]
     """Best first; the first was taken."""
-    tied: tuple[str, ...]
+    indistinguishable: tuple[str, ...]
     """Others that these data do not tell from it."""
 
     @property
@@ -142,8 +142,8 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
             continue
         if len(contenders) == _MOST_FITTED:
             break
-        rival = max((other.judged.fit.log_likelihood for other in contenders), default=-np.inf)
-        fit.maximise(_CLIMB, ROUGH * needed, rival)
+        best = max((other.judged.fit.log_likelihood for other in contenders), default=-np.inf)
+        fit.maximise(_CLIMB, ROUGH * needed, best)
         judged = cross_validate(fit, present.penalty + candidate.penalty)
         gain, errors = evidence(judged, present)
         contenders.append(Contender(candidate.slug, judged, gain, errors, candidate.penalty))
@@ -215,51 +215,52 @@ def simplest_first(contenders: list[Contender]) -> list[Contender]:
 
 def is_as_good(simpler: CrossValidated, other: CrossValidated) -> bool:
     """Whether what the other one gains is no more than chance."""
-    return evidence(other, simpler)[1] < constants.TIE
+    return evidence(other, simpler)[1] < constants.INDISTINGUISHABLE
 
 
-def tied_with(best: Contender, others: Sequence[Contender]) -> tuple[str, ...]:
+def indistinguishable_from(best: Contender, others: Sequence[Contender]) -> tuple[str, ...]:
     """Laws that the data do not tell from the best one."""
     return tuple(
         other.slug
         for other in others
-        if other.evidence > constants.TIE and is_rival(best.slug, other.slug, evidence(other.judged, best.judged)[1])
+        if other.evidence > constants.INDISTINGUISHABLE
+        and is_indistinguishable(best.slug, other.slug, evidence(other.judged, best.judged)[1])
     )
 
 
-def is_rival(best: str, other: str, ahead: float) -> bool:
-    """Whether a law that is `ahead` of the best one by so many standard errors may be the true one instead.
+def is_indistinguishable(best: str, other: str, ahead: float) -> bool:
+    """Whether another law, `ahead` of the best one by so many standard errors, may be the true one instead.
 
-    A law that the best one is a limit of is always as good: it is no rival.
+    A law that the best one is a limit of is always as good, and does not count.
     """
-    return best not in CATALOGUE[other].contains and ahead > -constants.TIE
+    return best not in CATALOGUE[other].contains and ahead > -constants.INDISTINGUISHABLE
 
 
 def round_of(before: CrossValidated, contenders: Sequence[Contender], *, to_the_end: bool = True) -> Round:
     """A round in which the first of the contenders is taken, climbed to the end and judged there."""
     best, *others = contenders
     if to_the_end:
-        fit, dearer = _polished(best.judged.fit)
-        own = dearer if best.slug == ripple.SLUG else 0.0
-        judged = cross_validate(fit, best.judged.penalty + dearer)
+        fit, added_penalty = _polished(best.judged.fit)
+        own = added_penalty if best.slug == ripple.SLUG else 0.0
+        judged = cross_validate(fit, best.judged.penalty + added_penalty)
         gain, errors = evidence(judged, before)
         best = Contender(best.slug, judged, gain, errors, best.penalty + own)
-    return Round(before, (best, *others), tied_with(best, others))
+    return Round(before, (best, *others), indistinguishable_from(best, others))
 
 
 def _polished(fit: Fit) -> tuple[Fit, float]:
-    """The fit climbed to the end, and what more discrete choices in it cost.
+    """The fit climbed to the end, and the penalty for more discrete choices in it.
 
     A grip, or orders of a ripple, that were found beside what was still missing are looked for again. What a device
     remembers was climbed in a part of the record, and fitted by slopes that a rough likelihood does not have.
     """
-    dearer = 0.0
+    added_penalty = 0.0
     for number, item in enumerate(fit.terms):
         if item.slug == grip.SLUG:
             fit = grip.settled(fit, number, scale_of(fit))
         elif item.slug == ripple.SLUG:
             fit, more = ripple.settled(fit, number, scale_of(fit))
-            dearer += more
+            added_penalty += more
         elif item.slug in CATALOGUE and CATALOGUE[item.slug].acts_on == "memory":
             Climb(fit, number, _CLOSER).go(HALVINGS)
-    return fit.maximise(), dearer
+    return fit.maximise(), added_penalty

@@ -24,28 +24,28 @@ def consequences(before: Config, after: Config, latency_s: float = 0.0) -> dict[
         ``before`` and ``after``: the keys of ``check``; ``words``: what changed, a sentence each.
     """
     documents = [assess(model, deflection=_DEFLECTION_TICKS, latency_s=latency_s).document for model in (before, after)]
-    return {"before": documents[0], "after": documents[1], "words": _words(*documents)}
+    return {"before": documents[0], "after": documents[1], "words": _text(*documents)}
 
 
-def _words(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
-    words = []
+def _text(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
+    sentences = []
     numbers = (("mu", "μ"), ("beta", "β"), ("sigma", "σ"), ("tau_d", "τ_D"))
     moved = [
         f"{symbol} from {before[key]:.4g} to {after[key]:.4g}"
         for key, symbol in numbers
         if abs(after[key] - before[key]) > 1e-3 * max(abs(before[key]), 1e-9)
     ]
-    words.append(f"The operating point moves: {', '.join(moved)}." if moved else "The operating point stays.")
+    sentences.append(f"The operating point moves: {', '.join(moved)}." if moved else "The operating point stays.")
     if after["region"] != before["region"]:
-        words.append(f"Region {before['region']} becomes {after['region']}: {after['meaning']}.")
+        sentences.append(f"Region {before['region']} becomes {after['region']}: {after['meaning']}.")
     else:
-        words.append(f"It stays in region {before['region']}: {before['meaning']}.")
+        sentences.append(f"It stays in region {before['region']}: {before['meaning']}.")
     K = [document["stiffness_max"]["dissipating"] for document in (before, after)]
     if K[0] is not None and K[1] is not None and abs(K[1] - K[0]) > 1e-3 * abs(K[0]):
-        words.append(f"The largest stiffness that dissipates goes from {K[0]:.4g} to {K[1]:.4g}.")
+        sentences.append(f"The largest stiffness that dissipates goes from {K[0]:.4g} to {K[1]:.4g}.")
     cycles = [document["limit_cycle"] for document in (before, after)]
     if cycles[0]["predicted"] != cycles[1]["predicted"]:
-        words.append(
+        sentences.append(
             "A limit cycle is now predicted." if cycles[1]["predicted"] else "No limit cycle is predicted any more."
         )
-    return words
+    return sentences

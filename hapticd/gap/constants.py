@@ -33,7 +33,7 @@ STRUCTURE_SHARE = 0.03
 """Share of the missing force's power that a function of one coordinate must explain for what is left to matter."""
 BASE_PRIOR = 1.5
 """Standard deviation of the logarithm of a base parameter that is fitted along: a factor of 4.5."""
-TIE = 3.0
-"""Standard errors by which two laws must differ to be told apart."""
+INDISTINGUISHABLE = 3.0
+"""Standard errors of evidence up to which two laws are indistinguishable."""
 MOST_EFFECTS = 4
 """Most effects that are looked for."""

@@ -1,9 +1,9 @@
 """The experiment that tells apart what the data at hand cannot.
 
-Optimal design for discrimination between rival models (Atkinson and Fedorov 1975): of all experiments that may be run, take
-the one in which the rival that fits the other's data best still fits them worst. Here the experiments are few enough to be
-tried one by one in simulation, safety trips and quantisation included (`trial.py`), and the measure is the one by which the
-recorded data will be judged: standard errors of the log-likelihood.
+Optimal design for discrimination between competing models (Atkinson and Fedorov 1975): of all experiments that may be run,
+take the one in which the model that fits the other's data best still fits them worst. Here the experiments are few enough to
+be tried one by one in simulation, safety trips and quantisation included (`trial.py`), and the measure is the one by which
+the recorded data will be judged: standard errors of the log-likelihood.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from hapticd.gap import constants, options
 from hapticd.gap.competition import evidence
-from hapticd.gap.trial import HAND, Rival, rival_of, separation
+from hapticd.gap.trial import HAND, CompetingModel, competing_model, separation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -23,9 +23,9 @@ if TYPE_CHECKING:
     from hapticd.servo.experiment import Experiment
 
 FILE = "next_experiment.yaml"
-MOST_RIVALS = 3
+MOST_MODELS = 3
 """Laws of one round that an experiment should set apart: the one that was taken and the next best."""
-_WANTED = 2.0 * constants.TIE
+_WANTED = 2.0 * constants.INDISTINGUISHABLE
 _HOPELESS = 1.0
 """Expected standard errors below which an experiment is a waste of time."""
 _SHORTEST_S, _LONGEST_S = 4.0, 30.0
@@ -45,7 +45,7 @@ class Scored:
 def next_experiment(
     model: Config, rounds: Sequence[Round], progress: Callable[[float, str], None], base: int = 0
 ) -> dict[str, Any] | None:
-    """Design the experiment that separates best what the rounds of a search left tied.
+    """Design the experiment that separates best what the rounds of a search left open.
 
     Args:
         model: loop, limits and nominal device.
@@ -54,66 +54,67 @@ def next_experiment(
         base: number of terms of every hypothesis, the first ones, that are base parameters.
 
     Returns:
-        ``next_experiment`` of gap.json; None where nothing is tied.
+        ``next_experiment`` of gap.json; None where nothing is left open.
     """
-    tied = [stage for stage in rounds if stage.tied]
-    if not tied:
+    ambiguous = [stage for stage in rounds if stage.indistinguishable]
+    if not ambiguous:
         return None
-    groups = [_rivals(model, stage, rounds[-1], base) for stage in tied]
-    names = [[stage.taken.slug, *stage.tied[: MOST_RIVALS - 1]] for stage in tied]
+    groups = [_competing_models(model, stage, rounds[-1], base) for stage in ambiguous]
+    names = [[stage.taken.slug, *stage.indistinguishable[: MOST_MODELS - 1]] for stage in ambiguous]
     listed = "; ".join(f"{', '.join(group[:-1])} and {group[-1]}" for group in names)
     separates = list(dict.fromkeys(name for group in names for name in group))
-    now = min(_now(stage) for stage in tied)
+    now = min(_now(stage) for stage in ambiguous)
     nothing = {"separates": separates, "now": now, "experiment": None, "file": None}
     found = design(model, [pair for group in groups for pair in pairs(group)], progress)
-    simpler = f"prefer the simpler law, {' and '.join(_simplest(stage) for stage in tied)}."
+    simpler = f"prefer the simpler law, {' and '.join(_simplest(stage) for stage in ambiguous)}."
     if found is None:
-        words = f"No experiment that the limits admit tells {listed} apart on this device; {simpler}"
-        return {"words": words, "expected": None, **nothing}
+        sentence = f"No experiment that the limits admit tells {listed} apart on this device; {simpler}"
+        return {"words": sentence, "expected": None, **nothing}
     if found.expected < _HOPELESS:
-        words = (
+        sentence = (
             f"With the values that fit, {listed} are one device to every experiment that the limits admit; {simpler}"
         )
-        return {"words": words, "expected": found.expected, **nothing}
-    words = (
+        return {"words": sentence, "expected": found.expected, **nothing}
+    sentence = (
         f"Play {found.experiment.describe(model.is_linear)}: expected separation of {listed}: {found.expected:.1f} "
-        f"standard errors (these data: {now:.1f}; {constants.TIE:g} are needed)."
+        f"standard errors (these data: {now:.1f}; {constants.INDISTINGUISHABLE:g} are needed)."
     )
-    if found.expected < constants.TIE:
-        words += f" It is the best that the limits of the config admit, and may not be enough: until then {simpler}"
+    if found.expected < constants.INDISTINGUISHABLE:
+        sentence += f" It is the best that the limits of the config admit, and may not be enough: until then {simpler}"
     if HAND in separates:
-        words += " Nobody may hold the handle."
+        sentence += " Nobody may hold the handle."
     plan = {"experiment": found.experiment.document(), "file": FILE}
-    return {"words": words, "separates": separates, "expected": found.expected, "now": now, **plan}
+    return {"words": sentence, "separates": separates, "expected": found.expected, "now": now, **plan}
 
 
-def _rivals(model: Config, stage: Round, last: Round, base: int) -> list[Rival]:
-    """The effect that a round took and those tied with it, as far as a device can have them."""
-    tied = [contender for contender in stage.contenders if contender.slug in stage.tied[: MOST_RIVALS - 1]]
+def _competing_models(model: Config, stage: Round, last: Round, base: int) -> list[CompetingModel]:
+    """The effect that a round took and those that the data do not tell from it, as far as a device can have them."""
+    slugs = stage.indistinguishable[: MOST_MODELS - 1]
+    others = [contender for contender in stage.contenders if contender.slug in slugs]
     final = last.taken.judged.fit
-    found = [rival_of(model, one.judged.fit, final, one.slug, base) for one in (stage.taken, *tied)]
-    return [rival for rival in found if rival is not None]
+    found = [competing_model(model, one.judged.fit, final, one.slug, base) for one in (stage.taken, *others)]
+    return [one for one in found if one is not None]
 
 
 def _now(stage: Round) -> float:
-    """Standard errors by which the data at hand separate the tied effects of a stage."""
-    tied = [contender for contender in stage.contenders if contender.slug in stage.tied]
-    return max(min(float(evidence(stage.taken.judged, other.judged)[1]) for other in tied), 0.0)
+    """Standard errors by which the data at hand separate the indistinguishable effects of a stage."""
+    others = [contender for contender in stage.contenders if contender.slug in stage.indistinguishable]
+    return max(min(float(evidence(stage.taken.judged, other.judged)[1]) for other in others), 0.0)
 
 
 def _simplest(stage: Round) -> str:
-    """Of the tied effects of a round the one with the fewest parameters."""
-    among = [one for one in stage.contenders if one.slug in (stage.taken.slug, *stage.tied)]
+    """Of the indistinguishable effects of a round the one with the fewest parameters."""
+    among = [one for one in stage.contenders if one.slug in (stage.taken.slug, *stage.indistinguishable)]
     return min(among, key=lambda one: len(one.law.coordinates)).slug
 
 
-def pairs(rivals: Sequence[Rival]) -> list[tuple[Rival, Rival]]:
-    """(what is true, what else is claimed): the first rival against each other one, and the other way stage."""
-    return [pair for other in rivals[1:] for pair in ((rivals[0], other), (other, rivals[0]))]
+def pairs(models: Sequence[CompetingModel]) -> list[tuple[CompetingModel, CompetingModel]]:
+    """(what is true, what else is claimed): the first model against each other one, and the other way round."""
+    return [pair for other in models[1:] for pair in ((models[0], other), (other, models[0]))]
 
 
 def design(
-    model: Config, tests: Sequence[tuple[Rival, Rival]], progress: Callable[[float, str], None]
+    model: Config, tests: Sequence[tuple[CompetingModel, CompetingModel]], progress: Callable[[float, str], None]
 ) -> Scored | None:
     """The experiment that separates all pairs best in the worst case; None where none may be run at all.
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hapticd.figures.style import BLUE, GREY, ORANGE, new_figure
 from hapticd.gap.missing import since_reversal
-from hapticd.gap.words import is_linear, unit_of
+from hapticd.gap.text import is_linear, unit_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -220,10 +220,10 @@ def ranking(step: Step) -> Figure:
     shown = sorted(step.ranking, key=lambda one: one.gain)
     figure = new_figure(_WIDTH, 0.8 + 0.28 * len(shown))
     axis = figure.subplots()
-    tied = {step.effect, *step.indistinguishable_from}
+    indistinguishable = {step.effect, *step.indistinguishable_from}
     gains = [max(one.gain, 0.0) for one in shown]
     bars = axis.barh(
-        [one.effect for one in shown], gains, color=[BLUE if one.effect in tied else GREY for one in shown]
+        [one.effect for one in shown], gains, color=[BLUE if one.effect in indistinguishable else GREY for one in shown]
     )
     axis.bar_label(bars, [f"{one.evidence:.1f} standard errors" for one in shown], padding=4, fontsize=8.5)
     axis.set_xlim(0.0, 1.25 * max(*gains, 1.0))

@@ -35,7 +35,7 @@ _NEVER = -1e12
 _POOR = 2
 """Steps in a row that gain nothing before a climb is over: on a curved ridge a single one may."""
 _HOPELESS = 0.05
-"""Share of what it is behind a rival that a climb must gain with a step."""
+"""Share of what it is behind a competitor that a climb must gain with a step."""
 _HELD_BACK = 1e-3
 """Share of all data's information that holds a parameter back of which the other folds say nothing."""
 _SHORTER = 6
@@ -185,14 +185,14 @@ class Fit:
                 break
         return self
 
-    def maximise(self, iterations: int = 25, tolerance: float = 0.05, rival: float = -np.inf) -> Fit:
-        """Climb to the maximum, and less closely the farther it stays behind the likelihood of a rival; returns itself."""
+    def maximise(self, iterations: int = 25, tolerance: float = 0.05, competitor: float = -np.inf) -> Fit:
+        """Climb to the maximum, and less closely the farther it stays behind a competitor's likelihood; returns itself."""
         damping, poor = 1e-2, 0
         held = np.zeros(self.u.size, dtype=bool)  # at a bound; asked again where the climb gains no more
         for _ in range(iterations):
             before, among = self.log_likelihood, self.free() & ~held
             damping, free = self._step(among, damping)
-            enough = max(tolerance, _HOPELESS * (rival - self.log_likelihood))
+            enough = max(tolerance, _HOPELESS * (competitor - self.log_likelihood))
             poor = poor + 1 if self.log_likelihood - before < enough else 0
             held = (held | (among & ~free)) & (poor == 0)
             if poor == _POOR:

@@ -39,7 +39,7 @@ def along(law: Term) -> Term:
     return Term(SLUG, law.coordinates, law.start)
 
 
-def told(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
+def described(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
     """``current_late_s`` and a warning where a record is surely late.
 
     Args:
@@ -51,10 +51,10 @@ def told(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
             late_s, error = -float(fit.u[at]), float(variance[at]) ** 0.5
             low, high = late_s - reach * error, late_s + reach * error
             if low > 0.0:
-                words = (
+                warning = (
                     f"the current is recorded {1e3 * late_s:.3g} ms late ({1e3 * low:.3g} to {1e3 * high:.3g} ms), or it is "
                     "a sample of a current that changes in between, or the device answers by so much sooner than the model "
                     "says: these data cannot tell. It is fitted along."
                 )
-                return {"current_late_s": {"value": late_s, "ci95": [low, high]}, "warnings": [words]}
+                return {"current_late_s": {"value": late_s, "ci95": [low, high]}, "warnings": [warning]}
     return {"warnings": []}

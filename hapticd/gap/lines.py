@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-_TOLD = 3
+_LISTED = 3
 _SEGMENTS, _LONGEST_SEGMENT = 8, 4096
 _AROUND = 50
 """Frequencies to either side that are a line's neighbourhood."""
@@ -41,7 +41,7 @@ def lines(fit: Fit) -> list[float]:
     around = np.array([np.median(power[max(k - _AROUND, 0) : k + _AROUND]) for k in range(power.size)])
     found: list[float] = []
     ratio = np.where(frequency > max(_LOWEST_HZ, 2.0 * frequency[1]), power / around, 0.0)
-    while ratio.max() > _LINE and len(found) < _TOLD:
+    while ratio.max() > _LINE and len(found) < _LISTED:
         k = int(np.argmax(ratio))
         found.append(float(frequency[k]))
         ratio[max(k - _AROUND // 5, 0) : k + _AROUND // 5] = 0.0

@@ -29,7 +29,7 @@ class LiveError(Exception):
 def close_the_circle(
     client: Client, model: Config, experiment: Experiment, analyse: Analyse, say: Callable[[str], None], bar: Bar
 ) -> tuple[GapResult, list[Recording]]:
-    """Excite, record, compare; if rivals stay tied, play the designed experiment and compare with both recordings.
+    """Excite, record, compare; if the answer is ambiguous, play the designed experiment and compare with both recordings.
 
     Args:
         client: the daemon. It is told to stop when a moving shaft is interrupted.

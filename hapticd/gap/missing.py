@@ -248,7 +248,7 @@ def better_function(before: Fit, law: Term, count: int = 8) -> str | None:
     for name, columns in _functions(before, found, count):
         gain, errors = _gain(before, _held_out_shift(before, sensitivities(before.out, columns)), shift)
         is_simpler = columns.shape[1] <= len(law.coordinates)
-        if errors > (-constants.TIE if is_simpler else constants.TIE):
+        if errors > (-constants.INDISTINGUISHABLE if is_simpler else constants.INDISTINGUISHABLE):
             best = max(best, (gain, name), key=lambda pair: pair[0])
     return best[1]
 

@@ -11,12 +11,12 @@ from hapticd.gap import constants
 from hapticd.gap.lines import frequencies, lines
 from hapticd.gap.missing import Missing, Structure, missing_force, structure
 from hapticd.gap.result import Remainder
-from hapticd.gap.words import SHOWS_AS, percent
+from hapticd.gap.text import SHOWS_AS, percent
 
 if TYPE_CHECKING:
     from hapticd.gap.fit import Fit
 
-_TOLD = 3
+_LISTED = 3
 
 
 def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
@@ -31,11 +31,11 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
         part = float(np.mean(test.force[found.moves] ** 2)) / power_before if power_before > 0.0 else 0.0
         if min(part, share) > constants.STRUCTURE_SHARE:
             entries.append({"coordinate": test.coordinate, "share": min(part, share), "p_value": p_value})
-    words = [SHOWS_AS[entry["coordinate"]] for entry in entries[:_TOLD]]
-    words += [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
+    clauses = [SHOWS_AS[entry["coordinate"]] for entry in entries[:_LISTED]]
+    clauses += [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
     left = f"{percent(share)} of the missing force's power is left"
-    if words:
-        text = f"{left}: {'; '.join(words)}."
+    if clauses:
+        text = f"{left}: {'; '.join(clauses)}."
     else:
         text = f"{left}; it depends on nothing that was looked at." if share > constants.STRUCTURE_SHARE else f"{left}."
     return Remainder(share, text, tuple(entries))

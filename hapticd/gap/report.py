@@ -15,7 +15,7 @@ from markupsafe import Markup
 
 from hapticd.figures.markup import STYLE
 from hapticd.figures.style import style
-from hapticd.gap import words
+from hapticd.gap import text
 from hapticd.gap.figures import all_figures
 
 if TYPE_CHECKING:
@@ -54,20 +54,20 @@ def page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"g": _number, "percent": words.percent}
+    environment.filters |= {"g": _number, "percent": text.percent}
     document = result.to_json()
     with style():
         figures = {name: _svg(figure) for name, figure in all_figures(result).items()}
     return environment.get_template("report.html").render(
         result=document,
         headline=headline(result),
-        confidence=words.confidence(result, len(catalogue)),
-        places=words.places(document["where"], result.gap.unit),
-        predictions=words.predictions(document),
-        timing=words.timing(document),
-        timing_is_off=words.timing_is_off(document),
-        chosen=words.chosen,
-        behind=words.behind,
+        confidence=text.confidence(result, len(catalogue)),
+        places=text.places(document["where"], result.gap.unit),
+        predictions=text.predictions(document),
+        timing=text.timing(document),
+        timing_is_off=text.timing_is_off(document),
+        chosen=text.chosen,
+        behind=text.behind,
         recordings=recordings,
         changes=changes,
         catalogue=catalogue,

@@ -51,22 +51,22 @@ def settled(fit: Fit, number: int, scale: Scale) -> tuple[Fit, float]:
     """The fit with the orders of its ripple, term `number`, looked for again beside all else, as long as that gains.
 
     Returns:
-        The fit, and what the orders that it has more cost, nats.
+        The fit, and the penalty for the orders that it has more, nats.
     """
-    dearer = 0.0
+    added_penalty = 0.0
     for _ in range(_PURSUITS):
         smooth = fit.without(number)
         smooth.differentiate()
         found, present = _pursued(Score(smooth), scale), fit.terms[number]
         if found is None or _are_alike(found.term, present):
             break
-        price = found.penalty * (1.0 - len(present.fixed) / len(found.term.fixed))
+        penalty = found.penalty * (1.0 - len(present.fixed) / len(found.term.fixed))
         fit.maximise()
         again = fit.replaced(number, found.term).maximise()
-        if again.log_likelihood - price <= fit.log_likelihood:
+        if again.log_likelihood - penalty <= fit.log_likelihood:
             break
-        fit, dearer = again, dearer + price
-    return fit, dearer
+        fit, added_penalty = again, added_penalty + penalty
+    return fit, added_penalty
 
 
 def _are_alike(one: Term, other: Term) -> bool:

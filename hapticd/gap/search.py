@@ -28,7 +28,7 @@ from hapticd.gap.competition import (
     cross_validate,
     evidence,
     is_as_good,
-    is_rival,
+    is_indistinguishable,
     matters,
     round_of,
     simplest_first,
@@ -174,8 +174,8 @@ def _in_order(contenders: list[Contender]) -> list[Contender]:
 def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_errors: float, needed: float) -> set[str]:
     """Take out again what an effect that was named later makes unnecessary.
 
-    And what stood in for something that had no name yet: a law that was tied with it takes its place where that does better
-    now, its limiting law where that does as well.
+    And what stood in for something that had no name yet: a law that was indistinguishable from it takes its place where that
+    does better now, its limiting law where that does as well.
 
     Args:
         rounds: changed in place. slugs: effects that may be named. base: terms that come before the effects.
@@ -190,8 +190,8 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         number -= 1
         last, named = rounds[-1].taken, rounds[number]
         poorer = last.judged.fit.without(base + number).with_noise(named.before.fit.noise)
-        price = last.judged.penalty - named.taken.penalty
-        without = cross_validate(poorer.maximise(tolerance=ROUGH * needed), price)
+        penalty = last.judged.penalty - named.taken.penalty
+        without = cross_validate(poorer.maximise(tolerance=ROUGH * needed), penalty)
         gain, errors = evidence(last.judged, without)
         is_closing = closes(last.judged.fit, without.fit)
         if errors < needed_errors or not (is_closing or matters(last.judged, without)):
@@ -203,44 +203,53 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         limits = set(CATALOGUE[named.taken.slug].contains) & set(slugs)
         if named.taken.slug in CORRECTIONS:  # errors of the base go in place of each other
             limits |= set(CORRECTIONS) & set(slugs)
-        others = (limits | set(named.tied)) - {named.taken.slug} - _settled([*rounds[:number], *rounds[number + 1 :]])
+        others = (
+            (limits | set(named.indistinguishable))
+            - {named.taken.slug}
+            - _settled([*rounds[:number], *rounds[number + 1 :]])
+        )
         asked = compete(without, sorted(others), needed) if others else []
-        rivals = [
-            rival
-            for rival in closing(admitted(asked, without, is_further=True), without, needed_errors)
-            if not late_record.is_late(rival.law) and (not is_closing or closes(rival.judged.fit, without.fit))
+        competing = [
+            competitor
+            for competitor in closing(admitted(asked, without, is_further=True), without, needed_errors)
+            if not late_record.is_late(competitor.law)
+            and (not is_closing or closes(competitor.judged.fit, without.fit))
         ]
         better = [
-            rival
-            for rival in rivals
-            if _goes_before(rival, last, named.taken.slug)
-            and _names(rounds) - {named.taken.slug} | {rival.slug} not in seen
+            competitor
+            for competitor in competing
+            if _goes_before(competitor, last, named.taken.slug)
+            and _names(rounds) - {named.taken.slug} | {competitor.slug} not in seen
         ]
         if better:
             former = Contender(named.taken.slug, last.judged, gain, errors, named.taken.penalty)
-            others_of_it = [former, *(rival for rival in rivals if rival is not better[0])]
+            others_of_it = [former, *(competitor for competitor in competing if competitor is not better[0])]
             del rounds[number]
             _reopen(rounds, number)
             rounds.append(round_of(without, [better[0], *others_of_it]))
             seen.append(_names(rounds))
             number = len(rounds) - 1
         else:
-            ahead = {rival.slug: evidence(rival.judged, last.judged)[1] for rival in rivals}
-            still = tuple(slug for slug in named.tied if is_rival(named.taken.slug, slug, ahead.get(slug, -np.inf)))
+            ahead = {competitor.slug: evidence(competitor.judged, last.judged)[1] for competitor in competing}
+            still = tuple(
+                slug
+                for slug in named.indistinguishable
+                if is_indistinguishable(named.taken.slug, slug, ahead.get(slug, -np.inf))
+            )
             taken = named.taken
             if taken.evidence < needed_errors:  # it was in doubt alone
                 taken = replace(taken, gain=gain, evidence=errors)
-            rounds[number] = replace(named, contenders=(taken, *named.contenders[1:]), tied=still)
+            rounds[number] = replace(named, contenders=(taken, *named.contenders[1:]), indistinguishable=still)
     return gone
 
 
-def _goes_before(rival: Contender, last: Contender, slug: str) -> bool:
+def _goes_before(competitor: Contender, last: Contender, slug: str) -> bool:
     """Whether a law belongs in the place of `slug`, with which the last model was judged."""
-    if rival.slug in CATALOGUE[slug].contains:
-        return is_as_good(rival.judged, last.judged)
-    if slug in CATALOGUE[rival.slug].contains:
-        return not is_as_good(last.judged, rival.judged)
-    return rival.judged.total > last.judged.total
+    if competitor.slug in CATALOGUE[slug].contains:
+        return is_as_good(competitor.judged, last.judged)
+    if slug in CATALOGUE[competitor.slug].contains:
+        return not is_as_good(last.judged, competitor.judged)
+    return competitor.judged.total > last.judged.total
 
 
 def _names(rounds: Sequence[Round]) -> frozenset[str]:
@@ -252,7 +261,9 @@ def _reopen(rounds: list[Round], number: int) -> None:
     for k in range(number, len(rounds)):
         taken, *others = rounds[k].contenders
         asked = (one for one in others if taken.slug not in CATALOGUE[one.slug].contains)
-        rounds[k] = replace(rounds[k], tied=tuple(one.slug for one in asked if not late_record.is_late(one.law)))
+        rounds[k] = replace(
+            rounds[k], indistinguishable=tuple(one.slug for one in asked if not late_record.is_late(one.law))
+        )
 
 
 def _take_out(rounds: list[Round], number: int, without: CrossValidated) -> None:

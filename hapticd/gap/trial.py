@@ -1,4 +1,4 @@
-"""An experiment tried in simulation: does it move the shaft safely, and how well would it tell rival laws apart?
+"""An experiment tried in simulation: does it move the shaft safely, and how well would it tell competing laws apart?
 
 The closed loop is simulated with one law as the device, and the filters of both run over what the encoder would show. Where
 they predict μ_A and μ_B with information I (that of the fitted disturbance), the log-likelihood ratio in favour of the true
@@ -51,11 +51,11 @@ _MOST = -float(np.log(OUTLIER))
 
 
 @dataclass(frozen=True)
-class Rival:
+class CompetingModel:
     """One explanation, as the data at hand fit it.
 
     Attributes:
-        slug: the effect that makes the difference to its rivals.
+        slug: the effect that makes the difference to its competitors.
         terms: all its effects, with the fitted values as starts.
         noise: (5,) coordinates of the fitted noise.
         problem: nominal device and data at hand.
@@ -75,7 +75,7 @@ class Rival:
         return Fit.started(problem, self.terms, self.noise)
 
 
-def rival_of(model: Config, fit: Fit, last: Fit, slug: str, base: int) -> Rival | None:
+def competing_model(model: Config, fit: Fit, last: Fit, slug: str, base: int) -> CompetingModel | None:
     """An explanation from the round in which it competed.
 
     Args:
@@ -101,7 +101,7 @@ def rival_of(model: Config, fit: Fit, last: Fit, slug: str, base: int) -> Rival 
     known = Fit.started(fit.problem, terms, last.noise)
     slopes = _slopes(known)
     information = slopes.T @ (slopes * known.out["information"][:, None])
-    return Rival(slug, terms, last.noise, fit.problem, config, information)
+    return CompetingModel(slug, terms, last.noise, fit.problem, config, information)
 
 
 def _slopes(fit: Fit) -> Floats:
@@ -113,7 +113,9 @@ def _slopes(fit: Fit) -> Floats:
     return fit.slopes[:, len(NOISE) :]
 
 
-def separation(experiment: Experiment, pairs: Sequence[tuple[Rival, Rival]], least: float = 0.0) -> float | None:
+def separation(
+    experiment: Experiment, pairs: Sequence[tuple[CompetingModel, CompetingModel]], least: float = 0.0
+) -> float | None:
     """Standard errors by which an experiment sets the true one of each pair apart, in the worst case.
 
     Args:
@@ -140,7 +142,7 @@ def separation(experiment: Experiment, pairs: Sequence[tuple[Rival, Rival]], lea
     return worst
 
 
-def gain(true: Fit, claimed: Rival) -> float:
+def gain(true: Fit, claimed: CompetingModel) -> float:
     """Log-likelihood that a law, filtered over what it would record itself, gains over another one, nats."""
     other = claimed.on(true.problem)
     difference, information = true.out["mean"] - other.out["mean"], true.out["information"]

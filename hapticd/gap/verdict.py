@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 def decide(
     effects: Sequence[str],
-    tied: Sequence[Sequence[str]],
+    indistinguishable: Sequence[Sequence[str]],
     doubts: Sequence[str],
     gap: GapNumbers,
     remainder: Remainder,
@@ -23,7 +23,7 @@ def decide(
 
     Args:
         effects: slugs that were added.
-        tied: for each, the effects of other classes that these data cannot tell from it.
+        indistinguishable: for each, the effects of other classes that these data cannot tell from it.
         doubts: sentences that say why the named laws may not be the whole truth.
         gap: the missing force before and after.
         remainder: what is left.
@@ -41,10 +41,10 @@ def decide(
             f"Nothing is missing that has a structure: the model leaves {gap.held_out_before:.3g} {gap.unit}, the noise "
             f"floor is {gap.noise_floor:.2g} {gap.unit}."
         )
-    ambiguous = [(effect, others) for effect, others in zip(effects, tied, strict=True) if others]
+    ambiguous = [(effect, others) for effect, others in zip(effects, indistinguishable, strict=True) if others]
     if ambiguous:
-        told = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)
-        return "ambiguous", f"These data cannot tell which it is: {told} ({force})."
+        choices = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)
+        return "ambiguous", f"These data cannot tell which it is: {choices} ({force})."
     if left or doubts or gap.held_out_after**2 > (1.0 - constants.CLOSED) * gap.held_out_before**2:
         return "partly_explained", " ".join([f"Missing: {names} ({force}).", *doubts, remainder.words])
     return "effect_found", f"Missing: {names} ({force})."
@@ -60,12 +60,12 @@ def doubts_about(
         beaten: effect to the coordinate of which a flexible function takes that effect's place.
         unnamed: effect that predicts better for sure and was not named.
     """
-    told = [
+    better = [
         f"With {unnamed} besides the counts would be predicted better, but as much force would be missing: "
         "what is named may stand for something else."
     ]
     return (
-        (told if unnamed else [])
+        (better if unnamed else [])
         + [
             f"These data do not tell {' and '.join(names)} of {effect} from a limit: a law at its limit is another law."
             for effect, names in at_bounds.items()

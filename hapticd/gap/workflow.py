@@ -61,7 +61,7 @@ def find_gap(
         refit_base: fit inertia and friction of the base model too, before and with every effect.
         candidates: slugs to consider; the whole catalogue by default.
         progress: told the fraction done and what is being done.
-        design: where laws stay tied, design the experiment that would tell them apart.
+        design: where laws stay indistinguishable, design the experiment that would tell them apart.
 
     Raises:
         ValueError: no recording, or an unknown candidate.
@@ -170,7 +170,7 @@ def _result(
         for number, each in enumerate(rounds)
     )
     effects = tuple(step.effect for step in steps)
-    ties = [each.tied for each in rounds]
+    indistinguishable = [each.indistinguishable for each in rounds]
     remainder = remainder_of(last.fit, found[-1], power[0])
     beaten = {
         each.taken.slug: coordinate
@@ -182,10 +182,12 @@ def _result(
     series = first.fit.problem.series
     half = _reach(series.blocks) * np.sqrt(np.diag(covariance))
     at_bounds = {law.slug: names for law, own in laws if (names := law.at_bounds(last.fit.u[own], half[own]))}
-    late = late_record.told(last.fit, np.diag(covariance), _reach(series.blocks))
+    late = late_record.described(last.fit, np.diag(covariance), _reach(series.blocks))
     timing = _timing(recordings)
     timing = {**timing, **late, "warnings": [*timing["warnings"], *late["warnings"]]}
-    verdict, statement = decide(effects, ties, doubts_about(at_bounds, beaten, unnamed), numbers, remainder)
+    verdict, statement = decide(
+        effects, indistinguishable, doubts_about(at_bounds, beaten, unnamed), numbers, remainder
+    )
     noise = last.fit.noise_values()
     return GapResult(
         verdict,
@@ -250,7 +252,7 @@ def _step(
         float(np.clip((power[number] - power[number + 1]) / possible, 0.0, 1.0)),
         taken.evidence,
         taken.gain,
-        (*same, *(slug for slug in each.tied if slug not in same)),
+        (*same, *(slug for slug in each.indistinguishable if slug not in same)),
         ranking,
         parameters_of_term(term, u),
     )

@@ -41,7 +41,7 @@ class LiveStream:
         self._frames: deque[bytes] = deque(maxlen=WAITING_FRAMES)
         self._made = 0
         """Frames since the daemon began; the newest of them are kept."""
-        self._told_s = 0.0
+        self._sent_s = 0.0
         self._due_s = 0.0
         self._closed = False
 
@@ -67,8 +67,8 @@ class LiveStream:
         """
         if not self._readers:
             self._inbox.clear()
-            self._told_s = time.monotonic()
-            self._due_s = self._told_s + GATHER_S
+            self._sent_s = time.monotonic()
+            self._due_s = self._sent_s + GATHER_S
         self._readers += 1
         self.watched = True
         seen = self._made
@@ -95,13 +95,13 @@ class LiveStream:
         if now_s < self._due_s:
             return
         self._due_s = now_s + GATHER_S
-        if not self._inbox and now_s - self._told_s > SIGN_OF_LIFE_S:
+        if not self._inbox and now_s - self._sent_s > SIGN_OF_LIFE_S:
             self._inbox.append((empty_rows(), Context(0, 0, 1, 0.0, 0, time.time())))
         while self._inbox:
             frame = encode(*self._gather())
             self._frames.append(PREFIX.pack(len(frame)) + frame)
             self._made += 1
-            self._told_s = now_s
+            self._sent_s = now_s
 
     def _gather(self) -> tuple[Rows, Context]:
         """The oldest portion that waits, and those behind it that go on where it ends, under the same settings."""

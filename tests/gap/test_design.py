@@ -19,7 +19,7 @@ from hapticd.gap.fit import Fit
 from hapticd.gap.model_file import with_effects
 from hapticd.gap.recording import Recording
 from hapticd.gap.terms import term
-from hapticd.gap.trial import Rival, play, rival_of, separation
+from hapticd.gap.trial import CompetingModel, competing_model, play, separation
 from hapticd.gap.workflow import problem_of
 from hapticd.servo.excitation import build
 from hapticd.servo.experiment import Experiment, experiment_of, read_experiment
@@ -52,7 +52,7 @@ def contender(recording: Recording, slug: str, *, base: Any = (), **values: floa
     return Contender(slug, CrossValidated(fit, np.zeros(fit.problem.series.blocks)), 40.0, 8.0)
 
 
-def tied(recording: Recording, *slugs: str) -> Round:
+def ambiguous(recording: Recording, *slugs: str) -> Round:
     contenders = tuple(contender(recording, slug) for slug in slugs)
     return Round(contenders[0].judged, contenders, slugs[1:])
 
@@ -60,31 +60,33 @@ def tied(recording: Recording, *slugs: str) -> Round:
 @pytest.fixture(scope="module")
 def planned(still: Recording) -> tuple[dict[str, Any], list[float]]:
     shares: list[float] = []
-    plan = next_experiment(MODEL, [tied(still, "gravity", "constant_bias")], lambda share, what: shares.append(share))
+    plan = next_experiment(
+        MODEL, [ambiguous(still, "gravity", "constant_bias")], lambda share, what: shares.append(share)
+    )
     assert plan is not None
     return plan, shares
 
 
 @pytest.fixture(scope="module")
-def rivals(still: Recording) -> list[Rival]:
+def models(still: Recording) -> list[CompetingModel]:
     found = []
     for slug in LAWS:
         fit = contender(still, slug).judged.fit
-        one = rival_of(MODEL, fit, fit, slug, 0)
+        one = competing_model(MODEL, fit, fit, slug, 0)
         assert one is not None
         found.append(one)
     return found
 
 
 def test_the_plan_separates_what_a_still_shaft_does_not(
-    planned: tuple[dict[str, Any], list[float]], rivals: list[Rival]
+    planned: tuple[dict[str, Any], list[float]], models: list[CompetingModel]
 ) -> None:
     plan, shares = planned
     assert plan["separates"] == ["gravity", "constant_bias"]
-    before = separation(STILL, pairs(rivals))
+    before = separation(STILL, pairs(models))
     assert before is not None
     assert before < 0.7 * plan["expected"]
-    assert plan["expected"] > constants.TIE
+    assert plan["expected"] > constants.INDISTINGUISHABLE
     assert f"expected separation of gravity and constant_bias: {plan['expected']:.1f} standard errors" in plan["words"]
     assert "these data: 0.0" in plan["words"]
     assert shares == sorted(shares)
@@ -112,9 +114,9 @@ def test_the_planned_experiment_names_the_true_one(
     assert other not in found.steps[0].indistinguishable_from
 
 
-def test_what_one_law_can_absorb_does_not_count(rivals: list[Rival]) -> None:
+def test_what_one_law_can_absorb_does_not_count(models: list[CompetingModel]) -> None:
     """A bias a little larger is no other law, unless the data at hand know it well."""
-    bias = rivals[1]
+    bias = models[1]
     larger = replace(bias, slug="larger", terms=(bias.terms[0].moved([1.05 * bias.terms[0].start[0]]),))
     experiment = Experiment("steps", amplitude=0.3, duration_s=4.0)
     known = separation(experiment, [(bias, larger)])
@@ -125,9 +127,9 @@ def test_what_one_law_can_absorb_does_not_count(rivals: list[Rival]) -> None:
 
 
 def test_twins_cannot_be_separated_and_the_plan_says_so(still: Recording) -> None:
-    stage = tied(still, "constant_bias")
+    stage = ambiguous(still, "constant_bias")
     twin = contender(still, "asymmetric_coulomb", a=-LAWS["constant_bias"]["tau_0"] / MODEL.plant.coulomb)
-    stage = replace(stage, contenders=(*stage.contenders, twin), tied=(twin.slug,))
+    stage = replace(stage, contenders=(*stage.contenders, twin), indistinguishable=(twin.slug,))
     plan = next_experiment(MODEL, [stage], lambda share, what: None)
     assert plan is not None
     assert plan["expected"] < 0.5
@@ -138,26 +140,26 @@ def test_twins_cannot_be_separated_and_the_plan_says_so(still: Recording) -> Non
 
 def test_where_nothing_may_move_the_simpler_law_is_preferred(still: Recording) -> None:
     held = MODEL.model_copy(update={"safety": MODEL.safety.model_copy(update={"max_excursion": 1e-4})})
-    plan = next_experiment(held, [tied(still, "gravity", "constant_bias")], lambda share, what: None)
+    plan = next_experiment(held, [ambiguous(still, "gravity", "constant_bias")], lambda share, what: None)
     assert plan is not None
     assert (plan["expected"], plan["experiment"]) == (None, None)
     assert "No experiment that the limits admit" in plan["words"]
     assert "prefer the simpler law, constant_bias" in plan["words"]
 
 
-def test_what_is_not_tied_needs_no_experiment(still: Recording) -> None:
-    stage = replace(tied(still, "gravity", "constant_bias"), tied=())
+def test_what_is_not_ambiguous_needs_no_experiment(still: Recording) -> None:
+    stage = replace(ambiguous(still, "gravity", "constant_bias"), indistinguishable=())
     assert next_experiment(MODEL, [stage], lambda share, what: None) is None
 
 
-def test_later_effects_and_fitted_base_parameters_belong_to_both_rivals(still: Recording) -> None:
+def test_later_effects_and_fitted_base_parameters_belong_to_both_models(still: Recording) -> None:
     from hapticd.gap.workflow import base_terms
 
     base = base_terms(problem_of([still], MODEL))
     first = contender(still, "constant_bias", base=base).judged.fit
     later = term("transport_delay", {"t_d": 1e-3}, (), 0.1)
     last = Fit.started(first.problem, (*first.terms, later), NOISE)
-    found = rival_of(MODEL, first, last, "constant_bias", len(base))
+    found = competing_model(MODEL, first, last, "constant_bias", len(base))
     assert found is not None
     assert [effect.name for effect in found.config.plant.effects] == ["constant_bias", "transport_delay"]
     assert found.config.plant.inertia == pytest.approx(MODEL.plant.inertia)
@@ -167,7 +169,7 @@ def test_later_effects_and_fitted_base_parameters_belong_to_both_rivals(still: R
 def test_a_hand_lets_go_before_the_experiment(still: Recording) -> None:
     hand = term("hand_impedance", {"m_h": 1e-6, "on_s": 1.0, "off_s": 2.0}, ("on_s", "off_s"), 0.1)
     fit = Fit.started(problem_of([still], MODEL), (hand,), NOISE)
-    found = rival_of(MODEL, fit, fit, "hand_impedance", 0)
+    found = competing_model(MODEL, fit, fit, "hand_impedance", 0)
     assert found is not None
     assert (found.terms, found.config.plant.effects) == ((), ())
 

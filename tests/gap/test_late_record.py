@@ -15,7 +15,7 @@ from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
 from hapticd.gap.terms import Term
-from hapticd.gap.words import timing, timing_is_off
+from hapticd.gap.text import timing, timing_is_off
 
 ROWS = 2
 

@@ -18,7 +18,7 @@ from hapticd.servo.experiment import Experiment
 
 MODEL = parse_config({}, "model")
 PLAN = {"excitation": "release", "amplitude": 0.3, "duration_s": 4.0, "settings": {"encoder.decimation": 1}}
-TIE = {"words": "Play it.", "separates": ["a", "b"], "expected": 9.0, "experiment": PLAN}
+AMBIGUOUS = {"words": "Play it.", "separates": ["a", "b"], "expected": 9.0, "experiment": PLAN}
 
 
 def result(verdict: Any, planned: dict[str, Any] | None = None) -> GapResult:
@@ -95,7 +95,7 @@ def test_a_clear_answer_needs_one_experiment(monkeypatch: pytest.MonkeyPatch) ->
 
 def test_a_tie_is_followed_by_the_designed_experiment_and_a_look_at_both(monkeypatch: pytest.MonkeyPatch) -> None:
     daemon = FakeDaemon([done("/r/1.arrow"), done("/r/2.arrow")])
-    found, looks, said = circle(monkeypatch, daemon, [result("ambiguous", TIE), result("effect_found")])
+    found, looks, said = circle(monkeypatch, daemon, [result("ambiguous", AMBIGUOUS), result("effect_found")])
     assert (found.verdict, looks) == ("effect_found", ["1.arrow", "1.arrow+2.arrow"])
     assert daemon.calls[1:] == [
         ("set", {"encoder.decimation": 1}),
@@ -107,7 +107,7 @@ def test_a_tie_is_followed_by_the_designed_experiment_and_a_look_at_both(monkeyp
 
 def test_a_tie_that_no_experiment_breaks_ends_there(monkeypatch: pytest.MonkeyPatch) -> None:
     found, looks, _ = circle(
-        monkeypatch, FakeDaemon([done("/r/1.arrow")]), [result("ambiguous", {**TIE, "experiment": None})]
+        monkeypatch, FakeDaemon([done("/r/1.arrow")]), [result("ambiguous", {**AMBIGUOUS, "experiment": None})]
     )
     assert (found.verdict, looks) == ("ambiguous", ["1.arrow"])
 
@@ -115,7 +115,7 @@ def test_a_tie_that_no_experiment_breaks_ends_there(monkeypatch: pytest.MonkeyPa
 def test_an_interruption_stops_the_shaft_and_takes_settings_back(monkeypatch: pytest.MonkeyPatch) -> None:
     daemon = FakeDaemon([done("/r/1.arrow"), KeyboardInterrupt()])
     with pytest.raises(KeyboardInterrupt):
-        circle(monkeypatch, daemon, [result("ambiguous", TIE)])
+        circle(monkeypatch, daemon, [result("ambiguous", AMBIGUOUS)])
     assert daemon.calls[-2:] == ["stop", ("set", {"encoder.decimation": MODEL.encoder.decimation})]
 
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.gap import words
+from hapticd.gap import text as gap_text
 from hapticd.gap.consequences import consequences
 from hapticd.gap.figures import all_figures
 from hapticd.gap.profile import Profile
@@ -104,9 +104,9 @@ def test_a_linear_device_is_told_of_in_its_units(nominal_run: Recording) -> None
     assert "1.04e-05 N RMS missing force" in text
 
 
-def test_a_tie_names_both_in_the_title(nominal_run: Recording) -> None:
-    tied = replace(FOUND, verdict="ambiguous", steps=(replace(STEP, indistinguishable_from=("presliding",)),))
-    text = first_screen(tied, nominal_run)
+def test_an_ambiguous_answer_names_both_in_the_title(nominal_run: Recording) -> None:
+    ambiguous = replace(FOUND, verdict="ambiguous", steps=(replace(STEP, indistinguishable_from=("presliding",)),))
+    text = first_screen(ambiguous, nominal_run)
     assert "Missing: stribeck or presliding; these data leave open which" in text
     assert "do not tell it from presliding" in text
 
@@ -170,7 +170,7 @@ def test_orders_that_were_chosen_are_told_with_the_ripple(nominal_run: Recording
     assert "orders = 7, 14" in first_screen(replace(FOUND, steps=(ripple,)), nominal_run)
 
 
-def test_a_law_that_contains_the_named_one_is_no_rival() -> None:
+def test_a_law_that_contains_the_named_one_is_not_indistinguishable_from_it() -> None:
     step = {
         "effect": "constant_bias",
         "indistinguishable_from": ["asymmetric_coulomb"],
@@ -180,7 +180,7 @@ def test_a_law_that_contains_the_named_one_is_no_rival() -> None:
             {"effect": "gravity", "gain": 17.0, "evidence": 4.3, "behind": 6.7},
         ],
     }
-    assert words.behind(step) == (
+    assert gap_text.behind(step) == (
         "asymmetric_coulomb is the same law in other parameters; return_spring, of which it is a limit, predicts no better; "
         "the next best, gravity, is 6.7 standard errors behind"
     )

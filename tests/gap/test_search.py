@@ -64,7 +64,7 @@ def test_evidence_is_gain_in_standard_errors(biased: CrossValidated, corrected: 
     assert negative < 0.0
 
 
-def test_discrete_choices_have_a_price(biased: CrossValidated, corrected: CrossValidated) -> None:
+def test_discrete_choices_have_a_penalty(biased: CrossValidated, corrected: CrossValidated) -> None:
     dear = cross_validate(corrected.fit, 7.0)
     assert dear.total == pytest.approx(corrected.total - 7.0, abs=1e-6)
     assert evidence(dear, biased)[0] == pytest.approx(evidence(corrected, biased)[0] - 7.0, abs=1e-6)
@@ -111,7 +111,7 @@ def test_nothing_to_consider_is_no_round(biased: CrossValidated) -> None:
     assert rounds == []
 
 
-def test_a_tie_is_asked_again_when_more_is_known(hidden: Hidden) -> None:
+def test_indistinguishable_laws_are_asked_again_when_more_is_known(hidden: Hidden) -> None:
     ripple = {"name": "torque_ripple", "orders": [14], "amplitudes": [2e-3], "phases": [1.0]}
     recording, model = hidden([{"name": "transport_delay", "t_d": 6e-4}, ripple], 3, SECONDS)
     first = cross_validate(nominal_fit(problem_of([recording], model)))
@@ -123,10 +123,10 @@ def test_a_tie_is_asked_again_when_more_is_known(hidden: Hidden) -> None:
     rounds.append(Round(wrong_first[0].judged, tuple(compete(wrong_first[0].judged, ["torque_ripple"], needed)), ()))
     look_back(rounds, list(CATALOGUE), 0, critical(first.held_out.size, 24), needed)
     assert [found.taken.slug for found in rounds] == ["torque_ripple", "transport_delay"]
-    assert [found.tied for found in rounds] == [(), ()]
-    # What was named before is still there to be compared with, and its price is no longer paid.
+    assert [found.indistinguishable for found in rounds] == [(), ()]
+    # What was named before is still there to be compared with, and its penalty no longer counts.
     assert [contender.slug for contender in rounds[-1].contenders] == ["transport_delay", "dropped_samples"]
-    assert evidence(rounds[-1].taken.judged, rounds[-1].contenders[1].judged)[1] > constants.TIE
+    assert evidence(rounds[-1].taken.judged, rounds[-1].contenders[1].judged)[1] > constants.INDISTINGUISHABLE
     assert rounds[-1].taken.judged.penalty == pytest.approx(sum(found.taken.penalty for found in rounds))
 
 

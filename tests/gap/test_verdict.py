@@ -18,7 +18,7 @@ LEFT = Remainder(
 
 
 @pytest.mark.parametrize(
-    ("effects", "tied", "remainder", "verdict"),
+    ("effects", "indistinguishable", "remainder", "verdict"),
     [
         ([], [], CLEAN, "no_missing_effect"),
         ([], [], LEFT, "unexplained"),
@@ -30,8 +30,10 @@ LEFT = Remainder(
         (["stribeck", "gravity"], [(), ("constant_bias",)], CLEAN, "ambiguous"),
     ],
 )
-def test_the_verdict(effects: list[str], tied: list[tuple[str, ...]], remainder: Remainder, verdict: str) -> None:
-    found, statement = decide(effects, tied, [], GAP, remainder)
+def test_the_verdict(
+    effects: list[str], indistinguishable: list[tuple[str, ...]], remainder: Remainder, verdict: str
+) -> None:
+    found, statement = decide(effects, indistinguishable, [], GAP, remainder)
     assert found == verdict
     assert statement.endswith(".")
     for effect in effects if verdict != "ambiguous" else []:
@@ -48,15 +50,15 @@ def test_numbers_before_and_after_are_said() -> None:
     assert statement == "Missing: stribeck and gravity (missing 0.00031 N m before, 1.2e-05 N m after)."
 
 
-def test_what_is_tied_is_said() -> None:
+def test_what_is_indistinguishable_is_said() -> None:
     _, statement = decide(["gravity"], [("constant_bias", "return_spring")], [], GAP, CLEAN)
     assert "gravity or constant_bias or return_spring" in statement
     assert "cannot tell" in statement
 
 
 def test_what_is_left_is_said() -> None:
-    for effects, tied in (([], []), (["gravity"], [()])):
-        assert LEFT.words in decide(effects, tied, [], GAP, LEFT)[1]
+    for effects, indistinguishable in (([], []), (["gravity"], [()])):
+        assert LEFT.words in decide(effects, indistinguishable, [], GAP, LEFT)[1]
 
 
 @pytest.mark.parametrize(

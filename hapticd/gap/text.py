@@ -40,7 +40,7 @@ SHOWS_AS: Final = {
     "change of the current": "a torque that follows changes of the current, or a current filtered before it was recorded",
 }
 """Coordinate to what a missing force looks like that depends on it."""
-_TOLD: Final = 3
+_LISTED: Final = 3
 _JITTER: Final = 0.05
 """Share of a period above which the jitter of the samples is worth a word before everything else."""
 
@@ -61,8 +61,8 @@ def places(where: Sequence[Mapping[str, Any]], unit: str) -> list[str]:
     Args:
         where: of `gap.json`. unit: of the gap.
     """
-    told = [entry for entry in where if entry["share"] >= constants.STRUCTURE_SHARE][:_TOLD]
-    return [_place(entry, unit) for entry in told]
+    listed = [entry for entry in where if entry["share"] >= constants.STRUCTURE_SHARE][:_LISTED]
+    return [_place(entry, unit) for entry in listed]
 
 
 def _place(entry: Mapping[str, Any], unit: str) -> str:
@@ -95,14 +95,14 @@ def behind(step: Mapping[str, Any]) -> str:
     """How well the data tell an effect from the others; `step` of `gap.json`."""
     effect = step["effect"]
     same = [other for other in step["indistinguishable_from"] if other in CATALOGUE[effect].equivalent_to]
-    tied = [other for other in step["indistinguishable_from"] if other not in same]
+    indistinguishable = [other for other in step["indistinguishable_from"] if other not in same]
     clauses = [f"{other} is the same law in other parameters" for other in same]
-    if tied:
-        return "; ".join([*clauses, f"these data do not tell it from {', '.join(tied)}"])
+    if indistinguishable:
+        return "; ".join([*clauses, f"these data do not tell it from {', '.join(indistinguishable)}"])
     others = sorted(
         (ranked for ranked in step["ranking"] if ranked["effect"] != effect), key=lambda ranked: float(ranked["behind"])
     )
-    wider = [ranked["effect"] for ranked in others if ranked["behind"] < constants.TIE]
+    wider = [ranked["effect"] for ranked in others if ranked["behind"] < constants.INDISTINGUISHABLE]
     clauses += [f"{other}, of which it is a limit, predicts no better" for other in wider]
     rest = others[len(wider) :]
     if rest:
