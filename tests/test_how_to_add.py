@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any
 
+import numba
+import numpy as np
 import pytest
 import typer
 from annotated_types import Ge
@@ -26,8 +28,10 @@ from hapticd.config.sections import Spring
 from hapticd.control.endpoints import Endpoints, JsonDict, endpoint
 from hapticd.service.api import create_app
 from hapticd.servo import atomics, faults
+from hapticd.servo import core as servo_core
 from hapticd.servo import layout as w
 from hapticd.servo.gate import raise_fault
+from hapticd.servo.loop import take_parameters
 from tests.service.fake_control import FakeControl, serve
 from tests.servo.scripted import Scripted, config, core_for
 
@@ -147,6 +151,39 @@ def test_a_setting() -> None:
     with pytest.raises(ConfigError, match=r"spring\.cubic"):
         parse_config({"spring": {"cubik": 1}}, "rig.yaml")
     assert "| `spring.cubic` | N m/rad³, N/m³ |" in reference_page()
+
+
+LAB_PARAMS = np.dtype([*((name, w.PARAMS[name]) for name in w.PARAMS.names or ()), ("cubic", "f8")], align=True)
+_CHANGED = {"params": LAB_PARAMS, "mailbox": np.dtype((LAB_PARAMS, 3))}
+LAB_SERVO = np.dtype([(name, _CHANGED.get(name, w.SERVO[name])) for name in w.SERVO.names or ()], align=True)
+
+
+def _lab_parameters(cfg: Config) -> np.void:
+    p = servo_core.parameters(cfg, servo_core.Request(state=w.RUNNING))
+    p["cubic"] = cfg.spring.model_dump()["cubic"] * cfg.resolution**3
+    return p
+
+
+@pytest.mark.usefixtures("_with_a_setting")
+def test_a_setting_of_the_servo_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A field of `PARAMS` and its value in `parameters`: then the loop has it in force, and takes a new one."""
+    signature = numba.void(numba.from_dtype(LAB_SERVO), numba.int64[::1], numba.from_dtype(LAB_PARAMS))
+    monkeypatch.setattr(servo_core, "PARAMS", LAB_PARAMS)
+    monkeypatch.setattr(servo_core, "SERVO", LAB_SERVO)
+    monkeypatch.setattr(servo_core, "_publish", numba.njit(signature)(servo_core._publish.py_func))
+    take = numba.njit(take_parameters.py_func)
+    driver = Scripted(config())
+    driver.open()
+    core = servo_core.ServoCore(driver, ring_rows=1024, excitation_rows=256)
+    first, second = (parse_config({"spring": {"cubic": value}}, "rig.yaml") for value in (2.5, 4.0))
+    core.publish(_lab_parameters(first))
+    core.begin(0)
+    assert core.params["cubic"] == 2.5 * first.resolution**3
+    core.publish(_lab_parameters(second))
+    assert take(core.memory[0], core.shared)
+    assert core.params["cubic"] == 4.0 * second.resolution**3
+    assert core.params["force_per_tick"] == second.spring.stiffness * second.resolution
+    assert not take(core.memory[0], core.shared)
 
 
 class _Lab(Endpoints):
