@@ -194,7 +194,7 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         without = cross_validate(poorer.maximise(tolerance=ROUGH * needed), penalty)
         gain, errors = evidence(last.judged, without)
         is_closing = closes(last.judged.fit, without.fit)
-        if errors < needed_errors or not (is_closing or matters(last.judged, without)):
+        if errors < needed_errors or not matters(last.judged, without):
             gone.add(named.taken.slug)
             _take_out(rounds, number, without)
             _reopen(rounds, number)
