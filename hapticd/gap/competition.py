@@ -160,12 +160,18 @@ def _approached(present: Fit, candidate: Candidate) -> Fit:
 
 
 def admitted(contenders: Sequence[Contender], present: CrossValidated, *, is_further: bool) -> list[Contender]:
-    """Those that may be named. A law at its limit is another law: an answer may be that vague, but does not grow by it."""
+    """Those that may be named.
+
+    A law at its limit is another law: an answer may be that vague where that closes its share, but does not grow by it.
+    """
     return [
         contender
         for contender in contenders
-        if not (is_further and contender.law.at_bounds(contender.law.start))
-        and keeps_the_drive(contender.judged.fit, present.fit)
+        if keeps_the_drive(contender.judged.fit, present.fit)
+        and not (
+            contender.law.at_bounds(contender.law.start)
+            and (is_further or not closes(contender.judged.fit, present.fit))
+        )
     ]
 
 

@@ -20,6 +20,7 @@ from hapticd.gap.competition import (
     Contender,
     CrossValidated,
     Round,
+    admitted,
     closes,
     compete,
     cross_validate,
@@ -360,6 +361,21 @@ def test_a_law_that_may_not_be_named_beats_no_other(biased: CrossValidated, monk
     assert other.slug != best.slug
 
 
+def test_a_law_at_its_limit_is_named_alone_and_only_where_that_closes_its_share(
+    biased: CrossValidated, corrected: CrossValidated, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    small = cross_validate(biased.fit.extended(term("constant_bias", {"tau_0": 1e-6}, (), 0.1)))
+    large, tiny = (Contender("constant_bias", judged, 1.0, 9.0) for judged in (corrected, small))
+
+    def may_be_named(is_further: bool) -> list[bool]:
+        return [admitted([one], biased, is_further=is_further) == [one] for one in (large, tiny)]
+
+    assert may_be_named(False) == may_be_named(True) == [True, True]
+    monkeypatch.setattr(Term, "at_bounds", lambda law, u: [law.coordinates[0].name])
+    assert may_be_named(False) == [True, False]
+    assert may_be_named(True) == [False, False]
+
+
 def test_a_law_that_ends_at_a_limit_as_it_is_climbed_gives_way_to_the_next(
     biased: CrossValidated, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -368,11 +384,11 @@ def test_a_law_that_ends_at_a_limit_as_it_is_climbed_gives_way_to_the_next(
     first, second = (compete(biased, [slug], 0.0)[0] for slug in slugs)
     monkeypatch.setattr("hapticd.gap.search.compete", lambda present, slugs, needed: [first, second])
 
-    def admitted(contenders: list[Contender], present: CrossValidated, *, is_further: bool) -> list[Contender]:
+    def admits(contenders: list[Contender], present: CrossValidated, *, is_further: bool) -> list[Contender]:
         climbed = len(contenders) == 1
         return [one for one in contenders if not (climbed and one.slug == first.slug)]
 
-    monkeypatch.setattr("hapticd.gap.search.admitted", admitted)
+    monkeypatch.setattr("hapticd.gap.search.admitted", admits)
     monkeypatch.setattr("hapticd.gap.constants.MOST_EFFECTS", 2)
     rounds: list[Round] = []
     search(biased, slugs, lambda share, text: None, rounds)
