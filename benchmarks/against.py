@@ -13,6 +13,7 @@ import statistics
 import subprocess
 import sys
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
 
 from rich.console import Console
@@ -34,9 +35,11 @@ def _figures(tree: Path, name: str, is_quick: bool, scratch: Path) -> dict[str, 
     return {figure["name"]: (figure["value"], figure["unit"]) for figure in json.loads(out.read_text())["figures"]}
 
 
-def compare(commit: str, names: list[str], pairs: int, is_quick: bool) -> Table:
-    """A row for each figure that both have: the commit's median, this tree's, and the median ratio of the pairs."""
-    table = Table("benchmark", "figure", "unit", commit, "here", "ratio", "pairs")
+def compare(commit: str, names: list[str], pairs: int, is_quick: bool) -> Iterator[Table]:
+    """A table for each benchmark, as soon as it is done.
+
+    A row for each figure that both have: the commit's median, this tree's, and the median ratio of the pairs.
+    """
     with tempfile.TemporaryDirectory() as folder:
         scratch, other = Path(folder), Path(folder) / "tree"
         add = ["git", "worktree", "add", "--detach", "--quiet", str(other), commit]
@@ -44,6 +47,7 @@ def compare(commit: str, names: list[str], pairs: int, is_quick: bool) -> Table:
             raise BenchmarkError(f"no commit {commit} could be checked out")
         try:
             for name in names:
+                table = Table(name, "unit", commit, "here", "ratio", "pairs")
                 both: list[dict[Path, dict[str, tuple[float, str]]]] = []
                 for pair in range(pairs + 1):  # the first pair compiles, and does not count
                     order = (other, _ROOT) if pair % 2 else (_ROOT, other)
@@ -58,10 +62,10 @@ def compare(commit: str, names: list[str], pairs: int, is_quick: bool) -> Table:
                     if ratios:
                         spread = ", ".join(f"{ratio:.3g}" for ratio in ratios)
                         medians = [f"{statistics.median(values):.4g}" for values in (theirs, ours, ratios)]
-                        table.add_row(name, figure, unit, *medians, spread)
+                        table.add_row(figure, unit, *medians, spread)
+                yield table
         finally:
             subprocess.run(["git", "worktree", "remove", "--force", str(other)], cwd=_ROOT, check=False)
-    return table
 
 
 def main() -> int:
@@ -73,11 +77,11 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="short trials: right in kind, wide in scatter")
     options = parser.parse_args()
     try:
-        table = compare(options.commit, options.names, options.pairs, options.quick)
+        for table in compare(options.commit, options.names, options.pairs, options.quick):
+            Console(width=150).print(table)
     except BenchmarkError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
-    Console(width=150).print(table)
     return 0
 
 

@@ -78,7 +78,7 @@ def _cached(function: Callable[..., Any]) -> Iterator[None]:
         numba.config.CACHE_DIR = before
 
 
-def njit(*signature: Any, inline: bool = False, counted: bool = True) -> Callable[[F], F]:
+def njit(*signature: Any, inline: bool = False, counted: bool = True, reorder: bool = False) -> Callable[[F], F]:
     """Compile a function without the GIL, cached on disk, with IEEE division semantics (no ZeroDivisionError).
 
     Args:
@@ -86,12 +86,16 @@ def njit(*signature: Any, inline: bool = False, counted: bool = True) -> Callabl
         inline: make LLVM inline the function; an array argument costs seven words a call otherwise.
         counted: keep reference counts of arrays. A function that makes no array can do without: each array argument
             otherwise costs two atomic operations a call, several times the work of a servo tick in all.
+        reorder: let LLVM sum in another order and fuse products with sums, so that it computes several terms of a loop at
+            once. Infinity and not-a-number stay what they are.
     """
     options: dict[str, Any] = {"nogil": True, "cache": True, "error_model": "numpy", "boundscheck": False}
     if inline:
         options["forceinline"] = True
     if not counted:
         options["_nrt"] = False
+    if reorder:
+        options["fastmath"] = {"reassoc", "contract"}
 
     def decorate(function: F) -> F:
         with _cached(function):

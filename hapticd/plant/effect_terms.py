@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from numba import types
 
 from hapticd.effects import (
@@ -67,6 +68,7 @@ STEADY_PART = 0.5
 """Largest change of speed over which friction may be taken at the mean speed where it changes, in units of `speed_scale`."""
 _STEADY_REACH = 4.0
 """Speed in those units from which on friction is as good as constant."""
+_QUARTER = 0.5 * math.pi
 _SHORT = 0.1
 """Half way below which five terms of the series of sin(half)/half are exact to rounding, and faster."""
 SMALLEST_BREAKAWAY = 1e-12
@@ -98,6 +100,40 @@ def mean_sine(middle: float, half: float) -> float:
     return math.sin(middle) * math.sin(half) / half
 
 
+@njit(_f8(_f8), inline=True, reorder=True)
+def _sinc(q: float) -> float:
+    """Return sin(a)/a for q = a² ≤ (π/2)², to rounding: the Taylor series."""
+    q2 = q * q
+    low = (1.0 - q * (1.0 / 6.0)) + q2 * (1.0 / 120.0 - q * (1.0 / 5040.0))
+    high = (1.0 / 362880.0 - q * (1.0 / 39916800.0)) + q2 * (1.0 / 6227020800.0 - q * (1.0 / 1307674368000.0))
+    return low + q2 * q2 * (high + q2 * q2 * (1.0 / 355687428096000.0 - q * (1.0 / 121645100408832000.0)))
+
+
+@njit(_f8(_p, _f8, _f8), counted=False, reorder=True)
+def _ripple(p: NDArray[Any], middle: float, half: float) -> float:
+    """Return the torque of all orders over ``middle`` ± ``half``; unused ones have no amplitude.
+
+    Without a branch, so that the processor takes several orders at once; a sine is that of the rest of its whole turns.
+    """
+    orders = ripple = 0.0
+    for k in range(_RIPPLE_ORDERS):
+        orders += p[_ORDERS + k]
+    if orders * abs(half) > _QUARTER:
+        for k in range(_RIPPLE_ORDERS):
+            order = p[_ORDERS + k]
+            ripple += _ripple_torque(mean_sine(order * middle + p[_PHASES + k], order * half), p[_AMPLITUDES + k])
+        return ripple
+    for k in range(_RIPPLE_ORDERS):
+        order = p[_ORDERS + k]
+        turns = (order * middle + p[_PHASES + k]) * (0.25 / _QUARTER)
+        rest = turns - np.floor(turns) - 0.5  # half a turn less than it is: the sine's sign is changed below
+        size = abs(rest)
+        angle = math.copysign(min(size, 0.5 - size), rest) * (4.0 * _QUARTER)
+        way = order * half
+        ripple -= _ripple_torque(angle * _sinc(angle * angle) * _sinc(way * way), p[_AMPLITUDES + k])
+    return ripple
+
+
 @njit(_f8(_p, _f8, _f8, _f8, _f8, _f8), counted=False, inline=True)
 def field_torque(p: NDArray[Any], start: float, end: float, velocity: float, time: float, current: float) -> float:
     """Return the torque of the terms that depend on position, and of those from outside.
@@ -115,12 +151,7 @@ def field_torque(p: NDArray[Any], start: float, end: float, velocity: float, tim
     if p[_GRAVITY] != 0.0:
         torque += _gravity_torque(mean_sine(middle - p[_GRAVITY_REST], half), p[_GRAVITY])
     if p[_ORDERS] != 0.0:
-        ripple = 0.0
-        for k in range(_RIPPLE_ORDERS):
-            if p[_AMPLITUDES + k] != 0.0:
-                order = p[_ORDERS + k]
-                ripple += _ripple_torque(mean_sine(order * middle + p[_PHASES + k], order * half), p[_AMPLITUDES + k])
-        torque += ripple * _ripple_gain(current, p[_PROPORTION])
+        torque += _ripple(p, middle, half) * _ripple_gain(current, p[_PROPORTION])
     if are_installed(p):
         torque += hooked_torque(p, middle, velocity, time, current)
     return torque
