@@ -19,6 +19,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.__main__ import NAMES as KNOWN
 from benchmarks.report import BenchmarkError, progress
 
 _ROOT = Path(__file__).parent.parent
@@ -72,16 +73,22 @@ def main() -> int:
     """Run what was asked for and print the table; 1 when a benchmark could not be run."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks.against", description=__doc__.splitlines()[0])
     parser.add_argument("commit", metavar="COMMIT", help="what to compare with, as git names it")
-    parser.add_argument("names", nargs="*", metavar="NAME", default=list(NAMES), help=f"default: {', '.join(NAMES)}")
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"default: {', '.join(NAMES)}")
     parser.add_argument("--pairs", type=int, default=3, metavar="N", help="pairs that count (default: %(default)s)")
     parser.add_argument("--quick", action="store_true", help="short trials: right in kind, wide in scatter")
     options = parser.parse_args()
+    if unknown := [name for name in options.names if name not in KNOWN]:
+        parser.error(f"no benchmark is called {', '.join(unknown)}; there are {', '.join(KNOWN)}")
+    if options.pairs < 1:
+        parser.error(f"--pairs {options.pairs}: at least 1")
     try:
-        for table in compare(options.commit, options.names, options.pairs, options.quick):
+        for table in compare(options.commit, options.names or list(NAMES), options.pairs, options.quick):
             Console(width=150).print(table)
     except BenchmarkError as error:
         print(f"error: {error}", file=sys.stderr)
         return 1
+    except KeyboardInterrupt:
+        return 130
     return 0
 
 

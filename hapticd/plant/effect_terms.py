@@ -68,9 +68,8 @@ STEADY_PART = 0.5
 """Largest change of speed over which friction may be taken at the mean speed where it changes, in units of `speed_scale`."""
 _STEADY_REACH = 4.0
 """Speed in those units from which on friction is as good as constant."""
-_QUARTER = 0.5 * math.pi
-_SHORT = 0.1
-"""Half way below which five terms of the series of sin(half)/half are exact to rounding, and faster."""
+_SHORT = 0.5 * math.pi
+"""Half way up to which ten terms of the series of sin(half)/half are exact to rounding, and faster."""
 SMALLEST_BREAKAWAY = 1e-12
 """Breakaway displacement [rad or m] from which on `presliding` differs from stiction."""
 
@@ -88,6 +87,15 @@ def has_smooth_terms(p: NDArray[Any]) -> bool:
     )
 
 
+@njit(_f8(_f8), inline=True, reorder=True)
+def _sinc(q: float) -> float:
+    """Return sin(a)/a for q = a² ≤ `_SHORT`², to rounding: the Taylor series."""
+    q2 = q * q
+    low = (1.0 - q * (1.0 / 6.0)) + q2 * (1.0 / 120.0 - q * (1.0 / 5040.0))
+    high = (1.0 / 362880.0 - q * (1.0 / 39916800.0)) + q2 * (1.0 / 6227020800.0 - q * (1.0 / 1307674368000.0))
+    return low + q2 * q2 * (high + q2 * q2 * (1.0 / 355687428096000.0 - q * (1.0 / 121645100408832000.0)))
+
+
 @njit(_f8(_f8, _f8), inline=True)
 def mean_sine(middle: float, half: float) -> float:
     """Return the mean of the sine over ``middle`` ± ``half``, sin(middle)·sin(half)/half.
@@ -95,18 +103,8 @@ def mean_sine(middle: float, half: float) -> float:
     Averaged like this over a step, a torque that depends on position does exactly the work of its potential.
     """
     if abs(half) < _SHORT:
-        q = half * half
-        return math.sin(middle) * (1.0 - q * (1.0 / 6.0 - q * (1.0 / 120.0 - q * (1.0 / 5040.0 - q / 362880.0))))
+        return math.sin(middle) * _sinc(half * half)
     return math.sin(middle) * math.sin(half) / half
-
-
-@njit(_f8(_f8), inline=True, reorder=True)
-def _sinc(q: float) -> float:
-    """Return sin(a)/a for q = a² ≤ (π/2)², to rounding: the Taylor series."""
-    q2 = q * q
-    low = (1.0 - q * (1.0 / 6.0)) + q2 * (1.0 / 120.0 - q * (1.0 / 5040.0))
-    high = (1.0 / 362880.0 - q * (1.0 / 39916800.0)) + q2 * (1.0 / 6227020800.0 - q * (1.0 / 1307674368000.0))
-    return low + q2 * q2 * (high + q2 * q2 * (1.0 / 355687428096000.0 - q * (1.0 / 121645100408832000.0)))
 
 
 @njit(_f8(_p, _f8, _f8), counted=False, reorder=True)
@@ -118,17 +116,17 @@ def _ripple(p: NDArray[Any], middle: float, half: float) -> float:
     orders = ripple = 0.0
     for k in range(_RIPPLE_ORDERS):
         orders += p[_ORDERS + k]
-    if orders * abs(half) > _QUARTER:
+    if orders * abs(half) > _SHORT:
         for k in range(_RIPPLE_ORDERS):
             order = p[_ORDERS + k]
             ripple += _ripple_torque(mean_sine(order * middle + p[_PHASES + k], order * half), p[_AMPLITUDES + k])
         return ripple
     for k in range(_RIPPLE_ORDERS):
         order = p[_ORDERS + k]
-        turns = (order * middle + p[_PHASES + k]) * (0.25 / _QUARTER)
+        turns = (order * middle + p[_PHASES + k]) * (1.0 / math.tau)
         rest = turns - np.floor(turns) - 0.5  # half a turn less than it is: the sine's sign is changed below
         size = abs(rest)
-        angle = math.copysign(min(size, 0.5 - size), rest) * (4.0 * _QUARTER)
+        angle = math.copysign(min(size, 0.5 - size), rest) * math.tau
         way = order * half
         ripple -= _ripple_torque(angle * _sinc(angle * angle) * _sinc(way * way), p[_AMPLITUDES + k])
     return ripple
