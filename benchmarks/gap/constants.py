@@ -1,7 +1,8 @@
 """``python -m benchmarks.gap.constants``: how much the answers depend on each constant of the verdict.
 
 Every number that `hapticd.gap.constants` names in capitals is taken times 0.7 and times 1.4, one at a time, and the workflow
-answers the same small plan again. Where a rate hardly moves, the constant was not tuned to these cases.
+answers the same small plan again. Where a rate hardly moves, the constant was not tuned to these cases; where no answer is
+another one, nothing in them needed it.
 """
 
 from __future__ import annotations
@@ -89,6 +90,22 @@ def rates(scored: Sequence[Scored]) -> dict[str, Rate]:
     }
 
 
+def _place(one: Scored) -> tuple[int, int]:
+    return one.truth["seed"], one.truth["number"]
+
+
+def _answer(one: Scored) -> tuple[str, frozenset[str]]:
+    return score.verdict_of(one.answer), frozenset(one.answer.get("effects", ()))
+
+
+def other_answers(scored: Sequence[Scored], as_it_is: Sequence[Scored]) -> Rate:
+    """The cases, answered both times, in which the verdict or the names differ."""
+    before = {_place(one): _answer(one) for one in as_it_is}
+    return summary.rate(
+        [one for one in scored if _place(one) in before], lambda one: _answer(one) != before[_place(one)]
+    )
+
+
 def table(rows: Mapping[str, Mapping[str, Rate]]) -> str:
     """One line a variant, with Wilson intervals of 95 %."""
     heads = next(iter(rows.values()))
@@ -100,7 +117,11 @@ def table(rows: Mapping[str, Mapping[str, Rate]]) -> str:
 
 def write(root: Path, tried: Sequence[Variant], cases: Sequence[plan.Case]) -> str:
     """Score, write constants.txt and constants.json, and return the text."""
-    rows = {one.label: rates(summary.load(root, one.folder, cases)) for one in tried}
+    answered = {one.label: summary.load(root, one.folder, cases) for one in tried}
+    rows = {
+        label: {**rates(scored), "another answer": other_answers(scored, answered[_AS_IT_IS])}
+        for label, scored in answered.items()
+    }
     text = table(rows)
     write_atomically(root / "constants.txt", text.encode())
     document = {

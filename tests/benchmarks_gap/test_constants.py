@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -73,4 +74,6 @@ def test_the_table_has_a_line_for_every_value(
     assert "0.0 % (0/1" in lines["as it is"].split("- ")[2]
     assert "100.0 % (1/1" in lines["LEVEL = 0.5 × 1.4"]
     assert "100.0 % (1/1" not in lines["LEVEL = 0.5 × 0.7"]
-    assert (tmp_path / "constants.json").is_file()
+    rows = json.loads((tmp_path / "constants.json").read_text())
+    changed_answers = {label: row["another answer"]["hits"] for label, row in rows.items()}
+    assert [changed_answers[label] for label in ("as it is", "LEVEL = 0.5 × 0.7", "LEVEL = 0.5 × 1.4")] == [0, 0, 1]
