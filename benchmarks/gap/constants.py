@@ -90,19 +90,15 @@ def rates(scored: Sequence[Scored]) -> dict[str, Rate]:
     }
 
 
-def _place(one: Scored) -> tuple[int, int]:
-    return one.truth["seed"], one.truth["number"]
-
-
 def _answer(one: Scored) -> tuple[str, frozenset[str]]:
     return score.verdict_of(one.answer), frozenset(one.answer.get("effects", ()))
 
 
 def other_answers(scored: Sequence[Scored], as_it_is: Sequence[Scored]) -> Rate:
     """The cases, answered both times, in which the verdict or the names differ."""
-    before = {_place(one): _answer(one) for one in as_it_is}
+    before = {one.truth["name"]: _answer(one) for one in as_it_is}
     return summary.rate(
-        [one for one in scored if _place(one) in before], lambda one: _answer(one) != before[_place(one)]
+        [one for one in scored if one.truth["name"] in before], lambda one: _answer(one) != before[one.truth["name"]]
     )
 
 
