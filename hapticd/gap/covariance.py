@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.parallel import each
 
 if TYPE_CHECKING:
@@ -27,18 +28,20 @@ def covariance_of(fit: Fit) -> Floats:
 
     The expected information, of means and of variances, is the bread of the sandwich (White 1982); scores summed over
     blocks are between, so that it is robust to what the model has wrong about single samples and their dependence. No
-    variance is less than what the model by itself says.
+    variance is less than what the model by itself says. A parameter at its bound is as uncertain as any other; the
+    noise there is off.
     """
     fit.differentiate()
-    free = fit.free(fit.scores.sum(axis=0))
+    free = fit.free(fit.scores.sum(axis=0)) | (np.arange(fit.u.size) >= len(NOISE))
     if any(CATALOGUE[item.slug].acts_on == "memory" for item in fit.terms if item.slug in CATALOGUE):
         _secants(fit, free)
-    scores = fit.scores[:, free]
+    scores = fit.scores[:, free] - fit.scores[:, free].mean(axis=0)  # at a bound they do not sum to zero
     A = fit.information()[np.ix_(free, free)] + np.diag(
         np.where(np.isfinite(fit.prior[free]), fit.prior[free] ** -2.0, 0.0)
     )
-    diagonal = np.diag(A) + 1e-12 / fit.scale[free] ** 2
-    bread = np.linalg.pinv(A + 1e-9 * np.diag(diagonal), hermitian=True)
+    unit = 1.0 / np.sqrt(np.diag(A) + 1e-12 / fit.scale[free] ** 2)
+    units = np.outer(unit, unit)
+    bread = units * np.linalg.inv(A * units + 1e-9 * np.eye(unit.size))
     sums = fit.problem.series.per_block(scores)
     filling = [scores.T @ scores, sums.T @ sums]
     variances = [np.diag(bread @ part @ bread) for part in filling]

@@ -276,7 +276,8 @@ def _estimates(
     for coordinate, value, own in zip(term.coordinates, u, variance, strict=True):
         model = accuracy if coordinate.is_log else accuracy * abs(value)
         half = reach * math.hypot(float(np.sqrt(own)), model)
-        ends = [min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + half)]
+        further = math.log1p(half) if coordinate.is_log and value <= coordinate.lower else half  # no size: of its value
+        ends = [min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + further)]
         values = [float(np.exp(v)) if coordinate.is_log else float(v) for v in (value, *ends)]
         unit = units[coordinate.name.partition("[")[0]]
         found[coordinate.name] = Estimate(values[0], (values[1], values[2]), unit)

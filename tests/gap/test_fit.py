@@ -15,7 +15,7 @@ from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.terms import term
-from hapticd.gap.workflow import problem_of
+from hapticd.gap.workflow import _estimates, problem_of
 
 SECONDS = 8.0
 HIDDEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
@@ -139,3 +139,19 @@ def test_a_record_without_noise_leaves_nothing_to_vary(
 
     monkeypatch.setattr(fit, "differentiate", pushed)
     assert not covariance_of(fit).any()
+
+
+@pytest.mark.parametrize("slug", ["dropped_samples", "backlash", "encoder_eccentricity"])
+def test_a_parameter_at_its_bound_has_an_interval(nothing: Fit, slug: str) -> None:
+    """It goes on from the bound as far as the data allow, and no farther."""
+    fit = nothing.extended(term(slug, next(iter(CATALOGUE[slug].starts(scale_of(nothing)))), (), 0.1))
+    first, last = fit.terms[0].coordinates[0], fit.columns(0).start
+    fit = fit.replaced(0, fit.terms[0].moved([first.lower, *fit.terms[0].start[1:]]))
+    variance = np.diag(covariance_of(fit))[fit.columns(0)]
+    found = _estimates(fit.terms[0], fit.u[fit.columns(0)], variance, fit.problem.series.blocks, False)[first.name]
+    ends = np.array([first.lower, first.upper])
+    lowest, highest = np.exp(ends) if first.is_log else ends
+    assert fit.u[last] == first.lower
+    assert found.ci95 is not None
+    assert found.ci95[0] == pytest.approx(lowest)
+    assert lowest < found.ci95[1] < 0.3 * highest
