@@ -26,7 +26,7 @@ EFFECT = Effect(
     parameters=(
         Parameter("f_r", "Hz", "Hz", neutral=math.inf, lower=0.1, upper=1e4, scale="log", required=True),
         load_share(),
-        Parameter("damping", *NUMBER, neutral=0.02, lower=0.0, upper=2.0),
+        Parameter("damping", *NUMBER, neutral=0.02, lower=0.0, upper=2.0, scale="log"),
     ),
     acts_on="memory",
     source="Two-mass drive: Ellis and Lorenz 2000; f_r is the anti-resonance seen from the motor.",
