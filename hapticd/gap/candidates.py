@@ -84,7 +84,7 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
         elif slug == grip.SLUG:
             found += grip.first_grip(space, scale)
         elif CATALOGUE[slug].acts_on == "input":
-            found += _input(space, part, slug, scale)
+            found += _input(space, slug, scale)
         else:
             starts = both_signs(term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale))
             if slug == late_record.DELAY:
@@ -191,10 +191,13 @@ class Climb:
             self.size *= 0.6
 
 
-def _input(space: Score, part: Score, slug: str, scale: Scale) -> list[Candidate]:
-    """An effect on the current is a known torque for each of its starts: many starts, one linear pass."""
+def _input(space: Score, slug: str, scale: Scale) -> list[Candidate]:
+    """An effect on the current is a known torque for each of its starts: many starts, one linear pass.
+
+    It is looked for in the whole record: a current may reach its limit but once.
+    """
     starts = [term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale)]
-    parts = [_best_input(part, starts[k : k + _COLUMNS]) for k in range(0, len(starts), _COLUMNS)]
+    parts = [_best_input(space, starts[k : k + _COLUMNS]) for k in range(0, len(starts), _COLUMNS)]
     if not parts:
         return []
     _, coarse = max(parts, key=lambda part: part[0])

@@ -14,7 +14,10 @@ from benchmarks.gap.hidden import LAWS
 from benchmarks.gap.plan import exact_class
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import find_gap
+from hapticd.gap.candidates import candidates
+from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.result import GapResult
+from hapticd.gap.workflow import problem_of
 
 SEED = 1
 SECONDS = 6.0
@@ -101,3 +104,12 @@ def test_a_device_as_its_model_has_nothing_missing(hidden: Hidden) -> None:
     result = find(hidden, [], SECONDS, None)
     assert result.verdict == "no_missing_effect", result.statement
     assert result.gap.held_out_before < 0.02 * 2e-3
+
+
+def test_a_limit_that_is_reached_but_once_is_found(hidden: Hidden) -> None:
+    """14 samples of 8000, none of them where the first look goes."""
+    recording, model = hidden([{"name": "current_saturation", "i_max": 0.8886}], 2, 8.0)
+    problem = problem_of([recording], model)
+    assert np.abs(problem.first_look().series.command).max() < 0.8886 < np.abs(problem.series.command).max()
+    (limit,) = candidates(nominal_fit(problem), ["current_saturation"], 9.0)
+    assert np.exp(limit.term.start[0]) == pytest.approx(0.8886, rel=0.03)
