@@ -206,15 +206,16 @@ def matters(better: CrossValidated, other: CrossValidated) -> bool:
     return closes(better.fit, other.fit) or is_all_chance(better.beside_slow.fit)
 
 
-def simplest_first(contenders: list[Contender]) -> list[Contender]:
+def simplest_first(contenders: list[Contender], needed_errors: float) -> list[Contender]:
     """The order of the held-out score, but a law that is a limit of the best one goes before it where it is as good.
 
-    So does any law of the device before a late record.
+    So does any law of the device before a late record. What is sure does not give way to what is not.
     """
     best = contenders[0]
     for other in contenders[1:]:
         is_simpler = other.slug in CATALOGUE[best.slug].contains or late_record.is_late(best.law)
-        if is_simpler and is_as_good(other.judged, best.judged):
+        is_less_sure = other.evidence < needed_errors <= best.evidence
+        if is_simpler and not is_less_sure and is_as_good(other.judged, best.judged):
             return [other, *(contender for contender in contenders if contender is not other)]
     return contenders
 

@@ -138,11 +138,11 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     In doubt is what gains most of all that closes some of the missing force; else of what is sure, which may only stand
     beside other base parameters. They move it, so it is not climbed to the end before they are known.
     """
-    contenders = _in_order(closing(possible, present, needed_errors))
+    contenders = _in_order(closing(possible, present, needed_errors), needed_errors)
     if not (contenders and contenders[0].evidence >= needed_errors and matters(contenders[0].judged, present)):
         gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]
         closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
-        contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors])
+        contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors], needed_errors)
     if not contenders:
         return None
     return round_of(present, contenders, to_the_end=matters(contenders[0].judged, present))
@@ -163,11 +163,11 @@ def _beside(doubtful: Sequence[Round], slugs: Sequence[str]) -> Sequence[str]:
     return [slug for slug in slugs if slug in CORRECTIONS]
 
 
-def _in_order(contenders: list[Contender]) -> list[Contender]:
+def _in_order(contenders: list[Contender], needed_errors: float) -> list[Contender]:
     """Contenders, the one to take first; a late record is no other name for it."""
     best, others = contenders[:1], contenders[1:]
     if contenders:
-        best[0], *others = simplest_first(contenders)
+        best[0], *others = simplest_first(contenders, needed_errors)
     return [*best, *(other for other in others if not late_record.is_late(other.law))]
 
 

@@ -252,8 +252,10 @@ def test_a_late_record_wins_only_where_no_law_of_the_device_does_as_well(biased:
     late = contender(late_record.starts(fit.problem.series.period_s)[0])
     as_good, poor = (contender(term("viscous_friction", {"r": r}, (), 1.0)) for r in (1e-6, 5.0))
     assert late_record.is_late(late.law)
-    assert [one.slug for one in simplest_first([late, as_good])] == ["viscous_friction", "transport_delay"]
-    assert [one.slug for one in simplest_first([late, poor])] == ["transport_delay", "viscous_friction"]
+    assert [one.slug for one in simplest_first([late, as_good], 4.0)] == ["viscous_friction", "transport_delay"]
+    assert [one.slug for one in simplest_first([late, poor], 4.0)] == ["transport_delay", "viscous_friction"]
+    sure = replace(late, evidence=5.0)
+    assert [one.slug for one in simplest_first([sure, as_good], 4.0)] == ["transport_delay", "viscous_friction"]
 
 
 def test_two_errors_that_make_up_for_each_other_are_told_together(hidden: Hidden) -> None:
