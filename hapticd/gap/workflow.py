@@ -276,12 +276,17 @@ def _estimates(
     for coordinate, value, own in zip(term.coordinates, u, variance, strict=True):
         model = accuracy if coordinate.is_log else accuracy * abs(value)
         half = reach * math.hypot(float(np.sqrt(own)), model)
-        further = math.log1p(half) if coordinate.is_log and value <= coordinate.lower else half  # no size: of its value
-        ends = [min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + further)]
-        values = [float(np.exp(v)) if coordinate.is_log else float(v) for v in (value, *ends)]
-        unit = units[coordinate.name.partition("[")[0]]
-        found[coordinate.name] = Estimate(values[0], (values[1], values[2]), unit)
+        found[coordinate.name] = _estimate(coordinate, value, half, units[coordinate.name.partition("[")[0]])
     return found
+
+
+def _estimate(coordinate: Coordinate, value: float, half: float, unit: str) -> Estimate:
+    """The estimate whose coordinate is `value`, give or take `half`, within its bounds."""
+    # The logarithm of a magnitude that is next to nothing tells nothing of its upper end: its value does.
+    further = math.log1p(half) if coordinate.is_log and value <= coordinate.lower else half
+    ends = [min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + further)]
+    found, low, high = (float(np.exp(v)) if coordinate.is_log else float(v) for v in (value, *ends))
+    return Estimate(found, (low, high), unit)
 
 
 def _base_estimates(
@@ -293,9 +298,8 @@ def _base_estimates(
     for number, term in enumerate(fit.terms):
         if term.slug in _BASE:
             at = fit.columns(number).start
-            half = reach * float(np.sqrt(variance[at]))
-            low, value, high = (float(np.exp(fit.u[at] + part)) for part in (-half, 0.0, half))
-            found[term.slug] = Estimate(value, (low, high), _BASE[term.slug][is_linear])
+            half, unit = reach * float(np.sqrt(variance[at])), _BASE[term.slug][is_linear]
+            found[term.slug] = _estimate(term.coordinates[0], float(fit.u[at]), half, unit)
     return found
 
 

@@ -47,8 +47,6 @@ _SHAKE, _SHAKEN_STEPS = 1.2, 8
 """Logarithm of the factor to the disturbance; most steps under it."""
 _POOR_STEP = 0.1
 """Gain of a step that is the last one, nats."""
-_MARGIN = 1e-6
-"""Distance from the bounds at which the covariance is found, in scales of each coordinate."""
 _ROUGHLY = 0.5
 """Gain of a step that ends a climb, nats, as long as another start may be likelier."""
 
@@ -111,7 +109,7 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     found = max((_climbed(fit) for fit in starts), key=attrgetter("log_likelihood"))
     whole = found.on(problem.with_free_memory())
     _scan_bias(whole)
-    fit = _inside(_shaken(whole.maximise(tolerance=_ROUGHLY)).maximise())
+    fit = _shaken(whole.maximise(tolerance=_ROUGHLY)).maximise()
     values = fit.u[-len(FITTED) :].copy()
     values[0] = np.exp(values[0])
     slopes = _slopes(values)
@@ -119,15 +117,6 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     wider = np.ones(len(FITTED))
     wider[_BIAS] = max(1.0, _least_error_of_bias(fit) / np.sqrt(covariance[_BIAS, _BIAS]))
     return BaseFit(values, covariance * np.outer(wider, wider), fit)
-
-
-def _inside(fit: Fit) -> Fit:
-    """The same fit a little off the bounds: a friction that is estimated as 0 has an uncertainty all the same."""
-    u = fit.u.copy()
-    own = slice(fit.noise.size, None)
-    margin = _MARGIN * fit.scale[own]
-    u[own] = np.clip(u[own], fit.lower[own] + margin, fit.upper[own] - margin)
-    return Fit(fit.problem, fit.terms, u)
 
 
 def _slopes(values: Floats) -> Floats:
