@@ -138,7 +138,7 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
             gain < _CLOSE * other and part < most + constants.FORCE_MARGIN
             for other, most in zip(gains, closed, strict=True)
         )
-        if gain < _HALF_WAY * needed or any(beaten):
+        if gain < _HALF_WAY * needed or (candidate.slug not in limits and any(beaten)):
             continue
         if len(contenders) == _MOST_FITTED:
             break
