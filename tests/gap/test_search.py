@@ -355,9 +355,7 @@ def test_a_name_in_doubt_stands_if_it_is_sure_beside_the_next(hidden: Hidden, mo
 def test_a_law_that_may_not_be_named_beats_no_other(biased: CrossValidated, monkeypatch: pytest.MonkeyPatch) -> None:
     """What cancels the drive fits anything: it had pushed the true law out before it was refused itself."""
     slugs = ["constant_bias", "gravity", "return_spring"]
-    monkeypatch.setattr(
-        "hapticd.gap.competition._CLOSE", 1.0 - 1e-9
-    )  # all but the best are beaten, and its limits are not
+    monkeypatch.setattr("hapticd.gap.competition._CLOSE", 1.0 - 1e-9)  # all but the best and limits are beaten
     monkeypatch.setattr("hapticd.gap.constants.FORCE_MARGIN", 1.0)
     best, *limits = compete(biased, slugs, 10.0)
     assert limits
