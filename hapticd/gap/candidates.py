@@ -94,7 +94,7 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
                 closest = sorted(tried, key=lambda candidate: candidate.left)
                 found += _apart([*_apart(tried, _CLIMBS // 2), *closest], _CLIMBS)
             else:
-                found += [space.along(c.term) for c in tried[:1] if c.promise > 0.0]
+                found += [space.stretched(space.along(c.term)) for c in tried[:1] if c.promise > 0.0]
     least = max(_HOPEFUL * max((c.promise for c in found), default=0.0), _WORTH_A_CLIMB * needed)
     hopeful = [
         _gripped(space, c, scale) if c.slug == grip.SLUG else c

@@ -29,8 +29,9 @@ if TYPE_CHECKING:
 
 SLUG = "hand_impedance"
 _PIECES = 100
-_SHORTEST, _LONGEST = 4, 0.75
-"""Fewest pieces, and the largest part of time and of travel, that a grip lasts."""
+_FEWEST_BLOCKS, _LONGEST = 2, 0.75
+"""Fewest blocks, so that the score of one is held out with another to tell of the hand, and the largest part of time and of
+travel, that a grip lasts."""
 _SMALL = 0.02
 """Share of the device's own inertia, damping and stiffness from which a size that shows as negative starts."""
 _NEAR = 2
@@ -59,7 +60,7 @@ def first_grip(space: Score, scale: Scale) -> list[Candidate]:
     ).reshape(_PIECES, 4, 4)
     G = np.concatenate([np.zeros((1, 4)), np.cumsum(g, axis=0)])
     curve = np.concatenate([np.zeros((1, 4, 4)), np.cumsum(H, axis=0)])
-    first, last = np.triu_indices(_PIECES + 1, _SHORTEST)
+    first, last = np.triu_indices(_PIECES + 1, _shortest(space.present))
     sums, curves = G[last] - G[first], curve[last] - curve[first]
     curves = curves + 1e-6 * np.einsum("kij,ij->kij", curves, np.eye(4)) + 1e-30 * np.eye(4)
     sizes = np.linalg.solve(curves, sums[:, :, None])[:, :, 0]
@@ -72,6 +73,11 @@ def first_grip(space: Score, scale: Scale) -> list[Candidate]:
     begin, end = (float(edge) / _PIECES * series.duration_s for edge in (first[k], last[k]))
     item = _term(sizes[k], begin, end, float(out["x"].mean()), scale)
     return [Candidate(SLUG, item, float(promise[k]), math.log(promise.size))]
+
+
+def _shortest(fit: Fit) -> int:
+    """Fewest pieces in which a grip is looked for: a climb may take some off again at either edge."""
+    return math.ceil(_FEWEST_BLOCKS * _PIECES / fit.problem.series.blocks) + 2 * _NEAR
 
 
 def settled(fit: Fit, number: int, scale: Scale) -> Fit:
@@ -156,7 +162,7 @@ def _on_best_interval(fit: Fit, number: int, scale: Scale) -> Fit:
     begin = int(np.argmin(total[: end + 1]))
     way = np.abs(fit.out["v"])
     long = end - begin > _LONGEST * series.size or way[begin:end].sum() > _LONGEST * way.sum()
-    if long or end - begin < _SHORTEST * series.size // _PIECES:
+    if long or end - begin < _shortest(fit) * series.size // _PIECES:
         return fit
     edges = float(series.time_s[max(begin - 1, 0)]), float(series.time_s[end - 1])
     trial = fit.replaced(number, _term(sizes, *edges, middle, scale))

@@ -6,7 +6,7 @@ the effect is linear in one of its parameters the top says how large it should b
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -83,3 +83,19 @@ class Score:
         if factor <= 0.0 and (item.coordinates[0].is_log or item.coordinates[0].lower >= 0.0):
             return Candidate(item.slug, item, 0.0)
         return Candidate(item.slug, item.scaled(amplitude, factor), self.weight * 0.5 * factor * float(g[0]))
+
+    def stretched(self, candidate: Candidate) -> Candidate:
+        """The candidate, twice as large each time as long as that is likelier.
+
+        Where friction holds the shaft the likelihood bends within a few counts, and its parabola is too narrow.
+        """
+        amplitude = CATALOGUE[candidate.slug].amplitude
+        if not amplitude:
+            return candidate
+        item, gain = candidate.term, self._gain(candidate.term)
+        while (more := self._gain(further := item.scaled(amplitude, 2.0))) > gain:
+            item, gain = further, more
+        return replace(candidate, term=item, promise=max(candidate.promise, gain))
+
+    def _gain(self, item: Term) -> float:
+        return self.present.extended(item).log_likelihood - self.present.log_likelihood
