@@ -35,6 +35,8 @@ _CLIMB = 10
 """Steps of a contender's climb: the one that is taken is climbed to the end."""
 _CLOSER = 0.3
 """First steps of the last climb over those of the first."""
+_CLOSEST = 0.02
+"""The same where a step of a converter, many times over, makes a current: the likelihood is a spike."""
 ROUGH = 0.2
 """Share of what an effect must gain to which contenders are fitted; the one that is taken is fitted to the end."""
 
@@ -270,4 +272,7 @@ def _polished(fit: Fit) -> tuple[Fit, float]:
             added_penalty += more
         elif item.slug in CATALOGUE and CATALOGUE[item.slug].acts_on == "memory":
             Climb(fit, number, _CLOSER).go(HALVINGS)
+        elif item.slug in CATALOGUE and CATALOGUE[item.slug].acts_on == "input":
+            Climb(fit, number, _CLOSEST).go(2 * HALVINGS)
+            fit.in_turn(_CLIMB)
     return fit.maximise(), added_penalty

@@ -176,14 +176,23 @@ class Fit:
 
         With the noise of a poorer model the likelihood is broad, and the noise shrinks as the fit improves: a homotopy.
         """
-        free = np.arange(self.u.size) >= first
+        self._follow([np.arange(self.u.size) >= first], rounds)
+        return self
+
+    def in_turn(self, rounds: int) -> None:
+        """Climb in each term by itself: a term with a jagged likelihood holds the others up in a common step."""
+        at = np.arange(self.u.size)
+        own = [self.columns(number) for number in range(len(self.terms))]
+        self._follow([(columns.start <= at) & (at < columns.stop) for columns in own], rounds)
+
+    def _follow(self, groups: Sequence[NDArray[np.bool_]], rounds: int) -> None:
         for _ in range(rounds):
             before = self.log_likelihood
-            self._step(free, 1e-2)
-            self.scan_power()
+            for free in groups:
+                self._step(free, 1e-2)
+                self.scan_power()
             if self.log_likelihood - before < 1.0:
                 break
-        return self
 
     def maximise(self, iterations: int = 25, tolerance: float = 0.05, competitor: float = -np.inf) -> Fit:
         """Climb to the maximum, and less closely the farther it stays behind a competitor's likelihood; returns itself."""
