@@ -155,3 +155,18 @@ def test_a_parameter_at_its_bound_has_an_interval(nothing: Fit, slug: str) -> No
     assert found.ci95 is not None
     assert found.ci95[0] == pytest.approx(lowest)
     assert lowest < found.ci95[1] < 0.3 * highest
+
+
+def test_terms_climb_in_turn_where_one_would_hold_up_the_others(hidden: Callable[..., Any]) -> None:
+    """In a common step the spike of a converter's step had kept a friction two thousandths off, 400 nats below."""
+    hiding = [{"name": "dac_quantization", "q": 0.012}, {"name": "coulomb_friction", "r": -0.15}]
+    recording, model = hidden(hiding, 2, 10.0)
+    start = nominal_fit(problem_of([recording], model))
+    for slug, values in (("coulomb_friction", {"r": -0.16}), ("dac_quantization", {"q": 0.012})):
+        start = start.extended(term(slug, values, (), 0.1))
+    start.scan_power()
+    together, in_turn = start.on(start.problem).maximise(), start.on(start.problem)
+    in_turn.in_turn(10)
+    assert in_turn.log_likelihood > together.log_likelihood + 100.0
+    assert float(in_turn.u[in_turn.columns(0)][0]) == pytest.approx(-0.15, abs=1e-4)
+    assert float(np.exp(in_turn.u[-1])) == pytest.approx(0.012, rel=1e-5)

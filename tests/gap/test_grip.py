@@ -69,3 +69,14 @@ def test_a_climb_moves_an_edge_but_little(hidden: Callable[..., Any]) -> None:
         start, lower, upper = starts[name]
         assert start - lower == pytest.approx(upper - start)
         assert upper - lower < 0.05 * SECONDS
+
+
+def test_no_grip_is_shorter_than_what_can_be_held_out(hidden: Callable[..., Any]) -> None:
+    """One of a tenth of a second had been named, for a jolt that the model did not know: no other block told of it."""
+    recording, model = hidden([{"name": "backlash", "gap": 0.0066, "load_share": 0.38}], 3, SECONDS)
+    present = nominal_fit(problem_of([recording], model))
+    present.differentiate()
+    (first,) = grip.first_grip(Score(present), scale_of(present))
+    fit = grip.settled(present.extended(first.term), 0, scale_of(present)).maximise()
+    found = parameters_of_term(fit.terms[0], fit.u[fit.columns(0)])
+    assert found["off_s"] - found["on_s"] >= 2.0 * SECONDS / present.problem.series.blocks - 1e-9

@@ -15,7 +15,7 @@ from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.effects.spec import Scale
 from hapticd.gap import constants, find_gap, late_record
-from hapticd.gap.candidates import both_signs, candidates
+from hapticd.gap.candidates import both_signs, candidates, scale_of
 from hapticd.gap.competition import (
     Contender,
     CrossValidated,
@@ -25,9 +25,11 @@ from hapticd.gap.competition import (
     compete,
     cross_validate,
     evidence,
+    round_of,
     simplest_first,
 )
 from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.score import Score
 from hapticd.gap.search import critical, is_quiet, least_gain, look_back, search, withstanding
 from hapticd.gap.terms import Term, term
 from hapticd.gap.workflow import problem_of
@@ -431,3 +433,35 @@ def test_what_is_hidden_in_the_motion_is_looked_for_at_its_size_whatever_the_res
             assert min(found) < 6e-3
             assert max(found) == pytest.approx(0.2)
             assert all(b < 3.5 * a for a, b in itertools.pairwise(sorted(found)))
+
+
+def test_of_starts_that_promise_about_as_much_the_whole_record_decides(hidden: Hidden) -> None:
+    """A quarter of the record had preferred another bandwidth, from which a climb ended as a first-order lag."""
+    recording, model = hidden([{"name": "amplifier_lag", "f_a": 128.0, "delta": 0.9}], 5, 8.0)
+    fit = nominal_fit(problem_of([recording], model))
+    (found,) = candidates(fit, ["amplifier_lag"], least_gain(critical(20, 24)))
+    fit.differentiate()
+    starts = [term("amplifier_lag", values, (), 0.1) for values in CATALOGUE["amplifier_lag"].starts(scale_of(fit))]
+    promises = [Score(fit).along(start).promise for start in starts]
+    assert found.promise == max(promises)
+    look = fit.on(fit.problem.first_look())
+    look.differentiate()
+    assert int(np.argmax([Score(look).along(start).promise for start in starts])) != int(np.argmax(promises))
+
+
+def test_a_start_is_doubled_as_long_as_that_is_likelier(hidden: Hidden) -> None:
+    """Within a few counts the likelihood has a maximum of its own, where friction holds the shaft."""
+    effect = {"name": "encoder_eccentricity", "e": 0.02, "phi": 5.0}
+    recording, model = hidden([effect], 4, 20.0, Coloured(0.25, 0.05))
+    fit = nominal_fit(problem_of([recording], model))
+    (found,) = candidates(fit, ["encoder_eccentricity"], least_gain(critical(20, 24)))
+    assert float(np.exp(found.term.start[0])) == pytest.approx(0.02, rel=0.5)
+    assert found.promise == fit.extended(found.term).log_likelihood - fit.log_likelihood
+
+
+def test_the_step_of_a_converter_is_found_to_its_spike(hidden: Hidden) -> None:
+    """A thousandth beside it hundreds of nats are missing, for which any law may then take the credit."""
+    recording, model = hidden([{"name": "dac_quantization", "q": 0.012156}], 1, 10.0)
+    present = cross_validate(nominal_fit(problem_of([recording], model)))
+    found = round_of(present, compete(present, ["dac_quantization"], least_gain(critical(20, 24))))
+    assert float(np.exp(found.taken.law.start[0])) == pytest.approx(0.012156, rel=5e-5)
