@@ -9,9 +9,13 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 from benchmarks.gap import before, processes
+from benchmarks.gap.cases import case_files
+from benchmarks.gap.generate import generate
 from tests.polling import wait_until
 
 _COMMAND = """
@@ -95,3 +99,15 @@ def test_a_core_that_takes_too_long_has_not_answered(tmp_path: Path) -> None:
     (tmp_path / "hapticd/__init__.py").write_text("while True:\n    pass\n")
     found = before.answer({"model.yaml": b"{}"}, tree=tmp_path, limit_s=1.0)
     assert found["late"] == "no answer in 1 s"
+
+
+def test_the_core_before_gets_a_run_file_as_bare_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It refuses run files with settings that it does not know."""
+    made = generate([], 1, 1.0)
+    monkeypatch.setattr(
+        before, "_run", lambda folder, *_: {file.name: pq.read_table(file) for file in folder.glob("run.*")}
+    )
+    as_run, as_columns = (before.answer(case_files(made, form), tree=tmp_path) for form in ("arrow", "parquet"))
+    assert as_run["run.parquet"].column_names == as_columns["run.parquet"].column_names
+    for name in as_columns["run.parquet"].column_names:
+        np.testing.assert_allclose(as_run["run.parquet"][name], as_columns["run.parquet"][name], rtol=0.0, atol=1e-8)
