@@ -103,7 +103,7 @@ def test_a_core_that_takes_too_long_has_not_answered(tmp_path: Path) -> None:
 
 def test_the_core_before_gets_a_run_file_as_bare_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It refuses run files with settings that it does not know."""
-    made = generate([], 1, 1.0)
+    made = generate([], 1, 2.0)
     monkeypatch.setattr(
         before, "_run", lambda folder, *_: {file.name: pq.read_table(file) for file in folder.glob("run.*")}
     )
