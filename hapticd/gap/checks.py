@@ -100,14 +100,15 @@ def _unit_errors(recording: Recording, model: Config) -> Iterator[str]:
 
 
 def _wraps(recording: Recording, model: Config) -> Iterator[str]:
-    """One sample's step that is a counter's range, among steps that are far from it."""
+    """One sample's step that is a counter's range, which all positions lie in, among steps that are far from it."""
     if recording.resolution <= 0.0:
         return
     steps = np.diff(recording.position) / recording.resolution
     ranges = {*_WRAPS}
     if model.encoder.counts_per_rev is not None and not recording.is_linear:
         ranges.add(2.0 * np.pi / recording.resolution)
-    for span in sorted(ranges):
+    travel = float(np.ptp(recording.position)) / recording.resolution
+    for span in sorted(span for span in ranges if travel <= (1.0 + _WRAP_TOLERANCE) * span):
         for row in np.flatnonzero(np.abs(np.abs(steps) - span) < _WRAP_TOLERANCE * span):
             if float(np.median(np.abs(steps[max(row - 5, 0) : row + 6]))) < _WRAP_TOLERANCE * span:
                 jump = f"jumps by {steps[row]:.0f} counts in one sample at row {row + 1}"

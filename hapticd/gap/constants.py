@@ -6,6 +6,9 @@ FEWEST_BLOCKS = 20
 """A short recording has shorter blocks, so that each fold of five still has four."""
 FOLDS = 5
 """Parameters that judge a block are estimated without its fold: a fifth of the data."""
+HELD_BACK = 0.01
+"""Share of all data's information on a parameter below which what the other folds say of it is not followed: near a
+breakaway, or at an impact, one block may know nearly all."""
 SHORT_MEMORY_S = 0.05
 """Largest correlation time of the disturbance torque while effects are looked for [s]: a slower one takes the place of
 friction and of slow effects as long as they are not in the model (docs/explanation/gap-statistics.md)."""

@@ -36,8 +36,6 @@ _POOR = 2
 """Steps in a row that gain nothing before a climb is over: on a curved ridge a single one may."""
 _HOPELESS = 0.05
 """Share of what it is behind a competitor that a climb must gain with a step."""
-_HELD_BACK = 1e-3
-"""Share of all data's information that holds a parameter back of which the other folds say nothing."""
 _SHORTER = 6
 """Attempts to shorten a step that does not climb."""
 _STRAIGHT = 0.75
@@ -308,7 +306,7 @@ class Fit:
             kept = self.scores[~inside][:, effects]
             u, log_p = self.u, self.out["log_p"]
             if effects.any():
-                H = kept.T @ kept + _HELD_BACK * np.diag(whole)
+                H = kept.T @ kept + constants.HELD_BACK * np.diag(whole)
                 step = np.linalg.solve(H, kept.sum(axis=0))
                 here = float(self.out["log_p"][~inside].sum())
                 for share in (1.0, 0.3, 0.1):

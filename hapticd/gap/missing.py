@@ -24,8 +24,6 @@ if TYPE_CHECKING:
 MOVES = 0.5
 """Share of a velocity that must outlast a period: less is a shaft that friction holds, and no force shows on it."""
 _PROBES = 64
-_HELD_BACK = 0.01
-"""Share of all data's information below which what the other folds say of a number is not followed."""
 
 
 @dataclass(frozen=True)
@@ -285,7 +283,7 @@ def _normal_equations(fit: Fit, answer: Floats, rows: NDArray[np.bool_] | None =
     """
     score, information = fit.out["score"], fit.out["information"]
     whole = np.concatenate([answer, fit.own_slopes], axis=1)
-    ridge = _HELD_BACK * np.einsum("nk,nk,n->k", whole, whole, information) + 1e-30
+    ridge = constants.HELD_BACK * np.einsum("nk,nk,n->k", whole, whole, information) + 1e-30
     if rows is not None:
         whole, score, information = whole[rows], score[rows], information[rows]
     H = (whole * information[:, None]).T @ whole

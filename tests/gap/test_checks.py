@@ -80,6 +80,15 @@ def test_error(name: str, nominal_run: Recording) -> None:
     assert str(caught.value).startswith("synthetic: ")
 
 
+def test_a_jump_of_a_counter_that_goes_farther_is_none_of_its_overflows(nominal_run: Recording) -> None:
+    """At 400 Hz a light shaft hops 270 counts from one sample to the next."""
+    position = nominal_run.position.copy()
+    position[4980:5000], position[5000:5020] = position[4980], position[4980] + 262.0 * nominal_run.resolution
+    recording = replace(nominal_run, position=position)
+    assert float(np.ptp(recording.position)) > 1000.0 * recording.resolution
+    check_recording(recording, model())
+
+
 WARNINGS: dict[str, tuple[Spoil, str]] = {
     "one way": (
         lambda r: replace(r, position=np.maximum.accumulate(r.position)),
