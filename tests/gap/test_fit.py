@@ -170,3 +170,14 @@ def test_terms_climb_in_turn_where_one_would_hold_up_the_others(hidden: Callable
     assert in_turn.log_likelihood > together.log_likelihood + 100.0
     assert float(in_turn.u[in_turn.columns(0)][0]) == pytest.approx(-0.15, abs=1e-4)
     assert float(np.exp(in_turn.u[-1])) == pytest.approx(0.012, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", [3, 8])
+def test_what_one_block_alone_knows_is_not_spoilt_by_the_others(hidden: Callable[..., Any], seed: int) -> None:
+    """A few impacts tell a play: held out, one block had lost 70 nats by what the others said of it."""
+    recording, model = hidden([{"name": "backlash", "gap": 0.02, "load_share": 0.4}], seed, 6.0)
+    play = term("backlash", {"gap": 0.02, "load_share": 0.4, "restitution": 0.4}, (), 0.1)
+    fit = nominal_fit(problem_of([recording], model)).extended(play)
+    fit.scan_power()
+    fit.maximise()
+    assert -1.0 < fit.log_likelihood - float(fit.held_out().sum()) < 10.0

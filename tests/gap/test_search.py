@@ -30,7 +30,7 @@ from hapticd.gap.competition import (
 )
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
-from hapticd.gap.search import critical, is_quiet, least_gain, look_back, search, withstanding
+from hapticd.gap.search import _is_right, critical, is_quiet, least_gain, look_back, search, withstanding
 from hapticd.gap.terms import Term, term
 from hapticd.gap.workflow import problem_of
 
@@ -465,3 +465,15 @@ def test_the_step_of_a_converter_is_found_to_its_spike(hidden: Hidden) -> None:
     present = cross_validate(nominal_fit(problem_of([recording], model)))
     found = round_of(present, compete(present, ["dac_quantization"], least_gain(critical(20, 24))))
     assert float(np.exp(found.taken.law.start[0])) == pytest.approx(0.012156, rel=5e-5)
+
+
+def test_a_small_law_gives_way_to_one_that_closes_and_gains_more(
+    biased: CrossValidated, corrected: CrossValidated, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A Coulomb friction that closed nothing had been named for a play that gained seven times as much, in doubt."""
+    monkeypatch.setattr("hapticd.gap.search.matters", lambda better, other: True)
+    small, closer = Contender("stribeck", biased, 20.0, 6.0), Contender("constant_bias", corrected, 100.0, 1.0)
+    assert closes(corrected.fit, biased.fit)
+    assert not _is_right(small, biased, [closer], 4.0)
+    assert _is_right(small, biased, [replace(closer, gain=10.0)], 4.0)
+    assert not _is_right(replace(small, evidence=3.0), biased, [], 4.0)
