@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from benchmarks.gap.devices import Model
 from benchmarks.gap.disturbance import Coloured, disturbed
 from benchmarks.gap.hidden import Effect, hide, loss_probability
 from benchmarks.gap.physics import LOAD_OMEGA, LOAD_THETA, OMEGA, STATE_WORDS, THETA, Device, Loop
+from benchmarks.gap.session import Session
 
 STEP_S = 5e-6
 """Longest integration step."""
@@ -27,6 +28,25 @@ _GENTLER = ((1.0, 1.0), (1.0, 0.7), (2.0, 0.7), (2.0, 0.5), (4.0, 0.5), (8.0, 0.
 
 class UnstableError(Exception):
     """The device with these effects passes a safety limit even in the gentlest session."""
+
+
+class Lab(NamedTuple):
+    """A device, and how it is excited."""
+
+    nominal: Model
+    top_speed: float
+    """Above this the excitation is made smaller, rad/s or m/s."""
+    play: Callable[[Model, float, np.random.Generator, float, float], Session] = session.draw
+    """A session for a nominal model, of a duration, with a softness of the spring and a scale of the amplitudes."""
+
+
+def lab_of(device: str) -> Lab:
+    """One of `devices.MODELS` and the usual session.
+
+    Raises:
+        KeyError: no device has this name.
+    """
+    return Lab(devices.model(device), devices.LAB_SPEED[device])
 
 
 class Recording(NamedTuple):
@@ -49,7 +69,7 @@ def generate(
     effects: Sequence[Effect],
     seed: int,
     duration_s: float = 20.0,
-    device: str = "re35",
+    device: str | Lab = "re35",
     *,
     coloured: Coloured | None = None,
     step_s: float = STEP_S,
@@ -63,7 +83,7 @@ def generate(
         effects: ``{"name": slug, **parameters}`` each; see `hidden.LAWS`.
         seed: of the session, the noise, the lateness and the losses; the same numbers give the same recording.
         duration_s: length.
-        device: one of `devices.MODELS`.
+        device: one of `devices.MODELS`, or another with its excitation.
         coloured: a torque on the shaft that is no effect.
         step_s: longest integration step.
         noise_counts: standard deviation of the encoder's noise, in counts.
@@ -71,12 +91,13 @@ def generate(
     Raises:
         UnstableError: no session is gentle enough.
     """
-    nominal = devices.model(device)
+    lab = lab_of(device) if isinstance(device, str) else device
+    nominal = lab.nominal
     true = hide(devices.base_device(nominal), effects)
     true = disturbed(true, coloured, nominal["plant"]["coulomb"], duration_s + 1.0, seed)
     for softness, scale in _GENTLER:
         rng = np.random.default_rng([seed, 0x6A9])
-        drawn = session.draw(nominal, duration_s, rng, softness, scale)
+        drawn = lab.play(nominal, duration_s, rng, softness, scale)
         n = drawn.times.size
         noise = rng.normal(0.0, 1.0, n) * noise_counts * true.resolution
         lost = rng.random(n) < loss_probability(effects)
@@ -84,7 +105,7 @@ def generate(
         start[THETA] = start[LOAD_THETA] = rng.uniform(0.0, 1.0) * true.resolution
         counts, commanded, _, states, done = physics.run(
             true,
-            _loop(device, nominal, drawn.stiffness),
+            _loop(lab, drawn.stiffness),
             drawn.times,
             drawn.extra,
             drawn.origin,
@@ -97,10 +118,12 @@ def generate(
             return Recording(
                 drawn.times, drawn.lateness, counts, commanded, drawn.origin, states, true, nominal, drawn.stiffness
             )
-    raise UnstableError(f"{device} with {[effect['name'] for effect in effects]}, seed {seed}")
+    name = device if isinstance(device, str) else "a device of its own"
+    raise UnstableError(f"{name} with {[effect['name'] for effect in effects]}, seed {seed}")
 
 
-def _loop(device: str, nominal: Model, stiffness: float) -> Loop:
+def _loop(lab: Lab, stiffness: float) -> Loop:
+    nominal = lab.nominal
     amplifier, safety = nominal["amplifier"], nominal["safety"]
     return Loop(
         stiffness=stiffness,
@@ -108,7 +131,7 @@ def _loop(device: str, nominal: Model, stiffness: float) -> Loop:
         decimation=nominal["encoder"].get("decimation", 1),
         dac_step=devices.dac_step(nominal),
         peak_current=amplifier["peak_current"] or math.inf,
-        max_omega=devices.LAB_SPEED[device],
+        max_omega=lab.top_speed,
         max_theta=safety["max_excursion"],
     )
 

@@ -128,7 +128,7 @@ def _of_seed(size: Size, seed: int) -> list[Case]:
                     tuple(round(float(rng.uniform(WEAKEST, 1.0)), 3) for _ in range(drawn)),
                     seed,
                     len(cases),
-                    str(rng.choice(_devices(slugs))),
+                    str(rng.choice(devices_for(slugs))),
                     str(rng.choice(FORMS)),
                     size.duration_s,
                     _coloured(rng) if place % 2 else None,
@@ -141,7 +141,8 @@ def _coloured(rng: np.random.Generator) -> Coloured:
     return Coloured(float(rng.choice(SHARES)), float(rng.choice(CORRELATION_S)))
 
 
-def _devices(slugs: Sequence[str]) -> list[str]:
+def devices_for(slugs: Sequence[str]) -> list[str]:
+    """The devices on which these effects can be hidden."""
     rotary = bool(set(slugs) & set(ROTARY_ONLY))
     return [name for name, nominal in devices.MODELS.items() if not (rotary and devices.is_linear(nominal))]
 

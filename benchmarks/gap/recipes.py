@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.gap import devices
-from benchmarks.gap.generate import STEP_S, Recording, generate
+from benchmarks.gap.generate import STEP_S, Lab, Recording, generate
 from benchmarks.gap.hidden import Effect
 
 WEAKEST = 0.1
@@ -50,9 +50,9 @@ class Scale(NamedTuple):
     """Magnitudes of current not exceeded 90 and 99 % of the session, A."""
 
 
-def scale_of(device: str, seed: int, duration_s: float) -> Scale:
+def scale_of(device: str | Lab, seed: int, duration_s: float) -> Scale:
     """Sizes of a device and of the session that this seed plays."""
-    nominal = devices.model(device)
+    nominal = devices.model(device) if isinstance(device, str) else device.nominal
     plant = nominal["plant"]
     played = generate([], seed, duration_s, device, step_s=4.0 * STEP_S)
     speeds, shown, currents = _motion(played)

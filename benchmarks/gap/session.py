@@ -69,7 +69,7 @@ def release(u: Floats) -> Floats:
     return pattern[np.minimum((u * pattern.size).astype(int), pattern.size - 1)]
 
 
-def _late(ticks: int, rate_hz: float, rng: np.random.Generator) -> Floats:
+def lateness(ticks: int, rate_hz: float, rng: np.random.Generator) -> Floats:
     """Lateness of every tick: a few µs mostly, now and then some hundred, never a whole period."""
     late = rng.exponential(8e-6, ticks)
     disturbed = rng.random(ticks) < 0.002
@@ -77,14 +77,22 @@ def _late(ticks: int, rate_hz: float, rng: np.random.Generator) -> Floats:
     return np.minimum(late, 0.8 / rate_hz)
 
 
+def stiffness_of(nominal: Model, softness: float) -> float:
+    """Of the virtual spring: the model's, or less where the shaft would hardly move."""
+    effective = 4.0 * nominal["plant"]["coulomb"] / (_LEAST_COUNTS * devices.resolution(nominal))
+    return float(min(nominal["spring"]["stiffness"], effective) / softness)
+
+
+def travel_of(nominal: Model, stiffness: float) -> float:
+    """How far the spring's origin is moved, rad or m: some counts, and beyond friction."""
+    far = max(5.0 * nominal["plant"]["coulomb"] / stiffness, 400.0 * devices.resolution(nominal))
+    return float(min(far, 0.4 * nominal["safety"]["max_excursion"]))
+
+
 def _amplitudes(nominal: Model, stiffness: float, scale: float, rng: np.random.Generator) -> dict[str, float]:
     plant, amplifier = nominal["plant"], nominal["amplifier"]
     breakaway = plant["coulomb"] / amplifier["torque_constant"]
-    moved = min(
-        max(5.0 * plant["coulomb"] / stiffness, 400.0 * devices.resolution(nominal)),
-        0.4 * nominal["safety"]["max_excursion"],
-    )
-    found = dict.fromkeys(("sweep", "release"), moved)
+    found = dict.fromkeys(("sweep", "release"), travel_of(nominal, stiffness))
     found |= {name: effort * breakaway for name, effort in _EFFORT.items()}
     largest = 0.8 * (amplifier["continuous_current"] or math.inf)
     drawn = {name: value * scale * rng.uniform(0.7, 1.4) for name, value in found.items()}
@@ -106,9 +114,7 @@ def draw(
     """
     rate = nominal["servo"]["rate_hz"]
     ticks = round(duration_s * rate)
-    plant = nominal["plant"]
-    effective = 4.0 * plant["coulomb"] / (_LEAST_COUNTS * devices.resolution(nominal))
-    stiffness = min(nominal["spring"]["stiffness"], effective) / softness
+    stiffness = stiffness_of(nominal, softness)
     amplitude = _amplitudes(nominal, stiffness, scale, rng)
     extra, origin = np.zeros(ticks), np.zeros(ticks)
     begin = 0.0
@@ -127,5 +133,5 @@ def draw(
         else:
             extra[first:last] = amplitude[name] * wave
         begin += _SHARES[name] * duration_s
-    late = _late(ticks, rate, rng)
+    late = lateness(ticks, rate, rng)
     return Session(np.arange(ticks) / rate + late, late, extra, origin, stiffness)

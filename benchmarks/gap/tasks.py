@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.gap import processes, recipes
 from benchmarks.gap.cases import Files, case_files, run_file, write_files
-from benchmarks.gap.generate import STEP_S, UnstableError, generate, visibility
+from benchmarks.gap.generate import STEP_S, Lab, UnstableError, generate, visibility
 from benchmarks.gap.hidden import Effect
 from benchmarks.gap.plan import Case
 
@@ -35,8 +35,12 @@ Made = tuple[Files, dict[str, Any]]
 """A case's files, and its truth."""
 
 
-def make(case: Case) -> Made:
+def make(case: Case, lab: Lab | None = None) -> Made:
     """Draw the effects of a case at the strengths asked for, and a session, and record them.
+
+    Args:
+        case: what is to be hidden.
+        lab: another device than the case's, and another excitation.
 
     Raises:
         UnstableError: no draw leaves the session possible.
@@ -45,8 +49,8 @@ def make(case: Case) -> Made:
         session = int(np.random.SeedSequence([case.seed, case.number, attempt]).generate_state(1)[0])
         rng = np.random.default_rng([case.seed, case.number, attempt])
         try:
-            effects = _effects(case, session, rng)
-            recording = generate(effects, session, case.duration_s, case.device, coloured=case.coloured)
+            effects = _effects(case, lab or case.device, session, rng)
+            recording = generate(effects, session, case.duration_s, lab or case.device, coloured=case.coloured)
         except UnstableError:
             continue
         others = [[other for other in effects if other is not effect] for effect in effects]
@@ -72,11 +76,11 @@ def make(case: Case) -> Made:
     raise UnstableError(f"{' and '.join(case.slugs)} on {case.device}, seed {case.seed}: no draw of {_MOST_DRAWS}")
 
 
-def _effects(case: Case, session: int, rng: np.random.Generator) -> list[Effect]:
+def _effects(case: Case, device: str | Lab, session: int, rng: np.random.Generator) -> list[Effect]:
     """Raises UnstableError where the session is too much for the device as it is."""
     if not case.slugs:
         return []
-    scale = recipes.scale_of(case.device, session, case.duration_s)
+    scale = recipes.scale_of(device, session, case.duration_s)
     by_strength = case.slugs[:1] if case.kind == "wrong_base" else case.slugs
     found = [
         recipes.draw(slug, scale, rng)(strength) for slug, strength in zip(by_strength, case.strengths, strict=True)
