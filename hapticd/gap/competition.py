@@ -246,15 +246,28 @@ def is_indistinguishable(best: str, other: str, ahead: float) -> bool:
 
 
 def round_of(before: CrossValidated, contenders: Sequence[Contender], *, to_the_end: bool = True) -> Round:
-    """A round in which the first of the contenders is taken, climbed to the end and judged there."""
+    """A round in which the first of the contenders is taken, climbed to the end and judged there.
+
+    So is whatever is about as good: a climb that was left early is no reason to tell two laws apart.
+    """
     best, *others = contenders
     if to_the_end:
-        fit, added_penalty = _polished(best.judged.fit)
-        own = added_penalty if best.slug == ripple.SLUG else 0.0
-        judged = cross_validate(fit, best.judged.penalty + added_penalty)
-        gain, errors = evidence(judged, before)
-        best = Contender(best.slug, judged, gain, errors, best.penalty + own)
+        best = _to_the_end(best, before)
+        others = [_to_the_end(other, before) if _is_near(other, best) else other for other in others]
     return Round(before, (best, *others), indistinguishable_from(best, others))
+
+
+def _is_near(other: Contender, best: Contender) -> bool:
+    ahead = evidence(other.judged, best.judged)[1]
+    return -2.0 * constants.INDISTINGUISHABLE < ahead <= -constants.INDISTINGUISHABLE
+
+
+def _to_the_end(contender: Contender, before: CrossValidated) -> Contender:
+    fit, added_penalty = _polished(contender.judged.fit)
+    own = added_penalty if contender.slug == ripple.SLUG else 0.0
+    judged = cross_validate(fit, contender.judged.penalty + added_penalty)
+    gain, errors = evidence(judged, before)
+    return Contender(contender.slug, judged, gain, errors, contender.penalty + own)
 
 
 def _polished(fit: Fit) -> tuple[Fit, float]:

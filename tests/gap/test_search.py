@@ -28,6 +28,8 @@ from hapticd.gap.competition import (
     round_of,
     simplest_first,
 )
+from hapticd.gap.fit import Fit
+from hapticd.gap.kernel.ticks import DISTURBANCE
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
 from hapticd.gap.search import _is_right, critical, is_quiet, least_gain, look_back, search, withstanding
@@ -477,3 +479,22 @@ def test_a_small_law_gives_way_to_one_that_closes_and_gains_more(
     assert not _is_right(small, biased, [closer], 4.0)
     assert _is_right(small, biased, [replace(closer, gain=10.0)], 4.0)
     assert not _is_right(replace(small, evidence=3.0), biased, [], 4.0)
+
+
+def test_what_is_about_as_good_is_climbed_to_the_end_before_it_is_told_apart(
+    biased: CrossValidated, corrected: CrossValidated
+) -> None:
+    """Beside a slow command a lag had been left 15 nats behind the delay that it hardly differs from, and was no rival."""
+
+    def contender(louder: float) -> Contender:
+        u = corrected.fit.u.copy()
+        u[DISTURBANCE] += louder
+        judged = cross_validate(Fit(corrected.fit.problem, corrected.fit.terms, u))
+        return Contender("constant_bias", judged, *evidence(judged, biased))
+
+    best, behind, far = contender(0.0), contender(0.2), contender(1.0)
+    assert -6.0 < evidence(behind.judged, best.judged)[1] < -3.0
+    found = round_of(biased, [best, behind, far])
+    assert found.indistinguishable == ("constant_bias",)
+    assert evidence(found.contenders[1].judged, found.taken.judged)[1] > -1.0
+    assert found.contenders[2] is far
