@@ -20,11 +20,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import pyarrow as pa
-import pyarrow.parquet as pq
-
 from benchmarks.gap import tasks
-from benchmarks.gap.cases import Files
+from benchmarks.gap.cases import Files, parquet_of
 from benchmarks.gap.plan import Case
 from hapticd.record import read_run
 
@@ -113,9 +110,7 @@ def _readable(files: Files) -> Files:
         "encoder_counts": run["encoder_counts"],
         "current_command_A": run["current_command_A"],
     }
-    sink = io.BytesIO()
-    pq.write_table(pa.table(columns), sink)
-    return {"model.yaml": files["model.yaml"], "run.parquet": sink.getvalue()}
+    return {"model.yaml": files["model.yaml"], "run.parquet": parquet_of(columns)}
 
 
 def _run(folder: Path, excluded: Sequence[str], tree: Path, limit_s: float | None) -> dict[str, Any]:

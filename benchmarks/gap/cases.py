@@ -96,11 +96,16 @@ def _csv(recording: Recording) -> bytes:
 
 
 def _parquet(recording: Recording) -> bytes:
+    return parquet_of(_columns(recording))
+
+
+def parquet_of(columns: Mapping[str, np.ndarray]) -> bytes:
+    """Bare columns as a .parquet file."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     sink = io.BytesIO()
-    pq.write_table(pa.table(_columns(recording)), sink)
+    pq.write_table(pa.table(dict(columns)), sink)
     return sink.getvalue()
 
 

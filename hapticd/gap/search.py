@@ -140,19 +140,21 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     """
     contenders = _in_order(closing(possible, present, needed_errors), needed_errors)
     gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]
-    closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
-    if not (contenders and _is_right(contenders[0], present, closers, needed_errors)):
+    if not (contenders and _is_right(contenders[0], present, gaining, needed_errors)):
+        closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
         contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors], needed_errors)
     if not contenders:
         return None
     return round_of(present, contenders, to_the_end=matters(contenders[0].judged, present))
 
 
-def _is_right(best: Contender, present: CrossValidated, closers: Sequence[Contender], needed_errors: float) -> bool:
+def _is_right(best: Contender, present: CrossValidated, gaining: Sequence[Contender], needed_errors: float) -> bool:
     """Whether a law is sure and matters; one that closes little does not where another closes its share and gains more."""
     if best.evidence < needed_errors:
         return False
-    if any(one.gain > best.gain for one in closers) and not closes(best.judged.fit, present.fit):
+    if closes(best.judged.fit, present.fit):
+        return True
+    if any(one.gain > best.gain and closes(one.judged.fit, present.fit) for one in gaining):
         return False
     return matters(best.judged, present)
 
