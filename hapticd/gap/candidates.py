@@ -41,7 +41,7 @@ _HOPEFUL = 0.02
 _WORTH_A_CLIMB = 0.4
 """Share of what an effect must gain that its start must promise to be followed further."""
 HALVINGS, _TRIAL_HALVINGS = 6, 2
-_COLUMNS = 64
+_COLUMNS = 16
 
 
 def scale_of(fit: Fit) -> Scale:
@@ -101,11 +101,10 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
                 close = [c.term for c in tried[:most] if c.promise > max(_CLOSE * tried[0].promise, 0.0)]
                 found += sorted(each(space.along, close), key=lambda candidate: -candidate.promise)[:1]
     least = max(_HOPEFUL * max((c.promise for c in found), default=0.0), _WORTH_A_CLIMB * needed)
-    hopeful = [
-        _gripped(space, c, scale) if c.slug == grip.SLUG else space.stretched(c)
-        for c in found
-        if c.promise > least or c.left < 1.0 - constants.STRUCTURE_SHARE
-    ]
+    hopeful = each(
+        lambda c: _gripped(space, c, scale) if c.slug == grip.SLUG else space.stretched(c),
+        (c for c in found if c.promise > least or c.left < 1.0 - constants.STRUCTURE_SHARE),
+    )
     followed = _followed(space, part, hopeful)
     best_of: dict[str, Candidate] = {}
     for candidate in sorted(followed, key=lambda candidate: -candidate.promise):
@@ -150,7 +149,8 @@ def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[C
     """
     rough = [c for c in hopeful if CATALOGUE[c.slug].acts_on == "memory"]
     found = [c for c in hopeful if c not in rough]
-    for slug in dict.fromkeys(c.slug for c in rough):
+
+    def follow(slug: str) -> Candidate | None:
         tried = [candidate for candidate in rough if candidate.slug == slug]
         climbs = [Climb(part.present.extended(candidate.term), -1) for candidate in tried]
         each(lambda climb: climb.go(_TRIAL_HALVINGS), climbs)
@@ -159,9 +159,11 @@ def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[C
         item = tried[k].term.moved(climbs[k].fit.u[climbs[k].own])
         whole = space.present.extended(item)
         whole.scan_power()
-        if keeps_the_drive(whole, space.present):
-            found.append(replace(tried[k], term=item, promise=whole.log_likelihood - space.present.log_likelihood))
-    return found
+        promise = whole.log_likelihood - space.present.log_likelihood
+        return replace(tried[k], term=item, promise=promise) if keeps_the_drive(whole, space.present) else None
+
+    followed = each(follow, dict.fromkeys(c.slug for c in rough))
+    return found + [candidate for candidate in followed if candidate is not None]
 
 
 def _apart(tried: Sequence[Candidate], most: int) -> list[Candidate]:
@@ -207,7 +209,7 @@ def _input(space: Score, slug: str, scale: Scale) -> list[Candidate]:
         return []
     _, coarse = max(parts, key=lambda part: part[0])
     step = float(np.log(_ratio(starts)))
-    fine = [coarse.moved([coarse.start[0] + step * share]) for share in np.linspace(-1.0, 1.0, _COLUMNS // 4)]
+    fine = [coarse.moved([coarse.start[0] + step * share]) for share in np.linspace(-1.0, 1.0, _COLUMNS)]
     promise, item = _best_input(space, fine)
     return [Candidate(slug, item, promise, math.log(len(starts)))]
 
@@ -224,7 +226,7 @@ def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
         q = p.copy()
         item.put(q, item.start)
         columns[:, k] = constant * ((series.currents(q)[1] - base) * duration).sum(axis=1) / whole
-    g, H = space.reduced(sensitivities(present.out, columns))
+    g, H = space.reduced([sensitivities(present.out, columns)])
     share = np.clip(g / np.maximum(np.diag(H), 1e-300), 0.0, 1.0)
     promise = share * g - 0.5 * share**2 * np.diag(H)
     k = int(np.argmax(promise))

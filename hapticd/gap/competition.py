@@ -12,6 +12,7 @@ from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, grip, late_record, ripple
 from hapticd.gap.candidates import HALVINGS, Climb, candidates, keeps_the_drive, scale_of
 from hapticd.gap.missing import missing_power
+from hapticd.gap.parallel import each
 from hapticd.gap.remainder import is_all_chance
 
 if TYPE_CHECKING:
@@ -125,31 +126,34 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
     # A law competes with its limits, however little they promise by themselves.
     limits = {slug for candidate in likely for slug in CATALOGUE[candidate.slug].contains}
     likely += [c for c in found if c.slug in limits and c not in likely]
-    approached = [(candidate, _approached(present.fit, candidate)) for candidate in likely]
-    fits = [pair for pair in approached if keeps_the_drive(pair[1], present.fit)]
-    fits.sort(key=lambda pair: -pair[1].log_likelihood)
-    base = present.fit.log_likelihood
-    if not fits:
-        return []
-    contenders: list[Contender] = []
     before = missing_power(present.fit)
-    gains = [fit.log_likelihood - base for _, fit in fits]
-    closed = [(before - missing_power(fit)) / before for _, fit in fits]
-    for (candidate, fit), gain, part in zip(fits, gains, closed, strict=True):
-        beaten = (
-            gain < _CLOSE * other and part < most + constants.FORCE_MARGIN
-            for other, most in zip(gains, closed, strict=True)
-        )
-        if gain < _HALF_WAY * needed or (candidate.slug not in limits and any(beaten)):
-            continue
-        if len(contenders) == _MOST_FITTED:
-            break
-        best = max((other.judged.fit.log_likelihood for other in contenders), default=-np.inf)
-        fit.maximise(_CLIMB, ROUGH * needed, best)
-        judged = cross_validate(fit, present.penalty + candidate.penalty)
+
+    def approach(candidate: Candidate) -> tuple[Candidate, Fit, float, float] | None:
+        fit = _approached(present.fit, candidate)
+        gain = fit.log_likelihood - present.fit.log_likelihood
+        closed = (before - missing_power(fit)) / before
+        is_law = keeps_the_drive(fit, present.fit)
+        fit.release()
+        return (candidate, fit, gain, closed) if is_law else None
+
+    approached = [found for found in each(approach, likely) if found is not None]
+    approached.sort(key=lambda found: -found[2])
+    fitted: list[tuple[Candidate, Fit]] = []
+    for candidate, fit, gain, part in approached:
+        beaten = (gain < _CLOSE * other and part < most + constants.FORCE_MARGIN for _, _, other, most in approached)
+        if gain >= _HALF_WAY * needed and (candidate.slug in limits or not any(beaten)):
+            fitted.append((candidate, fit))
+
+    def contend(candidate: Candidate, fit: Fit, competitor: float = -np.inf) -> Contender:
+        judged = cross_validate(fit.maximise(_CLIMB, ROUGH * needed, competitor), present.penalty + candidate.penalty)
         gain, errors = evidence(judged, present)
-        contenders.append(Contender(candidate.slug, judged, gain, errors, candidate.penalty))
-    return sorted(contenders, key=lambda contender: -contender.gain)
+        return Contender(candidate.slug, judged, gain, errors, candidate.penalty)
+
+    if not fitted:
+        return []
+    best = contend(*fitted[0])
+    others = each(lambda one: contend(*one, best.judged.fit.log_likelihood), fitted[1:_MOST_FITTED])
+    return sorted([best, *others], key=lambda contender: -contender.gain)
 
 
 def _approached(present: Fit, candidate: Candidate) -> Fit:
@@ -254,7 +258,10 @@ def round_of(before: CrossValidated, contenders: Sequence[Contender], *, to_the_
     if to_the_end:
         best = _to_the_end(best, before)
         others = [_to_the_end(other, before) if _is_near(other, best) else other for other in others]
-    return Round(before, (best, *others), indistinguishable_from(best, others))
+    new = Round(before, (best, *others), indistinguishable_from(best, others))
+    for other in others:
+        other.judged.fit.release()
+    return new
 
 
 def _is_near(other: Contender, best: Contender) -> bool:

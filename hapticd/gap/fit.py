@@ -52,7 +52,6 @@ class Fit:
         terms: effects, in the order in which they were added.
         u: (k,) coordinates, the noise first.
         log_likelihood: with the prior of the base parameters, in nats.
-        out: (n,) of `TICK` at `u`.
         scores: (n, k) derivative of each sample's log probability, after `differentiate`; `held_out` drops it again.
         slopes: (n, k) derivative of each sample's predicted measurement.
         spreads: (n, k) derivative of the logarithm of its variance; as `scores`.
@@ -73,7 +72,20 @@ class Fit:
         self.scores = np.zeros((0, 0))
         self.slopes = np.zeros((0, 0))
         self.spreads = np.zeros((0, 0))
-        self.log_likelihood, self.out = self.evaluate(self.u)
+        self._out: NDArray[Any] | None
+        self.log_likelihood, self._out = self.evaluate(self.u)
+
+    @property
+    def out(self) -> NDArray[Any]:
+        """(n,) of `TICK` at `u`."""
+        if self._out is None:
+            _, self._out = self.evaluate(self.u)
+        return self._out
+
+    def release(self) -> None:
+        """Give back the room of all that another run of the filter finds again: a search keeps many fits."""
+        self._out = None
+        self._forget()
 
     @property
     def noise(self) -> Floats:
@@ -143,7 +155,7 @@ class Fit:
     def differentiate(self, only: NDArray[np.bool_] | None = None) -> None:
         """Find scores and slopes at the present coordinates."""
         free = (self.free() if only is None else only).copy()
-        self.scores, self.slopes, self.spreads = (np.zeros((self.out.size, self.u.size)) for _ in range(3))
+        self.scores, self.slopes, self.spreads = (np.zeros((self.out.size, self.u.size), order="F") for _ in range(3))
         for number, item in enumerate(self.terms):
             own = self.columns(number)
             columns = torque_slopes(item, self.u[own], self.out["x"], self.problem.series.middle_s)
@@ -191,6 +203,7 @@ class Fit:
                 self.scan_power()
             if self.log_likelihood - before < 1.0:
                 break
+        self._forget()
 
     def maximise(self, iterations: int = 25, tolerance: float = 0.05, competitor: float = -np.inf) -> Fit:
         """Climb to the maximum, and less closely the farther it stays behind a competitor's likelihood; returns itself."""
@@ -237,7 +250,7 @@ class Fit:
         value, out = self.evaluate(u)
         if not value > self.log_likelihood + least:
             return False
-        self.u, self.log_likelihood, self.out = u, value, out
+        self.u, self.log_likelihood, self._out = u, value, out
         return True
 
     @classmethod
@@ -319,8 +332,14 @@ class Fit:
                         break
             self.fold_u.append(u)
             total += np.where(series.fold == fold, series.per_block(log_p), 0.0)
-        self.scores = self.spreads = np.zeros((0, 0))  # a search keeps many fits
+        slopes = self.slopes
+        self._forget()
+        self.slopes = slopes
         return total
+
+    def _forget(self) -> None:
+        """Drop all derivatives."""
+        self.scores = self.slopes = self.spreads = np.zeros((0, 0))
 
     def set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:
         """Set what one coordinate changes, from the ticks of two runs that are `step` apart in it."""

@@ -10,7 +10,7 @@ import math
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.signal import welch
+from numpy.lib.stride_tricks import sliding_window_view
 
 from hapticd.gap.terms import LINE, Coordinate, Term
 
@@ -37,7 +37,9 @@ def lines(fit: Fit) -> list[float]:
     series = fit.problem.series
     innovation = _innovation(fit)
     length = min(2 ** int(math.log2(2 * series.size / _SEGMENTS)), _LONGEST_SEGMENT)
-    frequency, power = welch(innovation, 1.0 / series.period_s, nperseg=length)
+    segments = sliding_window_view(innovation, length)[:: length // 2]
+    power = np.mean(np.abs(np.fft.rfft(np.hanning(length) * segments)) ** 2, axis=0)  # Welch 1967
+    frequency = np.fft.rfftfreq(length, series.period_s)
     around = np.array([np.median(power[max(k - _AROUND, 0) : k + _AROUND]) for k in range(power.size)])
     found: list[float] = []
     ratio = np.where(frequency > max(_LOWEST_HZ, 2.0 * frequency[1]), power / around, 0.0)

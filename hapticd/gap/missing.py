@@ -14,6 +14,8 @@ from hapticd.gap.kernel.ticks import WHITE
 from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from hapticd.gap.fit import Fit
@@ -225,7 +227,7 @@ def structure(fit: Fit, found: Missing, count: int = 8) -> list[Structure]:
     """What the innovations of a model depend on: held-out gain of flexible functions, through the linearised filter."""
     results = []
     for name, columns in _functions(fit, found, count):
-        answer = sensitivities(fit.out, columns)
+        answer = sensitivities(fit.out, columns.copy())
         gain, errors = _gain(fit, _held_out_shift(fit, answer))
         results.append(Structure(name, gain, errors, columns @ _coefficients(fit, answer)))
     return results
@@ -251,14 +253,12 @@ def better_function(before: Fit, law: Term, count: int = 8) -> str | None:
     return best[1]
 
 
-def _functions(fit: Fit, found: Missing, count: int) -> list[tuple[str, Floats]]:
+def _functions(fit: Fit, found: Missing, count: int) -> Iterator[tuple[str, Floats]]:
     """Torques that are flexible functions of each coordinate, shape (n, k)."""
-    functions = []
     for name, (values, factor) in coordinates(fit, found).items():
         shape = hats(values, found.moves, count)
         if shape is not None:
-            functions.append((name, np.ascontiguousarray(shape if factor is None else shape * factor[:, None])))
-    return functions
+            yield name, np.ascontiguousarray(shape if factor is None else shape * factor[:, None])
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,7 @@ Linear algebra stays on one thread: its matrices are small, and the order in whi
 from __future__ import annotations
 
 import os
+import threading
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
@@ -18,6 +19,8 @@ Given = TypeVar("Given")
 Found = TypeVar("Found")
 Function = TypeVar("Function", bound="Callable[..., Any]")
 
+_thread = threading.local()
+
 
 def one_blas_thread(function: Function) -> Function:
     """A function during which linear algebra has one thread."""
@@ -27,7 +30,13 @@ def one_blas_thread(function: Function) -> Function:
 def each(function: Callable[[Given], Found], items: Iterable[Given]) -> list[Found]:
     """What a function returns for each item, in their order, on all processors that the process may use.
 
-    The function must not call this again: a thread that waits for others takes their place.
+    Called by such a function, it goes through its items one after the other: the processors have enough to do.
     """
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+    if getattr(_thread, "is_one_of_many", False):
+        return [function(item) for item in items]
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0)), initializer=_join_in) as pool:
         return list(pool.map(function, items))
+
+
+def _join_in() -> None:
+    _thread.is_one_of_many = True

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import t as student
 
-from hapticd.gap import constants
+from hapticd.gap import chance, constants
 from hapticd.gap.lines import frequencies, lines
 from hapticd.gap.missing import Missing, Structure, missing_force, structure
 from hapticd.gap.result import Remainder
@@ -44,10 +43,10 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
 def dependences(fit: Fit, found: Missing) -> list[tuple[Structure, float]]:
     """Coordinates that what a model leaves surely depends on, the most telling first, and how unlikely that is by chance."""
     tested = structure(fit, found)
-    freedom = fit.problem.series.blocks - 1
-    needed = student.isf(constants.LEVEL / max(len(tested), 1), freedom)
+    blocks = fit.problem.series.blocks
+    needed = chance.standard_errors(constants.LEVEL / max(len(tested), 1), blocks)
     return [
-        (test, min(float(student.sf(test.errors, freedom)) * len(tested), 1.0))
+        (test, min(chance.exceeding(test.errors, blocks) * len(tested), 1.0))
         for test in sorted(tested, key=lambda test: -test.gain)
         if test.errors > needed
     ]

@@ -13,9 +13,15 @@ from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import term
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
     from hapticd.effects.spec import Scale
     from hapticd.gap.fit import Fit
     from hapticd.gap.terms import Term
+
+    Floats = NDArray[np.float64]
 
 SLUG = "torque_ripple"
 _PURSUITS = 3
@@ -24,6 +30,10 @@ _MOST_ORDERS = 8
 _LEAST_ORDER_GAIN = 10.0
 _ORDER_SHARE = 0.02
 _SAME_ORDER = 0.3 / _HIGHEST_ORDER
+_ROWS = 4096
+_SMOOTH = 3
+"""Torques that are no order: a constant one, a spring's and gravity's."""
+_ROUNDING, _NOTHING = 1e-9, 1e-300
 
 
 def first_orders(space: Score, scale: Scale) -> list[Candidate]:
@@ -76,54 +86,100 @@ def _are_alike(one: Term, other: Term) -> bool:
 
 
 def _pursued(space: Score, scale: Scale) -> Candidate | None:
-    """Orders by matching pursuit. Over less than a wavelength of travel an order is a smooth function of position."""
+    """Orders by matching pursuit, beside torques that are smooth in position: many orders would make up for one of those.
+
+    Over less than a wavelength of travel an order is as smooth as they are: only beside one that goes round is it an order.
+    """
     turn = 2.0 * math.pi
     unit = turn / scale.travel if scale.is_linear else 1.0
-    lowest = max(2, math.ceil(0.99 * turn / scale.travel / unit))
     highest = min(_HIGHEST_ORDER, int(0.25 * turn / scale.resolution / unit))
-    if highest < lowest:
-        return None
-    orders = unit * np.arange(lowest, highest + 1)
-    x = space.present.out["x"]
+    orders = np.asarray(unit * np.arange(2, highest + 1), dtype=np.float64)
     count = orders.size
-    torques = np.empty((x.size, 2 * count))
-    sines, cosines = torques[:, :count], torques[:, count:]
-    np.multiply.outer(x, orders, out=sines)
-    np.cos(sines, out=cosines)
-    np.sin(sines, out=sines)
-    D = sensitivities(space.present.out, torques)
-    del torques, sines, cosines
-    g, H = space.reduced(D)
-    del D
-    chosen: list[int] = []
-    total = 0.0
-    while len(chosen) < _MOST_ORDERS:
-        held = [*chosen, *(k + count for k in chosen)]
-        rest_g, rest_H = g, H
-        if held:
-            solved = np.linalg.solve(H[np.ix_(held, held)], H[held])
-            rest_g, rest_H = g - solved.T @ g[held], H - H[:, held] @ solved
-        gains = np.zeros(count)
-        for k in range(count):
-            # Two orders that drift apart by less than half a wavelength over the travel are one to the data.
-            if all(abs(orders[k] - orders[other]) * scale.travel >= 0.5 * turn for other in chosen):
-                pair = np.ix_([k, k + count], [k, k + count])
-                own = rest_H[pair] + 1e-6 * H[k, k] * np.eye(2)
-                gains[k] = 0.5 * rest_g[[k, k + count]] @ np.linalg.solve(own, rest_g[[k, k + count]])
-        k = int(np.argmax(gains))
-        if gains[k] < max(_LEAST_ORDER_GAIN, _ORDER_SHARE * total):
-            break
-        chosen.append(k)
-        total += float(gains[k])
-    if not chosen:
+    goes_round = np.append(orders * scale.travel >= 0.99 * turn, [False] * _SMOOTH)
+    if not goes_round.any():
         return None
-    held = [*chosen, *(k + count for k in chosen)]
-    sizes = np.linalg.solve(H[np.ix_(held, held)], g[held])
-    of_sine, of_cosine = sizes[: len(chosen)], sizes[len(chosen) :]
+    g, H = space.reduced(_directions(space.present, orders, scale.positions[2]))
+    # Two orders that drift apart by less than half a wavelength over the travel are one to the data.
+    one = np.abs(np.subtract.outer(orders, orders)) * scale.travel < 0.5 * turn
+    excluded = np.pad(one, (0, _SMOOTH)) | np.eye(count + _SMOOTH, dtype=bool)
+    chosen = _best_together(g, H, excluded, goes_round)
+    ripple = [k for k in chosen if k < count]
+    if not ripple:
+        return None
+    of_sine, of_cosine = np.linalg.solve(*_system(g, H, chosen))[:, 0].reshape(-1, 2)[np.less(chosen, count)].T
     values = {
-        "orders": [float(orders[k]) for k in chosen],
-        "amplitudes": [float(a) for a in np.maximum(np.hypot(of_sine, of_cosine), 1e-9 * scale.torque)],
-        "phases": [float(a) for a in np.arctan2(of_cosine, of_sine)],
+        "orders": orders[ripple].tolist(),
+        "amplitudes": np.maximum(np.hypot(of_sine, of_cosine), 1e-9 * scale.torque).tolist(),
+        "phases": np.arctan2(of_cosine, of_sine).tolist(),
     }
     item = term(SLUG, values, ("orders",), 0.1)
-    return Candidate(SLUG, item, total, len(chosen) * math.log(count))
+    return Candidate(SLUG, item, _promised(g, H, ripple), len(ripple) * math.log(count))
+
+
+def _directions(present: Fit, orders: Floats, middle: float) -> Iterator[Floats]:
+    """What torques do to the predictions, in parts of so many rows, two columns each: every order's, and `_SMOOTH` more."""
+    state = np.zeros((3, 2 * (orders.size + _SMOOTH)))
+    for first in range(0, present.out.size, _ROWS):
+        out = present.out[first : first + _ROWS]
+        x = out["x"][:, np.newaxis]
+        of_sine = [np.sin(x * orders), np.zeros_like(x), x - middle, np.sin(x)]
+        of_cosine = [np.cos(x * orders), np.ones_like(x), np.ones_like(x), np.cos(x)]
+        columns = np.stack([np.concatenate(of_sine, axis=1), np.concatenate(of_cosine, axis=1)], axis=2)
+        yield sensitivities(out, columns.reshape(len(x), -1), state)
+
+
+def _best_together(g: Floats, H: Floats, excluded: NDArray[np.bool_], goes_round: NDArray[np.bool_]) -> list[int]:
+    """Which of m torques promise most together: one after the other, each in turn exchanged for a better one.
+
+    Args:
+        g: gradient of the likelihood by each torque's two columns, shape (2m,). H: their information.
+        excluded: shape (m, m), which of them each one excludes. goes_round: shape (m,), orders that need no other one.
+    """
+
+    def best_beside(others: list[int]) -> tuple[int, Floats]:
+        gains = _gains_beside(others, g, H)
+        needs_another = ~goes_round & (np.arange(goes_round.size) < goes_round.size - _SMOOTH)
+        gains[excluded[:, others].any(axis=1) | (needs_another & (not goes_round[others].any()))] = 0.0
+        return int(np.argmax(gains)), gains
+
+    chosen: list[int] = []
+    while len(chosen) < _MOST_ORDERS:
+        k, gains = best_beside(chosen)
+        if gains[k] < max(_LEAST_ORDER_GAIN, _ORDER_SHARE * _promised(g, H, chosen)):
+            break
+        chosen.append(k)
+        unchanged = 0
+        while unchanged < len(chosen):
+            former, *chosen = chosen
+            k, gains = best_beside(chosen)
+            is_better = gains[k] > (1.0 + _ROUNDING) * gains[former]
+            chosen.append(k if is_better else former)
+            unchanged = 0 if is_better else unchanged + 1
+    return chosen
+
+
+def _system(g: Floats, H: Floats, chosen: list[int]) -> tuple[Floats, Floats]:
+    """Information (k, k) and gradient (k, 1) of both columns of each torque that is chosen."""
+    held = [2 * k + part for k in chosen for part in (0, 1)]
+    own = H[np.ix_(held, held)]
+    return own + np.diag(_ROUNDING * np.diag(own) + _NOTHING), g[held][:, np.newaxis]
+
+
+def _promised(g: Floats, H: Floats, chosen: list[int]) -> float:
+    """What some torques promise together, nats."""
+    own, slope = _system(g, H, chosen)
+    return float(0.5 * np.sum(slope * np.linalg.solve(own, slope)))
+
+
+def _gains_beside(chosen: list[int], g: Floats, H: Floats) -> Floats:
+    """What each of m torques promises beside those that are chosen, nats, shape (m,)."""
+    held = [2 * k + part for k in chosen for part in (0, 1)]
+    own, slope = _system(g, H, chosen)
+    solved = np.linalg.solve(own, np.concatenate([slope, H[held]], axis=1))
+    rest_g, rest_H = g - H[:, held] @ solved[:, 0], H - H[:, held] @ solved[:, 1:]
+    pairs = np.arange(g.size).reshape(-1, 2)
+    of_pair = rest_H[pairs[:, :, np.newaxis], pairs[:, np.newaxis]]
+    of_pair += (1e-6 * np.diag(H)[pairs] + _NOTHING)[:, :, np.newaxis] * np.eye(2)
+    slopes = rest_g[pairs][:, :, np.newaxis]
+    gains: Floats = 0.5 * np.sum(slopes * np.linalg.solve(of_pair, slopes), axis=(1, 2))
+    return gains

@@ -15,6 +15,8 @@ from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap.missing import missing_power
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
 
     from hapticd.gap.fit import Fit
@@ -52,23 +54,23 @@ class Score:
         self.power = missing_power(present)
         self.inverse = np.linalg.pinv(H) if self.own.size else np.zeros((0, 0))
 
-    def reduced(self, directions: Floats) -> tuple[Floats, Floats]:
-        """Gradient (k,) and information (k, k) of directions of the prediction, shape (n, k)."""
-        weighted = directions * self.information[:, None]
-        g = directions.T @ self.score
-        H = weighted.T @ directions
-        if self.own.size:
-            cross = weighted.T @ self.own
-            g = g - cross @ (self.inverse @ (self.own.T @ self.score))
-            H = H - cross @ self.inverse @ cross.T
-        return g, H
+    def reduced(self, directions: Iterable[Floats]) -> tuple[Floats, Floats]:
+        """Gradient (k,) and information (k, k) of directions of the prediction, shape (n, k) in parts of so many rows."""
+        g = H = cross = np.zeros(())
+        first = 0
+        for D in directions:
+            rows = slice(first, first + len(D))
+            weighted = (D * self.information[rows, None]).T
+            g, H, cross = g + self.score[rows] @ D, H + weighted @ D, cross + weighted @ self.own[rows]
+            first += len(D)
+        return g - cross @ (self.inverse @ (self.own.T @ self.score)), H - cross @ self.inverse @ cross.T
 
     def along(self, item: Term) -> Candidate:
         """What a term promises, started as well as its direction says."""
         present = self.present
         fit = present.extended(item)
         out = fit.out
-        g, H = self.reduced((out["mean"] - present.out["mean"])[:, None])
+        g, H = self.reduced([(out["mean"] - present.out["mean"])[:, None]])
         factor = float(g[0] / max(H[0, 0], 1e-300))
         amplitude = CATALOGUE[item.slug].amplitude
         if not amplitude:

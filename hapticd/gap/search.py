@@ -11,10 +11,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import t as student
 
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.gap import constants, late_record, lines
+from hapticd.gap import chance, constants, late_record, lines
 from hapticd.gap.candidates import keeps_the_drive
 from hapticd.gap.competition import (
     ROUGH,
@@ -47,9 +46,9 @@ CORRECTIONS = ("inertia_error", "viscous_friction", "coulomb_friction", "torque_
 _QUIET = 2.0
 
 
-def critical(problem_blocks: int, tried: int) -> float:
+def critical(blocks: int, tried: int) -> float:
     """Standard errors that an effect needs when `tried` of them compete."""
-    return float(student.isf(constants.LEVEL / max(tried, 1), problem_blocks - 1))
+    return chance.standard_errors(constants.LEVEL / max(tried, 1), blocks)
 
 
 def least_gain(needed_errors: float) -> float:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 _LOSS = index_of("dropped_samples.p")
 _DELAY, _TRANSPORT_DELAY, _LAG = index_of("delay_s"), index_of("transport_delay.t_d"), index_of("amplifier_lag.f_a")
-_REMEMBERED = 8
+_REMEMBERED = 4
 _FINE = 8
 """Parts of a step of the plant's in which a lagging current is taken as constant."""
 _ELECTRICAL = tuple(

@@ -7,11 +7,10 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.stats import t as student
 
 from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
-from hapticd.gap import constants, grip, late_record, missing
+from hapticd.gap import chance, constants, grip, late_record, missing
 from hapticd.gap.competition import CrossValidated, Round, cross_validate, evidence
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
@@ -260,7 +259,7 @@ def _step(
 
 def _reach(blocks: int) -> float:
     """Standard errors to the ends of a 95 % interval."""
-    return float(student.isf(0.025, blocks - 1))
+    return chance.standard_errors(0.025, blocks)
 
 
 def _estimates(

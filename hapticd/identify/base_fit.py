@@ -11,8 +11,8 @@ from operator import attrgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import t as student
 
+from hapticd.gap import chance
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import DISTURBANCE
@@ -68,7 +68,7 @@ class BaseFit:
     @property
     def reach(self) -> float:
         """Half of a 95 % interval in standard deviations, by Student's distribution over the blocks."""
-        return float(student.isf(0.025, self.fit.problem.series.blocks - 1))
+        return chance.standard_errors(0.025, self.fit.problem.series.blocks)
 
     def half_width(self, name: str) -> float:
         """Half of the 95 % interval."""

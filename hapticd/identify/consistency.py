@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.stats import t as student
 
+from hapticd.gap import chance
 from hapticd.gap.result import Estimate
 
 if TYPE_CHECKING:
@@ -43,7 +43,7 @@ def current_gain(recordings: Sequence[Recording]) -> Estimate | None:
             best = float(left @ left), gain, float(spread)
     assert best is not None
     _, gain, spread = best
-    half = float(student.isf(0.025, _BLOCKS - 1)) * spread
+    half = chance.standard_errors(0.025, _BLOCKS) * spread
     return Estimate(gain, (gain - half, gain + half), "A/A")
 
 

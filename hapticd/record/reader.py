@@ -265,7 +265,13 @@ def _check_names(path: Path, names: list[str]) -> None:
 
 def _column(path: Path, name: str, column: Any) -> NDArray[Any]:
     """Values of one column, known ones in their own type if that loses nothing."""
-    values: NDArray[Any] = column.to_numpy()
+    from pyarrow import types
+
+    is_number = types.is_integer(column.type) or types.is_floating(column.type)
+    if is_number and column.num_chunks and not column.null_count:  # to_numpy would load pandas: 0.3 s and 50 MB
+        values: NDArray[Any] = np.concatenate([np.from_dlpack(chunk) for chunk in column.chunks])
+    else:
+        values = column.to_numpy()
     if name not in _FLOATS and name not in (ROW.names or ()):
         return values
     wanted = ROW[name] if name in (ROW.names or ()) else np.dtype(np.float64)

@@ -19,34 +19,38 @@ _m = types.Array(_f8, 2, "C")
 _rows = types.Array(from_dtype(TICK), 1, "C")
 
 
-@njit(_m(_rows, _m))
-def sensitivities(out: NDArray[Any], columns: NDArray[Any]) -> NDArray[Any]:
+def sensitivities(out: NDArray[Any], columns: NDArray[Any], before: NDArray[Any] | None = None) -> NDArray[Any]:
     """Return d(predicted measurement)/dθ of torques θ_k columns[:, k], through the filter linearised along its path.
 
     Args:
         out: (n,) of `TICK`.
-        columns: (n, K) torque during the period after each sample, N m or N.
+        columns: (n, K) torque during the period after each sample, N m or N; overwritten.
+        before: (3, K) what earlier torques did to the state, of which these are the continuation; changed in place.
 
     Returns:
-        Shape (n, K), rad or m per unit of θ.
+        The answer in place of `columns`, rad or m per unit of θ.
     """
+    _propagate(out, columns, np.zeros((3, columns.shape[1])) if before is None else before)
+    return columns
+
+
+@njit(types.void(_rows, _m, _m))
+def _propagate(out: NDArray[Any], columns: NDArray[Any], state: NDArray[Any]) -> None:
     n, count = columns.shape
-    answer = np.zeros((n, count))
-    x, v, d = np.zeros(count), np.zeros(count), np.zeros(count)
+    x, v, d = state
     for i in range(n):
         row = out[i]
         known = row.seen * row.share
         gx, gv, gd = row.gain_x * known, row.gain_v * known, row.gain_d * known
         for k in range(count):
-            answer[i, k] = row.seen * x[k]
+            torque = columns[i, k]
+            columns[i, k] = row.seen * x[k]
             dx = (1.0 - gx) * x[k]
             dv = v[k] - gv * x[k]
             dd = d[k] - gd * x[k]
-            torque = columns[i, k]
             x[k] = dx + row.x_v * dv + row.x_d * dd + row.x_force * torque if row.d_d > 0.0 else 0.0
             v[k] = row.v_v * dv + row.v_d * dd + row.v_force * torque
             d[k] = row.d_d * dd
-    return answer
 
 
 @njit(_m(_rows, _a))
