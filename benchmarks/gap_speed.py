@@ -50,13 +50,25 @@ _CHILD = """
 import json, os, sys, time
 os.sched_setaffinity(0, [min(os.sched_getaffinity(0))])
 from pathlib import Path
-from benchmarks.gap.{module} import {call}
-begin = time.perf_counter()
-found = {call}(Path(sys.argv[1]))
+here, begin = Path(sys.argv[1]), time.perf_counter()
+{answer}
 print(json.dumps([time.perf_counter() - begin, found["verdict"], list(found["effects"])]))
 """
-_WORKFLOW = _CHILD.format(module="tasks", call="find")
-_PEER = _CHILD.format(module="sindy", call="identify")
+_WORKFLOW = _CHILD.format(
+    answer="""
+from hapticd.config import load_config
+from hapticd.gap import find_gap
+from hapticd.gap.data import load_recording
+model = load_config(here / "model.yaml")
+found = find_gap([load_recording(here / "run.parquet", model)], model).to_json()
+"""
+)
+_PEER = _CHILD.format(
+    answer="""
+from benchmarks.gap.sindy import identify
+found = identify(here)
+"""
+)
 _ONE_THREAD = dict.fromkeys(("NUMBA_NUM_THREADS", "OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 
 from threadpoolctl import threadpool_info, threadpool_limits
 
@@ -24,3 +25,12 @@ def test_linear_algebra_has_one_thread_while_it_matters() -> None:
 
 def test_each_keeps_the_order() -> None:
     assert each(lambda item: item**2, range(50)) == [item**2 for item in range(50)]
+
+
+def test_each_within_each_stays_on_its_thread() -> None:
+    def inner(item: int) -> list[tuple[int, int]]:
+        return each(lambda part: (item + part, threading.get_ident()), range(4))
+
+    for number, found in enumerate(each(inner, range(8))):
+        assert [value for value, _ in found] == [number + part for part in range(4)]
+        assert len({thread for _, thread in found}) == 1

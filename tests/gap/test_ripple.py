@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
+import numpy as np
 import pytest
 
 from hapticd.gap import ripple
@@ -50,3 +52,43 @@ def test_orders_over_little_travel(hidden: Callable[..., Any], hidden_orders: li
     assert 0.6 < scale.travel / (2.0 * math.pi) < 0.7
     [candidate] = ripple.first_orders(Score(present), scale)
     assert sorted(order for _, order in candidate.term.fixed) == hidden_orders
+
+
+@pytest.mark.parametrize(
+    "companion",
+    [
+        {"name": "gravity", "m_g_l": 1e-3, "theta_0": 0.5},
+        {"name": "return_spring", "k_s": 1e-3, "theta_0": 0.3},
+        {"name": "constant_bias", "tau_0": 6e-4},
+    ],
+    ids=lambda effect: effect["name"],
+)
+def test_orders_do_not_make_up_for_a_smooth_torque(hidden: Callable[..., Any], companion: dict[str, Any]) -> None:
+    recording, model = hidden([{**HIDDEN, "orders": [3, 28]}, companion], 2, 8.0)
+    present = nominal_fit(problem_of([recording], model))
+    present.differentiate()
+    [candidate] = ripple.first_orders(Score(present), scale_of(present))
+    assert sorted(order for _, order in candidate.term.fixed) == [3.0, 28.0]
+
+
+@pytest.mark.parametrize(("hidden_orders", "found"), [([2, 28], [2.0, 28.0]), ([2], None)])
+def test_an_order_that_does_not_go_round(hidden: Callable[..., Any], hidden_orders: list[int], found: Any) -> None:
+    """Over less than a wavelength it is an order beside one that goes round; by itself any smooth torque is as good."""
+    size = len(hidden_orders)
+    effect = {
+        "name": "torque_ripple",
+        "orders": hidden_orders,
+        "amplitudes": [1e-3] * size,
+        "phases": [0.4, -1.0][:size],
+    }
+    recording, model = hidden([effect], 2, 8.0)
+    swept = np.maximum.accumulate(recording.position) - np.minimum.accumulate(recording.position)
+    some = {name: getattr(recording, name)[swept < 3.0] for name in ("time_s", "position", "current", "lateness_s")}
+    present = nominal_fit(problem_of([replace(recording, **some)], model))
+    present.differentiate()
+    scale = scale_of(present)
+    assert recording.rows / 4 < present.out.size
+    assert 2.0 * scale.travel < 0.99 * 2.0 * math.pi
+    candidates = ripple.first_orders(Score(present), scale)
+    orders = [sorted(order for _, order in candidate.term.fixed) for candidate in candidates]
+    assert orders == ([found] if found else [])
