@@ -155,6 +155,8 @@ def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[C
         climbs = [Climb(part.present.extended(candidate.term), -1) for candidate in tried]
         each(lambda climb: climb.go(_TRIAL_HALVINGS), climbs)
         k = int(np.argmax([climb.fit.log_likelihood for climb in climbs]))
+        if climbs[k].fit.log_likelihood < part.present.log_likelihood:
+            return None  # smaller steps turn no loss into a gain
         climbs[k].go(HALVINGS - _TRIAL_HALVINGS)
         item = tried[k].term.moved(climbs[k].fit.u[climbs[k].own])
         whole = space.present.extended(item)

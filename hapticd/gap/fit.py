@@ -14,7 +14,7 @@ from hapticd.gap import constants
 from hapticd.gap.kernel.filter import run_filter
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, NOISE, TICK, WHITE
-from hapticd.gap.parallel import each
+from hapticd.gap.parallel import each, go_on
 from hapticd.gap.terms import LINE, line_torques, torque_slopes
 from hapticd.plant.effect_terms import torque_constant
 
@@ -118,6 +118,7 @@ class Fit:
 
     def evaluate(self, u: Floats) -> tuple[float, NDArray[Any]]:
         """Log-likelihood and ticks at coordinates."""
+        go_on()
         series = self.problem.series
         p = self.device(u)
         out = np.empty(series.size, TICK)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import os
 import threading
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import CancelledError, ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from threadpoolctl import threadpool_limits
@@ -30,13 +30,29 @@ def one_blas_thread(function: Function) -> Function:
 def each(function: Callable[[Given], Found], items: Iterable[Given]) -> list[Found]:
     """What a function returns for each item, in their order, on all processors that the process may use.
 
-    Called by such a function, it goes through its items one after the other: the processors have enough to do.
+    Called by such a function, it goes through its items one after the other: the processors have enough to do. After an
+    error or Ctrl-C they all end at their next `go_on`.
     """
-    if getattr(_thread, "is_one_of_many", False):
+    if hasattr(_thread, "stop"):
         return [function(item) for item in items]
-    with ThreadPoolExecutor(len(os.sched_getaffinity(0)), initializer=_join_in) as pool:
-        return list(pool.map(function, items))
+    stop = threading.Event()
+    with ThreadPoolExecutor(len(os.sched_getaffinity(0)), initializer=_join, initargs=(stop,)) as pool:
+        try:
+            return list(pool.map(function, items))
+        except BaseException:
+            stop.set()
+            raise
 
 
-def _join_in() -> None:
-    _thread.is_one_of_many = True
+def _join(stop: threading.Event) -> None:
+    _thread.stop = stop
+
+
+def go_on() -> None:
+    """Called by what takes long within `each`.
+
+    Raises:
+        CancelledError: another one failed.
+    """
+    if hasattr(_thread, "stop") and _thread.stop.is_set():
+        raise CancelledError

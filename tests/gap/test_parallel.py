@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import os
 import threading
+import time
 
+import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from hapticd.gap.parallel import each, one_blas_thread
+from hapticd.gap.parallel import each, go_on, one_blas_thread
 
 
 def _blas_threads() -> set[int]:
@@ -34,3 +36,25 @@ def test_each_within_each_stays_on_its_thread() -> None:
     for number, found in enumerate(each(inner, range(8))):
         assert [value for value, _ in found] == [number + part for part in range(4)]
         assert len({thread for _, thread in found}) == 1
+
+
+def test_an_error_ends_what_the_others_are_at() -> None:
+    begun = threading.Event()
+    done: list[int] = []
+
+    def step(part: int) -> None:
+        go_on()
+        time.sleep(0.01)
+        done.append(part)
+
+    def work(number: int) -> list[None]:
+        if number == 0:
+            assert begun.wait(10.0)
+            raise KeyboardInterrupt
+        begun.set()
+        return each(step, range(500))
+
+    if len(os.sched_getaffinity(0)) > 1:
+        with pytest.raises(KeyboardInterrupt):
+            each(work, range(2))
+        assert 0 < len(done) < 500
