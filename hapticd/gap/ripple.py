@@ -135,11 +135,13 @@ def _best_together(g: Floats, H: Floats, excluded: NDArray[np.bool_], goes_round
         g: gradient of the likelihood by each torque's two columns, shape (2m,). H: their information.
         excluded: shape (m, m), which of them each one excludes. goes_round: shape (m,), orders that need no other one.
     """
+    needs_another = ~goes_round & (np.arange(goes_round.size) < goes_round.size - _SMOOTH)
 
     def best_beside(others: list[int]) -> tuple[int, Floats]:
         gains = _gains_beside(others, g, H)
-        needs_another = ~goes_round & (np.arange(goes_round.size) < goes_round.size - _SMOOTH)
-        gains[excluded[:, others].any(axis=1) | (needs_another & (not goes_round[others].any()))] = 0.0
+        gains[excluded[:, others].any(axis=1)] = 0.0
+        if not goes_round[others].any():
+            gains[~goes_round if needs_another[others].any() else needs_another] = 0.0
         return int(np.argmax(gains)), gains
 
     chosen: list[int] = []
