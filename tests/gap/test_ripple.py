@@ -20,6 +20,11 @@ from hapticd.gap.workflow import problem_of
 HIDDEN = {"name": "torque_ripple", "orders": [7, 28], "amplitudes": [6e-4, 3e-4], "phases": [0.4, -1.0]}
 
 
+def _of_orders(orders: list[int]) -> dict[str, Any]:
+    size = len(orders)
+    return {"name": "torque_ripple", "orders": orders, "amplitudes": [1e-3] * size, "phases": [0.4, -1.0][:size]}
+
+
 @pytest.mark.parametrize(("begun", "more"), [([7, 50], 0), ([7], 1), ([7, 28], 0)])
 def test_orders_are_looked_for_again(hidden: Callable[..., Any], begun: list[int], more: int) -> None:
     recording, model = hidden([HIDDEN], 3, 8.0)
@@ -38,14 +43,7 @@ def test_orders_are_looked_for_again(hidden: Callable[..., Any], begun: list[int
 @pytest.mark.parametrize("hidden_orders", [[2], [7, 8]])
 def test_orders_over_little_travel(hidden: Callable[..., Any], hidden_orders: list[int]) -> None:
     """Order 2 makes one wavelength and a quarter over this travel, and 7 and 8 drift apart by 0.6."""
-    size = len(hidden_orders)
-    effect = {
-        "name": "torque_ripple",
-        "orders": hidden_orders,
-        "amplitudes": [1e-3] * size,
-        "phases": [0.4, -1.0][:size],
-    }
-    recording, model = hidden([effect], 2, 8.0)
+    recording, model = hidden([_of_orders(hidden_orders)], 2, 8.0)
     present = nominal_fit(problem_of([recording], model))
     present.differentiate()
     scale = scale_of(present)
@@ -74,14 +72,7 @@ def test_orders_do_not_make_up_for_a_smooth_torque(hidden: Callable[..., Any], c
 @pytest.mark.parametrize(("hidden_orders", "found"), [([2, 28], [2.0, 28.0]), ([2], None)])
 def test_an_order_that_does_not_go_round(hidden: Callable[..., Any], hidden_orders: list[int], found: Any) -> None:
     """Over less than a wavelength it is an order beside one that goes round; by itself any smooth torque is as good."""
-    size = len(hidden_orders)
-    effect = {
-        "name": "torque_ripple",
-        "orders": hidden_orders,
-        "amplitudes": [1e-3] * size,
-        "phases": [0.4, -1.0][:size],
-    }
-    recording, model = hidden([effect], 2, 8.0)
+    recording, model = hidden([_of_orders(hidden_orders)], 2, 8.0)
     swept = np.maximum.accumulate(recording.position) - np.minimum.accumulate(recording.position)
     some = {name: getattr(recording, name)[swept < 3.0] for name in ("time_s", "position", "current", "lateness_s")}
     present = nominal_fit(problem_of([replace(recording, **some)], model))
