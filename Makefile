@@ -32,7 +32,7 @@ compiled-daemon: $(STAMP)
 	$(BIN)/python -c 'import tests.sim_hw.forked_device'
 
 compiled-gap: $(STAMP)
-	$(BIN)/python -c 'import hapticd.gap'
+	$(BIN)/python -c 'import hapticd.gap, hapticd.jit; hapticd.jit.compile_all()'
 
 lint: $(STAMP)   ## ruff; do the installed packages agree with one another
 	$(BIN)/python -m pip --disable-pip-version-check check

@@ -22,6 +22,9 @@ import numba
 from llvmlite import ir
 from numba import types
 from numba.core import cgutils
+from numba.core.compiler import Flags
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.targetconfig import ConfigStack
 from numba.extending import intrinsic
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
@@ -40,6 +43,11 @@ _FOLDERS = {
     "sim_hw": ("hapticd/effects", "hapticd/plant", "sim_hw"),
     "hapticd.gap.kernel": ("hapticd/effects", "hapticd/plant", "hapticd/gap/kernel"),
 }
+
+_ON_DEMAND = ("hapticd.plant.", "hapticd.effects.", "hapticd.gap.kernel.")
+"""Rooms whose functions are compiled, or loaded, when they are first called. Those of the servo loop, the drivers and the
+simulated hardware are at import: nothing of theirs may take a second once it runs. They bring what they call."""
+_waiting: list[Callable[[], Any]] = []
 
 
 @functools.cache
@@ -78,11 +86,14 @@ def _cached(function: Callable[..., Any]) -> Iterator[None]:
         numba.config.CACHE_DIR = before
 
 
-def njit(*signature: Any, inline: bool = False, counted: bool = True, reorder: bool = False) -> Callable[[F], F]:
+def njit(
+    signature: Any = None, *, inline: bool = False, counted: bool = True, reorder: bool = False
+) -> Callable[[F], F]:
     """Compile a function without the GIL, cached on disk, with IEEE division semantics (no ZeroDivisionError).
 
     Args:
-        signature: optional eager Numba signature(s); with one, the function is compiled (or loaded) at import.
+        signature: optional Numba signature; with one, the function is compiled, or loaded, at import; in a room that can
+            wait, when it is first called. Without one, when compiled code that calls it is compiled.
         inline: make LLVM inline the function; an array argument costs seven words a call otherwise.
         counted: keep reference counts of arrays. A function that makes no array can do without: each array argument
             otherwise costs two atomic operations a call, several times the work of a servo tick in all.
@@ -98,10 +109,38 @@ def njit(*signature: Any, inline: bool = False, counted: bool = True, reorder: b
         options["fastmath"] = {"reassoc", "contract"}
 
     def decorate(function: F) -> F:
+        waits = signature is not None and function.__module__.startswith(_ON_DEMAND)
         with _cached(function):
-            return cast(F, numba.njit(*signature, **options)(function))
+            compiled = numba.njit(None if waits else signature, **options)(function)
+        return cast(F, _on_demand(compiled, signature) if waits else compiled)
 
     return decorate
+
+
+def _on_demand(compiled: Any, signature: Any) -> Any:
+    """A function that is compiled, or loaded, for its signature when Python or compiled code first calls it."""
+    compile_for = compiled.compile
+
+    def compile_once(_: Any = None) -> Any:
+        with global_compiler_lock:
+            for found in compiled.overloads.values():
+                return found.entry_point
+            defaults = Flags()
+            defaults.nrt = True
+            with ConfigStack().enter(defaults):  # or it takes over the options of a caller that is being compiled
+                entry_point = compile_for(signature)
+            compiled.disable_compile()
+            return entry_point
+
+    compiled.compile = compile_once
+    _waiting.append(compile_once)
+    return compiled
+
+
+def compile_all() -> None:
+    """Compile, or load, all that was imported and waits to be called."""
+    for compile_once in _waiting:
+        compile_once()
 
 
 def effect_term(function: F) -> F:

@@ -1,6 +1,6 @@
 """``python -m hapticd.service.precompile``: fill the compile cache, so that the daemon's first start is quick.
 
-Everything that the daemon compiles is compiled when its module is imported, so importing the modules is all there is to do.
+Importing a module compiles what of it may not wait; the rest is compiled after it.
 ``systemd/install.sh`` runs it as the daemon's user on the daemon's cache; what is there already is left alone.
 """
 
@@ -29,11 +29,13 @@ def _modules(package: str) -> Iterator[str]:
 def main() -> None:
     """Compile package by package, and say which one it is."""
     from drivers.registry import discover
+    from hapticd.jit import compile_all
 
     for number, (package, what) in enumerate(_PACKAGES, start=1):
         print(f"compiling {number}/{len(_PACKAGES)}: {what}", flush=True)
         for name in _modules(package):
             importlib.import_module(name)
+        compile_all()
     for driver in discover():
         if driver.error is not None:
             print(f"driver {driver.name} cannot be loaded: {driver.error}", flush=True)
