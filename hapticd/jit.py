@@ -132,7 +132,13 @@ def _on_demand(compiled: Any, signature: Any) -> Any:
             compiled.disable_compile()
             return entry_point
 
-    compiled.compile = compile_once
+    def compile_for_python(*arguments: Any) -> Any:
+        entry_point = compile_once()
+        if not compiled._search_new_conversions(*arguments):  # Numba asks each later call by itself
+            compiled._explain_matching_error(*arguments)
+        return entry_point
+
+    compiled.compile, compiled._compile_for_args = compile_once, compile_for_python
     _waiting.append(compile_once)
     return compiled
 

@@ -72,7 +72,7 @@ def known(files: Files, effects: Sequence[dict[str, Any]]) -> tuple[list[Known],
     whole = cross_validate(fit.maximise(_STEPS))
     found = []
     for number, effect in enumerate(effects):
-        poorer = fit.without(number).with_noise(nominal.noise)
+        poorer = fit.without(number, nominal.noise)
         less = cross_validate(poorer.maximise(_STEPS))
 
         def shows(more: CrossValidated, less: CrossValidated) -> tuple[float, float]:

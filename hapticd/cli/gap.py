@@ -128,7 +128,7 @@ def describe(document: dict[str, Any], out: Path) -> str:
 
     gap = document["gap"]
     held_out, unit = gap["held_out"], gap["unit"]
-    lines = [f"timing of the data: {text.timing(document)}"] if text.timing_is_off(document) else []
+    lines = [f"timing of the data: {text.timing(document)}"]
     lines.append(f"{document['verdict']}: {document['statement']}")
     for step in document["steps"]:
         values = [*text.chosen(step), *(f"{name} = {_estimate(value)}" for name, value in step["parameters"].items())]
@@ -137,12 +137,13 @@ def describe(document: dict[str, Any], out: Path) -> str:
     lines += [f"  {name} refitted: {_estimate(value)}" for name, value in document["base"].items()]
     lines += [f"where: {place}" for place in text.places(document["where"], unit)]
     lines.append(
-        f"missing force on held-out data: {held_out['before']:.3g} {unit} before, {held_out['after']:.3g} {unit} after; "
-        f"noise alone reads {gap['noise_floor']:.2g} {unit}"
+        f"missing force, each block with numbers from the others: {held_out['before']:.3g} {unit} before, "
+        f"{held_out['after']:.3g} {unit} after; noise alone reads {gap['noise_floor']:.2g} {unit}"
     )
     lines += [f"predicted {sentence}" for sentence in text.predictions(document)]
     left = document["remainder"]["words"]
-    if document["verdict"] != "no_missing_effect" and left not in document["statement"]:
+    is_news = document["verdict"] != "no_missing_effect" or document["remainder"]["fingerprint"]
+    if is_news and left not in document["statement"]:
         lines.append(f"left: {left}")
     lines += [f"for you: {sentence}" for sentence in document["consequences"]["words"]]
     if planned := document["next_experiment"]:

@@ -31,7 +31,7 @@ EFFECT = Effect(
     where_it_shows="A residual torque −a b |ω|, the same in both directions, that grows with speed.",
     example="a: 0.3",
     notes=Notes(
-        in_data=("A residual torque a b |ω| that has the same sign in both directions and vanishes at standstill."),
+        in_data=("A residual torque −a b |ω| that has the same sign in both directions and vanishes at standstill."),
         told_apart=(
             "`constant_bias` does not vanish at standstill. With motion at one speed only, or mostly one way, the two are "
             "confounded: report them as a pair."

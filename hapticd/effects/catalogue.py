@@ -82,6 +82,8 @@ def _problems(entry: EntryPoint, effect: object, known: Mapping[str, Effect]) ->
     names = [parameter.name for parameter in effect.parameters]
     if not names or len(set(names)) < len(names) or "name" in names:
         yield "it needs parameters, each with a name of its own other than 'name'"
+    if effect.amplitude not in ("", *names[:1]):
+        yield f"its amplitude is {effect.amplitude!r}; the parameter in which a law is linear comes first"
     if not effect.is_hooked:
         yield "it has neither a force nor a friction, so that the plant would not know what to do with it"
     room = HOOK_ROOM - 1 - sum(HOOK_HEADER + other.size for other in known.values() if other.is_hooked)

@@ -19,7 +19,7 @@ from hapticd.gap import constants, grip, late_record, ripple
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import SENSOR
-from hapticd.gap.missing import MOVES
+from hapticd.gap.missing import moving
 from hapticd.gap.parallel import each
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import Term, term
@@ -121,8 +121,8 @@ def keeps_the_drive(fit: Fit, present: Fit) -> bool:
         constant = p[index_of("torque_constant")] * (1.0 + p[index_of("torque_constant_error.r")])
         friction = 1.0 - p[index_of("load_dependent_friction.kappa")]
         drives.append(constant * friction * float(np.sqrt(np.sum(duration * current**2))))
-    moves = [float(np.mean(model.out["v_v"] > MOVES)) for model in (fit, present)]
-    return drives[0] > constants.DRIVE_KEPT * drives[1] and moves[0] > constants.DRIVE_KEPT * moves[1]
+    moves = [float(np.mean(moving(model))) for model in (fit, present)]
+    return drives[0] >= constants.DRIVE_KEPT * drives[1] and moves[0] >= constants.DRIVE_KEPT * moves[1]
 
 
 def both_signs(starts: Iterable[Term]) -> list[Term]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -131,7 +132,7 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
     def approach(candidate: Candidate) -> tuple[Candidate, Fit, float, float] | None:
         fit = _approached(present.fit, candidate)
         gain = fit.log_likelihood - present.fit.log_likelihood
-        closed = (before - missing_power(fit)) / before
+        closed = (before - missing_power(fit)) / before if before > 0.0 else 0.0
         is_law = keeps_the_drive(fit, present.fit)
         fit.release()
         return (candidate, fit, gain, closed) if is_law else None
@@ -270,7 +271,8 @@ def _is_near(other: Contender, best: Contender) -> bool:
 
 
 def _to_the_end(contender: Contender, before: CrossValidated) -> Contender:
-    fit, added_penalty = _polished(contender.judged.fit)
+    fit, added_penalty = _polished(copy.copy(contender.judged.fit))  # the contender may be asked again
+    contender.judged.fit.release()
     own = added_penalty if contender.slug == ripple.SLUG else 0.0
     judged = cross_validate(fit, contender.judged.penalty + added_penalty)
     gain, errors = evidence(judged, before)

@@ -36,9 +36,7 @@ def covariance_of(fit: Fit) -> Floats:
     if any(CATALOGUE[item.slug].acts_on == "memory" for item in fit.terms if item.slug in CATALOGUE):
         _secants(fit, free)
     scores = fit.scores[:, free] - fit.scores[:, free].mean(axis=0)  # at a bound they do not sum to zero
-    A = fit.information()[np.ix_(free, free)] + np.diag(
-        np.where(np.isfinite(fit.prior[free]), fit.prior[free] ** -2.0, 0.0)
-    )
+    A = fit.information()[np.ix_(free, free)] + np.diag(fit.prior[free] ** -2.0)
     unit = 1.0 / np.sqrt(np.diag(A) + 1e-12 / fit.scale[free] ** 2)
     units = np.outer(unit, unit)
     bread = units * np.linalg.inv(A * units + 1e-9 * np.eye(unit.size))

@@ -11,9 +11,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from hapticd.gap import constants, options
+from hapticd.gap import constants, grip, options
 from hapticd.gap.competition import evidence
-from hapticd.gap.trial import HAND, CompetingModel, competing_model, separation
+from hapticd.gap.trial import CompetingModel, competing_model, separation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -81,7 +81,7 @@ def next_experiment(
     )
     if found.expected < constants.INDISTINGUISHABLE:
         sentence += f" It is the best that the limits of the config admit, and may not be enough: until then {simpler}"
-    if HAND in separates:
+    if grip.SLUG in separates:
         sentence += " Nobody may hold the handle."
     plan = {"experiment": found.experiment.document(), "file": FILE}
     return {"words": sentence, "separates": separates, "expected": found.expected, "now": now, **plan}

@@ -104,6 +104,8 @@ class Fit:
     @property
     def own_slopes(self) -> Floats:
         """(n, j) slopes of the predictions by the coordinates of the terms that were differentiated."""
+        if not self.slopes.size:  # given back
+            self.differentiate()
         own = self.slopes[:, _NOISES:]
         return own[:, np.any(own != 0.0, axis=0)]
 
@@ -223,7 +225,7 @@ class Fit:
     def _step(self, among: NDArray[np.bool_], damping: float) -> tuple[float, NDArray[np.bool_]]:
         """One damped step of Fisher's scoring; returns the damping for the next, and which coordinates could move."""
         self.differentiate(among & self.free())
-        precision = np.where(np.isfinite(self.prior), self.prior**-2.0, 0.0)
+        precision = self.prior**-2.0
         gradient = self.scores.sum(axis=0) - precision * (self.u - self.centre)
         free = among & self.free(gradient)
         if not free.any():
@@ -263,13 +265,12 @@ class Fit:
         """The same hypothesis at the same coordinates with one more term, at its start."""
         return Fit(self.problem, (*self.terms, item), np.concatenate([self.u, item.start]))
 
-    def without(self, number: int) -> Fit:
-        """The same hypothesis at the same coordinates with one term less."""
-        return Fit(
-            self.problem,
-            (*self.terms[:number], *self.terms[number + 1 :]),
-            np.delete(self.u, np.arange(self.u.size)[self.columns(number)]),
-        )
+    def without(self, number: int, noise: Floats | None = None) -> Fit:
+        """The same hypothesis at the same coordinates with one term less, and another noise if one is given."""
+        u = np.delete(self.u, np.arange(self.u.size)[self.columns(number)])
+        if noise is not None:
+            u[:_NOISES] = noise
+        return Fit(self.problem, (*self.terms[:number], *self.terms[number + 1 :]), u)
 
     def replaced(self, number: int, item: Term) -> Fit:
         """The same hypothesis with one of its terms started anew, the rest at the same coordinates."""

@@ -116,7 +116,7 @@ def _term(sizes: Floats, begin: float, end: float, middle: float, scale: Scale) 
     stiffness = max(stiffness, _SMALL * scale.torque / scale.travel)
     values = {
         "m_h": max(inertia, _SMALL * scale.inertia),
-        "b_h": max(damping, _SMALL * scale.torque / scale.speeds[3]),
+        "b_h": max(damping, _SMALL * scale.torque / max(scale.speeds[3], scale.travel / scale.duration_s)),
         "k_h": stiffness,
         "on_s": begin,
         "off_s": end,

@@ -12,6 +12,7 @@ from hapticd.gap import constants
 from hapticd.gap.kernel.linear import sensitivities, smoothed
 from hapticd.gap.kernel.ticks import WHITE
 from hapticd.plant.layout import index_of
+from hapticd.plant.numeric import edited_base
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -23,9 +24,12 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-MOVES = 0.5
-"""Share of a velocity that must outlast a period: less is a shaft that friction holds, and no force shows on it."""
+_MOVES = 0.5
+"""Share of what viscous friction leaves of a velocity that must outlast a period: less is a shaft that Coulomb friction
+holds, and no force shows on it."""
 _PROBES = 64
+_HATS, _RANGES = 8, 12
+"""Quantiles of a coordinate on which a flexible function bends, and ranges of it where the missing force is told."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +40,6 @@ class Missing:
         force: (n,) mean given all samples. variance: (n,) of it.
         velocity: (n,) smoothed, rad/s or m/s. position: (n,) filtered, rad or m.
         moves: (n,) whether the shaft moves, so that a force shows.
-        rms: over the moving samples, mean and variance together.
     """
 
     force: Floats
@@ -52,7 +55,7 @@ class Missing:
 
     @property
     def rms(self) -> float:
-        """Root mean square while the shaft moves."""
+        """Root mean square while the shaft moves, mean and variance together."""
         return float(np.sqrt(self.power.sum() / max(int(self.moves.sum()), 1)))
 
 
@@ -71,7 +74,14 @@ def _smoothed(fit: Fit, u: Floats, out: NDArray[Any]) -> Missing:
     found = smoothed(out, float(fit.noise_values(u)[WHITE]) ** 2 / period + lost)
     # Of the white force only the part that lasts is a force that is missing: its mean over a window.
     lasting = uniform_filter1d(found[:, 3], max(int(constants.LASTING_S / series.period_s), 1), mode="nearest")
-    return Missing(found[:, 1] + lasting, found[:, 2], found[:, 0], out["x"].copy(), out["v_v"] > MOVES)
+    return Missing(found[:, 1] + lasting, found[:, 2], found[:, 0], out["x"].copy(), moving(fit, u, out))
+
+
+def moving(fit: Fit, u: Floats | None = None, out: NDArray[Any] | None = None) -> NDArray[np.bool_]:
+    """(n,) whether the shaft moves during the period after each sample, with coordinates `u` and their ticks."""
+    inertia, viscous, *_ = edited_base(fit.device(u))
+    outlasts = (fit.out if out is None else out)["v_v"]
+    return np.asarray(outlasts > _MOVES * np.exp(-viscous * fit.problem.series.period_s / inertia))
 
 
 def missing_power(fit: Fit) -> float:
@@ -102,15 +112,16 @@ def noise_floor(fit: Fit) -> float:
         columns[row : row + rows, k] = 1.0
     answer = sensitivities(fit.out, columns)
     information = np.einsum("nk,n->k", answer**2, fit.out["information"])
-    moving = np.array([bool(np.all(fit.out["v_v"][row : row + rows] > MOVES)) for row in first]) & (information > 0.0)
-    return float(np.sqrt(np.mean(1.0 / information[moving]))) if moving.any() else 0.0
+    moves = moving(fit)
+    told = np.array([bool(np.all(moves[row : row + rows])) for row in first]) & (information > 0.0)
+    return float(np.sqrt(np.mean(1.0 / information[told]))) if told.any() else 0.0
 
 
-def hats(values: Floats, among: NDArray[np.bool_], count: int) -> Floats | None:
+def hats(values: Floats, among: NDArray[np.bool_]) -> Floats | None:
     """Piecewise linear functions of a coordinate on its quantiles, shape (n, k); None where it hardly varies."""
     if not among.any():
         return None
-    edges = np.unique(np.quantile(values[among], np.linspace(0.01, 0.99, count)))
+    edges = np.unique(np.quantile(values[among], np.linspace(0.01, 0.99, _HATS)))
     if edges.size < 3:
         return None
     return np.stack([np.interp(values, edges, row) for row in np.eye(edges.size)], axis=1)
@@ -149,7 +160,7 @@ def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | No
     }
 
 
-def explainable(fit: Fit, found: Missing, count: int = 8) -> float:
+def explainable(fit: Fit, found: Missing) -> float:
     """Share of the missing force's power that flexible functions of the coordinates predict on other blocks.
 
     Of all coordinates together, or of the one that does best: many functions at once may fit what they were not shown badly.
@@ -157,7 +168,7 @@ def explainable(fit: Fit, found: Missing, count: int = 8) -> float:
     among = found.moves
     columns = [np.ones((int(among.sum()), 1))]
     for values, factor in coordinates(fit, found).values():
-        shape = hats(values, among, count)
+        shape = hats(values, among)
         if shape is not None:
             columns.append(shape[among] if factor is None else (shape * factor[:, None])[among])
     fold = fit.problem.series.fold[fit.problem.series.block][among]
@@ -183,7 +194,7 @@ def _predicted(design: Floats, target: Floats, fold: NDArray[np.int64]) -> float
     return max(1.0 - left / total, 0.0)
 
 
-def where(fit: Fit, found: Missing, bins: int = 12) -> list[dict[str, object]]:
+def where(fit: Fit, found: Missing) -> list[dict[str, object]]:
     """Where the missing force is: for each coordinate the range that holds most of it, the most telling first."""
     entries: list[tuple[float, dict[str, object]]] = []
     total = float(found.power.sum())
@@ -194,7 +205,7 @@ def where(fit: Fit, found: Missing, bins: int = 12) -> list[dict[str, object]]:
     entries.append((everywhere, {"coordinate": "everywhere", "range": [constant, constant], "share": everywhere}))
     for name, (values, factor) in coordinates(fit, found).items():
         z = values[found.moves]
-        edges = np.unique(np.quantile(z, np.linspace(0.0, 1.0, bins + 1)))
+        edges = np.unique(np.quantile(z, np.linspace(0.0, 1.0, _RANGES + 1)))
         if edges.size < 4:
             continue
         place = np.clip(np.searchsorted(edges, z, side="right") - 1, 0, edges.size - 2)
@@ -223,17 +234,17 @@ def _densest(power: Floats, count: NDArray[np.int64]) -> tuple[int, int]:
     return 0, size - 1
 
 
-def structure(fit: Fit, found: Missing, count: int = 8) -> list[Structure]:
+def structure(fit: Fit, found: Missing) -> list[Structure]:
     """What the innovations of a model depend on: held-out gain of flexible functions, through the linearised filter."""
     results = []
-    for name, columns in _functions(fit, found, count):
+    for name, columns in _functions(fit, found):
         answer = sensitivities(fit.out, columns.copy())
-        gain, errors = _gain(fit, _held_out_shift(fit, answer))
+        gain, errors = held_out_gain(fit, answer)
         results.append(Structure(name, gain, errors, columns @ _coefficients(fit, answer)))
     return results
 
 
-def better_function(before: Fit, law: Term, count: int = 8) -> str | None:
+def better_function(before: Fit, law: Term) -> str | None:
     """A coordinate of which a flexible function takes the place of a law that was named, or None.
 
     It predicts held-out blocks better, or as well with no more numbers than the law has.
@@ -245,7 +256,7 @@ def better_function(before: Fit, law: Term, count: int = 8) -> str | None:
     own = (before.extended(law).out["mean"] - before.out["mean"])[:, None]
     shift = _held_out_shift(before, own)
     best: tuple[float, str | None] = (-np.inf, None)
-    for name, columns in _functions(before, found, count):
+    for name, columns in _functions(before, found):
         gain, errors = _gain(before, _held_out_shift(before, sensitivities(before.out, columns)), shift)
         is_simpler = columns.shape[1] <= len(law.coordinates)
         if errors > (-constants.INDISTINGUISHABLE if is_simpler else constants.INDISTINGUISHABLE):
@@ -253,10 +264,10 @@ def better_function(before: Fit, law: Term, count: int = 8) -> str | None:
     return best[1]
 
 
-def _functions(fit: Fit, found: Missing, count: int) -> Iterator[tuple[str, Floats]]:
+def _functions(fit: Fit, found: Missing) -> Iterator[tuple[str, Floats]]:
     """Torques that are flexible functions of each coordinate, shape (n, k)."""
     for name, (values, factor) in coordinates(fit, found).items():
-        shape = hats(values, found.moves, count)
+        shape = hats(values, found.moves)
         if shape is not None:
             yield name, np.ascontiguousarray(shape if factor is None else shape * factor[:, None])
 
@@ -305,6 +316,11 @@ def _held_out_shift(fit: Fit, answer: Floats) -> Floats:
         g, H = _normal_equations(fit, answer, ~inside)
         shift[inside] = whole[inside] @ np.linalg.solve(H, g)
     return shift
+
+
+def held_out_gain(fit: Fit, answer: Floats) -> tuple[float, float]:
+    """What directions of the prediction, shape (n, k), gain on blocks they were not fitted to, nats and standard errors."""
+    return _gain(fit, _held_out_shift(fit, answer))
 
 
 def _gain(fit: Fit, shift: Floats, other: Floats | float = 0.0) -> tuple[float, float]:

@@ -90,8 +90,8 @@ def model_yaml(model: Config, result: GapResult, recordings: Sequence[str]) -> s
     lines = [
         f"# Improved by hapticd gap from {', '.join(recordings)}.",
         f"# {result.verdict}: {result.statement}",
-        f"# Missing force {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after, on data "
-        f"not used for fitting; noise alone reads {gap.noise_floor:.2g} {gap.unit}.",
+        f"# Missing force {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after, in each "
+        f"block of data with the numbers that the others give; noise alone reads {gap.noise_floor:.2g} {gap.unit}.",
     ]
     remarks = {BASE_KEYS[step.effect]: _remark(step, gap.unit) for step in result.steps if step.effect in BASE_KEYS}
     for name, estimate in result.base.items():

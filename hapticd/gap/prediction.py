@@ -26,9 +26,12 @@ def prediction_errors(before: Fit, after: Fit, is_linear: bool) -> dict[str, Any
 
     Returns:
         ``horizon_s``; ``k_step`` (from the filtered state, that long ahead) and ``free_run`` (from the first state of each
-        recording to its end), ``before`` and ``after`` each; ``unit``.
+        stretch without a gap to its end), ``before`` and ``after`` each; ``unit``. Nothing where no stretch is that long.
     """
-    found = {name: _errors(fit) for name, fit in (("before", before), ("after", after))}
+    of_before, of_after = _errors(before), _errors(after)
+    if of_before is None or of_after is None:
+        return {}
+    found = {"before": of_before, "after": of_after}
     return {
         "horizon_s": HORIZON_S,
         "k_step": {name: errors[0] for name, errors in found.items()},
@@ -37,26 +40,27 @@ def prediction_errors(before: Fit, after: Fit, is_linear: bool) -> dict[str, Any
     }
 
 
-def _errors(fit: Fit) -> tuple[float, float]:
+def _errors(fit: Fit) -> tuple[float, float] | None:
     series, p = fit.problem.series, fit.device()
     near, free = [], []
-    for number in range(int(series.recording[-1]) + 1):
-        rows = np.flatnonzero(series.recording == number)
-        part = slice(rows[0], rows[-1] + 1)
+    first = np.flatnonzero(series.begins).tolist()
+    for begin, end in zip(first, [*first[1:], series.size], strict=True):
+        part, size = slice(begin, end), end - begin
         time_s, position = series.time_s[part], (series.cell[part] + 0.5) * series.resolution
-        substeps = max(substeps_for(p, series.period_s), 2)
-        current = np.empty((rows.size, substeps))
-        electrical(p, time_s, series.command[part].copy(), np.zeros(rows.size, dtype=np.uint8), substeps, current)
-        steps = max(round(HORIZON_S / series.period_s), 1)
-        starts = np.arange(0, rows.size - steps - 1, steps)
-        shown = position[starts[:, None] + 1 + np.arange(steps)]
-        near.append(_predicted(fit, part, time_s, current, starts, steps, p) - shown)
-        begin = np.array([min(steps, rows.size - 2)])
-        length = int(rows.size - 1 - begin[0])
-        free.append((_predicted(fit, part, time_s, current, begin, length, p) - position[begin[0] + 1 :])[0])
-    return float(np.sqrt(np.mean(np.concatenate([e[:, -1] for e in near]) ** 2))), float(
-        np.sqrt(np.mean(np.concatenate(free) ** 2))
-    )
+        period_s = float(np.median(np.diff(time_s))) if size > 1 else HORIZON_S
+        steps = max(round(HORIZON_S / period_s), 1)
+        if size < steps + 3:
+            continue
+        current = np.empty((size, max(substeps_for(p, period_s), 2)))
+        electrical(p, time_s, series.command[part].copy(), np.zeros(size, dtype=np.uint8), current.shape[1], current)
+        starts = np.arange(0, size - steps - 1, steps)
+        near.append(_predicted(fit, part, time_s, current, starts, steps, p)[:, -1] - position[starts + steps])
+        whole = _predicted(fit, part, time_s, current, starts[:1] + steps, size - 1 - steps, p)
+        free.append(whole[0] - position[steps + 1 :])
+    if not near:
+        return None
+    of_near, of_free = (float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) for errors in (near, free))
+    return of_near, of_free
 
 
 def _predicted(

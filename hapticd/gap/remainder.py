@@ -1,12 +1,14 @@
-"""What the named effects leave, in words: which coordinates it depends on, and lines in time."""
+"""What the named effects leave, in words: which coordinates it depends on, lines in time, orders in angle."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticd.gap import chance, constants
+from hapticd.gap import chance, constants, ripple
+from hapticd.gap.candidates import scale_of
 from hapticd.gap.lines import frequencies, lines
 from hapticd.gap.missing import Missing, Structure, missing_force, structure
 from hapticd.gap.result import Remainder
@@ -31,13 +33,18 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
         if min(part, share) > constants.STRUCTURE_SHARE:
             entries.append({"coordinate": test.coordinate, "share": min(part, share), "p_value": p_value})
     clauses = [SHOWS_AS[entry["coordinate"]] for entry in entries[:_LISTED]]
-    clauses += [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
+    fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
+    for order in ripple.orders_left(fit, scale_of(fit)):
+        period_m = 2.0 * math.pi / order
+        along = f"a period of {period_m:.3g} m in position" if fit.problem.is_linear else f"order {order:.3g} in angle"
+        fingerprint.append(along)
+    clauses += fingerprint
     left = f"{percent(share)} of the missing force's power is left"
     if clauses:
         text = f"{left}: {'; '.join(clauses)}."
     else:
         text = f"{left}; it depends on nothing that was looked at." if share > constants.STRUCTURE_SHARE else f"{left}."
-    return Remainder(share, text, tuple(entries))
+    return Remainder(share, text, tuple(entries), tuple(fingerprint))
 
 
 def dependences(fit: Fit, found: Missing) -> list[tuple[Structure, float]]:

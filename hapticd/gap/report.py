@@ -65,7 +65,6 @@ def page(
         places=text.places(document["where"], result.gap.unit),
         predictions=text.predictions(document),
         timing=text.timing(document),
-        timing_is_off=text.timing_is_off(document),
         chosen=text.chosen,
         behind=text.behind,
         recordings=recordings,

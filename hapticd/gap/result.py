@@ -81,6 +81,8 @@ class Remainder:
     words: str
     structure: tuple[Mapping[str, Any], ...]
     """Coordinates that it depends on: coordinate, share, p_value."""
+    fingerprint: tuple[str, ...] = ()
+    """Lines in time and orders in angle, in words."""
 
 
 @dataclass(frozen=True)

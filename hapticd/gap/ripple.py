@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapticd.gap import chance, constants
 from hapticd.gap.kernel.linear import sensitivities
+from hapticd.gap.missing import held_out_gain
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import term
 
@@ -77,6 +79,19 @@ def settled(fit: Fit, number: int, scale: Scale) -> tuple[Fit, float]:
             break
         fit, added_penalty = again, added_penalty + penalty
     return fit, added_penalty
+
+
+def orders_left(fit: Fit, scale: Scale) -> list[float]:
+    """Orders that a model, held out, surely leaves: its innovations depend on them, tested as on other coordinates."""
+    found = _pursued(Score(fit), scale)
+    needed = chance.standard_errors(constants.LEVEL / _HIGHEST_ORDER, fit.problem.series.blocks)
+    left = []
+    for _, order in () if found is None else found.term.fixed:
+        turned = order * fit.out["x"]
+        answer = sensitivities(fit.out, np.stack([np.sin(turned), np.cos(turned)], axis=1))
+        if held_out_gain(fit, answer)[1] > needed:
+            left.append(order)
+    return left
 
 
 def _are_alike(one: Term, other: Term) -> bool:

@@ -7,6 +7,7 @@ the effect is linear in one of its parameters the top says how large it should b
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,6 +24,9 @@ if TYPE_CHECKING:
     from hapticd.gap.terms import Term
 
     Floats = NDArray[np.float64]
+
+
+_NOTHING = 1e-300
 
 
 @dataclass(frozen=True)
@@ -51,8 +55,12 @@ class Score:
         self.weight = 1.0 / share
         self.own = present.own_slopes
         H = (self.own * self.information[:, None]).T @ self.own
-        self.power = missing_power(present)
         self.inverse = np.linalg.pinv(H) if self.own.size else np.zeros((0, 0))
+
+    @cached_property
+    def power(self) -> float:
+        """Mean square of the model's missing force."""
+        return missing_power(self.present)
 
     def reduced(self, directions: Iterable[Floats]) -> tuple[Floats, Floats]:
         """Gradient (k,) and information (k, k) of directions of the prediction, shape (n, k) in parts of so many rows."""
@@ -71,7 +79,7 @@ class Score:
         fit = present.extended(item)
         out = fit.out
         g, H = self.reduced([(out["mean"] - present.out["mean"])[:, None]])
-        factor = float(g[0] / max(H[0, 0], 1e-300))
+        factor = float(g[0] / max(H[0, 0], _NOTHING))
         amplitude = CATALOGUE[item.slug].amplitude
         if not amplitude:
             step = min(max(factor, 0.0), 1.0)
@@ -79,7 +87,7 @@ class Score:
             left = 1.0
             if CATALOGUE[item.slug].acts_on == "memory":
                 fit.scan_power()  # with the noise of the poorer model the right resonance may look worse than none
-                left = missing_power(fit) / self.power
+                left = missing_power(fit) / max(self.power, _NOTHING)
             promise = max(promise, fit.log_likelihood - present.log_likelihood)
             return Candidate(item.slug, item, self.weight * promise, left=left)
         if factor <= 0.0 and (item.coordinates[0].is_log or item.coordinates[0].lower >= 0.0):

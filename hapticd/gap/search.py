@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
     from hapticd.gap.fit import Fit
 
-CORRECTIONS = ("inertia_error", "viscous_friction", "coulomb_friction", "torque_constant_error")
+CORRECTIONS = tuple(slug for slug, effect in CATALOGUE.items() if effect.acts_on == "base")
 """Effects that are nothing but a base parameter's error."""
 _QUIET = 2.0
 
@@ -199,7 +199,7 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
     while number > 0:
         number -= 1
         last, named = rounds[-1].taken, rounds[number]
-        poorer = last.judged.fit.without(base + number).with_noise(named.before.fit.noise)
+        poorer = last.judged.fit.without(base + number, named.before.fit.noise)
         penalty = last.judged.penalty - named.taken.penalty
         without = cross_validate(poorer.maximise(tolerance=ROUGH * needed), penalty)
         gain, errors = evidence(last.judged, without)
@@ -305,7 +305,7 @@ def withstanding(first: CrossValidated, rounds: list[Round], tried: int) -> list
     for number in reversed(range(len(rounds))):
         whole, without, at = freed[-1], freed[number], len(first.fit.terms) + number
         if number + 1 < len(rounds):
-            poorer = whole.fit.without(at).with_noise(without.fit.noise)
+            poorer = whole.fit.without(at, without.fit.noise)
             without = cross_validate(poorer.maximise(tolerance=ROUGH * needed))
         is_limit = number > 0 and whole.fit.terms[at].at_bounds(whole.fit.u[whole.fit.columns(at)])
         if is_limit or not _is_more(whole.less(rounds[number].taken.penalty), without, tried):
@@ -335,12 +335,11 @@ def _path(first: CrossValidated, rounds: Sequence[Round], needed: float) -> list
     """The nominal model and that of each round, without what was taken out since."""
     path = [rounds[-1].taken.judged if rounds else first]
     for each in reversed(rounds):
-        poorer, known = path[0].fit.without(len(path[0].fit.terms) - 1), each.before
-        is_known = [(item.slug, item.fixed) for item in poorer.terms] == [
-            (item.slug, item.fixed) for item in known.fit.terms
-        ]
-        if not is_known:
-            known = cross_validate(poorer.with_noise(known.fit.noise).maximise(tolerance=ROUGH * needed))
+        whole, known = path[0].fit, each.before
+        names, own = ([(item.slug, item.fixed) for item in fit.terms] for fit in (whole, known.fit))
+        if names[:-1] != own:
+            poorer = whole.without(len(names) - 1, known.fit.noise)
+            known = cross_validate(poorer.maximise(tolerance=ROUGH * needed))
         path.insert(0, known)
     return path
 

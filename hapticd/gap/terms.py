@@ -41,7 +41,8 @@ class Coordinate:
         scale: change of the coordinate that matters.
         prior: standard deviation of a normal prior about `centre`; infinite for none.
         centre: where that prior is centred.
-        neutral: the value without which the law is complete (no rebound): there it is no other law, though its range ends.
+        neutral: the value at which a part of the law is absent that it can do without (a play's rebound): though its range
+            ends there, it is no other law.
     """
 
     name: str
@@ -63,7 +64,7 @@ class Term:
         slug: the effect.
         coordinates: its free numbers.
         start: (k,) where they start.
-        fixed: words that are chosen and not fitted (orders of a ripple, edges of a grip), and their values.
+        fixed: words that are chosen and not fitted (orders of a ripple; −1 for frequencies of lines), and their values.
     """
 
     slug: str

@@ -41,8 +41,6 @@ SHOWS_AS: Final = {
 }
 """Coordinate to what a missing force looks like that depends on it."""
 _LISTED: Final = 3
-_JITTER: Final = 0.05
-"""Share of a period above which the jitter of the samples is worth a word before everything else."""
 
 
 def is_linear(unit: str) -> bool:
@@ -122,14 +120,6 @@ def timing(document: Mapping[str, Any]) -> str:
     return f"{text}, its current {1e3 * late['value']:.3g} ms late" if late else text
 
 
-def timing_is_off(document: Mapping[str, Any]) -> bool:
-    """Whether the timing of the recordings may have a part in what is found; `document` of `gap.json`."""
-    recording, samples = document["recording"], document["details"].get("samples", 0)
-    period_s = recording.get("period_s")
-    jitters = period_s is not None and recording["jitter_s"] > _JITTER * period_s
-    return bool(jitters or recording["missed"] > 1e-3 * samples or "current_late_s" in recording)
-
-
 def predictions(document: Mapping[str, Any]) -> list[str]:
     """What the models predict of the motion from the command alone; `document` of `gap.json`."""
     found = document["prediction"]
@@ -154,12 +144,15 @@ def confidence(result: GapResult, known: int) -> str:
     details = result.details
     tried = len(details.get("candidates", ()))
     which = "Every effect of the catalogue" if tried == known else f"{tried} of the catalogue's {known} effects"
+    if details.get("is_quiet"):
+        return "No effect was tried: the model leaves no more noise than the most reproducible of devices has."
     if not result.steps:
         needed = details.get("needed_standard_errors")
         bar = f"{needed:.1f} standard errors that " if needed else "level that "
+        none = "none with which less force is missing" if details.get("better_but_unnamed") else "none"
         return (
-            f"{which} was tried on blocks of data that it was not fitted to; none reaches the {bar}chance alone reaches in "
-            f"{percent(constants.LEVEL)} of runs."
+            f"{which} was tried on blocks of data that it was not fitted to; {none} reaches the {bar}chance "
+            f"alone reaches in {percent(constants.LEVEL)} of runs."
         )
     steps = result.to_json()["steps"]
     return " ".join(

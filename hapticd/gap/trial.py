@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.config import ConfigError, apply_settings
-from hapticd.gap import late_record
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap import grip, late_record
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.modes import OUTLIER
 from hapticd.gap.kernel.ticks import NOISE
@@ -26,7 +27,7 @@ from hapticd.gap.model_file import with_effects
 from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
 from hapticd.gap.series import series_of
-from hapticd.gap.terms import parameters_of_term
+from hapticd.gap.terms import LINE, parameters_of_term
 from hapticd.servo.excitation import ExcitationError, build
 from hapticd.servo.simulate import simulate
 
@@ -41,7 +42,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-HAND = "hand_impedance"
 _MARGIN = 0.7
 """Share of a safety limit that a trial may use: what is missing in the model may make the device livelier."""
 _FEWEST_COUNTS = 20
@@ -90,9 +90,9 @@ def competing_model(model: Config, fit: Fit, last: Fit, slug: str, base: int) ->
     """
     whole = [term.moved(fit.u[fit.columns(k)]) for k, term in enumerate(fit.terms)]
     whole += [last.terms[k].moved(last.u[last.columns(k)]) for k in range(len(whole), len(last.terms))]
-    # In an experiment to come nobody holds the handle, and how late its record will be is another matter.
-    terms = tuple(term for term in whole if term.slug not in (HAND, late_record.SLUG))
-    entries = [(term.slug, parameters_of_term(term, term.start)) for term in whole[base:] if term.slug != HAND]
+    # In an experiment to come nobody holds the handle; how late its record will be, and what hums, is another matter.
+    terms = tuple(term for term in whole if term.slug not in (grip.SLUG, late_record.SLUG, LINE))
+    entries = [(term.slug, parameters_of_term(term, term.start)) for term in terms if term.slug in CATALOGUE]
     own = {term.slug: float(np.exp(term.start[0])) for term in whole[:base] if term.slug != late_record.SLUG}
     try:
         config = with_effects(model, entries, own)

@@ -24,23 +24,25 @@ def decide(
     Args:
         effects: slugs that were added.
         indistinguishable: for each, the effects of other classes that these data cannot tell from it.
-        doubts: sentences that say why the named laws may not be the whole truth.
+        doubts: sentences that say why what is named, or that nothing is, may not be the whole truth.
         gap: the missing force before and after.
         remainder: what is left.
     """
     names = " and ".join(effects)
     left = bool(remainder.structure)
     force = f"missing {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after"
+    if not effects and left:
+        statement = (
+            f"Something is missing that no effect of the catalogue explains ({gap.held_out_before:.3g} {gap.unit}): "
+            f"{remainder.words}"
+        )
+        return "unexplained", " ".join([statement, *doubts])
     if not effects:
-        if left:
-            return "unexplained", (
-                f"Something is missing that no effect of the catalogue explains ({gap.held_out_before:.3g} {gap.unit}): "
-                f"{remainder.words}"
-            )
-        return "no_missing_effect", (
+        statement = (
             f"Nothing is missing that has a structure: the model leaves {gap.held_out_before:.3g} {gap.unit}, the noise "
             f"floor is {gap.noise_floor:.2g} {gap.unit}."
         )
+        return "no_missing_effect", " ".join([statement, *doubts])
     ambiguous = [(effect, others) for effect, others in zip(effects, indistinguishable, strict=True) if others]
     if ambiguous:
         choices = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)
@@ -53,7 +55,7 @@ def decide(
 def doubts_about(
     at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, str], unnamed: str | None = None
 ) -> list[str]:
-    """Why named laws may not be the whole truth, a sentence each.
+    """Why what is named, or that nothing is, may not be the whole truth, a sentence each.
 
     Args:
         at_bounds: effect to those of its parameters that the data do not tell from the end of what they may be.
@@ -61,8 +63,8 @@ def doubts_about(
         unnamed: effect that predicts better for sure and was not named.
     """
     better = [
-        f"With {unnamed} besides the counts would be predicted better, but as much force would be missing: "
-        "what is named may stand for something else."
+        f"With {unnamed} added the counts would be predicted better, but as much force would be missing: "
+        "something else may be behind it."
     ]
     return (
         (better if unnamed else [])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -89,7 +90,14 @@ def find_gap(
             raise
         interrupted = True
     progress(0.9, "what is left")
-    result = _result(recordings, model, first, rounds, slugs, len(base), unnamed)
+    judged = partial(_result, recordings, model, first, rounds, slugs, len(base))
+    try:
+        result = judged(unnamed)
+    except KeyboardInterrupt:
+        if not rounds:
+            raise
+        interrupted = True
+        result = judged(unnamed)  # some seconds that the answer cannot do without
     if design and result.verdict == "ambiguous" and not interrupted:
         from hapticd.gap.design import next_experiment
 
@@ -115,7 +123,9 @@ def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
     series = series_of(recordings)
     vector = device_vector(model, declared_latency(model)[0])
     drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(series.command**2)))
-    return Problem(series, vector, model.plant.coulomb + drive, model.is_linear)
+    way = series.resolution * float(np.ptp(series.cell))
+    slowed = model.plant.inertia * way / series.duration_s**2  # all there is where a shaft without friction coasts
+    return Problem(series, vector, model.plant.coulomb + drive or slowed, model.is_linear)
 
 
 def base_terms(problem: Problem) -> tuple[Term, ...]:
@@ -158,7 +168,7 @@ def _result(
     freed = withstanding(first, rounds, len(slugs))
     first, last = freed[0], freed[-1]
     found = [missing_force(judged.fit) for judged in freed]
-    power = [missing.rms**2 for missing in found]
+    power = [each.rms**2 for each in found]
     held = [missing.held_out_rms(first.fit), missing.held_out_rms(last.fit)]
     unit = "N" if model.is_linear else "N m"
     numbers = GapNumbers(found[0].rms, found[-1].rms, held[0], held[1], missing.noise_floor(last.fit), unit)
@@ -196,7 +206,7 @@ def _result(
         numbers,
         remainder,
         where=tuple(missing.where(first.fit, found[0])),
-        base=_base_estimates(last.fit, covariance, model.is_linear) if fixed else {},
+        base=_base_estimates(last.fit, covariance, model.is_linear),
         prediction=prediction_errors(first.fit, last.fit, model.is_linear),
         recording=timing,
         details={
@@ -209,6 +219,7 @@ def _result(
             "at_bounds": at_bounds,
             "predicted_better_by": beaten,
             "better_but_unnamed": unnamed,
+            "is_quiet": not rounds and is_quiet(first.fit),
             "likelihood_evaluations": len(first.fit.problem.runs),
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),

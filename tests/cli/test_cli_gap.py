@@ -15,6 +15,7 @@ import hapticd.gap.search
 from benchmarks.gap import devices
 from benchmarks.gap.generate import generate
 from hapticd.config import load_config
+from tests.sim_hw.boards import running_board
 
 from .conftest import Outcome, Run
 
@@ -65,6 +66,9 @@ def test_the_effect_is_named_in_words_and_the_model_can_be_used(
     run = tmp_path / "run.arrow"
     simulated = hapticd("simulate", str(model), "--duration", "0.2", "--deflection", "20", "-o", str(run), "--json")
     assert (simulated.code, simulated.document["ticks"]) == (0, 200)
+    with running_board(tmp_path, plant=model.read_text()) as board:
+        assert board.ready["ready"]
+        board.stop()
 
 
 def test_json_is_one_document(hapticd: Run, recording: tuple[Path, Path], tmp_path: Path) -> None:

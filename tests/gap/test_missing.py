@@ -115,12 +115,12 @@ def test_hats_add_up_to_one_and_need_variety() -> None:
     rng = np.random.default_rng(1)
     z = rng.normal(size=500)
     every = np.ones(500, dtype=bool)
-    shape = hats(z, every, 8)
+    shape = hats(z, every)
     assert shape is not None
     assert shape.sum(axis=1) == pytest.approx(np.ones(500))
     assert shape.min() >= 0.0
-    assert hats(np.ones(500), every, 8) is None
-    assert hats(z, np.zeros(500, dtype=bool), 8) is None
+    assert hats(np.ones(500), every) is None
+    assert hats(z, np.zeros(500, dtype=bool)) is None
 
 
 def test_the_way_since_a_reversal() -> None:

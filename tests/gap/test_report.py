@@ -95,7 +95,7 @@ def test_all_questions_are_answered_with_numbers_and_units(nominal_run: Recordin
     assert "50 ms ahead: off by 0.05 rad before, 0.0003 rad after" in text
     assert "0.2 % of the missing force&#39;s power is left" in text
     assert "the motion goes one way" in text
-    assert "Timing" not in text
+    assert text.index("Timing of the data: 0 of 4000 samples missed, jitter 2 µs") < text.index("Missing: stribeck")
 
 
 def test_a_linear_device_is_told_of_in_its_units(nominal_run: Recording) -> None:
@@ -146,6 +146,16 @@ def test_structure_that_is_left_is_said_and_drawn(
     assert "30 % is left: friction that builds up after a reversal." in text
     assert "way since a reversal, against the motion" in whole_page(left, nominal_run)
     assert "left" in all_figures(left)
+
+
+def test_how_sure_it_is_that_nothing_is_missing(nominal_run: Recording) -> None:
+    nothing = replace(FOUND, verdict="no_missing_effect", effects=(), steps=())
+    tried = "was tried on blocks of data that it was not fitted to;"
+    assert f"{tried} none reaches the 4.2 standard errors" in first_screen(nothing, nominal_run)
+    unnamed = replace(nothing, details={**FOUND.details, "better_but_unnamed": "backlash"})
+    assert f"{tried} none with which less force is missing reaches the" in first_screen(unnamed, nominal_run)
+    quiet = replace(nothing, details={**FOUND.details, "is_quiet": True})
+    assert "No effect was tried: the model leaves no more noise" in first_screen(quiet, nominal_run)
 
 
 def test_bad_timing_comes_before_the_figures(nominal_run: Recording) -> None:

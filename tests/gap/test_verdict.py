@@ -66,7 +66,7 @@ def test_what_is_left_is_said() -> None:
     [
         ({"gravity": ["theta_0"]}, {}, None, "do not tell theta_0 of gravity from a limit"),
         ({}, {"gravity": "position"}, None, "A flexible function of the position predicts better than gravity"),
-        ({}, {}, "backlash", "With backlash besides the counts would be predicted better"),
+        ({}, {}, "backlash", "With backlash added the counts would be predicted better"),
     ],
 )
 def test_a_doubt_makes_it_a_part_of_the_answer(
@@ -87,6 +87,14 @@ def test_an_interval_that_reaches_the_end_of_a_range_does_not_tell_the_law_from_
     assert hand.at_bounds((least, damping)) == ["m_h"]
     assert hand.at_bounds((least + 1.0, damping), (0.9, 0.1)) == []
     assert hand.at_bounds((least + 1.0, damping), (1.1, 0.1)) == ["m_h"]
+
+
+def test_a_doubt_is_told_where_nothing_is_named() -> None:
+    doubts = doubts_about({}, {}, "backlash")
+    for remainder, verdict in ((CLEAN, "no_missing_effect"), (LEFT, "unexplained")):
+        found, statement = decide([], [], doubts, GAP, remainder)
+        assert found == verdict
+        assert statement.endswith(doubts[0])
 
 
 def test_without_a_reason_there_is_no_doubt() -> None:

@@ -8,7 +8,7 @@ import sys
 import pytest
 
 LOADED = """
-import {modules}
+import hapticd.gap
 from numba.core.caching import CompileResultCacheImpl
 from hapticd import jit
 rebuilt, rebuild = [], CompileResultCacheImpl.rebuild
@@ -22,9 +22,9 @@ print(len(rebuilt), len(phi_functions.overloads))
 """
 
 
-def loaded(ask: str, modules: str = "hapticd.gap") -> list[int]:
+def loaded(ask: str) -> list[int]:
     """How many functions were loaded when it was asked, and how many versions there are of the one that was called."""
-    script = LOADED.format(modules=modules, ask=ask)
+    script = LOADED.format(ask=ask)
     done = subprocess.run([sys.executable, "-c", script], stdout=subprocess.PIPE, text=True, check=True)
     return [int(word) for word in done.stdout.split()]
 
@@ -48,3 +48,11 @@ def test_a_call_from_python_is_cast_to_the_signature() -> None:
     assert phi_functions(-1) == phi_functions(-1.0)
     with pytest.raises(TypeError):
         phi_functions("one")
+
+
+def test_the_first_call_is_not_given_what_the_signature_does_not_admit() -> None:
+    script = (
+        "import numpy; from hapticd.plant.numeric import edited_base\nedited_base(numpy.zeros(300, dtype=numpy.int64))"
+    )
+    done = subprocess.run([sys.executable, "-c", script], stderr=subprocess.PIPE, text=True, check=False)
+    assert "TypeError: No matching definition for argument type(s) array(int64, 1d, C)" in done.stderr

@@ -1,0 +1,151 @@
+"""At the edge of what can be asked: overdamped, coasting, at rest, in pieces, given back, interrupted."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from hapticd.gap import find_gap, workflow
+from hapticd.gap.competition import Contender, cross_validate, evidence, round_of
+from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.prediction import prediction_errors
+from hapticd.gap.recording import Recording
+from hapticd.gap.score import Score
+from hapticd.gap.terms import LINE, Coordinate, Term, term
+from hapticd.gap.trial import competing_model
+from hapticd.gap.workflow import problem_of
+
+from .synthetic import COUNTS, INERTIA, TORQUE_CONSTANT, drive, model
+
+RESOLUTION = 2.0 * math.pi / COUNTS
+Hidden = Callable[..., Any]
+
+
+def recorded(
+    current: Any, viscous: float, coulomb: float, bias: float = 0.0, speed: float = 0.0, every: int = 1
+) -> Recording:
+    """A shaft by explicit steps of 50 µs under a current for each millisecond; `every` so many of those are recorded."""
+    angle, velocity, counts = 0.0, speed, []
+    for amperes in current:
+        counts.append(math.floor(angle / RESOLUTION))
+        for _ in range(20):
+            friction = viscous * velocity + coulomb * math.tanh(velocity / 0.02)
+            velocity += 5e-5 * (TORQUE_CONSTANT * amperes + bias - friction) / INERTIA
+            angle += 5e-5 * velocity
+    position = (np.array(counts[::every]) + 0.5) * RESOLUTION
+    time_s, period_s = np.arange(position.size) * 1e-3 * every, 1e-3 * every
+    held = np.asarray(current, dtype=np.float64)[::every]
+    return Recording("edge", time_s, position, RESOLUTION, held, None, period_s, None, False, None)
+
+
+def test_a_bias_is_found_where_viscosity_stops_the_shaft_within_a_period() -> None:
+    """J/b = 17 ms at 50 Hz: what is left of a velocity after a period is less than a third, and yet the shaft moves."""
+    current = np.repeat(drive(20.0, 1)[::20], 20)
+    recording = recorded(current, viscous=1.2e-3, coulomb=1.5e-3, bias=1.5e-3, every=20)
+    found = find_gap([recording], model(viscous=1.2e-3), design=False)
+    assert found.effects == ("constant_bias",), found.statement
+    assert found.steps[0].parameters["tau_0"].value == pytest.approx(1.5e-3, rel=0.1)
+
+
+def test_a_coasting_shaft_tells_its_viscous_friction_over_its_inertia() -> None:
+    """Without a current no law cancels the drive, and no torque but the friction's says what torques are of the order of."""
+    recording = recorded(np.zeros(2000), viscous=6e-5, coulomb=0.0, speed=40.0)
+    found = find_gap([recording], model(viscous=4e-5, coulomb=0.0), design=False)
+    assert found.effects == ("viscous_friction",), found.statement
+    assert found.steps[0].parameters["r"].value == pytest.approx(0.5, abs=0.01)
+    assert set(found.steps[0].indistinguishable_from) == {"asymmetric_viscous", "inertia_error"}
+
+
+def test_a_shaft_that_rests_most_of_the_time_is_asked_for_a_hand_too() -> None:
+    current = np.where(np.arange(8000) < 600, 0.2 * np.sin(np.arange(8000) / 40.0), 0.0)
+    recording = recorded(current, viscous=4e-5, coulomb=1.5e-3)
+    found = find_gap([recording], model(), candidates=["hand_impedance", "constant_bias"], design=False)
+    assert found.verdict == "no_missing_effect", found.statement
+
+
+def test_predictions_do_not_run_across_gaps_and_know_each_recordings_period() -> None:
+    current = drive(8.0, 2)
+    whole = recorded(current, viscous=4e-5, coulomb=1.5e-3)
+    slow = recorded(np.repeat(current[::4], 4), viscous=4e-5, coulomb=1.5e-3, every=4)
+    rows = np.r_[0:3000, 5000:8000]
+    parts = replace(
+        whole,
+        time_s=whole.time_s[rows],
+        position=whole.position[rows],
+        current=np.ascontiguousarray(whole.current[rows]),
+    )
+    errors = {}
+    for name, recordings in {"whole": [whole], "parts": [parts], "both": [whole, slow]}.items():
+        fit = nominal_fit(problem_of(recordings, model()))
+        errors[name] = prediction_errors(fit, fit, is_linear=False)["k_step"]["before"]
+    assert errors["parts"] < 2.0 * errors["whole"]
+    assert errors["both"] < 3.0 * errors["whole"]
+
+
+def test_nothing_is_predicted_where_no_stretch_is_long_enough() -> None:
+    whole = recorded(drive(4.0, 3), viscous=4e-5, coulomb=1.5e-3)
+    rows = np.flatnonzero(np.arange(4000) % 50 < 40)
+    parts = replace(
+        whole,
+        time_s=whole.time_s[rows],
+        position=whole.position[rows],
+        current=np.ascontiguousarray(whole.current[rows]),
+    )
+    fit = nominal_fit(problem_of([parts], model()))
+    assert prediction_errors(fit, fit, is_linear=False) == {}
+
+
+def test_a_contender_that_was_taken_and_refused_can_be_asked_again(hidden: Hidden) -> None:
+    recording, nominal = hidden([{"name": "constant_bias", "tau_0": 4e-4}], 11, 6.0)
+    before = cross_validate(nominal_fit(problem_of([recording], nominal)))
+    judged = cross_validate(before.fit.extended(term("constant_bias", {"tau_0": 3e-4}, (), 0.1)))
+    one = Contender("constant_bias", judged, *evidence(judged, before))
+    held_out, u = judged.held_out.copy(), judged.fit.u.copy()
+    taken = round_of(before, [one]).taken
+    assert taken.gain > one.gain
+    assert taken.judged.fit.log_likelihood > judged.fit.log_likelihood
+    np.testing.assert_array_equal(judged.held_out, held_out)
+    np.testing.assert_array_equal(judged.fit.u, u)
+    assert evidence(judged, before)[0] == pytest.approx(one.gain)
+    assert Score(judged.fit).own.shape[1] >= 1  # it gave its slopes back
+
+
+def test_a_line_is_no_part_of_an_experiment_to_come(hidden: Hidden) -> None:
+    recording, nominal = hidden([{"name": "constant_bias", "tau_0": 4e-4}], 11, 6.0)
+    fit = nominal_fit(problem_of([recording], nominal)).extended(term("constant_bias", {"tau_0": 4e-4}, (), 0.1))
+    coordinates = tuple(Coordinate(f"{part} of 50 Hz", -1, False, -1.0, 1.0, 0.01) for part in ("sine", "cosine"))
+    hums = fit.extended(Term(LINE, coordinates, (1e-5, 0.0), ((-1, 50.0),)))
+    found = competing_model(nominal, fit, hums, "constant_bias", 0)
+    assert found is not None
+    assert [item.slug for item in found.terms] == ["constant_bias"]
+
+
+def test_an_interruption_at_the_end_keeps_what_was_found(hidden: Hidden, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording, nominal = hidden([{"name": "constant_bias", "tau_0": 6e-4}], 15, 6.0)
+    remainder_of, asked = workflow.remainder_of, []
+
+    def interrupted_once(*given: Any) -> Any:
+        asked.append(given)
+        if len(asked) == 1:
+            raise KeyboardInterrupt
+        return remainder_of(*given)
+
+    monkeypatch.setattr(workflow, "remainder_of", interrupted_once)
+    found = find_gap([recording], nominal, candidates=["constant_bias"], design=False)
+    assert found.interrupted
+    assert found.effects == ("constant_bias",)
+
+
+def test_orders_that_have_no_name_are_told(hidden: Hidden) -> None:
+    ripple = {"name": "torque_ripple", "orders": [7.0], "amplitudes": [4e-4], "phases": [0.3]}
+    recording, nominal = hidden([ripple], 5, 8.0)
+    found = find_gap([recording], nominal, candidates=["constant_bias"], design=False)
+    assert "order 7 in angle" in found.remainder.fingerprint
+    assert "order 7 in angle" in found.remainder.words
+    nothing, nominal = hidden([], 5, 8.0)
+    assert find_gap([nothing], nominal, candidates=["constant_bias"], design=False).remainder.fingerprint == ()
