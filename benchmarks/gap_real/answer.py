@@ -26,7 +26,7 @@ class Answered(NamedTuple):
 def beginning(recording: Recording, seconds: float = _FIRST_S) -> Recording:
     """The first seconds of a record."""
     rows = int((recording.time_s <= seconds).sum())
-    arrays = ("time_s", "position", "current", "current_measured", "lateness_s")
+    arrays = ("time_s", "position", "current", "current_measured")
     parts = {name: getattr(recording, name) for name in arrays}
     return replace(recording, **{name: part if part is None else part[:rows] for name, part in parts.items()})
 

@@ -55,7 +55,7 @@ def recording_of(case: Hidden) -> Recording:
     step = 2.0 * np.pi / case.config["encoder"]["counts_per_rev"]
     time_s = case.time_s - case.time_s[0]
     position, period = (case.counts + 0.5) * step, float(np.median(np.diff(time_s)))
-    return Recording(f"seed {case.seed}", time_s, position, step, case.current, None, period, None, False, None)
+    return Recording(f"seed {case.seed}", time_s, position, step, case.current, None, period, False)
 
 
 def scored(case: Hidden) -> Scored:

@@ -49,7 +49,7 @@ def recording_of(run: Run, model: Config) -> Recording:
         kinds = ("a linear device (m, N)", "a rotary device (rad, N m)")
         raise RecordingError(f"{run.path}: a run of {kinds[not is_linear]}, but the model is {kinds[is_linear]}")
     columns = run.columns
-    time_s, lateness_s = _instants(columns)
+    time_s = _instants(columns)
     position, resolution = _positions(columns, _resolution(run, config or model))
     current = _current(run, model)
     check_samples(str(run.path), time_s, position, current)
@@ -61,21 +61,16 @@ def recording_of(run: Run, model: Config) -> Recording:
         current=current,
         current_measured=_measured(columns),
         period_s=float(np.median(np.diff(time_s))),
-        lateness_s=lateness_s,
         is_linear=is_linear,
-        config=config,
         warnings=run.warnings,
     )
     return replace(recording, warnings=(*run.warnings, *check_recording(recording, model)))
 
 
-def _instants(columns: dict[str, NDArray[Any]]) -> tuple[FloatArray, FloatArray | None]:
+def _instants(columns: dict[str, NDArray[Any]]) -> FloatArray:
     due = np.asarray(columns["time_s"], dtype=np.float64)
     late = columns.get("wake_late_ns")
-    if late is None or not np.any(late):
-        return due, None
-    lateness = np.asarray(late, dtype=np.float64) * 1e-9
-    return due + lateness, lateness
+    return due if late is None else due + 1e-9 * np.asarray(late, dtype=np.float64)
 
 
 def _positions(columns: dict[str, NDArray[Any]], resolution: float) -> tuple[FloatArray, float]:

@@ -10,7 +10,6 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from hapticd.config import Config
 
     FloatArray = NDArray[np.float64]
 
@@ -28,9 +27,7 @@ class Recording:
             the same instant of row k + 1 (zero-order hold).
         current_measured: (n,) current reported by the amplifier in A, where every sample has one.
         period_s: median time between samples.
-        lateness_s: (n,) how much later than due each sample was taken, where the file says so.
         is_linear: metres and newtons.
-        config: config of a native run.
         warnings: what limits the conclusions, in words.
     """
 
@@ -41,9 +38,7 @@ class Recording:
     current: FloatArray
     current_measured: FloatArray | None
     period_s: float
-    lateness_s: FloatArray | None
     is_linear: bool
-    config: Config | None
     warnings: tuple[str, ...] = ()
 
     @property

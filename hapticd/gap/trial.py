@@ -191,9 +191,7 @@ def play(config: Config, experiment: Experiment) -> Recording | None:
         current=rows["current_command_A"].astype(np.float64),
         current_measured=None,
         period_s=config.period,
-        lateness_s=None,
         is_linear=config.is_linear,
-        config=config,
     )
 
 

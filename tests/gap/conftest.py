@@ -36,9 +36,7 @@ def _made(effects: str, seed: int, duration_s: float, coloured: Coloured | None)
         current=made.current_command,
         current_measured=None,
         period_s=float(np.median(np.diff(made.time_s))),
-        lateness_s=made.lateness_s,
         is_linear=False,
-        config=None,
     )
     return recording, parse_config(made.nominal, "nominal"), made
 

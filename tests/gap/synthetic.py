@@ -57,4 +57,4 @@ def run(
             angle += dt * velocity
     time = np.arange(planned.size) * PERIOD
     position = (counts + 0.5) * resolution
-    return Recording("synthetic", time, position, resolution, current, None, PERIOD, None, False, None)
+    return Recording("synthetic", time, position, resolution, current, None, PERIOD, False)

@@ -40,7 +40,7 @@ def recorded(
     position = (np.array(counts[::every]) + 0.5) * RESOLUTION
     time_s, period_s = np.arange(position.size) * 1e-3 * every, 1e-3 * every
     held = np.asarray(current, dtype=np.float64)[::every]
-    return Recording("edge", time_s, position, RESOLUTION, held, None, period_s, None, False, None)
+    return Recording("edge", time_s, position, RESOLUTION, held, None, period_s, False)
 
 
 def test_a_bias_is_found_where_viscosity_stops_the_shaft_within_a_period() -> None:

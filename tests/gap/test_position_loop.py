@@ -90,7 +90,7 @@ def recorded(
         },
         "the axis",
     )
-    return Recording("axis", time_s, position, 0.0, current, None, PERIOD_S, None, False, None), model
+    return Recording("axis", time_s, position, 0.0, current, None, PERIOD_S, False), model
 
 
 @pytest.mark.parametrize("seed", [1, 2])

@@ -74,7 +74,7 @@ def test_an_order_that_does_not_go_round(hidden: Callable[..., Any], hidden_orde
     """Over less than a wavelength it is an order beside one that goes round; by itself any smooth torque is as good."""
     recording, model = hidden([_of_orders(hidden_orders)], 2, 8.0)
     swept = np.maximum.accumulate(recording.position) - np.minimum.accumulate(recording.position)
-    some = {name: getattr(recording, name)[swept < 3.0] for name in ("time_s", "position", "current", "lateness_s")}
+    some = {name: getattr(recording, name)[swept < 3.0] for name in ("time_s", "position", "current")}
     present = nominal_fit(problem_of([replace(recording, **some)], model))
     present.differentiate()
     scale = scale_of(present)

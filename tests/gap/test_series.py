@@ -18,7 +18,7 @@ from .synthetic import PERIOD, model
 def recording(rows: int = 3000, step: float = 1e-3) -> Recording:
     time_s = PERIOD * np.arange(rows)
     position = (np.floor(np.sin(5.0 * time_s) / step) + 0.5) * step if step else np.sin(5.0 * time_s)
-    return Recording("made", time_s, position, step, np.cos(5.0 * time_s), None, PERIOD, None, False, None)
+    return Recording("made", time_s, position, step, np.cos(5.0 * time_s), None, PERIOD, False)
 
 
 def without(one: Recording, first: int, last: int) -> Recording:
