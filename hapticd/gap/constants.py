@@ -36,6 +36,19 @@ STRUCTURE_SHARE = 0.03
 """Share of the missing force's power that a function of one coordinate must explain for what is left to matter."""
 BASE_PRIOR = 1.5
 """Standard deviation of the logarithm of a base parameter that is fitted along: a factor of 4.5."""
+QUIET = 2.0
+"""Times the least noise that any device has below which nothing is looked for: what a model leaves then is that noise."""
+MOVES = 0.5
+"""Share of what viscous friction leaves of a velocity that must outlast a period: less is a shaft that Coulomb friction
+holds, and no force shows on it."""
+ORDER_GAIN = 10.0
+"""What an order of a ripple promises at least [nats]: the best of ninety does by chance in one run of two hundred."""
+ORDER_SHARE = 0.02
+"""Share of what all orders of a ripple promise that a further one must promise: the rest is any function of position."""
+GRIP_BLOCKS = 2
+"""Blocks that a grip lasts at least, so that the score of one is held out with another to tell of the hand."""
+LINE = 25.0
+"""Power over that of the neighbourhood at which a frequency is a line in time: by chance hardly one ever does."""
 INDISTINGUISHABLE = 3.0
 """Standard errors of evidence up to which two laws are indistinguishable."""
 MOST_EFFECTS = 4

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapticd.gap import constants
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import term
@@ -29,9 +30,8 @@ if TYPE_CHECKING:
 
 SLUG = "hand_impedance"
 _PIECES = 100
-_FEWEST_BLOCKS, _LONGEST = 2, 0.75
-"""Fewest blocks, so that the score of one is held out with another to tell of the hand, and the largest part of time and of
-travel, that a grip lasts."""
+_LONGEST = 0.75
+"""Largest part of time and of travel that a grip lasts."""
 _SMALL = 0.02
 """Share of the device's own inertia, damping and stiffness from which a size that shows as negative starts."""
 _NEAR = 2
@@ -77,7 +77,7 @@ def first_grip(space: Score, scale: Scale) -> list[Candidate]:
 
 def _shortest(fit: Fit) -> int:
     """Fewest pieces in which a grip is looked for: a climb may take some off again at either edge."""
-    return math.ceil(_FEWEST_BLOCKS * _PIECES / fit.problem.series.blocks) + 2 * _NEAR
+    return math.ceil(constants.GRIP_BLOCKS * _PIECES / fit.problem.series.blocks) + 2 * _NEAR
 
 
 def settled(fit: Fit, number: int, scale: Scale) -> Fit:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
+from hapticd.gap import constants
 from hapticd.gap.terms import LINE, Coordinate, Term
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ _LISTED = 3
 _SEGMENTS, _LONGEST_SEGMENT = 8, 4096
 _AROUND = 50
 """Frequencies to either side that are a line's neighbourhood."""
-_LINE = 25.0
-"""Power over that of the neighbourhood at which a frequency is a line."""
 _LOWEST_HZ = 5.0
 _FINER = 6
 """Steps of a frequency in which a sine gains or loses a turn over the record."""
@@ -43,7 +42,7 @@ def lines(fit: Fit) -> list[float]:
     around = np.array([np.median(power[max(k - _AROUND, 0) : k + _AROUND]) for k in range(power.size)])
     found: list[float] = []
     ratio = np.where(frequency > max(_LOWEST_HZ, 2.0 * frequency[1]), power / around, 0.0)
-    while ratio.max() > _LINE and len(found) < _LISTED:
+    while ratio.max() > constants.LINE and len(found) < _LISTED:
         k = int(np.argmax(ratio))
         found.append(float(frequency[k]))
         ratio[max(k - _AROUND // 5, 0) : k + _AROUND // 5] = 0.0

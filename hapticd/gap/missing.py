@@ -24,9 +24,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-_MOVES = 0.5
-"""Share of what viscous friction leaves of a velocity that must outlast a period: less is a shaft that Coulomb friction
-holds, and no force shows on it."""
 _PROBES = 64
 _HATS, _RANGES = 8, 12
 """Quantiles of a coordinate on which a flexible function bends, and ranges of it where the missing force is told."""
@@ -81,7 +78,7 @@ def moving(fit: Fit, u: Floats | None = None, out: NDArray[Any] | None = None) -
     """(n,) whether the shaft moves during the period after each sample, with coordinates `u` and their ticks."""
     inertia, viscous, *_ = edited_base(fit.device(u))
     outlasts = (fit.out if out is None else out)["v_v"]
-    return np.asarray(outlasts > _MOVES * np.exp(-viscous * fit.problem.series.period_s / inertia))
+    return np.asarray(outlasts > constants.MOVES * np.exp(-viscous * fit.problem.series.period_s / inertia))
 
 
 def missing_power(fit: Fit) -> float:

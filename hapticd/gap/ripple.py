@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from hapticd.effects.torque_ripple import ORDERS
 from hapticd.gap import chance, constants
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.missing import held_out_gain
@@ -28,9 +29,6 @@ if TYPE_CHECKING:
 SLUG = "torque_ripple"
 _PURSUITS = 3
 _HIGHEST_ORDER = 90
-_MOST_ORDERS = 8
-_LEAST_ORDER_GAIN = 10.0
-_ORDER_SHARE = 0.02
 _SAME_ORDER = 0.3 / _HIGHEST_ORDER
 _ROWS = 4096
 _SMOOTH = 3
@@ -160,9 +158,9 @@ def _best_together(g: Floats, H: Floats, excluded: NDArray[np.bool_], goes_round
         return int(np.argmax(gains)), gains
 
     chosen: list[int] = []
-    while len(chosen) < _MOST_ORDERS:
+    while len(chosen) < ORDERS:
         k, gains = best_beside(chosen)
-        if gains[k] < max(_LEAST_ORDER_GAIN, _ORDER_SHARE * _promised(g, H, chosen)):
+        if gains[k] < max(constants.ORDER_GAIN, constants.ORDER_SHARE * _promised(g, H, chosen)):
             break
         chosen.append(k)
         unchanged = 0

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
 
 CORRECTIONS = tuple(slug for slug, effect in CATALOGUE.items() if effect.acts_on == "base")
 """Effects that are nothing but a base parameter's error."""
-_QUIET = 2.0
 
 
 def critical(blocks: int, tried: int) -> float:
@@ -60,7 +59,7 @@ def is_quiet(fit: Fit) -> bool:
     """Whether the process noise is about the least that a device has: nothing is missing then."""
     noise = fit.noise_values()
     least = np.exp(fit.lower[WHITE])
-    return bool(noise[WHITE] ** 2 + 2.0 * noise[DISTURBANCE] ** 2 * noise[CORRELATION] < (_QUIET * least) ** 2)
+    return bool(noise[WHITE] ** 2 + 2.0 * noise[DISTURBANCE] ** 2 * noise[CORRELATION] < (constants.QUIET * least) ** 2)
 
 
 def search(
