@@ -76,9 +76,11 @@ def _smoothed(fit: Fit, u: Floats, out: NDArray[Any]) -> Missing:
 
 def moving(fit: Fit, u: Floats | None = None, out: NDArray[Any] | None = None) -> NDArray[np.bool_]:
     """(n,) whether the shaft moves during the period after each sample, with coordinates `u` and their ticks."""
-    inertia, viscous, *_ = edited_base(fit.device(u))
+    p = fit.device(u)
+    inertia, viscous, *_ = edited_base(p)
+    period = fit.problem.series.currents(p)[0].sum(axis=1)
     outlasts = (fit.out if out is None else out)["v_v"]
-    return np.asarray(outlasts > constants.MOVES * np.exp(-viscous * fit.problem.series.period_s / inertia))
+    return np.asarray(outlasts > constants.MOVES * np.exp(-viscous * period / inertia))
 
 
 def missing_power(fit: Fit) -> float:

@@ -90,14 +90,14 @@ def find_gap(
             raise
         interrupted = True
     progress(0.9, "what is left")
-    judged = partial(_result, recordings, model, first, rounds, slugs, len(base))
+    answer, named = partial(_result, recordings, model, first, rounds, slugs, len(base), unnamed), tuple(rounds)
     try:
-        result = judged(unnamed)
+        result = answer()
     except KeyboardInterrupt:
-        if not rounds:
+        if not named:
             raise
-        interrupted = True
-        result = judged(unnamed)  # some seconds that the answer cannot do without
+        rounds[:], interrupted = named, True
+        result = answer()  # some seconds that what was named cannot do without
     if design and result.verdict == "ambiguous" and not interrupted:
         from hapticd.gap.design import next_experiment
 
@@ -164,6 +164,7 @@ def _result(
     fixed: int,
     unnamed: str | None,
 ) -> GapResult:
+    quiet = not rounds and is_quiet(first.fit)
     # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
     freed = withstanding(first, rounds, len(slugs))
     first, last = freed[0], freed[-1]
@@ -219,7 +220,7 @@ def _result(
             "at_bounds": at_bounds,
             "predicted_better_by": beaten,
             "better_but_unnamed": unnamed,
-            "is_quiet": not rounds and is_quiet(first.fit),
+            "is_quiet": quiet,
             "likelihood_evaluations": len(first.fit.problem.runs),
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),

@@ -10,8 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.gap import find_gap, workflow
+from hapticd.gap import find_gap, remainder, workflow
 from hapticd.gap.competition import Contender, cross_validate, evidence, round_of
+from hapticd.gap.missing import missing_force
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.recording import Recording
@@ -136,9 +137,27 @@ def test_an_interruption_at_the_end_keeps_what_was_found(hidden: Hidden, monkeyp
         return remainder_of(*given)
 
     monkeypatch.setattr(workflow, "remainder_of", interrupted_once)
+    withstanding = workflow.withstanding
+
+    def all_taken_out_once(first: Any, rounds: list[Any], tried: int) -> Any:
+        freed = withstanding(first, rounds, tried)
+        if not asked:
+            rounds.clear()  # as where a slow torque does as well
+            return freed[:1]
+        return freed
+
+    monkeypatch.setattr(workflow, "withstanding", all_taken_out_once)
     found = find_gap([recording], nominal, candidates=["constant_bias"], design=False)
     assert found.interrupted
     assert found.effects == ("constant_bias",)
+
+
+def test_on_an_axis_an_order_is_a_period(hidden: Hidden, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording, nominal = hidden([], 5, 8.0)
+    fit = nominal_fit(replace(problem_of([recording], nominal), is_linear=True))
+    monkeypatch.setattr(remainder.ripple, "orders_left", lambda fit, scale: [100.0])
+    found = remainder.remainder_of(fit, missing_force(fit), 1.0)
+    assert found.fingerprint == ("a period of 0.0628 m in position",)
 
 
 def test_orders_that_have_no_name_are_told(hidden: Hidden) -> None:

@@ -12,7 +12,7 @@ from benchmarks.gap.disturbance import STEP_S, Coloured
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.linear import sensitivities, smoothed
 from hapticd.gap.kernel.ticks import SENSOR, WHITE
-from hapticd.gap.missing import MOVES, missing_force
+from hapticd.gap.missing import missing_force, moving
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.terms import Term, term
 from hapticd.gap.workflow import problem_of
@@ -86,7 +86,7 @@ def test_sensitivities_are_the_filter_s_slopes(plain: Fit, slug: str) -> None:
     size = 1e-4 * fit.problem.torque
     slope = (fit.extended(item(2.0 * size)).out["mean"] - fit.extended(item(size)).out["mean"]) / size
     answer = sensitivities(fit.out, torque(fit.out["x"])[:, None])[:, 0]
-    moves = fit.out["v_v"] > MOVES
+    moves = moving(fit)
     slope, answer = slope[moves], answer[moves]
     assert float(slope @ answer / (answer @ answer)) == pytest.approx(1.0, abs=0.15)
     # The filter takes most of a constant torque for its disturbance: kinks weigh more in the little that shows.

@@ -8,14 +8,14 @@ import sys
 import pytest
 
 LOADED = """
-import hapticd.gap
 from numba.core.caching import CompileResultCacheImpl
-from hapticd import jit
 rebuilt, rebuild = [], CompileResultCacheImpl.rebuild
 def counted(cache, *given):
     rebuilt.append(cache.filename_base)
     return rebuild(cache, *given)
 CompileResultCacheImpl.rebuild = counted
+import hapticd.gap
+from hapticd import jit
 from hapticd.plant.exact import phi_functions
 {ask}
 print(len(rebuilt), len(phi_functions.overloads))
