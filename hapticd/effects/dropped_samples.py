@@ -34,4 +34,5 @@ EFFECT = Effect(
     ),
     grid=_grid,
     near=("transport_delay",),
+    accuracy=8e-2,  # lost commands are taken as normally distributed, and seen in cells: p comes out so much too high
 )

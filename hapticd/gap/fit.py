@@ -93,9 +93,14 @@ class Fit:
         return self.u[:_NOISES]
 
     def noise_values(self, u: Floats | None = None) -> Floats:
-        """Noise parameters in SI units; those that are off are 0."""
+        """Noise parameters in SI units; those that are off are 0.
+
+        Their coordinates are those of a current times the nominal torque constant: torques that are all wrong by one factor
+        are a current that is, and what is the same device has the same likelihood.
+        """
         u = self.u if u is None else u
         values = np.exp(u[:_NOISES])
+        values[[WHITE, DISTURBANCE]] *= torque_constant(self.device(u)) / torque_constant(self.problem.base)
         for k in _OFF:
             if u[k] <= self.lower[k] + 1e-9:
                 values[k] = 0.0

@@ -32,6 +32,7 @@ from hapticd.gap.competition import (
     round_of,
     simplest_first,
 )
+from hapticd.gap.corrections import CORRECTIONS, tell_with_one_less
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, WHITE
 from hapticd.gap.missing import missing_power
 from hapticd.gap.remainder import is_all_chance
@@ -40,9 +41,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hapticd.gap.fit import Fit
-
-CORRECTIONS = tuple(slug for slug, effect in CATALOGUE.items() if effect.acts_on == "base")
-"""Effects that are nothing but a base parameter's error."""
 
 
 def critical(blocks: int, tried: int) -> float:
@@ -57,8 +55,7 @@ def least_gain(needed_errors: float) -> float:
 
 def is_quiet(fit: Fit) -> bool:
     """Whether the process noise is about the least that a device has: nothing is missing then."""
-    noise = fit.noise_values()
-    least = np.exp(fit.lower[WHITE])
+    noise, least = np.exp(fit.noise), np.exp(fit.lower[WHITE])
     return bool(noise[WHITE] ** 2 + 2.0 * noise[DISTURBANCE] ** 2 * noise[CORRELATION] < (constants.QUIET * least) ** 2)
 
 
@@ -105,6 +102,7 @@ def search(
         stands = is_late or _withstands(new, len(slugs))
         if stands and not is_late:
             gone = look_back(path, slugs, len(first.fit.terms), needed_errors, needed)
+            tell_with_one_less(path, slugs, len(first.fit.terms), needed)
             if doubtful and not _stand_together(doubtful[0], gone, path, len(rounds)):
                 break
             stands = not path or _withstands(path[-1], len(slugs))

@@ -13,6 +13,7 @@ from drivers import declared_latency
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
 from hapticd.gap import chance, constants, grip, late_record, missing
 from hapticd.gap.competition import CrossValidated, Round, cross_validate, evidence
+from hapticd.gap.corrections import CORRECTIONS
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import NOISE
@@ -24,7 +25,7 @@ from hapticd.gap.problem import Problem
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.search import CORRECTIONS, critical, is_quiet, search, withstanding
+from hapticd.gap.search import critical, is_quiet, search, withstanding
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about

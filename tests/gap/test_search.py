@@ -28,6 +28,7 @@ from hapticd.gap.competition import (
     round_of,
     simplest_first,
 )
+from hapticd.gap.corrections import CORRECTIONS, tell_with_one_less
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import DISTURBANCE
 from hapticd.gap.nominal import nominal_fit
@@ -311,6 +312,32 @@ def test_an_inertia_gives_way_to_the_torque_constant_that_it_stood_in_for(hidden
     rounds = _named(first, "inertia_error", "coulomb_friction")
     look_back(rounds, list(CATALOGUE), 0, critical(20, 24), least_gain(critical(20, 24)))
     assert [each.taken.slug for each in rounds] == ["torque_constant_error"]
+
+
+def test_two_wrong_parameters_are_not_told_as_three(hidden: Hidden) -> None:
+    """An inertia and a torque constant: by the torque constant's factor taken out, all but that are wrong."""
+    effects = [{"name": "inertia_error", "r": -0.15}, {"name": "torque_constant_error", "r": 0.3}]
+    recording, model = hidden(effects, 11, SECONDS)
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    rounds = _named(first, "torque_constant_error", "coulomb_friction", "viscous_friction")
+    three = rounds[-1].taken.judged
+    needed = least_gain(critical(20, 24))
+    tell_with_one_less(rounds, ["viscous_friction", "coulomb_friction", "torque_constant_error"], 0, needed)
+    assert len(rounds) == 3, "the fourth may not be named"
+    tell_with_one_less(rounds, list(CATALOGUE), 0, needed)
+    assert [each.taken.slug for each in rounds] == ["torque_constant_error", "inertia_error"]
+    two = rounds[-1].taken.judged
+    assert two.fit.log_likelihood == pytest.approx(three.fit.log_likelihood, abs=1.0)
+    assert two.fit.u[-2:] == pytest.approx([0.3, -0.15], rel=0.01)
+
+
+def test_a_device_wrong_by_one_factor_in_all_is_the_model(hidden: Hidden) -> None:
+    recording, model = hidden([], 11, SECONDS)
+    fit = nominal_fit(problem_of([recording], model))
+    for slug in CORRECTIONS:
+        fit = fit.extended(term(slug, {"r": 0.25}, (), 1.0))
+    assert fit.log_likelihood == pytest.approx(nominal_fit(problem_of([recording], model)).log_likelihood, abs=1e-3)
+    assert is_quiet(fit)
 
 
 def test_what_a_slow_torque_does_as_well_makes_way_for_the_next_of_its_round(
