@@ -12,6 +12,7 @@ import numpy as np
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, grip, late_record, ripple
 from hapticd.gap.candidates import HALVINGS, Climb, candidates, keeps_the_drive, scale_of
+from hapticd.gap.imitation import is_artefact
 from hapticd.gap.missing import missing_power
 from hapticd.gap.parallel import each
 from hapticd.gap.remainder import is_all_chance
@@ -206,11 +207,13 @@ def closes(fit: Fit, other: Fit) -> bool:
 
 
 def matters(better: CrossValidated, other: CrossValidated) -> bool:
-    """Whether what one model has more is no stand-in for something else: it closes its share, or leaves nothing but chance.
+    """Whether what one model has more is no stand-in for something else, nor for what is not exact in the filter.
 
-    How sure a law is counts for nothing where its model is not right in other respects; where it is, that is enough.
+    It closes its share, or leaves nothing but chance: how sure a law is counts for nothing where its model is not right in
+    other respects; where it is, that is enough.
     """
-    return closes(better.fit, other.fit) or is_all_chance(better.beside_slow.fit)
+    is_material = closes(better.fit, other.fit) or is_all_chance(better.beside_slow.fit)
+    return is_material and not is_artefact(better.fit, other.fit)
 
 
 def simplest_first(contenders: list[Contender], needed_errors: float) -> list[Contender]:

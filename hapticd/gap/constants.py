@@ -49,6 +49,8 @@ GRIP_BLOCKS = 2
 """Blocks that a grip lasts at least, so that the score of one is held out with another to tell of the hand."""
 LINE = 25.0
 """Power over that of the neighbourhood at which a frequency is a line in time: by chance hardly one ever does."""
+IMITATIONS = 5
+"""Recordings that a model makes itself, to see what a law gains where it is not: all their blocks are a hundred and more."""
 INDISTINGUISHABLE = 3.0
 """Standard errors of evidence up to which two laws are indistinguishable."""
 MOST_EFFECTS = 4

@@ -129,11 +129,7 @@ class Fit:
         series = self.problem.series
         p = self.device(u)
         out = np.empty(series.size, TICK)
-        duration, current, spread = series.currents(p)
-        for number, item in enumerate(self.terms):
-            if item.slug == LINE:
-                torque = line_torques(item, series.middle_s) @ u[self.columns(number)]
-                current = current + (torque / torque_constant(p))[:, None]
+        duration, current, spread = self.currents(u)
         total = run_filter(
             p,
             self.noise_values(u),
@@ -149,6 +145,17 @@ class Fit:
         self.problem.runs.append(total)
         prior = -0.5 * float(np.sum(((u - self.centre) / self.prior) ** 2))
         return (total + prior if np.isfinite(total) else _NEVER), out
+
+    def currents(self, u: Floats | None = None) -> tuple[Floats, Floats, Floats]:
+        """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each."""
+        u, series = self.u if u is None else u, self.problem.series
+        p = self.device(u)
+        duration, current, spread = series.currents(p)
+        for number, item in enumerate(self.terms):
+            if item.slug == LINE:
+                torque = line_torques(item, series.middle_s) @ u[self.columns(number)]
+                current = current + (torque / torque_constant(p))[:, None]
+        return duration, current, spread
 
     def free(self, gradient: Floats | None = None) -> NDArray[np.bool_]:
         """(k,) which coordinates may move; with the gradient, not those that it pushes against their bounds."""

@@ -33,6 +33,7 @@ from hapticd.gap.competition import (
     simplest_first,
 )
 from hapticd.gap.corrections import CORRECTIONS, tell_with_one_less
+from hapticd.gap.imitation import is_artefact
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, WHITE
 from hapticd.gap.missing import missing_power
 from hapticd.gap.remainder import is_all_chance
@@ -116,7 +117,12 @@ def search(
             break
         present, doubtful, possible, new = rounds[-1].taken.judged, [], [], None
     for each in (*doubtful, new):
-        if each is not None and each.taken.evidence >= needed_errors and not _closes(each):
+        if (
+            each is not None
+            and each.taken.evidence >= needed_errors
+            and not _closes(each)
+            and not is_artefact(each.taken.judged.fit, each.before.fit)
+        ):
             return each.taken.slug
     return None
 
@@ -136,9 +142,10 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     """
     contenders = _in_order(closing(possible, present, needed_errors), needed_errors)
     gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]
-    if not (contenders and _is_right(contenders[0], present, gaining, needed_errors)):
-        closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
-        contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors], needed_errors)
+    if contenders and _is_right(contenders[0], present, gaining, needed_errors):
+        return round_of(present, contenders)
+    closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
+    contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors], needed_errors)
     if not contenders:
         return None
     return round_of(present, contenders, to_the_end=matters(contenders[0].judged, present))
@@ -148,9 +155,9 @@ def _is_right(best: Contender, present: CrossValidated, gaining: Sequence[Conten
     """Whether a law is sure and matters; one that closes little does not where another closes its share and gains more."""
     if best.evidence < needed_errors:
         return False
-    if closes(best.judged.fit, present.fit):
-        return True
-    if any(one.gain > best.gain and closes(one.judged.fit, present.fit) for one in gaining):
+    if not closes(best.judged.fit, present.fit) and any(
+        one.gain > best.gain and closes(one.judged.fit, present.fit) for one in gaining
+    ):
         return False
     return matters(best.judged, present)
 

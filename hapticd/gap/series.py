@@ -69,6 +69,8 @@ class Series:
     block: NDArray[np.int64]
     fold: NDArray[np.int64]
     period_s: float
+    added: Floats | float = 0.0
+    """(n,) motor current [A] that came past the amplifier: in an imitation."""
     _currents: dict[tuple[float, ...], tuple[Floats, Floats, Floats]] = field(default_factory=dict)
     _lock: Lock = field(default_factory=Lock)
 
@@ -145,6 +147,7 @@ class Series:
                     for rows in (np.flatnonzero(self.recording == k) for k in range(int(self.recording[-1]) + 1))
                 ]
                 duration, current, spread = (np.concatenate(parts) for parts in zip(*found, strict=True))
+                current += np.reshape(self.added, (-1, 1))
                 self._currents[key] = duration, current, spread
             return self._currents[key]
 
