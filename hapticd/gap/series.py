@@ -197,7 +197,9 @@ def series_of(recordings: Sequence[Recording]) -> Series:
     for index, recording in enumerate(recordings):
         waits = np.diff(recording.time_s, prepend=-np.inf)
         begins.append(waits > GAP_PERIODS * recording.period_s)
-        own = np.unique((recording.time_s / length_s).astype(np.int64), return_inverse=True)[1]
+        last = max(round(recording.duration_s / length_s), 1) - 1  # what is left over belongs to it
+        own = np.minimum((recording.time_s / length_s).astype(np.int64), last)
+        own = np.unique(own, return_inverse=True)[1]
         block.append(own + blocks)
         blocks += int(own.max()) + 1
         number.append(np.full(recording.rows, index))

@@ -80,7 +80,7 @@ def _cut(mode: int, v: float, d: float, spread: Floats, current: float) -> Any:
 
 
 def test_a_held_shaft_is_cut_where_stiction_ends() -> None:
-    spread = 0.3 * COULOMB
+    spread = 0.2 * COULOMB
     pieces = _cut(HELD, 0.0, 0.0, np.array([1e-6, 0.0, spread]), 0.8 * COULOMB)
     np.testing.assert_array_equal(np.flatnonzero(pieces["weight"]), [HELD, UP])
     pieces = pieces[[HELD, UP]]

@@ -63,14 +63,15 @@ def test_recordings_are_put_one_after_the_other() -> None:
     assert current[2000, 0] == series.command[2000]
 
 
-@pytest.mark.parametrize("seconds", [2, 10, 40])
-def test_blocks_are_enough_and_folds_alike(seconds: int) -> None:
-    series = series_of([recording(seconds * 1000)])
+@pytest.mark.parametrize("rows", [2000, 10_000, 20_001, 40_300, 40_800])
+def test_blocks_are_enough_and_folds_alike(rows: int) -> None:
+    series = series_of([recording(rows)])
     assert series.blocks >= constants.FEWEST_BLOCKS
     assert np.all(np.diff(series.block) >= 0)
     assert np.array_equal(np.unique(series.block), np.arange(series.blocks))
     sizes = np.bincount(series.block)
     assert sizes[:-1].max() - sizes[:-1].min() <= 1
+    assert 0.5 < sizes[-1] / sizes[0] < 1.5, "what is left over at the end is no block by itself"
     assert sizes[0] * PERIOD <= constants.BLOCK_S + 1e-9
     held = np.bincount(series.fold)
     assert held.size == constants.FOLDS

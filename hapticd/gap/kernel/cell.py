@@ -9,8 +9,9 @@ from numba import types
 from hapticd.jit import njit
 
 _f8 = types.float64
-SURE = 4.0
-"""Standard deviations beyond which there is no tail."""
+SURE = 7.0
+"""Standard deviations beyond which there is no tail. At four the likelihood jumped by several nats where a breakaway became
+that unlikely, and climbs ended there."""
 _ROOT_2 = math.sqrt(2.0)
 _DENSITY_0 = 1.0 / math.sqrt(2.0 * math.pi)
 
@@ -40,7 +41,7 @@ def truncated(low: float, high: float) -> tuple[float, float, float, float]:
 
 @njit(types.UniTuple(_f8, 2)(_f8), inline=True)
 def lower_tail(high: float) -> tuple[float, float]:
-    """Return mass and density of the standard normal below `high` and at it; nothing is left beyond four deviations."""
+    """Return mass and density of the standard normal below `high` and at it; nothing is left beyond `SURE` deviations."""
     if high < -SURE:
         return 0.0, 0.0
     if high > SURE:

@@ -52,8 +52,8 @@ MODE = np.dtype(
 OUTLIER = 1e-3 / 64.0
 """Probability of an arbitrary count, or of a width of the sensor's noise if that is wider: what a gross outlier costs."""
 RARE = 1e-12
-"""Probability below which a mode is not followed. Were it above that of an outlier, a shaft that did what was unlikely would be
-lost, and the likelihood would jump where a mode falls below it."""
+"""Probability below which a mode is not followed. Were it above that of an outlier, a shaft that did what was unlikely would
+be lost, and the likelihood would jump where a mode falls below it."""
 
 _f8 = types.float64
 _i8 = types.int64

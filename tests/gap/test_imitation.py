@@ -1,0 +1,58 @@
+"""Imitations of a recording: what a model makes itself along the same path, and what a law gains on them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.gap.disturbance import Coloured
+from hapticd.gap.fit import Fit
+from hapticd.gap.imitation import imitated, is_artefact
+from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE
+from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.terms import term
+from hapticd.gap.workflow import problem_of
+
+Hidden = Callable[..., Any]
+SECONDS = 6.0
+
+
+@pytest.fixture(scope="module")
+def shaken(hidden: Hidden) -> Fit:
+    """The nominal model on a device that has nothing but a strong torque of 10 ms."""
+    recording, model = hidden([], 11, SECONDS, Coloured(0.25, 0.01))
+    return nominal_fit(problem_of([recording], model))
+
+
+def test_an_imitation_stays_near_the_recorded_path(shaken: Fit) -> None:
+    series, made = shaken.problem.series, imitated(shaken, 1).series
+    off = (made.cell - series.cell) * series.resolution
+    assert 0.0 < np.sqrt(np.mean(off**2)) < 0.05 * np.ptp(shaken.out["x"])
+    assert made.cell - series.cell == pytest.approx(np.rint(made.cell - series.cell), abs=1e-6), (
+        "cells of the same encoder"
+    )
+    assert np.array_equal(imitated(shaken, 1).series.cell, made.cell)
+    assert not np.array_equal(imitated(shaken, 2).series.cell, made.cell)
+
+
+def test_the_model_that_made_an_imitation_fits_it(shaken: Fit) -> None:
+    problem = imitated(shaken, 1)
+    again = Fit(problem, (), shaken.u).maximise()
+    assert again.log_likelihood == pytest.approx(shaken.log_likelihood, rel=0.15)
+    assert again.u[[DISTURBANCE, CORRELATION]] == pytest.approx(shaken.u[[DISTURBANCE, CORRELATION]], abs=0.3)
+
+
+def test_a_law_of_the_device_is_no_artefact(hidden: Hidden) -> None:
+    recording, model = hidden([{"name": "constant_bias", "tau_0": 1e-4}], 11, SECONDS, Coloured(0.05, 0.01))
+    first = nominal_fit(problem_of([recording], model))
+    biased = first.extended(term("constant_bias", {"tau_0": 1e-4}, (), 0.1)).maximise()
+    assert not is_artefact(biased, first)
+
+
+def test_a_law_that_is_not_there_is_an_artefact(shaken: Fit) -> None:
+    """Near standstill the filter lets a shaken shaft go too easily: stiction makes up for that."""
+    sticking = shaken.extended(term("stribeck", {"s": 0.1, "omega_s": 0.05}, (), 0.1)).maximise()
+    assert is_artefact(sticking, shaken)
