@@ -207,13 +207,16 @@ def closes(fit: Fit, other: Fit) -> bool:
 
 
 def matters(better: CrossValidated, other: CrossValidated) -> bool:
-    """Whether what one model has more is no stand-in for something else, nor for what is not exact in the filter.
+    """Whether what one model has more is no stand-in for something else, nor for what is not exact in the filter."""
+    return is_material(better, other) and not is_artefact(better.fit, other.fit)
 
-    It closes its share, or leaves nothing but chance: how sure a law is counts for nothing where its model is not right in
-    other respects; where it is, that is enough.
+
+def is_material(better: CrossValidated, other: CrossValidated) -> bool:
+    """Whether what one model has more closes its share, or leaves nothing but chance.
+
+    How sure a law is counts for nothing where its model is not right in other respects; where it is, that is enough.
     """
-    is_material = closes(better.fit, other.fit) or is_all_chance(better.beside_slow.fit)
-    return is_material and not is_artefact(better.fit, other.fit)
+    return closes(better.fit, other.fit) or is_all_chance(better.beside_slow.fit)
 
 
 def simplest_first(contenders: list[Contender], needed_errors: float) -> list[Contender]:

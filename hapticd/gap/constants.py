@@ -52,6 +52,7 @@ LINE = 25.0
 IMITATIONS = 5
 """Recordings that a model makes itself, to see what a law gains where it is not: all their blocks are a hundred and more."""
 INDISTINGUISHABLE = 3.0
-"""Standard errors of evidence up to which two laws are indistinguishable."""
+"""Standard errors of evidence up to which two laws are indistinguishable, and above imitations from which a gain is none of
+the filter's."""
 MOST_EFFECTS = 4
 """Most effects that are looked for."""

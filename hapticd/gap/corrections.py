@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,8 @@ def tell_with_one_less(rounds: list[Round], slugs: Sequence[str], base: int, nee
         return
     last = rounds[-1].taken.judged
     at = {number: last.fit.columns(base + number).start for number in named}
+    if any(last.fit.u[at[number]] <= last.fit.lower[at[number]] for number in named):
+        return  # none of it is left
     logarithm = {number: float(np.log1p(last.fit.u[at[number]])) for number in named}
     alike = min(combinations(named, 2), key=lambda two: abs(logarithm[two[0]] - logarithm[two[1]]))
     shared = 0.5 * sum(logarithm[number] for number in alike)
@@ -48,7 +51,12 @@ def tell_with_one_less(rounds: list[Round], slugs: Sequence[str], base: int, nee
     fewer = cross_validate(with_it.maximise(tolerance=ROUGH * needed), last.penalty)
     if not is_as_good(fewer, last):
         return
+    gone = {slug, *(rounds[number].taken.slug for number in alike)}  # ties with these are now in other words
     for number in reversed(alike):
         del rounds[number]
+    for number, each in enumerate(rounds):
+        rounds[number] = replace(
+            each, indistinguishable=tuple(one for one in each.indistinguishable if one not in gone)
+        )
     before = cross_validate(fit.maximise(tolerance=ROUGH * needed), last.penalty)
     rounds.append(Round(before, (Contender(slug, fewer, *evidence(fewer, before)),), ()))

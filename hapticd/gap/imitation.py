@@ -15,6 +15,7 @@ import numpy as np
 
 from hapticd.gap import constants
 from hapticd.gap.fit import Fit
+from hapticd.gap.kernel.device import moving_inertia
 from hapticd.gap.kernel.imitate import imitate
 from hapticd.gap.parallel import each
 
@@ -39,7 +40,7 @@ def is_artefact(better: Fit, other: Fit) -> bool:
 
     def gains(seed: int) -> NDArray[np.float64]:
         problem = imitated(other, seed)
-        ours, theirs = (Fit(problem, fit.terms, fit.u).out["log_p"] for fit in (better, other))
+        ours, theirs = (Fit(problem, fit.terms, fit.u).out["log_p"].copy() for fit in (better, other))
         return per_block(ours - theirs)
 
     by_chance = np.array(each(gains, range(constants.IMITATIONS)))
@@ -54,8 +55,10 @@ def imitated(fit: Fit, seed: int) -> Problem:
     problem = fit.problem
     series, p = problem.series, fit.device()
     duration, current, spread = fit.currents()
-    inertia = float(problem.base[0])
-    stiffness = problem.torque / (_NEAR * float(np.ptp(fit.out["x"])))
+    x, v = fit.out["x"], fit.out["v"]
+    travel = max(float(np.ptp(x[series.recording == number])) for number in np.unique(series.recording))
+    inertia = moving_inertia(p, 0.0)
+    stiffness = problem.torque / (_NEAR * max(travel, series.resolution))
     stiffness = min(stiffness, _STIFFEST * inertia / series.period_s**2)
     added, cell = np.empty(series.size), np.empty(series.size)
     imitate(
@@ -68,7 +71,8 @@ def imitated(fit: Fit, seed: int) -> Problem:
         current,
         spread,
         series.begins,
-        np.column_stack([fit.out["x"], fit.out["v"]]),
+        1.5 * series.period_s,
+        np.column_stack([x, v]),
         stiffness,
         2.0 * np.sqrt(stiffness * inertia),
         np.random.default_rng(seed).normal(size=(series.size, 4)),

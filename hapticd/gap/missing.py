@@ -11,7 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from hapticd.gap import constants
 from hapticd.gap.kernel.linear import sensitivities, smoothed
 from hapticd.gap.kernel.ticks import WHITE
-from hapticd.plant.layout import index_of
+from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.numeric import edited_base
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def _smoothed(fit: Fit, u: Floats, out: NDArray[Any]) -> Missing:
     duration, _, spread = series.currents(p)
     period = duration.sum(axis=1)
     # Commands that may have been lost push as a white force does.
-    lost = np.sum((p[index_of("torque_constant")] * spread * duration) ** 2, axis=1) / period**2
+    lost = np.sum((torque_constant(p) * spread * duration) ** 2, axis=1) / period**2
     found = smoothed(out, float(fit.noise_values(u)[WHITE]) ** 2 / period + lost)
     # Of the white force only the part that lasts is a force that is missing: its mean over a window.
     lasting = uniform_filter1d(found[:, 3], max(int(constants.LASTING_S / series.period_s), 1), mode="nearest")

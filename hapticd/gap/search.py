@@ -28,6 +28,7 @@ from hapticd.gap.competition import (
     evidence,
     is_as_good,
     is_indistinguishable,
+    is_material,
     matters,
     round_of,
     simplest_first,
@@ -106,7 +107,7 @@ def search(
             tell_with_one_less(path, slugs, len(first.fit.terms), needed)
             if doubtful and not _stand_together(doubtful[0], gone, path, len(rounds)):
                 break
-            stands = not path or _withstands(path[-1], len(slugs))
+            stands = not path or (_withstands(path[-1], len(slugs)) and (path[-1] is new or not _is_artefact(path[-1])))
         if not stands:
             possible = _others(possible, new)
             if doubtful or not possible:
@@ -117,12 +118,7 @@ def search(
             break
         present, doubtful, possible, new = rounds[-1].taken.judged, [], [], None
     for each in (*doubtful, new):
-        if (
-            each is not None
-            and each.taken.evidence >= needed_errors
-            and not _closes(each)
-            and not is_artefact(each.taken.judged.fit, each.before.fit)
-        ):
+        if each is not None and each.taken.evidence >= needed_errors and not _closes(each) and not _is_artefact(each):
             return each.taken.slug
     return None
 
@@ -142,24 +138,27 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     """
     contenders = _in_order(closing(possible, present, needed_errors), needed_errors)
     gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]
-    if contenders and _is_right(contenders[0], present, gaining, needed_errors):
-        return round_of(present, contenders)
-    closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
-    contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors], needed_errors)
+    is_right = bool(contenders) and _is_right(contenders[0], present, gaining, needed_errors)
+    if not is_right:
+        closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
+        contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors], needed_errors)
     if not contenders:
         return None
-    return round_of(present, contenders, to_the_end=matters(contenders[0].judged, present))
+    best = contenders[0]
+    if is_artefact(best.judged.fit, present.fit):
+        return _next([one for one in possible if one is not best], present, needed, needed_errors)
+    return round_of(present, contenders, to_the_end=is_right or is_material(best.judged, present))
 
 
 def _is_right(best: Contender, present: CrossValidated, gaining: Sequence[Contender], needed_errors: float) -> bool:
-    """Whether a law is sure and matters; one that closes little does not where another closes its share and gains more."""
+    """Whether a law is sure and material; one that closes little is not where another closes its share and gains more."""
     if best.evidence < needed_errors:
         return False
-    if not closes(best.judged.fit, present.fit) and any(
-        one.gain > best.gain and closes(one.judged.fit, present.fit) for one in gaining
-    ):
+    if closes(best.judged.fit, present.fit):
+        return True
+    if any(one.gain > best.gain and closes(one.judged.fit, present.fit) for one in gaining):
         return False
-    return matters(best.judged, present)
+    return is_material(best.judged, present)
 
 
 def _others(possible: Sequence[Contender], new: Round) -> list[Contender]:
@@ -168,6 +167,10 @@ def _others(possible: Sequence[Contender], new: Round) -> list[Contender]:
 
 def _closes(new: Round) -> bool:
     return closes(new.taken.judged.fit, new.before.fit)
+
+
+def _is_artefact(new: Round) -> bool:
+    return is_artefact(new.taken.judged.fit, new.before.fit)
 
 
 def _beside(doubtful: Sequence[Round], slugs: Sequence[str]) -> Sequence[str]:

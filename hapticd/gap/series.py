@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 _LOSS = index_of("dropped_samples.p")
 _DELAY, _TRANSPORT_DELAY, _LAG = index_of("delay_s"), index_of("transport_delay.t_d"), index_of("amplifier_lag.f_a")
 _REMEMBERED = 4
+_SHORTER = 0.95
 _FINE = 8
 """Parts of a step of the plant's in which a lagging current is taken as constant."""
 _ELECTRICAL = tuple(
@@ -58,6 +59,7 @@ class Series:
         block: (n,) number of the sample's block; samples of a block share a fold.
         fold: (blocks,) fold of each block.
         period_s: median period.
+        added: (n,) current that came past the amplifier [A], in an imitation.
     """
 
     time_s: Floats
@@ -69,8 +71,7 @@ class Series:
     block: NDArray[np.int64]
     fold: NDArray[np.int64]
     period_s: float
-    added: Floats | float = 0.0
-    """(n,) motor current [A] that came past the amplifier: in an imitation."""
+    added: Floats
     _currents: dict[tuple[float, ...], tuple[Floats, Floats, Floats]] = field(default_factory=dict)
     _lock: Lock = field(default_factory=Lock)
 
@@ -106,6 +107,7 @@ class Series:
             time_s=self.time_s[rows],
             cell=self.cell[rows],
             command=self.command[rows],
+            added=self.added[rows],
             begins=self.begins[rows] | (np.diff(np.flatnonzero(rows), prepend=-2) > 1),
             recording=np.unique(self.recording[rows], return_inverse=True)[1],
             block=block,
@@ -147,7 +149,7 @@ class Series:
                     for rows in (np.flatnonzero(self.recording == k) for k in range(int(self.recording[-1]) + 1))
                 ]
                 duration, current, spread = (np.concatenate(parts) for parts in zip(*found, strict=True))
-                current += np.reshape(self.added, (-1, 1))
+                current += self.added[:, None]
                 self._currents[key] = duration, current, spread
             return self._currents[key]
 
@@ -192,13 +194,14 @@ def series_of(recordings: Sequence[Recording]) -> Series:
         resolution = 1e-3 * float(np.sqrt(np.mean(bends**2)))
     total = sum(recording.duration_s for recording in recordings)
     length_s = min(constants.BLOCK_S, total / constants.FEWEST_BLOCKS)
+    while sum(counts := [max(round(one.duration_s / length_s), 1) for one in recordings]) < constants.FEWEST_BLOCKS:
+        length_s *= _SHORTER  # what is left over at the end of each belongs to its last block
     begins, block, number = [], [], []
     blocks = 0
     for index, recording in enumerate(recordings):
         waits = np.diff(recording.time_s, prepend=-np.inf)
         begins.append(waits > GAP_PERIODS * recording.period_s)
-        last = max(round(recording.duration_s / length_s), 1) - 1  # what is left over belongs to it
-        own = np.minimum((recording.time_s / length_s).astype(np.int64), last)
+        own = np.minimum((recording.time_s / length_s).astype(np.int64), counts[index] - 1)
         own = np.unique(own, return_inverse=True)[1]
         block.append(own + blocks)
         blocks += int(own.max()) + 1
@@ -213,4 +216,5 @@ def series_of(recordings: Sequence[Recording]) -> Series:
         block=np.concatenate(block),
         fold=np.arange(blocks) % constants.FOLDS,
         period_s=float(np.median(np.concatenate([np.diff(recording.time_s) for recording in recordings]))),
+        added=np.zeros(sum(recording.rows for recording in recordings)),
     )

@@ -320,12 +320,14 @@ def test_two_wrong_parameters_are_not_told_as_three(hidden: Hidden) -> None:
     recording, model = hidden(effects, 11, SECONDS)
     first = cross_validate(nominal_fit(problem_of([recording], model)))
     rounds = _named(first, "torque_constant_error", "coulomb_friction", "viscous_friction")
+    rounds[0] = replace(rounds[0], indistinguishable=("inertia_error", "hand_impedance"))
     three = rounds[-1].taken.judged
     needed = least_gain(critical(20, 24))
     tell_with_one_less(rounds, ["viscous_friction", "coulomb_friction", "torque_constant_error"], 0, needed)
     assert len(rounds) == 3, "the fourth may not be named"
     tell_with_one_less(rounds, list(CATALOGUE), 0, needed)
     assert [each.taken.slug for each in rounds] == ["torque_constant_error", "inertia_error"]
+    assert rounds[0].indistinguishable == ("hand_impedance",), "what is named is not told as another name"
     two = rounds[-1].taken.judged
     assert two.fit.log_likelihood == pytest.approx(three.fit.log_likelihood, abs=1.0)
     assert two.fit.u[-2:] == pytest.approx([0.3, -0.15], rel=0.01)
@@ -500,7 +502,7 @@ def test_a_small_law_gives_way_to_one_that_closes_and_gains_more(
     biased: CrossValidated, corrected: CrossValidated, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A Coulomb friction that closed nothing had been named for a play that gained seven times as much, in doubt."""
-    monkeypatch.setattr("hapticd.gap.search.matters", lambda better, other: True)
+    monkeypatch.setattr("hapticd.gap.search.is_material", lambda better, other: True)
     small, closer = Contender("stribeck", biased, 20.0, 6.0), Contender("constant_bias", corrected, 100.0, 1.0)
     assert closes(corrected.fit, biased.fit)
     assert not _is_right(small, biased, [closer], 4.0)

@@ -78,6 +78,14 @@ def test_blocks_are_enough_and_folds_alike(rows: int) -> None:
     assert held.max() - held.min() <= 1
 
 
+@pytest.mark.parametrize("rows", [1200, 3000, 7400])
+def test_several_recordings_have_blocks_enough(rows: int) -> None:
+    series = series_of([recording(rows)] * 6)
+    assert series.blocks >= constants.FEWEST_BLOCKS
+    sizes = np.bincount(series.block)
+    assert sizes.min() > 0.5 * sizes.max()
+
+
 def test_a_sum_over_blocks_is_the_whole() -> None:
     series = series_of([recording()])
     values = np.random.default_rng(1).normal(size=(series.size, 2))

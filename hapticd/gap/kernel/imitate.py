@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import types
 
-from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, SENSOR, WHITE
+from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, SENSOR, WHITE
 from hapticd.jit import njit
 from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.layout import LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, index_of
@@ -23,9 +23,11 @@ _m = types.Array(_f8, 2, "C")
 _flags = types.Array(types.boolean, 1, "C")
 
 _EXTERNAL = index_of("external_force")
+_FOLLOWS = 0.5
+"""Gain of the tracker that takes position and velocity from the counts (α–β: Benedict and Bordner 1962)."""
 
 
-@njit(types.void(_a, _a, _f8, _f8, _a, _m, _m, _m, _flags, _m, _f8, _f8, _m, _a, _a))
+@njit(types.void(_a, _a, _f8, _f8, _a, _m, _m, _m, _flags, _f8, _m, _f8, _f8, _m, _a, _a))
 def imitate(
     p: NDArray[Any],
     noise: NDArray[Any],
@@ -36,6 +38,7 @@ def imitate(
     current: NDArray[Any],
     spread: NDArray[Any],
     begins: NDArray[Any],
+    longest: float,
     path: NDArray[Any],
     stiffness: float,
     damping: float,
@@ -52,8 +55,10 @@ def imitate(
         time_s: (n,) instants [s].
         duration, current, spread: of the parts of each period, as the filter takes them, shape (n, parts).
         begins: (n,) whether a sample is the first of a stretch.
+        longest: period in which the drive besides pulls [s].
         path: (n, 2) position and velocity to follow.
-        stiffness, damping: of a drive besides, that pulls the shaft to the path.
+        stiffness, damping: of a drive besides, that pulls what the encoder has shown of the shaft to the path. Were it to
+            know more, the current would tell of the motion what the counts do not.
         normal: (n, 4) standard normal numbers.
         added: (n,) out: current of that drive in each period [A].
         cell: (n,) out: lower edge of each sample's cell over the resolution.
@@ -61,23 +66,33 @@ def imitate(
     n, parts = current.shape
     constant = torque_constant(p)
     state = np.zeros(STATE)
-    d = 0.0
+    d = x = v = 0.0
     for i in range(n):
         if begins[i]:
             state[:] = 0.0
             state[THETA] = state[LOAD_THETA] = path[i, 0]
             state[OMEGA] = state[LOAD_OMEGA] = path[i, 1]
             d = noise[DISTURBANCE] * normal[i, 3]
-        shown = measured(p, state[THETA]) + noise[SENSOR] * normal[i, 0]
+            x, v = path[i, 0], path[i, 1]
+        sensor = math.hypot(noise[SENSOR], noise[JITTER] * state[OMEGA])
+        shown = measured(p, state[THETA]) + sensor * normal[i, 0]
         cell[i] = math.floor(shown / resolution - edge) + edge
         added[i] = 0.0
         if i + 1 == n or begins[i + 1]:
             continue
-        added[i] = (stiffness * (path[i, 0] - state[THETA]) + damping * (path[i, 1] - state[OMEGA])) / constant
         span = time_s[i + 1] - time_s[i]
+        off = (cell[i] + 0.5) * resolution - x
+        x += _FOLLOWS * off
+        v += _FOLLOWS * _FOLLOWS / (2.0 - _FOLLOWS) * off / span
+        if span < longest:
+            added[i] = (stiffness * (path[i, 0] - x) + damping * (path[i, 1] - v)) / constant
+        x += v * span
         kept = math.exp(-span / noise[CORRELATION])
         new = kept * d + noise[DISTURBANCE] * math.sqrt(1.0 - kept * kept) * normal[i, 1]
-        p[_EXTERNAL] = 0.5 * (d + new) + (noise[WHITE] / math.sqrt(span) + constant * spread[i, 0]) * normal[i, 2]
+        white = noise[WHITE] * noise[WHITE] * span
+        for j in range(parts):
+            white += (constant * spread[i, j] * duration[i, j]) ** 2
+        p[_EXTERNAL] = 0.5 * (d + new) + math.sqrt(white) / span * normal[i, 2]
         d = new
         now = time_s[i]
         for j in range(parts):
