@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import itertools
 from collections.abc import Callable
 from dataclasses import replace
@@ -33,7 +34,7 @@ from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import DISTURBANCE
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
-from hapticd.gap.search import _is_right, critical, is_quiet, least_gain, look_back, search, withstanding
+from hapticd.gap.search import _is_right, _next, critical, is_quiet, least_gain, look_back, search, withstanding
 from hapticd.gap.terms import Term, term
 from hapticd.gap.workflow import problem_of
 
@@ -312,6 +313,20 @@ def test_an_inertia_gives_way_to_the_torque_constant_that_it_stood_in_for(hidden
     rounds = _named(first, "inertia_error", "coulomb_friction")
     look_back(rounds, list(CATALOGUE), 0, critical(20, 24), least_gain(critical(20, 24)))
     assert [each.taken.slug for each in rounds] == ["torque_constant_error"]
+
+
+def test_an_artefact_makes_way_for_the_next_of_its_round(
+    biased: CrossValidated, corrected: CrossValidated, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Neither for sure nor in doubt: a sure law had been taken out with it."""
+    artefact = Contender("constant_bias", corrected, 100.0, 6.0)
+    genuine = Contender("constant_bias", replace(corrected, fit=copy.copy(corrected.fit)), 90.0, 6.0)
+    monkeypatch.setattr("hapticd.gap.search.is_artefact", lambda better, other: better is artefact.judged.fit)
+    new = _next([artefact, genuine], biased, 5.0, 4.0)
+    assert new is not None
+    assert len(new.contenders) == 1
+    monkeypatch.setattr("hapticd.gap.search.is_artefact", lambda better, other: True)
+    assert _next([artefact, genuine], biased, 5.0, 4.0) is None
 
 
 def test_two_wrong_parameters_are_not_told_as_three(hidden: Hidden) -> None:
