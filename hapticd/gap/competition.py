@@ -42,6 +42,8 @@ _CLOSEST = 0.02
 """The same where a step of a converter, many times over, makes a current: the likelihood is a spike."""
 ROUGH = 0.2
 """Share of what an effect must gain to which contenders are fitted; the one that is taken is fitted to the end."""
+_ROUGHER = 0.01
+"""The same of what it does gain."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +149,8 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
             fitted.append((candidate, fit))
 
     def contend(candidate: Candidate, fit: Fit, competitor: float = -np.inf) -> Contender:
-        judged = cross_validate(fit.maximise(_CLIMB, ROUGH * needed, competitor), present.penalty + candidate.penalty)
+        enough = max(ROUGH * needed, _ROUGHER * (fit.log_likelihood - present.fit.log_likelihood))
+        judged = cross_validate(fit.maximise(_CLIMB, enough, competitor), present.penalty + candidate.penalty)
         gain, errors = evidence(judged, present)
         return Contender(candidate.slug, judged, gain, errors, candidate.penalty)
 
@@ -296,7 +299,7 @@ def _polished(fit: Fit) -> tuple[Fit, float]:
     for number, item in enumerate(fit.terms):
         acts_on = CATALOGUE[item.slug].acts_on if item.slug in CATALOGUE else ""
         if item.slug == grip.SLUG:
-            fit = grip.settled(fit, number, scale_of(fit))
+            fit = grip.with_close_edges(grip.settled(fit, number, scale_of(fit)), number)
         elif item.slug == ripple.SLUG:
             fit, more = ripple.settled(fit, number, scale_of(fit))
             added_penalty += more

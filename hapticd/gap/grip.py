@@ -88,6 +88,11 @@ def settled(fit: Fit, number: int, scale: Scale) -> Fit:
         fit.scan_power()
         if fit.log_likelihood < before + 1.0:
             break
+    return fit
+
+
+def with_close_edges(fit: Fit, number: int) -> Fit:
+    """The fit with the edges of its grip, term `number`, moved as long as that gains; returns itself."""
     for name in _EDGES:
         at = _coordinate(fit, number, name)
         for shift in _SHIFTS_S:

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hapticd.gap import find_gap, workflow
-from hapticd.gap.fit import Fit
-from hapticd.gap.nominal import nominal_fit
-from hapticd.gap.problem import Problem
+from hapticd.gap import find_gap, late_record
 from hapticd.gap.recording import Recording
 from hapticd.gap.terms import Term
 from hapticd.gap.text import timing
@@ -55,15 +52,13 @@ def test_an_interruption_before_it_is_fitted_along_names_nothing(
     hidden: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording, model = hidden([], 29, 8.0)
-    fits = []
+    asked = []
 
-    def once(problem: Problem, terms: Sequence[Term]) -> Fit:
-        if fits:
-            raise KeyboardInterrupt
-        fits.append(nominal_fit(problem, terms))
-        return fits[0]
+    def interrupted(law: Term) -> Term:
+        asked.append(law)
+        raise KeyboardInterrupt
 
-    monkeypatch.setattr(workflow, "nominal_fit", once)
+    monkeypatch.setattr(late_record, "along", interrupted)
     with pytest.raises(KeyboardInterrupt):
         find_gap([delayed(recording)], model, design=False)
-    assert fits
+    assert asked

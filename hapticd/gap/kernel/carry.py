@@ -66,7 +66,7 @@ def _go(
     p[_EXTERNAL] = 0.0
 
 
-@njit(types.void(_mode, _period, _f8), counted=False)
+@njit(types.void(_mode, _period, _f8), counted=False, reorder=True)
 def _swing(r: Any, period: Any, share: float) -> None:
     """Carry the covariance of a piece whose load is on a coupling; the shaft makes a `share`, 0 to 1, of its motion."""
     S, M = r.covariance, period.now

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numba import from_dtype, types
 
-from hapticd.gap.kernel.modes import MODE, STATES, tie
+from hapticd.gap.kernel.modes import MODE, SHAFT, STATES, tie
 from hapticd.jit import njit
 from hapticd.plant.coupled import COUPLING, Coupling, swing_apart, swing_on_fixed_end
 from hapticd.plant.effect_terms import shared_inertia
@@ -109,7 +109,7 @@ def look_up(p: NDArray[Any], current: NDArray[Any], law: Any) -> None:
     law.has_play = p[_GAP] > 0.0
     law.has_coupling = p[_RESONANCE] < math.inf and not law.has_play
     law.remembers = law.has_bristle or law.has_play or law.has_coupling
-    law.size = STATES if law.has_play or law.has_coupling else 4
+    law.size = STATES if law.has_play or law.has_coupling else SHAFT
     law.passed = shared_inertia(p, p[_GAP_SHARE]) / law.inertia
     if law.has_coupling:
         natural = 2.0 * math.pi * p[_RESONANCE]
