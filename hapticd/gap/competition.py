@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -114,8 +115,13 @@ def cross_validate(fit: Fit, penalty: float = 0.0) -> CrossValidated:
 
 
 def evidence(better: CrossValidated, other: CrossValidated) -> tuple[float, float]:
-    """Held-out gain of one hypothesis over another, nats, and the same in standard errors."""
+    """Held-out gain of one hypothesis over another, nats, and the same in standard errors.
+
+    No law gains more where it was not fitted than where it was: more than that is another one's rough likelihood.
+    """
     gain = better.total - other.total
+    fitted = better.fit.log_likelihood - better.penalty - other.fit.log_likelihood + other.penalty
+    gain = math.copysign(min(abs(gain), max(fitted * math.copysign(1.0, gain), 0.0)), gain)
     a, b = better.fit.out, other.fit.out
     noise = (a["mean"] - b["mean"]) * (a if gain >= 0.0 else b)["score"]
     return gain, better.fit.problem.series.standard_errors(gain, noise)

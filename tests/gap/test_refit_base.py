@@ -39,7 +39,9 @@ def test_a_wrong_base_hides_no_effect(hidden: Callable[..., Any]) -> None:
 
 
 @pytest.mark.parametrize(("heavier", "rougher"), [(9.0, 1.0 / 9.0), (1.0 / 9.0, 9.0)])
-def test_a_guess_far_off_is_found_from_another_start(hidden: Callable[..., Any], heavier: float, rougher: float) -> None:
+def test_a_guess_far_off_is_found_from_another_start(
+    hidden: Callable[..., Any], heavier: float, rougher: float
+) -> None:
     """From the guess alone a climb on a real motor had ended 20,000 nats below the maximum, at the lightest shaft."""
     recording, model = hidden([], 23, 6.0)
     plant = model.plant.model_copy(update={"inertia": heavier * INERTIA, "coulomb": rougher * COULOMB})
