@@ -71,6 +71,18 @@ def test_evidence_is_gain_in_standard_errors(biased: CrossValidated, corrected: 
     assert negative < 0.0
 
 
+def test_what_is_gained_only_where_it_was_not_fitted_is_no_evidence(
+    biased: CrossValidated, corrected: CrossValidated
+) -> None:
+    """Beside 60 s of a play a friction wrong by a hundred-thousandth had gained 15 nats fitted, 60 held out, and a name."""
+    lucky = replace(biased, held_out=biased.held_out + 5.0)
+    assert evidence(lucky, biased) == (0.0, 0.0)
+    unlucky = replace(biased, held_out=biased.held_out - 50.0)
+    fitted = corrected.fit.log_likelihood - biased.fit.log_likelihood
+    assert evidence(corrected, unlucky)[0] == pytest.approx(fitted)
+    assert evidence(unlucky, corrected)[0] == pytest.approx(-fitted)
+
+
 def test_discrete_choices_have_a_penalty(biased: CrossValidated, corrected: CrossValidated) -> None:
     dear = cross_validate(corrected.fit, 7.0)
     assert dear.total == pytest.approx(corrected.total - 7.0, abs=1e-6)
