@@ -43,8 +43,6 @@ _CLOSEST = 0.02
 """The same where a step of a converter, many times over, makes a current: the likelihood is a spike."""
 ROUGH = 0.2
 """Share of what an effect must gain to which contenders are fitted; the one that is taken is fitted to the end."""
-_ROUGHER = 0.01
-"""The same of what it does gain."""
 
 
 @dataclass(frozen=True)
@@ -155,8 +153,7 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
             fitted.append((candidate, fit))
 
     def contend(candidate: Candidate, fit: Fit, competitor: float = -np.inf) -> Contender:
-        enough = max(ROUGH * needed, _ROUGHER * (fit.log_likelihood - present.fit.log_likelihood))
-        judged = cross_validate(fit.maximise(_CLIMB, enough, competitor), present.penalty + candidate.penalty)
+        judged = cross_validate(fit.maximise(_CLIMB, ROUGH * needed, competitor), present.penalty + candidate.penalty)
         gain, errors = evidence(judged, present)
         return Contender(candidate.slug, judged, gain, errors, candidate.penalty)
 

@@ -1,8 +1,8 @@
 """Maximum likelihood of a hypothesis, and its held-out score.
 
 Coordinates: the logarithms of the noise parameters (torques over the ratio of torque constant to nominal one), then those of
-every term. Steps are those of Fisher's scoring, with the expected information of means and variances, and of the noise the
-outer product of the scores (Berndt, Hall, Hall and Hausman 1974); finite differences of the filter give the slopes.
+every term. Steps are those of Fisher's scoring, with the
+expected information of means and variances; finite differences of the filter give their slopes.
 """
 
 from __future__ import annotations
@@ -244,8 +244,6 @@ class Fit:
         if not free.any():
             return damping, free
         H = self.information() + np.diag(precision)
-        of_noise = self.scores[:, :_NOISES]
-        H[:_NOISES, :_NOISES] = of_noise.T @ of_noise  # a variance within a cell tells less than a normal one
         diagonal = np.diag(H) + 1e-12 / self.scale**2
         self.error = np.where(free, 1.0 / np.sqrt(diagonal), self.error)
         index = np.ix_(free, free)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from itertools import product
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,12 +19,6 @@ if TYPE_CHECKING:
     from hapticd.gap.terms import Term
 
     Floats = NDArray[np.float64]
-
-_FIRST_CLIMB, _CLIMB = 15, 40
-_CLIMBED = 3
-"""Most starts that are climbed from."""
-_FAR, _FACTORS = ("inertia", "coulomb"), (0.1, 1.0, 10.0)
-"""Base parameters that may be far from the model's, and where they are looked for."""
 
 
 def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
@@ -68,25 +61,5 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
 
 
 def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:
-    """The fit of the nominal model, with terms that correct its base parameters where asked for.
-
-    Then its likelihood has several maxima, thousands of nats apart: a light shaft without friction does what a heavy
-    one with friction does, beside enough noise. So it is climbed from several starts, in a part of the recordings.
-    """
-    look = problem.first_look()
-    starts = each(lambda tried: Fit(look, tried, first_noise(look, tried)), _starts(terms))
-    starts.sort(key=lambda fit: -fit.log_likelihood)
-    best = max(each(lambda fit: fit.maximise(_FIRST_CLIMB), starts[:_CLIMBED]), key=lambda fit: fit.log_likelihood)
-    return Fit(problem, terms, best.u).maximise(_CLIMB)
-
-
-def _starts(terms: Sequence[Term]) -> list[tuple[Term, ...]]:
-    """The terms with every combination of starts of those that are looked for far away."""
-    return list(
-        product(
-            *(
-                [item.moved([item.start[0] + np.log(factor)]) for factor in _FACTORS] if item.slug in _FAR else [item]
-                for item in terms
-            )
-        )
-    )
+    """The fit of the nominal model, with terms that correct its base parameters where asked for."""
+    return Fit(problem, terms, first_noise(problem.first_look(), terms)).maximise(40)

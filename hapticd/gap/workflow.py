@@ -79,8 +79,8 @@ def find_gap(
     try:
         unnamed = search(first, slugs, progress, rounds)
         if rounds and late_record.is_late(law := rounds[-1].taken.law):
-            first = cross_validate(first.fit.extended(late_record.along(law)).maximise())
-            base = first.fit.terms
+            beside = (*base, late_record.along(law))
+            first, base = cross_validate(nominal_fit(problem, beside)), beside
             slugs = [slug for slug in slugs if slug != late_record.DELAY]
             rounds.clear()
             unnamed = search(first, slugs, progress, rounds)

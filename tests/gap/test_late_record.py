@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hapticd.gap import find_gap, late_record
+from hapticd.gap import find_gap, workflow
+from hapticd.gap.fit import Fit
+from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
 from hapticd.gap.terms import Term
 from hapticd.gap.text import timing
@@ -52,13 +55,15 @@ def test_an_interruption_before_it_is_fitted_along_names_nothing(
     hidden: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     recording, model = hidden([], 29, 8.0)
-    asked = []
+    fits = []
 
-    def interrupted(law: Term) -> Term:
-        asked.append(law)
-        raise KeyboardInterrupt
+    def once(problem: Problem, terms: Sequence[Term]) -> Fit:
+        if fits:
+            raise KeyboardInterrupt
+        fits.append(nominal_fit(problem, terms))
+        return fits[0]
 
-    monkeypatch.setattr(late_record, "along", interrupted)
+    monkeypatch.setattr(workflow, "nominal_fit", once)
     with pytest.raises(KeyboardInterrupt):
         find_gap([delayed(recording)], model, design=False)
-    assert asked
+    assert fits

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from hapticd.gap import constants
-from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
 from hapticd.gap.series import series_of
 from hapticd.plant.layout import device_vector, index_of
@@ -112,13 +111,6 @@ def test_a_thinned_record_keeps_no_step_with_what_repeats_itself() -> None:
     part = series.thinned(4)
     phases = np.bincount((part.time_s // constants.BLOCK_S).astype(int) % 4)
     assert phases.min() > 0.9 * phases.max()
-
-
-@pytest.mark.parametrize(("seconds", "every"), [(8, 4), (20, 4), (80, 8)])
-def test_a_first_look_grows_with_the_root_of_a_record(seconds: int, every: int) -> None:
-    series = series_of([recording(round(seconds / PERIOD))])
-    look = Problem(series, device_vector(model(), 0.0), 1.0, is_linear=False).first_look()
-    assert look.series.blocks == series.blocks // every
 
 
 def test_currents_are_of_the_device_asked_for() -> None:
