@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
@@ -119,7 +118,7 @@ def evidence(better: CrossValidated, other: CrossValidated) -> tuple[float, floa
     """
     gain = better.total - other.total
     fitted = better.fit.log_likelihood - better.penalty - other.fit.log_likelihood + other.penalty
-    gain = math.copysign(min(abs(gain), max(fitted * math.copysign(1.0, gain), 0.0)), gain)
+    gain = min(max(gain, min(fitted, 0.0)), max(fitted, 0.0))
     a, b = better.fit.out, other.fit.out
     noise = (a["mean"] - b["mean"]) * (a if gain >= 0.0 else b)["score"]
     return gain, better.fit.problem.series.standard_errors(gain, noise)

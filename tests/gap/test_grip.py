@@ -28,7 +28,7 @@ def test_interval_and_sizes_are_found(hidden: Callable[..., Any], coloured: Colo
     present.differentiate()
     scale = scale_of(present)
     (first,) = grip.first_grip(Score(present), scale)
-    fit = grip.settled(present.extended(first.term), 0, scale).maximise()
+    fit = grip.with_close_edges(grip.settled(present.extended(first.term), 0, scale), 0).maximise()
     found = parameters_of_term(fit.terms[0], fit.u[fit.columns(0)])
     for name, (earliest, latest) in grip.edge_ranges(fit, 0).items():
         assert earliest - 0.05 <= HAND[name] <= latest + 0.05

@@ -26,7 +26,7 @@ HELD, UP, DOWN, STOPPED = range(4)
 """What the shaft does; and, of a piece on its way, that it moved and will be held."""
 STATES, SHAFT, W = 6, 4, 3
 """Position, velocity, disturbance torque, w in a piece on its way, and the load's position and velocity: six numbers, four
-without a load. Loops over a number that is known when they are compiled take a tenth less."""
+without a load. Loops over a number that is known when they are compiled are unrolled."""
 
 MODE = np.dtype(
     [
