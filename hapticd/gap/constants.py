@@ -24,7 +24,7 @@ LEVEL = 0.005
 """Probability that nothing missing is given a name, over the whole catalogue."""
 SHARE = 0.07
 """Share of what is still missing, in power, that an effect must close to be named."""
-CLOSED = 0.5
+CLOSED = 0.7
 """Share of the missing force's power that the named effects must close to be all that was found to be missing; what closes
 as much beside a disturbance that may be slow stands, whatever the likelihood says of it there."""
 FORCE_MARGIN = 0.1
