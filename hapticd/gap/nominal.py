@@ -63,11 +63,18 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
 def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:
     """The fit of the nominal model, with terms that correct its base parameters where asked for.
 
-    Where the inertia is one of them the climb begins from two sides, as given and with the heaviest shaft: where a controller makes
-    the current follow the motion, too light a shaft has a maximum of its own.
+    Those climb from two sides, as given and from a shaft that is as heavy and as free as it may be: too light a shaft
+    that friction holds has maxima of its own, where a disturbance moves it; a heavy one coasts past them.
     """
-    heaviest = [item.moved([item.coordinates[0].upper]) if item.slug == "inertia" else item for item in terms]
     look = problem.first_look()
-    starts = [terms] if heaviest == list(terms) else [terms, heaviest]
+    starts = [terms]
+    if {"inertia", "coulomb"} & {item.slug for item in terms}:
+        starts.append([_heavy_and_free(item) for item in terms])
     fits = [Fit(problem, start, first_noise(look, start)).maximise(40) for start in starts]
     return max(fits, key=lambda fit: fit.log_likelihood)
+
+
+def _heavy_and_free(item: Term) -> Term:
+    if item.slug == "inertia":
+        return item.moved([item.coordinates[0].upper])
+    return item.moved([item.coordinates[0].lower]) if item.slug == "coulomb" else item

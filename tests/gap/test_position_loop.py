@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 
 from hapticd.config import Config, parse_config
 from hapticd.gap import find_gap
+from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.recording import Recording
+from hapticd.gap.workflow import base_terms, problem_of
 
 Floats = NDArray[np.float64]
 
@@ -82,15 +84,20 @@ def recorded(
         COULOMB * factors.get("coulomb", 1.0),
         gains,
     )
+    return Recording("axis", time_s, position, 0.0, current, None, PERIOD_S, False), nominal()
+
+
+def nominal(**factors: float) -> Config:
+    """The nominal model, with factors on what is known of ``inertia``, ``viscous`` and ``coulomb``."""
     off: dict[str, Any] = {"bandwidth_hz": 0, "dac_bits": 0, "peak_current": 0, "continuous_current": 0}
-    model = parse_config(
+    known = {"inertia": INERTIA, "viscous": VISCOUS, "coulomb": COULOMB}
+    return parse_config(
         {
-            "plant": {"inertia": INERTIA, "viscous": VISCOUS, "coulomb": COULOMB},
+            "plant": {name: factors.get(name, 1.0) * value for name, value in known.items()},
             "amplifier": {"torque_constant": TORQUE_CONSTANT, **off},
         },
         "the axis",
     )
-    return Recording("axis", time_s, position, 0.0, current, None, PERIOD_S, False), model
 
 
 @pytest.mark.parametrize("seed", [1, 2])
@@ -115,3 +122,14 @@ def test_a_line_in_time_is_no_effect_though_the_controller_answers_it() -> None:
     result = find_gap([recording], model, design=False)
     assert result.verdict == "no_missing_effect", result.statement
     assert "a line at 31 Hz in time" in result.remainder.words
+
+
+@pytest.mark.parametrize(
+    ("inertia", "viscous", "coulomb"), [(0.15, 1.0, 5.0), (0.15, 10.0, 0.1), (1.0, 0.1, 10.0), (5.0, 0.1, 0.1)]
+)
+def test_a_base_that_is_only_guessed_is_found(inertia: float, viscous: float, coulomb: float) -> None:
+    """From the guess alone three of these climbs end more than seven thousand nats lower."""
+    recording, _ = recorded(4)
+    problem = problem_of([recording], nominal(inertia=inertia, viscous=viscous, coulomb=coulomb))
+    found = np.exp(nominal_fit(problem, base_terms(problem)).u[-3:])
+    assert found == pytest.approx([INERTIA, VISCOUS, COULOMB], rel=0.1)
