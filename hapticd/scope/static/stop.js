@@ -7,20 +7,21 @@
   const RETRY_MS = 200;
   const TWICE_MS = 1000;
   let escapedAt = -Infinity;
+  let asked = 0; // what was asked last is answered last, whichever reply is late
 
-  /** @param {string} text @param {boolean} bad */
-  function say(text, bad) {
+  /** @param {number} number @param {string} text @param {boolean} bad */
+  function say(number, text, bad) {
     const place = document.getElementById("stop-answer");
-    if (place) {
+    if (place && number === asked) {
       place.textContent = text;
       place.classList.toggle("bad", bad);
     }
   }
 
-  /** @param {"stop" | "estop"} name @param {number} tries */
-  async function send(name, tries = TRIES) {
+  /** @param {"stop" | "estop"} name @param {number} number @param {number} tries */
+  async function send(name, number = ++asked, tries = TRIES) {
     const label = name === "stop" ? "Stop" : "E-stop";
-    say(`${label} sent …`, false);
+    say(number, `${label} sent …`, false);
     try {
       const reply = await fetch(`/api/${name}`, {
         method: "POST",
@@ -30,15 +31,15 @@
       });
       const answer = await reply.json();
       if (reply.ok) {
-        say(`${label}: the daemon says ${answer.state}`, false);
+        say(number, `${label}: the daemon says ${answer.state}`, false);
       } else {
-        say(`${label} REFUSED: ${answer.error.message}`, true);
+        say(number, `${label} REFUSED: ${answer.error.message}`, true);
       }
     } catch (error) {
       if (tries > 1) {
-        setTimeout(() => send(name, tries - 1), RETRY_MS);
+        setTimeout(() => send(name, number, tries - 1), RETRY_MS);
       } else {
-        say(`${label} NOT SENT: the server does not answer. Cut the power of the amplifier.`, true);
+        say(number, `${label} NOT SENT: the server does not answer. Cut the power of the amplifier.`, true);
       }
     }
   }
