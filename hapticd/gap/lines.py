@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
+from scipy.ndimage import median_filter
 
 from hapticd.gap import constants
 from hapticd.gap.terms import LINE, Coordinate, Term
@@ -39,7 +40,7 @@ def lines(fit: Fit) -> list[float]:
     segments = sliding_window_view(innovation, length)[:: length // 2]
     power = np.mean(np.abs(np.fft.rfft(np.hanning(length) * segments)) ** 2, axis=0)  # Welch 1967
     frequency = np.fft.rfftfreq(length, series.period_s)
-    around = np.array([np.median(power[max(k - _AROUND, 0) : k + _AROUND]) for k in range(power.size)])
+    around = median_filter(power, 2 * _AROUND + 1, mode="mirror")
     found: list[float] = []
     ratio = np.where(frequency > max(_LOWEST_HZ, 2.0 * frequency[1]), power / around, 0.0)
     while ratio.max() > constants.LINE and len(found) < _LISTED:
