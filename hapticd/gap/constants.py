@@ -24,9 +24,11 @@ LEVEL = 0.005
 """Probability that nothing missing is given a name, over the whole catalogue."""
 SHARE = 0.07
 """Share of what is still missing, in power, that an effect must close to be named."""
-CLOSED = 0.7
-"""Share of the missing force's power that the named effects must close to be all that was found to be missing; what closes
-as much beside a disturbance that may be slow stands, whatever the likelihood says of it there."""
+CLOSED = 0.5
+"""Share of the missing force's power with which an effect stands beside a disturbance that may be slow, whatever the
+likelihood says of it there."""
+EXPLAINED = 0.7
+"""Share of the missing force's power that the named effects must close to be all that was found to be missing."""
 FORCE_MARGIN = 0.1
 """Share of the missing force's power by which a law may close less of it than another and still be preferred for its
 likelihood."""

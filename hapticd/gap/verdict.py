@@ -47,7 +47,7 @@ def decide(
     if ambiguous:
         choices = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)
         return "ambiguous", f"These data cannot tell which it is: {choices} ({force})."
-    if left or doubts or gap.held_out_after**2 > (1.0 - constants.CLOSED) * gap.held_out_before**2:
+    if left or doubts or gap.held_out_after**2 > (1.0 - constants.EXPLAINED) * gap.held_out_before**2:
         return "partly_explained", " ".join([f"Missing: {names} ({force}).", *doubts, remainder.words])
     return "effect_found", f"Missing: {names} ({force})."
 

@@ -40,9 +40,10 @@ def test_the_verdict(
         assert effect in statement
 
 
-def test_an_answer_that_closes_less_than_half_is_not_the_whole() -> None:
-    most = GapNumbers(3e-4, 2.5e-4, 3.1e-4, 2.4e-4, 2e-6, "N m")
-    assert decide(["gravity"], [()], [], most, CLEAN)[0] == "partly_explained"
+@pytest.mark.parametrize(("share_left", "verdict"), [(0.35, "partly_explained"), (0.25, "effect_found")])
+def test_an_answer_that_closes_less_than_seven_tenths_is_not_the_whole(share_left: float, verdict: str) -> None:
+    numbers = GapNumbers(3e-4, 2e-4, 3.1e-4, 3.1e-4 * share_left**0.5, 2e-6, "N m")
+    assert decide(["gravity"], [()], [], numbers, CLEAN)[0] == verdict
 
 
 def test_numbers_before_and_after_are_said() -> None:
