@@ -18,10 +18,10 @@ run: $(STAMP)    ## the daemon on the simulated RE35/Copley testbed, in real tim
 
 # Hundreds of processes start: none of them should have to read our source anew, whatever the shell says.
 test: export PYTHONDONTWRITEBYTECODE :=
-# Four processes on two cores, since some of the tests wait; the longer compilation begins before mypy.
+# Three processes on two cores, since some of the tests wait; the longer compilation begins before mypy.
 test: $(STAMP)   ## every check and test that needs no special machine
 	@$(MAKE) --no-print-directory -j2 --output-sync=target lint layers compiled-gap types jstypes compiled-daemon
-	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 4 --dist worksteal --durations=15
+	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 3 --dist worksteal --durations=15
 	$(BIN)/python -m pytest -m realtime --durations=15
 
 compiled: $(STAMP)   ## fill the compile caches of daemon, gap workflow and simulated hardware, side by side
