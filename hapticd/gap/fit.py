@@ -1,8 +1,8 @@
 """Maximum likelihood of a hypothesis, and its held-out score.
 
 Coordinates: the logarithms of the noise parameters (torques over the ratio of torque constant to nominal one), then those of
-every term. Steps are those of Fisher's scoring, with the
-expected information of means and variances; finite differences of the filter give their slopes.
+every term. Steps are those of Fisher's scoring, with the expected information of means and variances; finite differences of
+the filter give their slopes.
 """
 
 from __future__ import annotations
