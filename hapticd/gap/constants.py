@@ -35,7 +35,7 @@ likelihood."""
 DRIVE_KEPT = 0.3
 """Share of the driving torque, and of the moving samples, that a law must leave: what cancels the drive fits anything."""
 STRUCTURE_SHARE = 0.03
-"""Share of the missing force's power that a function of one coordinate must explain for what is left to matter."""
+"""Share of the power of what is still missing that a function of one coordinate must explain to be a structure."""
 BASE_PRIOR = 1.5
 """Standard deviation of the logarithm of a base parameter that is fitted along: a factor of 4.5."""
 QUIET = 2.0

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _PROBES = 64
 _HATS, _RANGES = 8, 12
-"""Quantiles of a coordinate on which a flexible function bends, and ranges of it where the missing force is told."""
+"""Numbers that a flexible function of a coordinate has, and ranges of it where the missing force is told."""
 
 
 @dataclass(frozen=True)
@@ -118,12 +118,15 @@ def noise_floor(fit: Fit) -> float:
 
 def hats(values: Floats, among: NDArray[np.bool_]) -> Floats | None:
     """Piecewise linear functions of a coordinate on its quantiles, shape (n, k); None where it hardly varies."""
-    if not among.any():
-        return None
     edges = np.unique(np.quantile(values[among], np.linspace(0.01, 0.99, _HATS)))
     if edges.size < 3:
         return None
     return np.stack([np.interp(values, edges, row) for row in np.eye(edges.size)], axis=1)
+
+
+def _last(values: Floats) -> Floats:
+    """Values at each sample and at those before it, shape (n, `_HATS`)."""
+    return np.stack([np.concatenate([np.zeros(k), values[: values.size - k]]) for k in range(_HATS)], axis=1)
 
 
 def since_reversal(velocity: Floats, position: Floats, moves: NDArray[np.bool_]) -> Floats:
@@ -165,11 +168,7 @@ def explainable(fit: Fit, found: Missing) -> float:
     Of all coordinates together, or of the one that does best: many functions at once may fit what they were not shown badly.
     """
     among = found.moves
-    columns = [np.ones((int(among.sum()), 1))]
-    for values, factor in coordinates(fit, found).values():
-        shape = hats(values, among)
-        if shape is not None:
-            columns.append(shape[among] if factor is None else (shape * factor[:, None])[among])
+    columns = [np.ones((int(among.sum()), 1)), *(shape[among] for _, shape in _functions(fit, found))]
     fold = fit.problem.series.fold[fit.problem.series.block][among]
     target = found.force[among]
     return max(_predicted(design, target, fold) for design in (np.concatenate(columns, axis=1), *columns))
@@ -264,9 +263,14 @@ def better_function(before: Fit, law: Term) -> str | None:
 
 
 def _functions(fit: Fit, found: Missing) -> Iterator[tuple[str, Floats]]:
-    """Torques that are flexible functions of each coordinate, shape (n, k)."""
+    """Torques that are flexible functions of each coordinate, shape (n, k).
+
+    Of the last changes of the current they are linear: so is what any delay or filter of the current makes of it.
+    """
+    if not found.moves.any():
+        return
     for name, (values, factor) in coordinates(fit, found).items():
-        shape = hats(values, found.moves)
+        shape = _last(values) if name == "change of the current" else hats(values, found.moves)
         if shape is not None:
             yield name, np.ascontiguousarray(shape if factor is None else shape * factor[:, None])
 

@@ -29,9 +29,9 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
     share = min(found.rms**2 / power_before, 1.0) if power_before > 0.0 else 0.0
     entries: list[dict[str, Any]] = []
     for test, p_value in dependences(fit, found):
-        part = float(np.mean(test.force[found.moves] ** 2)) / power_before if power_before > 0.0 else 0.0
-        if min(part, share) > constants.STRUCTURE_SHARE:
-            entries.append({"coordinate": test.coordinate, "share": min(part, share), "p_value": p_value})
+        part = min(float(np.mean(test.force[found.moves] ** 2)) / found.rms**2, 1.0)
+        if part > constants.STRUCTURE_SHARE:
+            entries.append({"coordinate": test.coordinate, "share": part * share, "p_value": p_value})
     clauses = [SHOWS_AS[entry["coordinate"]] for entry in entries[:_LISTED]]
     fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
     for order in ripple.orders_left(fit, scale_of(fit)):
