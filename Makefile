@@ -22,7 +22,7 @@ test: export PYTHONDONTWRITEBYTECODE :=
 test: $(STAMP)   ## every check and test that needs no special machine
 	@$(MAKE) --no-print-directory -j2 --output-sync=target lint layers compiled-gap types jstypes compiled-daemon
 	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 3 --dist worksteal --durations=15
-	$(BIN)/python -m pytest -m realtime --durations=15
+	$(BIN)/python -m pytest -m realtime -n 2 --dist loadfile --durations=15
 
 compiled: $(STAMP)   ## fill the compile caches of daemon, gap workflow and simulated hardware, side by side
 	@$(MAKE) --no-print-directory -j2 compiled-daemon compiled-gap

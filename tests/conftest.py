@@ -1,9 +1,9 @@
 """Which tests run against the wall clock, and what follows from it.
 
 Those that compute are run side by side; those that ask when something happened, of threads, processes or the servo loop in
-real time, are run one after another. Between them are those that start processes and wait for what must come: they run
-beside the first. On a shared machine without a real-time kernel a test of both latter kinds may meet a stall of a tenth of
-a second: it is then repeated, at most twice, and the summary names it (docs/decisions/0014-two-kinds-of-tests.md).
+real time, are run after them, two at a time. Between them are those that start processes and wait for what must come: they
+run beside the first. On a shared machine without a real-time kernel a test of both latter kinds may meet a stall of a tenth
+of a second: it is then repeated, at most twice, and the summary names it (docs/decisions/0014-two-kinds-of-tests.md).
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ import signal
 from pathlib import Path
 
 import pytest
+from xdist import is_xdist_controller
 
 from tests.forked import fork_what_hil_starts, start_server
 
@@ -76,7 +77,8 @@ def _is_among(path: Path, places: tuple[str, ...]) -> bool:
 
 def pytest_sessionstart(session: pytest.Session) -> None:
     """With ``-m realtime`` nearly all devices and daemons are forked: their server loads beside the collection."""
-    if session.config.option.markexpr == "realtime" and not session.config.option.collectonly:
+    runs_tests = not session.config.option.collectonly and not is_xdist_controller(session)
+    if session.config.option.markexpr == "realtime" and runs_tests:
         start_server()
 
 
