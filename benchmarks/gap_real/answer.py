@@ -1,14 +1,18 @@
-"""The workflow's answer on one measured record, through its public call, and how it is told."""
+"""The answer of ``hapticd gap`` on one measured record, and how it is told."""
 
 from __future__ import annotations
 
+import json
+import subprocess
+import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
-from benchmarks.report import Figure, progress
-from hapticd.config import Config
-from hapticd.gap import GapResult, find_gap
+from benchmarks.report import BenchmarkError, Figure, progress
+from hapticd.config import Config, config_to_yaml, load_config
+from hapticd.gap import find_gap
 from hapticd.gap.recording import Recording
 
 _FIRST_S = 4.0
@@ -17,10 +21,12 @@ _FIRST_S = 4.0
 class Answered(NamedTuple):
     """What was found in a record."""
 
-    result: GapResult
     document: dict[str, Any]
     """As gap.json has it."""
+    improved: Config
+    """The model that was written."""
     seconds: float
+    """Of the command, from its start to its end."""
 
 
 def beginning(recording: Recording, seconds: float = _FIRST_S) -> Recording:
@@ -36,11 +42,18 @@ def compile_on(recording: Recording, model: Config, *, refit_base: bool) -> None
     find_gap([beginning(recording)], model, refit_base=refit_base)
 
 
-def answer(recording: Recording, model: Config, *, refit_base: bool) -> Answered:
-    """Find what the model of this record lacks."""
+def answer(run: Path, model: Config, *, refit_base: bool) -> Answered:
+    """Find what the model of a run lacks, as a user would; everything is written beside the run."""
+    nominal, out = run.with_suffix(".yaml"), run.with_suffix("")
+    nominal.write_text(config_to_yaml(model), encoding="utf-8")
+    command = [str(Path(sys.executable).with_name("hapticd")), "gap", str(run), "--model", str(nominal), "-o", str(out)]
     begin = time.perf_counter()
-    result = find_gap([recording], model, refit_base=refit_base)
-    return Answered(result, result.to_json(), time.perf_counter() - begin)
+    done = subprocess.run([*command, *(["--refit-base"] if refit_base else [])], check=False, stdout=subprocess.PIPE)
+    seconds = time.perf_counter() - begin
+    if done.returncode not in (0, 1):  # 1: nothing of the catalogue explains it
+        raise BenchmarkError(f"{' '.join(command)} ended with {done.returncode}")
+    document = json.loads((out / "gap.json").read_text(encoding="utf-8"))
+    return Answered(document, load_config(out / "model.yaml"), seconds)
 
 
 def tell(name: str, found: Answered) -> None:

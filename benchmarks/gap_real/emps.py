@@ -16,7 +16,6 @@ from benchmarks.gap_real.recipe import Balance
 from benchmarks.report import Figure
 from hapticd.config import Config, parse_config
 from hapticd.config.effects import checked_effects
-from hapticd.gap.model_file import improved_model
 from hapticd.gap.recording import Recording
 
 FORCE_PER_VOLT = 35.15065188
@@ -96,14 +95,13 @@ def measure(data: Path, scratch: Path) -> list[Figure]:
     """The answer, what the recipe says, and the free runs."""
     model, recording = nominal(), record(data, scratch)
     answer.compile_on(recording, model, refit_base=False)
-    found = answer.answer(recording, model, refit_base=False)
+    found = answer.answer(scratch / recording.name, model, refit_base=False)
     answer.tell("EMPS", found)
-    improved = improved_model(model, found.result)
-    named = 1e3 * free_run.rmse(improved, recording)
+    named = 1e3 * free_run.rmse(found.improved, recording)
     return [
         *answer.figures("EMPS", found),
         *by_recipe(recording),
-        *named_by_recipe(recording, improved),
+        *named_by_recipe(recording, found.improved),
         *rigid_free_runs(recording),
         Figure("EMPS free run, named model", named, "mm", _NEURAL_MM, peer=f"neural state space {_NEURAL_MM}"),
     ]

@@ -66,7 +66,7 @@ def measure(data: Path, scratch: Path) -> list[Figure]:
         recording = imported(data / source, MAP, model, scratch)
         if index == 0:
             answer.compile_on(recording, model, refit_base=True)
-        found = answer.answer(recording, model, refit_base=True)
+        found = answer.answer(scratch / recording.name, model, refit_base=True)
         name = recording.name.removesuffix(".arrow")
         answer.tell(name, found)
         named = named_orders(found.document)

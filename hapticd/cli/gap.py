@@ -77,6 +77,7 @@ def gap(
     from hapticd.effects.catalogue import BROKEN, CATALOGUE
     from hapticd.gap import find_gap
     from hapticd.gap.outputs import write_outputs
+    from hapticd.gap.workflow import why_not
 
     for slug in effect or ():
         if slug not in CATALOGUE:
@@ -84,6 +85,13 @@ def gap(
             raise UsageError(f"--effect {slug}: {reason}")
 
     document: dict[str, Any] = {}
+    said: list[str] = []
+
+    def check(nominal: Config) -> Config:
+        for slug in effect or ():
+            if reason := why_not(slug, nominal, refit_base):
+                raise UsageError(f"--effect {slug}: {reason}")
+        return nominal
 
     def analyse(nominal: Config, recordings: Sequence[Recording]) -> GapResult:
         with output.progress_bar("gap") as bar:
@@ -102,21 +110,23 @@ def gap(
 
         experiment = experiment_named(excite or "all")
         client = connect(socket)
-        nominal = model_of_daemon(client, model, assignments)
+        nominal = check(model_of_daemon(client, model, assignments))
         of_daemon = partial(analyse, nominal)
         result = close_the_circle(client, nominal, experiment, of_daemon, output.note, output.progress_bar)[0]
     else:
         from hapticd.gap.data import load_recording
 
         paths = [find_run(run) for run in runs or ()]
-        nominal = model_of_run(paths[0], model, assignments)
+        nominal = check(model_of_run(paths[0], model, assignments))
         recordings = [load_recording(path, nominal) for path in paths]
-        for warning in (warning for recording in recordings for warning in recording.warnings):
+        said = [warning for recording in recordings for warning in recording.warnings]
+        for warning in said:
             output.warn(f"warning: {warning}")
         result = analyse(nominal, recordings)
     output.emit(document, describe(document, out))
-    for warning in document["warnings"] if live else ():
-        output.warn(f"warning: {warning}")
+    for warning in document["warnings"]:
+        if warning not in said:
+            output.warn(f"warning: {warning}")
     if result.interrupted:
         return exits.INTERRUPTED
     return exits.NO if result.verdict == "unexplained" else exits.DONE

@@ -79,6 +79,8 @@ def _problems(entry: EntryPoint, effect: object, known: Mapping[str, Effect]) ->
         yield "the catalogue has an effect of that name already"
     if effect.acts_on not in ACTS_ON:
         yield f"acts_on is {effect.acts_on!r}; must be one of {', '.join(ACTS_ON)}"
+    elif effect.is_hooked and effect.acts_on not in _HOOKS:
+        yield f"acts_on is {effect.acts_on!r}; a law from outside is a {' or a '.join(_HOOKS)}"
     names = [parameter.name for parameter in effect.parameters]
     if not names or len(set(names)) < len(names) or "name" in names:
         yield "it needs parameters, each with a name of its own other than 'name'"

@@ -17,6 +17,10 @@ def _grid(scale: Scale) -> Iterable[Values]:
     return [{"r": 0.05}]
 
 
+def _reach(scale: Scale) -> float:
+    return scale.torque / scale.coulomb
+
+
 def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
     return {"coulomb": coulomb(loop.coulomb, values["r"])}
 
@@ -46,6 +50,7 @@ EFFECT = Effect(
         simulated="Closed form.",
     ),
     amplitude="r",
+    reach=_reach,
     grid=_grid,
     near=("stribeck", "load_dependent_friction"),
     in_loop=_in_loop,

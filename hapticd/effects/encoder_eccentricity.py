@@ -24,6 +24,7 @@ EFFECT = Effect(
     law="measured θ + e sin(θ + phi); on a linear device θ is the position in m, read as rad",
     parameters=(magnitude("e", ANGLE, 0.9), phase()),
     acts_on="measurement",
+    rotary_only=True,
     source="Disc eccentricity: error of one period a revolution (Heidenhain, Rotary Encoders).",
     where_it_shows=(
         "Measured speed is modulated once a revolution in proportion to speed, which looks like a torque ∝ ω² cos."

@@ -27,6 +27,7 @@ EFFECT = Effect(
     law="−m_g_l sin(θ − theta_0); on a linear device θ is the position in m, read as rad",
     parameters=(magnitude("m_g_l", TORQUE, 1e4), shift("theta_0")),
     acts_on="force",
+    rotary_only=True,
     source="Statics of a pendulum.",
     where_it_shows="A residual torque that is a sine of the position, one period a revolution.",
     example="m_g_l: 3.0e-3",

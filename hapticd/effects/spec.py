@@ -161,11 +161,14 @@ class Effect:
         example: parameters as in a config: ``s: 0.4, omega_s: 3.0``.
         notes: the rest of its page.
         amplitude: the parameter in which its force is linear, at least while small; "" for none.
+        reach: for the scale of a record, how far its first parameter may go in a fit where that is beyond its bounds: a
+            base parameter of next to nothing is wrong by a large factor.
         grid: parameters from which a fit may start, for the scale of a record; none where they are found by other means.
         equivalent_to: effects with the very same law in other parameters.
         near: effects that only the right experiment tells apart.
         contains: simpler effects that are limits of this one, over any motion or over a small one.
         excludes: effects that a device with this one cannot have.
+        rotary_only: whether its law is in an angle, and on a linear device would be the sine of a metre.
         accuracy: relative error of its simulation; 0 in closed form. No estimate of its parameters is better than that.
         in_loop: from a loop and all parameters, the numbers of the loop that it changes, at its worst for stability; none
             at all where it can do no harm. Without it the stability criterion leaves the effect out, and says so.
@@ -190,11 +193,13 @@ class Effect:
     example: str
     notes: Notes = Notes()
     amplitude: str = ""
+    reach: Callable[[Scale], float] | None = None
     grid: Callable[[Scale], Iterable[Values]] = _no_starts
     equivalent_to: tuple[str, ...] = ()
     near: tuple[str, ...] = ()
     contains: tuple[str, ...] = ()
     excludes: tuple[str, ...] = ()
+    rotary_only: bool = False
     accuracy: float = 0.0
     in_loop: Callable[[LoopNumbers, Values], Mapping[str, float]] | None = None
     joint_check: Callable[[Values], Iterable[Complaint]] | None = None

@@ -17,6 +17,10 @@ def _grid(scale: Scale) -> Iterable[Values]:
     return [{"r": 0.05}]
 
 
+def _reach(scale: Scale) -> float:
+    return scale.torque / (scale.viscous * scale.speeds[-1])
+
+
 def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
     return {"viscous": viscous(loop.viscous, values["r"])}
 
@@ -43,6 +47,7 @@ EFFECT = Effect(
         simulated="Closed form.",
     ),
     amplitude="r",
+    reach=_reach,
     grid=_grid,
     near=("quadratic_drag", "asymmetric_viscous"),
     in_loop=_in_loop,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.effects.spec import Scale
+from hapticd.effects.spec import Scale, Values
 from hapticd.gap import constants, grip, late_record, ripple
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.linear import sensitivities
@@ -23,6 +23,7 @@ from hapticd.gap.missing import moving
 from hapticd.gap.parallel import each
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import Term, term
+from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
@@ -88,7 +89,7 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
         elif CATALOGUE[slug].acts_on == "input":
             found += _input(space, slug, scale)
         else:
-            starts = both_signs(term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale))
+            starts = both_signs(_started(slug, values, scale) for values in CATALOGUE[slug].starts(scale))
             if slug == late_record.DELAY:
                 starts += late_record.starts(scale.period_s)
             tried = sorted(each(part.along, starts), key=lambda candidate: -candidate.promise)
@@ -118,11 +119,21 @@ def keeps_the_drive(fit: Fit, present: Fit) -> bool:
     for model in (fit, present):
         p = model.device()
         duration, current, _ = model.problem.series.currents(p)
-        constant = p[index_of("torque_constant")] * (1.0 + p[index_of("torque_constant_error.r")])
         friction = 1.0 - p[index_of("load_dependent_friction.kappa")]
-        drives.append(constant * friction * float(np.sqrt(np.sum(duration * current**2))))
+        drives.append(torque_constant(p) * friction * float(np.sqrt(np.sum(duration * current**2))))
     moves = [float(np.mean(moving(model))) for model in (fit, present)]
     return drives[0] >= constants.DRIVE_KEPT * drives[1] and moves[0] >= constants.DRIVE_KEPT * moves[1]
+
+
+def _started(slug: str, values: Values, scale: Scale) -> Term:
+    """A term; of a base parameter that is next to nothing it reaches as far as the device's torques do."""
+    item, reach = term(slug, values, (), 0.1 * scale.travel), CATALOGUE[slug].reach
+    first, *others = item.coordinates
+    if reach is None or (most := reach(scale)) <= first.upper:
+        return item
+    size = most / first.upper
+    wider = replace(first, upper=most, scale=size * first.scale)
+    return replace(item, coordinates=(wider, *others), start=(size * item.start[0], *item.start[1:]))
 
 
 def both_signs(starts: Iterable[Term]) -> list[Term]:
@@ -221,7 +232,7 @@ def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
     present = space.present
     series, p = present.problem.series, present.device()
     duration, base, _ = series.currents(p)
-    constant = float(p[index_of("torque_constant")])
+    constant = torque_constant(p)
     whole = duration.sum(axis=1)
     columns = np.empty((series.size, len(starts)))
     for k, item in enumerate(starts):

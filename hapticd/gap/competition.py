@@ -153,8 +153,7 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
 
     def contend(candidate: Candidate, fit: Fit, competitor: float = -np.inf) -> Contender:
         judged = cross_validate(fit.maximise(_CLIMB, ROUGH * needed, competitor), present.penalty + candidate.penalty)
-        gain, errors = evidence(judged, present)
-        return Contender(candidate.slug, judged, gain, errors, candidate.penalty)
+        return Contender(candidate.slug, judged, *evidence(judged, present), candidate.penalty)
 
     if not fitted:
         return []
@@ -286,8 +285,7 @@ def _to_the_end(contender: Contender, before: CrossValidated) -> Contender:
     contender.judged.fit.release()
     own = added_penalty if contender.slug == ripple.SLUG else 0.0
     judged = cross_validate(fit, contender.judged.penalty + added_penalty)
-    gain, errors = evidence(judged, before)
-    return Contender(contender.slug, judged, gain, errors, contender.penalty + own)
+    return Contender(contender.slug, judged, *evidence(judged, before), contender.penalty + own)
 
 
 def _polished(fit: Fit) -> tuple[Fit, float]:

@@ -92,7 +92,7 @@ def _competing_models(model: Config, stage: Round, last: Round, base: int) -> li
     slugs = stage.indistinguishable[: MOST_MODELS - 1]
     others = [contender for contender in stage.contenders if contender.slug in slugs]
     final = last.taken.judged.fit
-    found = [competing_model(model, one.judged.fit, final, one.slug, base) for one in (stage.taken, *others)]
+    found = [competing_model(model, one.judged.fit, final, base) for one in (stage.taken, *others)]
     return [one for one in found if one is not None]
 
 

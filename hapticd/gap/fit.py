@@ -122,7 +122,10 @@ class Fit:
 
     def device(self, u: Floats | None = None) -> Floats:
         """The device vector."""
-        return self.problem.vector(self.terms, (self.u if u is None else u)[_NOISES:])
+        u, p = self.u if u is None else u, self.problem.base.copy()
+        for number, item in enumerate(self.terms):
+            item.put(p, u[self.columns(number)])
+        return p
 
     def evaluate(self, u: Floats) -> tuple[float, NDArray[Any]]:
         """Log-likelihood and ticks at coordinates."""

@@ -197,6 +197,6 @@ def edge_ranges(fit: Fit, number: int) -> dict[str, tuple[float, float]]:
                 u[at] = fit.u[at] + sign * shift
                 if fit.evaluate(u)[0] < fit.log_likelihood - _FALL:
                     break
-            ends.append(float(u[at]))
+            ends.append(min(max(float(u[at]), 0.0), fit.problem.series.duration_s))
         found[name] = ends[0], ends[1]
     return found

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from threading import Lock
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -71,7 +70,7 @@ def imitated(fit: Fit, seed: int) -> Problem:
         current,
         spread,
         series.begins,
-        1.5 * series.period_s,
+        1.5 * max(series.periods_s),
         np.column_stack([x, v]),
         stiffness,
         2.0 * np.sqrt(stiffness * inertia),
@@ -79,4 +78,4 @@ def imitated(fit: Fit, seed: int) -> Problem:
         added,
         cell,
     )
-    return replace(problem, series=replace(series, cell=cell, added=added, _currents={}, _lock=Lock()), runs=[])
+    return replace(problem, series=replace(series, cell=cell, added=added), runs=[])

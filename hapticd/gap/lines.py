@@ -33,19 +33,32 @@ _FINER = 6
 
 
 def lines(fit: Fit) -> list[float]:
-    """Frequencies [Hz] at which the innovations of a model have a line, the strongest first."""
-    series = fit.problem.series
-    innovation = _innovation(fit)
-    length = min(2 ** int(math.log2(2 * series.size / _SEGMENTS)), _LONGEST_SEGMENT)
+    """Frequencies [Hz] at which the innovations of a model have a line in one of the recordings, the strongest first."""
+    series, innovation = fit.problem.series, _innovation(fit)
+    found = [
+        line
+        for number, period_s in enumerate(series.periods_s)
+        for line in _lines_of(innovation[series.recording == number], period_s)
+    ]
+    distinct: list[float] = []
+    for _, frequency, width in sorted(found, reverse=True):
+        if all(abs(frequency - other) > width for other in distinct):
+            distinct.append(frequency)
+    return distinct[:_LISTED]
+
+
+def _lines_of(innovation: Floats, period_s: float) -> list[tuple[float, float, float]]:
+    """Power of each line of one recording over that of its neighbourhood, its frequency [Hz], and how far it reaches."""
+    length = min(2 ** int(math.log2(2 * innovation.size / _SEGMENTS)), _LONGEST_SEGMENT)
     segments = sliding_window_view(innovation, length)[:: length // 2]
     power = np.mean(np.abs(np.fft.rfft(np.hanning(length) * segments)) ** 2, axis=0)  # Welch 1967
-    frequency = np.fft.rfftfreq(length, series.period_s)
+    frequency = np.fft.rfftfreq(length, period_s)
     around = median_filter(power, 2 * _AROUND + 1, mode="mirror")
-    found: list[float] = []
+    found: list[tuple[float, float, float]] = []
     ratio = np.where(frequency > max(_LOWEST_HZ, 2.0 * frequency[1]), power / around, 0.0)
     while ratio.max() > constants.LINE and len(found) < _LISTED:
         k = int(np.argmax(ratio))
-        found.append(float(frequency[k]))
+        found.append((float(ratio[k]), float(frequency[k]), _AROUND // 5 * float(frequency[1])))
         ratio[max(k - _AROUND // 5, 0) : k + _AROUND // 5] = 0.0
     return found
 

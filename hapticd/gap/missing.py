@@ -129,10 +129,12 @@ def _last(values: Floats) -> Floats:
     return np.stack([np.concatenate([np.zeros(k), values[: values.size - k]]) for k in range(_HATS)], axis=1)
 
 
-def since_reversal(velocity: Floats, position: Floats, moves: NDArray[np.bool_]) -> Floats:
-    """(n,) way since the velocity last changed its sign, rad or m."""
+def since_reversal(
+    velocity: Floats, position: Floats, moves: NDArray[np.bool_], begins: NDArray[np.bool_] | bool = False
+) -> Floats:
+    """(n,) way since the velocity last changed its sign, or a record begins, rad or m."""
     sign = np.where(moves, np.sign(velocity), 0.0)
-    turned = np.flatnonzero(np.diff(sign, prepend=sign[0]) != 0.0)
+    turned = np.flatnonzero((np.diff(sign, prepend=sign[0]) != 0.0) | begins)
     last = np.zeros(sign.size, dtype=np.int64)
     last[turned] = turned
     return np.abs(position - position[np.maximum.accumulate(last)])
@@ -147,7 +149,8 @@ def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | No
     series = fit.problem.series
     velocity = fit.out["v"]
     direction = np.where(found.moves, np.sign(velocity), 0.0)
-    way = since_reversal(velocity, found.position, found.moves)
+    way = since_reversal(velocity, found.position, found.moves, series.begins)
+    change = np.where(series.begins, 0.0, np.diff(series.command, prepend=series.command[0]))
     return {
         "position": (found.position, None),
         "velocity": (velocity, None),
@@ -158,7 +161,7 @@ def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | No
         "way since a reversal, against the motion": (np.log(way + series.resolution), direction),
         "position, against the motion": (found.position, direction),
         "acceleration": ((fit.out["next_v"] - velocity) / series.period_s, None),
-        "change of the current": (np.diff(series.command, prepend=series.command[0]) / series.period_s, None),
+        "change of the current": (change / series.period_s, None),
     }
 
 

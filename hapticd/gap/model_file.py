@@ -30,7 +30,9 @@ def improved_model(model: Config, result: GapResult) -> Config:
     the same name.
     """
     entries = [(step.effect, step.entry) for step in result.steps]
-    return with_effects(model, entries, {name: estimate.value for name, estimate in result.base.items()})
+    corrected = {BASE_KEYS[slug][1] for slug, _ in entries if slug in BASE_KEYS}
+    base = {name: value for name, value in result.begun.items() if name in corrected}
+    return with_effects(model, entries, base | {name: estimate.value for name, estimate in result.base.items()})
 
 
 def with_effects(
@@ -61,13 +63,12 @@ def add_effect(data: dict[str, Any], slug: str, entry: Mapping[str, Any]) -> Non
         slug: the effect.
         entry: its parameters; a value that no config may have becomes the bound that it passes.
     """
-    admitted = _admitted(slug, entry)
     if slug in BASE_KEYS:
         section, key = BASE_KEYS[slug]
-        data[section][key] *= 1.0 + admitted["r"]
+        data[section][key] *= 1.0 + entry["r"]
         return
     effects = [effect for effect in data["plant"]["effects"] if effect["name"] != slug]
-    data["plant"]["effects"] = [*effects, {"name": slug, **admitted}]
+    data["plant"]["effects"] = [*effects, {"name": slug, **_admitted(slug, entry)}]
 
 
 def _admitted(slug: str, entry: Mapping[str, Any]) -> dict[str, Any]:

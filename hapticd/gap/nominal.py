@@ -28,7 +28,6 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
     noise = np.array(
         [0.0, np.log(0.3 * q), low[DISTURBANCE], 0.5 * (low[CORRELATION] + high[CORRELATION]), low[JITTER]]
     )
-    noise = np.clip(noise, low, high)
     probe = Fit.started(problem, terms, noise)
 
     def best_of(tried: list[Floats]) -> tuple[float, Floats]:

@@ -10,12 +10,11 @@ import numpy as np
 from hapticd.gap import constants
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
     from hapticd.gap.series import Series
-    from hapticd.gap.terms import Term
 
     Floats = NDArray[np.float64]
 
@@ -32,6 +31,7 @@ class Problem:
         base: device vector of the nominal model.
         torque: what the device's torques are of the order of, N m or N.
         is_linear: metres and newtons.
+        begun: frictions that the model has not, and the little that the base has in their place: corrections are factors.
         longest_memory_s: largest correlation time of the disturbance torque [s].
         runs: log-likelihood of each run of the filter until now.
     """
@@ -40,6 +40,7 @@ class Problem:
     base: Floats
     torque: float
     is_linear: bool
+    begun: Mapping[str, float] = field(default_factory=dict)
     longest_memory_s: float = field(default_factory=lambda: constants.SHORT_MEMORY_S)
     runs: list[float] = field(default_factory=list)
 
@@ -66,13 +67,3 @@ class Problem:
     def first_look(self) -> Problem:
         """The same on one block of four, from all over the recordings, in a fourth of the time."""
         return replace(self, series=self.series.thinned(_FIRST_LOOK))
-
-    def vector(self, terms: Sequence[Term], u: Floats) -> Floats:
-        """Device vector of a hypothesis; `u` without the noise."""
-        p = self.base.copy()
-        at = 0
-        for item in terms:
-            count = len(item.coordinates)
-            item.put(p, u[at : at + count])
-            at += count
-        return p

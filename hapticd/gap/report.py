@@ -81,7 +81,7 @@ def headline(result: GapResult) -> str:
     """The verdict as a title."""
     effects = " and ".join(result.effects)
     if result.interrupted:
-        return f"Interrupted; missing from the model, as far as was looked: {effects}"
+        return f"Interrupted; missing from the model, as far as was looked: {effects or 'nothing'}"
     either = " and ".join(" or ".join((step.effect, *step.indistinguishable_from)) for step in result.steps)
     return HEADLINES[result.verdict].format(effects=effects, either=either)
 

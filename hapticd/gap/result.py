@@ -100,6 +100,8 @@ class GapResult:
     where: tuple[Mapping[str, Any], ...] = ()
     base: Mapping[str, Estimate] = field(default_factory=dict)
     """Base parameters, where they were fitted too."""
+    begun: Mapping[str, float] = field(default_factory=dict)
+    """Frictions that the model has not, and what their corrections are relative to."""
     prediction: Mapping[str, Any] = field(default_factory=dict)
     """Errors of predictions over a horizon and of a free run, before and after; see `hapticd.gap.prediction`."""
     recording: Mapping[str, Any] = field(default_factory=dict)

@@ -316,7 +316,10 @@ def withstanding(first: CrossValidated, rounds: list[Round], tried: int) -> list
             without = cross_validate(poorer.maximise(tolerance=ROUGH * needed))
         is_limit = number > 0 and whole.fit.terms[at].at_bounds(whole.fit.u[whole.fit.columns(at)])
         if is_limit or not _is_more(whole.less(rounds[number].taken.penalty), without, tried):
-            _take_out(rounds, number, without)
+            if number + 1 == len(rounds):
+                del rounds[number]
+            else:  # what was named later is now judged without it
+                _take_out(rounds, number, without)
             del freed[number + 1]
             freed[-1] = without
     return freed

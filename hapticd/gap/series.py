@@ -72,8 +72,8 @@ class Series:
     fold: NDArray[np.int64]
     period_s: float
     added: Floats
-    _currents: dict[tuple[float, ...], tuple[Floats, Floats, Floats]] = field(default_factory=dict)
-    _lock: Lock = field(default_factory=Lock)
+    _currents: dict[tuple[float, ...], tuple[Floats, Floats, Floats]] = field(default_factory=dict, init=False)
+    _lock: Lock = field(default_factory=Lock, init=False)
 
     @property
     def size(self) -> int:
@@ -89,6 +89,12 @@ class Series:
     def duration_s(self) -> float:
         """Duration of all recordings together."""
         return float(self.time_s[np.append(np.flatnonzero(np.diff(self.recording)), -1)].sum())
+
+    @property
+    def periods_s(self) -> list[float]:
+        """Median period of each recording."""
+        numbers = range(int(self.recording[-1]) + 1)
+        return [float(np.median(np.diff(self.time_s[self.recording == number]))) for number in numbers]
 
     @property
     def middle_s(self) -> Floats:
@@ -112,8 +118,6 @@ class Series:
             recording=np.unique(self.recording[rows], return_inverse=True)[1],
             block=block,
             fold=self.fold[: int(block.max()) + 1],
-            _currents={},
-            _lock=Lock(),
         )
 
     def per_block(self, values: Floats) -> Floats:
@@ -165,7 +169,7 @@ class Series:
             electrical(p, time_s, command, np.zeros(time_s.size, dtype=np.uint8), fine.shape[1], fine)
             spans = np.diff(time_s, append=time_s[-1] + self.period_s)
             return np.repeat(0.5 * spans[:, None], 2, axis=1), _halves(fine), np.repeat(deviation[:, None], 2, axis=1)
-        parts = 2 if 0.0 < delay < self.period_s or delay % self.period_s else 1
+        parts = 2 if delay % self.period_s else 1
         duration, current, spread = (np.empty((time_s.size, parts)) for _ in range(3))
         segments(p, time_s, command, deviation, delay, duration, current, spread)
         return duration, current, spread

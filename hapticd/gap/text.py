@@ -146,6 +146,8 @@ def confidence(result: GapResult, known: int) -> str:
     which = "Every effect of the catalogue" if tried == known else f"{tried} of the catalogue's {known} effects"
     if details.get("is_quiet"):
         return "No effect was tried: the model leaves no more noise than the most reproducible of devices has."
+    if not result.steps and result.interrupted:
+        return "The search was interrupted."
     if not result.steps:
         needed = details.get("needed_standard_errors")
         bar = f"{needed:.1f} standard errors that " if needed else "level that "

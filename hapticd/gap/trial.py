@@ -55,7 +55,6 @@ class CompetingModel:
     """One explanation, as the data at hand fit it.
 
     Attributes:
-        slug: the effect that makes the difference to its competitors.
         terms: all its effects, with the fitted values as starts.
         noise: (5,) coordinates of the fitted noise.
         problem: nominal device and data at hand.
@@ -63,7 +62,6 @@ class CompetingModel:
         known: (k, k) information that the data at hand hold on its coordinates.
     """
 
-    slug: str
     terms: tuple[Term, ...]
     noise: Floats
     problem: Problem
@@ -75,14 +73,13 @@ class CompetingModel:
         return Fit.started(problem, self.terms, self.noise)
 
 
-def competing_model(model: Config, fit: Fit, last: Fit, slug: str, base: int) -> CompetingModel | None:
+def competing_model(model: Config, fit: Fit, last: Fit, base: int) -> CompetingModel | None:
     """An explanation from the round in which it competed.
 
     Args:
         model: the nominal model.
         fit: the explanation, from that round.
         last: the last model of the search: its effects after that round, and its noise, are taken over.
-        slug: the effect that it stands for.
         base: number of terms, the first ones, that are base parameters.
 
     Returns:
@@ -93,7 +90,8 @@ def competing_model(model: Config, fit: Fit, last: Fit, slug: str, base: int) ->
     # In an experiment to come nobody holds the handle; how late its record will be, and what hums, is another matter.
     terms = tuple(term for term in whole if term.slug not in (grip.SLUG, late_record.SLUG, LINE))
     entries = [(term.slug, parameters_of_term(term, term.start)) for term in terms if term.slug in CATALOGUE]
-    own = {term.slug: float(np.exp(term.start[0])) for term in whole[:base] if term.slug != late_record.SLUG}
+    own = dict(fit.problem.begun)
+    own |= {term.slug: float(np.exp(term.start[0])) for term in whole[:base] if term.slug != late_record.SLUG}
     try:
         config = with_effects(model, entries, own)
     except ConfigError:
@@ -101,13 +99,11 @@ def competing_model(model: Config, fit: Fit, last: Fit, slug: str, base: int) ->
     known = Fit.started(fit.problem, terms, last.noise)
     slopes = _slopes(known)
     information = slopes.T @ (slopes * known.out["information"][:, None])
-    return CompetingModel(slug, terms, last.noise, fit.problem, config, information)
+    return CompetingModel(terms, last.noise, fit.problem, config, information)
 
 
 def _slopes(fit: Fit) -> Floats:
     """(n, k) derivatives of the predictions by the coordinates of all effects."""
-    if not fit.terms:
-        return np.zeros((fit.out.size, 0))
     effects = np.arange(fit.u.size) >= len(NOISE)
     fit.differentiate(effects)
     return fit.slopes[:, len(NOISE) :]

@@ -46,7 +46,8 @@ def decide(
     ambiguous = [(effect, others) for effect, others in zip(effects, indistinguishable, strict=True) if others]
     if ambiguous:
         choices = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)
-        return "ambiguous", f"These data cannot tell which it is: {choices} ({force})."
+        further = [*doubts, remainder.words] if left or doubts else []
+        return "ambiguous", " ".join([f"These data cannot tell which it is: {choices} ({force}).", *further])
     if left or doubts or gap.held_out_after**2 > (1.0 - constants.EXPLAINED) * gap.held_out_before**2:
         return "partly_explained", " ".join([f"Missing: {names} ({force}).", *doubts, remainder.words])
     return "effect_found", f"Missing: {names} ({force})."

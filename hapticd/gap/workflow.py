@@ -18,6 +18,7 @@ from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.missing import Missing, missing_force
+from hapticd.gap.model_file import BASE_KEYS
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.parallel import one_blas_thread
 from hapticd.gap.prediction import prediction_errors
@@ -32,16 +33,16 @@ from hapticd.gap.verdict import decide, doubts_about
 from hapticd.plant.layout import NAMES, device_vector, index_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from hapticd.config import Config
     from hapticd.gap.recording import Recording
 
 _BASE = {"inertia": ("kg m²", "kg"), "viscous": ("N m s/rad", "N s/m"), "coulomb": ("N m", "N")}
-_ROTARY_ONLY = ("gravity", "encoder_eccentricity")
-"""Laws in an angle: on a linear device they would be sines of a metre."""
 _FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
 """Factor by which a base parameter may leave its nominal value. A shaft heavier than that ignores the current."""
+_NOTHING, _SOME = 1e-6, 0.05
+"""What a friction that the model has not begins with, over the device's torques: nothing that shows, or where a fit may."""
 
 
 @one_blas_thread
@@ -65,13 +66,13 @@ def find_gap(
         design: where laws stay indistinguishable, design the experiment that would tell them apart.
 
     Raises:
-        ValueError: no recording, or an unknown candidate.
+        ValueError: no recording, or a candidate that is unknown or cannot be looked for.
         KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
     """
     slugs = _considered(model, candidates, refit_base)
     progress = progress or (lambda fraction, text: None)
     progress(0.0, "fitting the model as given")
-    problem = problem_of(recordings, model)
+    problem = problem_of(recordings, model, _SOME if refit_base else _NOTHING)
     base = base_terms(problem) if refit_base else ()
     first = cross_validate(nominal_fit(problem, base))
     rounds: list[Round] = []
@@ -115,8 +116,8 @@ def find_gap(
     return result
 
 
-def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
-    """What is fitted.
+def problem_of(recordings: Sequence[Recording], model: Config, least: float = _NOTHING) -> Problem:
+    """What is fitted; a friction that the model has not is this share of the torque.
 
     Raises:
         ValueError: no recording.
@@ -126,7 +127,16 @@ def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
     drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(series.command**2)))
     way = series.resolution * float(np.ptp(series.cell))
     slowed = model.plant.inertia * way / series.duration_s**2  # all there is where a shaft without friction coasts
-    return Problem(series, vector, model.plant.coulomb + drive or slowed, model.is_linear)
+    torque = model.plant.coulomb + drive or slowed
+    speed = series.resolution * float(np.abs(np.diff(series.cell)).sum()) / series.duration_s
+    begun = {
+        name: size
+        for name, size in (("viscous", least * torque / speed), ("coulomb", least * torque))
+        if vector[index_of(name)] == 0.0
+    }
+    for name, size in begun.items():
+        vector[index_of(name)] = size
+    return Problem(series, vector, torque, model.is_linear, begun)
 
 
 def base_terms(problem: Problem) -> tuple[Term, ...]:
@@ -134,26 +144,34 @@ def base_terms(problem: Problem) -> tuple[Term, ...]:
     found = []
     for name, farthest in _FARTHEST.items():
         index = index_of(name)
-        value = float(problem.base[index])
-        if value > 0.0:
-            centre, far = np.log(value), np.log(farthest)
-            coordinate = Coordinate(name, index, True, centre - far, centre + far, 0.3, constants.BASE_PRIOR, centre)
-            found.append(Term(name, (coordinate,), (centre,)))
+        centre, far = np.log(float(problem.base[index])), np.log(farthest)
+        coordinate = Coordinate(name, index, True, centre - far, centre + far, 0.3, constants.BASE_PRIOR, centre)
+        found.append(Term(name, (coordinate,), (centre,)))
     return tuple(found)
 
 
-def _considered(model: Config, candidates: Sequence[str] | None, refit_base: bool) -> list[str]:
-    if unknown := [slug for slug in candidates or () if slug not in CATALOGUE]:
-        raise ValueError(f"unknown effect {unknown[0]!r}: the catalogue has {', '.join(EFFECT_SLUGS)}")
+def why_not(slug: str, model: Config, refit_base: bool) -> str | None:
+    """Why an effect cannot be looked for, or None."""
     present = {effect.name for effect in model.plant.effects}
-    return [
-        slug
-        for slug in EFFECT_SLUGS
-        if (candidates is None or slug in candidates)
-        and not (refit_base and slug in CORRECTIONS)
-        and not (model.is_linear and slug in _ROTARY_ONLY)
-        and not present & {slug, *CATALOGUE[slug].excludes}
-    ]
+    if refit_base and slug in CORRECTIONS:
+        return "the base model is fitted along, which this is an error of"
+    if model.is_linear and CATALOGUE[slug].rotary_only:
+        return "its law is in an angle, and the device is linear"
+    if slug in present:
+        return "the model has it already"
+    if among := present & set(CATALOGUE[slug].excludes):
+        return f"the model has {among.pop()}, beside which it cannot be"
+    return None
+
+
+def _considered(model: Config, candidates: Sequence[str] | None, refit_base: bool) -> list[str]:
+    for slug in candidates or ():
+        if slug not in CATALOGUE:
+            raise ValueError(f"unknown effect {slug!r}: the catalogue has {', '.join(EFFECT_SLUGS)}")
+        if reason := why_not(slug, model, refit_base):
+            raise ValueError(f"{slug}: {reason}")
+    chosen = EFFECT_SLUGS if candidates is None else [slug for slug in EFFECT_SLUGS if slug in candidates]
+    return [slug for slug in chosen if why_not(slug, model, refit_base) is None]
 
 
 def _result(
@@ -195,7 +213,9 @@ def _result(
     at_bounds = {law.slug: names for law, own in laws if (names := law.at_bounds(last.fit.u[own], half[own]))}
     late = late_record.described(last.fit, np.diag(covariance), _reach(series.blocks))
     timing = _timing(recordings)
-    timing = {**timing, **late, "warnings": [*timing["warnings"], *late["warnings"]]}
+    begun = first.fit.problem.begun
+    warnings = [*timing["warnings"], *late["warnings"], *_relative_to(begun, effects, model.is_linear)]
+    timing = {**timing, **late, "warnings": warnings}
     verdict, statement = decide(
         effects, indistinguishable, doubts_about(at_bounds, beaten, unnamed), numbers, remainder
     )
@@ -209,6 +229,7 @@ def _result(
         remainder,
         where=tuple(missing.where(first.fit, found[0])),
         base=_base_estimates(last.fit, covariance, model.is_linear),
+        begun=begun,
         prediction=prediction_errors(first.fit, last.fit, model.is_linear),
         recording=timing,
         details={
@@ -226,6 +247,16 @@ def _result(
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),
     )
+
+
+def _relative_to(begun: Mapping[str, float], effects: Sequence[str], is_linear: bool) -> list[str]:
+    """What corrections of frictions that the model has not are relative to."""
+    named = [(slug, BASE_KEYS[slug][1]) for slug in effects if slug in BASE_KEYS]
+    return [
+        f"the model's {name} friction is 0: r of {slug} is relative to {begun[name]:.3g} {_BASE[name][is_linear]}"
+        for slug, name in named
+        if name in begun
+    ]
 
 
 def _step(

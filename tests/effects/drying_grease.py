@@ -40,6 +40,7 @@ def with_nothing(**changes: object) -> Effect:
 
 NAMELESS_RELATION = with_nothing(slug="nameless_relation", near=("nobody",))
 LAWLESS = with_nothing(slug="lawless", friction=None)
+MISPLACED = with_nothing(slug="misplaced", acts_on="input")
 SHORT = with_nothing(slug="short", friction=lambda speed, torque, time: 0.0)
 CLASH = with_nothing(slug="stribeck")
 LENGTHY = with_nothing(slug="lengthy", parameters=(Parameter("a", "", "", 0.0, 0.0, 1.0, length=57),))

@@ -68,6 +68,7 @@ def test_the_config_knows_its_parameters() -> None:
         ("misnamed", "the effect's slug is drying_grease"),
         ("nameless_relation", "it names nobody, which the catalogue does not have"),
         ("lawless", "it has neither a force nor a friction"),
+        ("misplaced", "acts_on is 'input'; a law from outside is a force or a friction"),
         ("short", "friction must take 3 numbers and the 3 of its parameters"),
         ("lengthy", "there is room for 52 more parameters of effects from outside, and it has 57"),
     ],

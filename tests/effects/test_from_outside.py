@@ -20,6 +20,7 @@ number = tests.effects.drying_grease:NOT_AN_EFFECT
 misnamed = tests.effects.drying_grease:EFFECT
 nameless_relation = tests.effects.drying_grease:NAMELESS_RELATION
 lawless = tests.effects.drying_grease:LAWLESS
+misplaced = tests.effects.drying_grease:MISPLACED
 short = tests.effects.drying_grease:SHORT
 stribeck = tests.effects.drying_grease:CLASH
 lengthy = tests.effects.drying_grease:LENGTHY

@@ -72,7 +72,7 @@ def models(still: Recording) -> list[CompetingModel]:
     found = []
     for slug in LAWS:
         fit = contender(still, slug).judged.fit
-        one = competing_model(MODEL, fit, fit, slug, 0)
+        one = competing_model(MODEL, fit, fit, 0)
         assert one is not None
         found.append(one)
     return found
@@ -117,7 +117,7 @@ def test_the_planned_experiment_names_the_true_one(
 def test_what_one_law_can_absorb_does_not_count(models: list[CompetingModel]) -> None:
     """A bias a little larger is no other law, unless the data at hand know it well."""
     bias = models[1]
-    larger = replace(bias, slug="larger", terms=(bias.terms[0].moved([1.05 * bias.terms[0].start[0]]),))
+    larger = replace(bias, terms=(bias.terms[0].moved([1.05 * bias.terms[0].start[0]]),))
     experiment = Experiment("steps", amplitude=0.3, duration_s=4.0)
     known = separation(experiment, [(bias, larger)])
     free = separation(experiment, [(bias, replace(larger, known=np.zeros_like(larger.known)))])
@@ -159,7 +159,7 @@ def test_later_effects_and_fitted_base_parameters_belong_to_both_models(still: R
     first = contender(still, "constant_bias", base=base).judged.fit
     later = term("transport_delay", {"t_d": 1e-3}, (), 0.1)
     last = Fit.started(first.problem, (*first.terms, later), NOISE)
-    found = competing_model(MODEL, first, last, "constant_bias", len(base))
+    found = competing_model(MODEL, first, last, len(base))
     assert found is not None
     assert [effect.name for effect in found.config.plant.effects] == ["constant_bias", "transport_delay"]
     assert found.config.plant.inertia == pytest.approx(MODEL.plant.inertia)
@@ -169,7 +169,7 @@ def test_later_effects_and_fitted_base_parameters_belong_to_both_models(still: R
 def test_a_hand_lets_go_before_the_experiment(still: Recording) -> None:
     hand = term("hand_impedance", {"m_h": 1e-6, "on_s": 1.0, "off_s": 2.0}, ("on_s", "off_s"), 0.1)
     fit = Fit.started(problem_of([still], MODEL), (hand,), NOISE)
-    found = competing_model(MODEL, fit, fit, "hand_impedance", 0)
+    found = competing_model(MODEL, fit, fit, 0)
     assert found is not None
     assert (found.terms, found.config.plant.effects) == ((), ())
 

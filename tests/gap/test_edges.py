@@ -5,14 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 
 from hapticd.gap import find_gap, remainder, workflow
 from hapticd.gap.competition import Contender, cross_validate, evidence, round_of
-from hapticd.gap.missing import missing_force
+from hapticd.gap.fit import Fit
+from hapticd.gap.lines import lines
+from hapticd.gap.missing import missing_force, since_reversal
+from hapticd.gap.model_file import improved_model, with_effects
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.recording import Recording
@@ -121,7 +125,7 @@ def test_a_line_is_no_part_of_an_experiment_to_come(hidden: Hidden) -> None:
     fit = nominal_fit(problem_of([recording], nominal)).extended(term("constant_bias", {"tau_0": 4e-4}, (), 0.1))
     coordinates = tuple(Coordinate(f"{part} of 50 Hz", -1, False, -1.0, 1.0, 0.01) for part in ("sine", "cosine"))
     hums = fit.extended(Term(LINE, coordinates, (1e-5, 0.0), ((-1, 50.0),)))
-    found = competing_model(nominal, fit, hums, "constant_bias", 0)
+    found = competing_model(nominal, fit, hums, 0)
     assert found is not None
     assert [item.slug for item in found.terms] == ["constant_bias"]
 
@@ -168,3 +172,63 @@ def test_orders_that_have_no_name_are_told(hidden: Hidden) -> None:
     assert "order 7 in angle" in found.remainder.words
     nothing, nominal = hidden([], 5, 8.0)
     assert find_gap([nothing], nominal, candidates=["constant_bias"], design=False).remainder.fingerprint == ()
+
+
+@pytest.mark.parametrize("refit_base", [False, True])
+def test_frictions_that_the_model_has_not_are_found(refit_base: bool) -> None:
+    """Corrections are factors, and no factor makes something of nothing."""
+    recording, nominal = recorded(drive(8.0, 1), viscous=6e-5, coulomb=1.5e-3), model(viscous=0.0, coulomb=0.0)
+    names = ["constant_bias"] if refit_base else ["coulomb_friction", "viscous_friction"]
+    found = find_gap([recording], nominal, candidates=names, refit_base=refit_base, design=False)
+    assert set(found.effects) == (set() if refit_base else set(names)), found.statement
+    plant = improved_model(nominal, found).plant
+    assert plant.coulomb == pytest.approx(1.5e-3, rel=0.02)
+    assert plant.viscous == pytest.approx(6e-5, rel=0.05)
+    assert len(found.warnings) == len(found.effects)
+
+
+def test_a_device_without_friction_needs_none() -> None:
+    recording = recorded(drive(4.0, 1, size=0.05), viscous=0.0, coulomb=0.0)
+    found = find_gap([recording], model(viscous=0.0, coulomb=0.0), candidates=["coulomb_friction", "viscous_friction"])
+    assert found.effects == ()
+    improved = improved_model(model(viscous=0.0, coulomb=0.0), found)
+    assert (improved.plant.viscous, improved.plant.coulomb) == (0.0, 0.0)
+
+
+def test_what_cannot_be_looked_for_is_refused() -> None:
+    nominal = model()
+    gravity = with_effects(nominal, [("gravity", {"m_g_l": 1e-3, "theta_0": 0.0})])
+    recording = recorded(drive(2.0, 1), viscous=4e-5, coulomb=1.5e-3)
+    with pytest.raises(ValueError, match="gravity: the model has it already"):
+        find_gap([recording], gravity, candidates=["gravity"])
+    with pytest.raises(ValueError, match="coulomb_friction: the base model is fitted along"):
+        find_gap([recording], nominal, candidates=["coulomb_friction"], refit_base=True)
+
+
+@pytest.mark.parametrize("coulomb", [1e-9, 1e-5])
+def test_next_to_no_friction_before_a_coupling_has_a_likelihood(coulomb: float) -> None:
+    """What stops the shaft lies so close together that the variance in between is less than rounding."""
+    problem = problem_of([recorded(drive(2.0, 1), viscous=4e-5, coulomb=1.5e-3)], model(coulomb=coulomb))
+    item = term("flexible_coupling", {"f_r": 250.0, "load_share": 0.4, "damping": 0.014}, (), 0.1)
+    nominal = nominal_fit(problem)
+    assert nominal.extended(item).log_likelihood > 10.0 * nominal.log_likelihood
+
+
+def test_a_line_is_told_by_the_clock_of_its_own_recording() -> None:
+    """40 Hz in two recordings, one of 1 kHz and one of 500 Hz; and none at what the mean of their clocks makes of it."""
+    rng = np.random.default_rng(1)
+    time_s = [np.arange(8000) / 1000.0, np.arange(8000) / 500.0]
+    moved = np.concatenate([np.sin(2.0 * np.pi * 40.0 * t) + rng.normal(size=t.size) for t in time_s])
+    recording = np.repeat([0, 1], 8000)
+    periods_s = [1e-3, 2e-3]
+    series = SimpleNamespace(recording=recording, periods_s=periods_s)
+    out = {"variance": np.ones(16000), "share": np.ones(16000), "moved": moved}
+    fit = cast("Fit", SimpleNamespace(out=out, problem=SimpleNamespace(series=series)))
+    assert lines(fit) == [pytest.approx(40.0, abs=0.3)]
+
+
+def test_a_way_since_a_reversal_does_not_run_into_the_next_recording() -> None:
+    position = np.array([0.0, 1.0, 2.0, 100.0, 101.0])
+    begins = np.array([True, False, False, True, False])
+    way = since_reversal(np.ones(5), position, np.ones(5, dtype=bool), begins)
+    assert way.tolist() == [0.0, 1.0, 2.0, 0.0, 1.0]

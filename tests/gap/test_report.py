@@ -168,6 +168,9 @@ def test_bad_timing_comes_before_the_figures(nominal_run: Recording) -> None:
 def test_what_was_found_before_an_interruption_says_so(nominal_run: Recording) -> None:
     text = first_screen(replace(FOUND, interrupted=True), nominal_run)
     assert "Interrupted; missing from the model, as far as was looked: stribeck" in text
+    nothing = first_screen(replace(FOUND, interrupted=True, effects=(), steps=()), nominal_run)
+    assert "as far as was looked: nothing" in nothing
+    assert "The search was interrupted." in nothing
 
 
 def test_orders_that_were_chosen_are_told_with_the_ripple(nominal_run: Recording) -> None:

@@ -57,6 +57,12 @@ def test_what_is_indistinguishable_is_said() -> None:
     assert "cannot tell" in statement
 
 
+def test_doubts_and_what_is_left_are_said_beside_a_tie_too() -> None:
+    _, statement = decide(["gravity"], [("constant_bias",)], ["It may be another law."], GAP, LEFT)
+    assert "It may be another law." in statement
+    assert LEFT.words in statement
+
+
 def test_what_is_left_is_said() -> None:
     for effects, indistinguishable in (([], []), (["gravity"], [()])):
         assert LEFT.words in decide(effects, indistinguishable, [], GAP, LEFT)[1]

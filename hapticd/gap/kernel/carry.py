@@ -36,6 +36,9 @@ _law, _period, _mode = from_dtype(LAWS), from_dtype(PERIOD), from_dtype(MODE)
 _laws, _periods = types.Array(_law, 1, "C"), types.Array(_period, 1, "C")
 _modes = types.Array(from_dtype(MODE), 1, "C")
 
+_LEAST = 1e-12
+"""Share of its variance that w keeps at least between what stops a shaft one way and the other: less is rounding."""
+
 
 @njit(types.void(_a, _law, _period, _a, _a, _a, _f8, _f8, _f8), counted=False, inline=True)
 def _go(
@@ -154,7 +157,7 @@ def cut(
     if m.weight * stays > RARE:
         shift = (density_below - density_above) / stays
         left = 1.0 + (below * density_below - above * density_above) / stays - shift * shift
-        join(groups[stop], m, m.weight * stays, shift * sw, ww * (1.0 - max(left, 0.0)), law.size)
+        join(groups[stop], m, m.weight * stays, shift * sw, ww * (1.0 - max(left, _LEAST)), law.size)
     if m.weight * rises > RARE:
         shift = density_above / rises
         join(groups[UP], m, m.weight * rises, shift * sw, ww * (shift * shift - above * shift), law.size)
