@@ -54,9 +54,7 @@ def check_recording(recording: Recording, model: Config) -> tuple[str, ...]:
     Raises:
         RecordingError: with all that is wrong, a line each.
     """
-    problems = [*_unit_errors(recording, model), *_wraps(recording, model)]
-    if motionless := _motionless(recording):
-        problems.append(motionless)
+    problems = [*_unit_errors(recording, model), *_wraps(recording, model), *_motionless(recording)]
     problems = problems or list(_undriven(recording, model))
     if problems:
         raise RecordingError("\n".join(f"{recording.name}: {problem}" for problem in problems))
@@ -117,13 +115,12 @@ def _wraps(recording: Recording, model: Config) -> Iterator[str]:
                 return
 
 
-def _motionless(recording: Recording) -> str:
+def _motionless(recording: Recording) -> Iterator[str]:
     cell = recording.resolution
     span = float(np.ptp(recording.position))
     if span == 0.0 or (cell > 0.0 and span < _FEWEST_CELLS * cell):
         cells = f"{span / cell:.0f} encoder counts" if cell > 0.0 else "nothing"
-        return f"there is no motion: the position changes by {cells} in all; nothing can be concluded about forces"
-    return ""
+        yield f"there is no motion: the position changes by {cells} in all; nothing can be concluded about forces"
 
 
 def _undriven(recording: Recording, model: Config) -> Iterator[str]:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from hapticd.figures.style import BLUE, GREY, ORANGE, new_figure
 from hapticd.gap.missing import since_reversal
-from hapticd.gap.text import is_linear, unit_of
+from hapticd.gap.text import COORDINATES, is_linear
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -159,7 +159,7 @@ def left(profiles: Sequence[Profile], coordinate: str, unit: str, floor: float) 
 
 
 def _labelled(name: str, unit: str) -> str:
-    return f"{name.partition(',')[0]}, {unit_of(name, is_linear(unit))}"
+    return f"{name.partition(',')[0]}, {COORDINATES[name][is_linear(unit)]}"
 
 
 def _pooled(profiles: Sequence[Profile], of: Callable[[Profile], Floats]) -> Floats:
@@ -240,7 +240,6 @@ def all_figures(result: GapResult) -> dict[str, Any]:
         figures["time"] = over_time(profiles, unit, floor)
         figures["laws"] = laws(profiles, unit, floor)
     figures |= {f"ranking-{number}": ranking(step) for number, step in enumerate(result.steps, 1) if step.ranking}
-    structure = [entry["coordinate"] for entry in result.remainder.structure if entry["coordinate"] in _AXES]
-    if moved and structure:
-        figures["left"] = left(profiles, structure[0], unit, floor)
+    if moved and result.remainder.structure:
+        figures["left"] = left(profiles, result.remainder.structure[0]["coordinate"], unit, floor)
     return figures

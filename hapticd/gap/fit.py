@@ -310,12 +310,8 @@ class Fit:
 
     def scan_power(self) -> None:
         """Line search towards less process noise, all of it together: its curvature is the least quadratic of all."""
-        step = -0.7
-        while True:
-            u = self.u.copy()
-            u[[WHITE, DISTURBANCE]] += step
-            if not self.move(u, _SCANNED):
-                break
+        step = np.where(np.isin(np.arange(self.u.size), (WHITE, DISTURBANCE)), -0.7, 0.0)
+        while self.move(self.u + step, _SCANNED):
             step *= 1.5
 
     def held_out(self) -> Floats:

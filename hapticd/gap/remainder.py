@@ -12,7 +12,7 @@ from hapticd.gap.candidates import scale_of
 from hapticd.gap.lines import frequencies, lines
 from hapticd.gap.missing import Missing, Structure, missing_force, structure
 from hapticd.gap.result import Remainder
-from hapticd.gap.text import SHOWS_AS, percent
+from hapticd.gap.text import COORDINATES, percent
 
 if TYPE_CHECKING:
     from hapticd.gap.fit import Fit
@@ -32,7 +32,7 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
         part = min(float(np.mean(test.force[found.moves] ** 2)) / found.rms**2, 1.0)
         if part > constants.STRUCTURE_SHARE:
             entries.append({"coordinate": test.coordinate, "share": part * share, "p_value": p_value})
-    clauses = [SHOWS_AS[entry["coordinate"]] for entry in entries[:_LISTED]]
+    clauses = [COORDINATES[entry["coordinate"]][-1] for entry in entries[:_LISTED]]
     fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
     for order in ripple.orders_left(fit, scale_of(fit)):
         period_m = 2.0 * math.pi / order

@@ -14,43 +14,29 @@ from hapticd.gap import constants
 if TYPE_CHECKING:
     from hapticd.gap.result import GapResult
 
-UNITS: Final = {
-    "position": ("rad", "m"),
-    "velocity": ("rad/s", "m/s"),
-    "speed, against the motion": ("rad/s", "m/s"),
-    "current": ("A", "A"),
-    "time": ("s", "s"),
-    "time, against the motion": ("s", "s"),
-    "way since a reversal, against the motion": ("rad", "m"),
-    "position, against the motion": ("rad", "m"),
-    "acceleration": ("rad/s²", "m/s²"),
-    "change of the current": ("A/s", "A/s"),
+COORDINATES: Final = {
+    "position": ("rad", "m", "a torque that depends on the position"),
+    "velocity": ("rad/s", "m/s", "a torque that depends on the velocity"),
+    "speed, against the motion": ("rad/s", "m/s", "friction that depends on the speed"),
+    "current": ("A", "A", "a torque that depends on the current"),
+    "time": ("s", "s", "a torque that drifts in time"),
+    "time, against the motion": ("s", "s", "friction that drifts in time"),
+    "way since a reversal, against the motion": ("rad", "m", "friction that builds up or fades after a reversal"),
+    "position, against the motion": ("rad", "m", "friction that depends on the position"),
+    "acceleration": ("rad/s²", "m/s²", "a torque that depends on the acceleration"),
+    "change of the current": (
+        "A/s",
+        "A/s",
+        "a torque that follows changes of the current, or a current filtered before it was recorded",
+    ),
 }
-"""Coordinate of `where` and `remainder` to its unit, rotary and linear."""
-SHOWS_AS: Final = {
-    "position": "a torque that depends on the position",
-    "velocity": "a torque that depends on the velocity",
-    "speed, against the motion": "friction that depends on the speed",
-    "current": "a torque that depends on the current",
-    "time": "a torque that drifts in time",
-    "time, against the motion": "friction that drifts in time",
-    "way since a reversal, against the motion": "friction that builds up or fades after a reversal",
-    "position, against the motion": "friction that depends on the position",
-    "acceleration": "a torque that depends on the acceleration",
-    "change of the current": "a torque that follows changes of the current, or a current filtered before it was recorded",
-}
-"""Coordinate to what a missing force looks like that depends on it."""
+"""Coordinate of `where` and `remainder` to its unit, rotary and linear, and what a force looks like that depends on it."""
 _LISTED: Final = 3
 
 
 def is_linear(unit: str) -> bool:
     """Whether a gap in this unit is of a linear device."""
     return unit == "N"
-
-
-def unit_of(coordinate: str, linear: bool) -> str:
-    """Unit of a coordinate of `where`; "" for one that is not known here."""
-    return UNITS.get(coordinate, ("", ""))[linear]
 
 
 def places(where: Sequence[Mapping[str, Any]], unit: str) -> list[str]:
@@ -68,8 +54,8 @@ def _place(entry: Mapping[str, Any], unit: str) -> str:
     low, high = entry["range"]
     if name == "everywhere":
         return f"{percent(entry['share'])} is the same everywhere, {low:.3g} {unit}"
-    ends = f"{low:.3g} to {high:.3g} {unit_of(name, linear)}".rstrip()
-    return f"{percent(entry['share'])} as {SHOWS_AS.get(name, f'something of the {name}')}, most of it from {ends}"
+    *units, looks = COORDINATES[name]
+    return f"{percent(entry['share'])} as {looks}, most of it from {low:.3g} to {high:.3g} {units[linear]}"
 
 
 def percent(share: float) -> str:
