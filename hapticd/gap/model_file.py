@@ -101,10 +101,10 @@ def model_yaml(model: Config, result: GapResult, recordings: Sequence[str]) -> s
     for line in config_to_yaml(improved).splitlines():
         if found := re.match(r"(\w+):", line):
             section = found[1]
-        key = line.strip().partition(":")[0]
+        key = line.removeprefix("  ").partition(":")[0]
         if section == "plant" and key == "effects" and improved.plant.effects:
             lines += ["  effects:", *_effect_lines(improved, result)]
-        elif (section, key) in remarks and line.startswith("  "):
+        elif (section, key) in remarks:
             lines.append(f"{line}{';' if '#' in line else '  #'} gap: {remarks[section, key]}")
         else:
             lines.append(line)

@@ -39,6 +39,7 @@ def test_effects_join_those_of_the_model_and_the_text_reads_as_the_model() -> No
     text = model_yaml(MODEL, result, ["lab.csv"])
     assert parse_config(yaml.safe_load(text), "text") == improved
     assert "# Missing force 0.0002 N m before, 0.0001 N m after" in text
+    assert text.count("gap: inertia_error") == 1  # not beside its uncertainty too
 
 
 @pytest.mark.parametrize(
