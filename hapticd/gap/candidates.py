@@ -128,8 +128,10 @@ def keeps_the_drive(fit: Fit, present: Fit) -> bool:
 def _started(slug: str, values: Values, scale: Scale) -> Term:
     """A term; of a base parameter that is next to nothing it reaches as far as the device's torques do."""
     item, reach = term(slug, values, (), 0.1 * scale.travel), CATALOGUE[slug].reach
-    first, *others = item.coordinates
-    if reach is None or (most := reach(scale)) <= first.upper:
+    if reach is None:
+        return item
+    most, (first, *others) = reach(scale), item.coordinates
+    if most <= first.upper:
         return item
     size = most / first.upper
     wider = replace(first, upper=most, scale=size * first.scale)

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 
 _FIRST_LOOK = 4
+LEAST_START = 0.05
+"""A base parameter whose term is a smaller part of the torques starts at that part: zero is no start for a logarithm."""
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drivers import declared_latency
+from hapticd.config import unit_of
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
 from hapticd.gap import chance, constants, grip, late_record, missing
 from hapticd.gap.competition import CrossValidated, Round, cross_validate, evidence
@@ -22,7 +23,7 @@ from hapticd.gap.model_file import BASE_KEYS
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.parallel import one_blas_thread
 from hapticd.gap.prediction import prediction_errors
-from hapticd.gap.problem import Problem
+from hapticd.gap.problem import LEAST_START, Problem
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
@@ -38,11 +39,10 @@ if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.gap.recording import Recording
 
-_BASE = {"inertia": ("kg m²", "kg"), "viscous": ("N m s/rad", "N s/m"), "coulomb": ("N m", "N")}
 _FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
 """Factor by which a base parameter may leave its nominal value. A shaft heavier than that ignores the current."""
-_NOTHING, _SOME = 1e-6, 0.05
-"""What a friction that the model has not begins with, over the device's torques: nothing that shows, or where a fit may."""
+_NOTHING = 1e-6
+"""What a friction that the model has not is instead, over the device's torques: nothing that shows."""
 
 
 @one_blas_thread
@@ -72,7 +72,7 @@ def find_gap(
     slugs = _considered(model, candidates, refit_base)
     progress = progress or (lambda fraction, text: None)
     progress(0.0, "fitting the model as given")
-    problem = problem_of(recordings, model, _SOME if refit_base else _NOTHING)
+    problem = problem_of(recordings, model, LEAST_START if refit_base else _NOTHING)
     base = base_terms(problem) if refit_base else ()
     first = cross_validate(nominal_fit(problem, base))
     rounds: list[Round] = []
@@ -129,11 +129,8 @@ def problem_of(recordings: Sequence[Recording], model: Config, least: float = _N
     slowed = model.plant.inertia * way / series.duration_s**2  # all there is where a shaft without friction coasts
     torque = model.plant.coulomb + drive or slowed
     speed = series.resolution * float(np.abs(np.diff(series.cell)).sum()) / series.duration_s
-    begun = {
-        name: size
-        for name, size in (("viscous", least * torque / speed), ("coulomb", least * torque))
-        if vector[index_of(name)] == 0.0
-    }
+    zero = [name for name in ("viscous", "coulomb") if vector[index_of(name)] == 0.0]
+    begun = {name: least * torque / (speed if name == "viscous" else 1.0) for name in zero}
     for name, size in begun.items():
         vector[index_of(name)] = size
     return Problem(series, vector, torque, model.is_linear, begun)
@@ -251,11 +248,12 @@ def _result(
 
 def _relative_to(begun: Mapping[str, float], effects: Sequence[str], is_linear: bool) -> list[str]:
     """What corrections of frictions that the model has not are relative to."""
-    named = [(slug, BASE_KEYS[slug][1]) for slug in effects if slug in BASE_KEYS]
+    keys = {slug: ".".join(BASE_KEYS[slug]) for slug in effects if slug in BASE_KEYS}
+    sizes = {f"plant.{name}": size for name, size in begun.items()}
     return [
-        f"the model's {name} friction is 0: r of {slug} is relative to {begun[name]:.3g} {_BASE[name][is_linear]}"
-        for slug, name in named
-        if name in begun
+        f"{key} of the model is 0: r of {slug} is relative to {sizes[key]:.3g} {unit_of(key, is_linear)}"
+        for slug, key in keys.items()
+        if key in sizes
     ]
 
 
@@ -339,9 +337,9 @@ def _base_estimates(
     variance = np.diag(covariance)
     found = {}
     for number, term in enumerate(fit.terms):
-        if term.slug in _BASE:
+        if term.slug in _FARTHEST:
             at = fit.columns(number).start
-            half, unit = reach * float(np.sqrt(variance[at])), _BASE[term.slug][is_linear]
+            half, unit = reach * float(np.sqrt(variance[at])), unit_of(f"plant.{term.slug}", is_linear)
             found[term.slug] = _estimate(term.coordinates[0], float(fit.u[at]), half, unit)
     return found
 

@@ -18,6 +18,7 @@ from scipy.optimize import lsq_linear
 from scipy.signal import butter, sosfiltfilt
 
 from hapticd.gap.errors import RecordingError
+from hapticd.gap.problem import LEAST_START
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,8 +39,6 @@ _LONGEST_DELAY_PERIODS = 6.0
 _FEWEST_ROWS = 100
 _ROWS_PER_CUTOFF = 5.0
 """Rows a period of the corner frequency: more of them say the same twice."""
-_LEAST_SHARE = 0.05
-"""A parameter whose term is a smaller part of the driving torque starts at that part: zero is no start for a logarithm."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +118,7 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
     columns = np.concatenate([np.stack([p.acceleration, p.velocity])[:, p.moves] for p in parts], axis=1)
     size = np.sqrt(np.mean(columns**2, axis=1))
     at_delays = np.array([[one.inertia, one.viscous, one.coulomb, one.bias, one.delay_s] for one in tried])
-    least = _LEAST_SHARE * drive / np.append(size, 1.0)
+    least = LEAST_START * drive / np.append(size, 1.0)
     at_delays[:, :3] = np.maximum(at_delays[:, :3], least)
     J, b, c, bias, delay_s = at_delays[tried.index(best)].tolist()
     return Balance(J, b, c, bias, delay_s, best.sign, best.explained, other.explained, at_delays)
