@@ -1,11 +1,12 @@
 """Boards as the tests need them: tools installed, firmware built, once for all processes of a test run."""
 
-import fcntl
 import functools
 import subprocess
 from pathlib import Path
 
 import pytest
+
+from tests.installing import one_at_a_time
 
 FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
 SOURCE = FIRMWARE / "serial_dac"
@@ -16,9 +17,7 @@ OPTIONAL = ("mps2-an385", "avr-uno")
 @functools.cache
 def build(target: str) -> str | None:
     """Make a target of the firmware's Makefile; why it cannot be, or None."""
-    (SOURCE / "build").mkdir(exist_ok=True)
-    with (SOURCE / "build" / ".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
+    with one_at_a_time():
         for command in ([str(FIRMWARE / "install.sh"), target], ["make", "-C", str(SOURCE), target]):
             done = subprocess.run(command, capture_output=True, text=True, check=False)
             if done.returncode != 0:

@@ -18,6 +18,7 @@ import yaml
 from playwright.sync_api import Browser, sync_playwright
 
 from hapticd.client import Client, DaemonUnreachable
+from tests.installing import one_at_a_time
 from tests.polling import wait_until
 
 PROGRAMS = ("chromium-headless-shell", "chromium")
@@ -27,13 +28,17 @@ ROOT = Path(__file__).parents[2]
 
 def chromium() -> str:
     """Path of the browser; the test is skipped, with the reason, where there is none and no way to one."""
-    for attempt in ("as it is", "after an installation"):
-        for program in PROGRAMS:
-            if found := shutil.which(program):
-                return found
-        if attempt == "as it is":
+    with one_at_a_time():
+        if not (found := _found()):
             _install()
+            found = _found()
+    if found:
+        return found
     pytest.skip(f"no browser: neither of {', '.join(PACKAGES)} could be installed with apt-get")
+
+
+def _found() -> str | None:
+    return next(filter(None, map(shutil.which, PROGRAMS)), None)
 
 
 def _install() -> None:
