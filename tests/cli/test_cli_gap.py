@@ -13,7 +13,7 @@ import yaml
 
 import hapticd.gap.search
 from benchmarks.gap import devices
-from benchmarks.gap.generate import generate
+from benchmarks.gap.generate import STEP_S, generate
 from hapticd.config import load_config
 from tests.sim_hw.boards import running_board
 
@@ -26,7 +26,7 @@ HIDDEN = [{"name": "gravity", "m_g_l": 1.2e-3, "theta_0": 0.4}]
 def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A recording of the testbed with a weight on an arm, and its nominal model."""
     folder = tmp_path_factory.mktemp("lab")
-    made = generate(HIDDEN, 1, 6.0, "re35")
+    made = generate(HIDDEN, 1, 6.0, "re35", step_s=4.0 * STEP_S)
     columns = {"time_s": made.time_s, "encoder_counts": made.counts, "current_command_A": made.current_command}
     run, model = folder / "lab.csv", folder / "model.yaml"
     np.savetxt(run, np.column_stack(list(columns.values())), "%.17g", ",", header=",".join(columns), comments="")

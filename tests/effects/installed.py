@@ -17,12 +17,14 @@ from hapticd.cli.main import build_app
 from hapticd.config import EFFECT_SLUGS, ConfigError, config_schema, parse_config, parse_yaml
 from hapticd.effects.catalogue import BROKEN, CATALOGUE, HOOK_ROOM, OWN_SLUGS
 from hapticd.effects.pages import page
+from hapticd.gap import find_gap
 from hapticd.plant import kernel
 from hapticd.plant.layout import HOOKS, NAMES, SIZE, device_vector, index_of, neutral_vector
 from hapticd.plant.resolution import substeps_for
 from hapticd.servo.simulate import simulate
 from hapticd.stability.cautions import uncounted
 from hapticd.stability.numbers import loop_from_config
+from tests.gap import synthetic
 from tests.plant.effects.independent import C, Laws, apart, excitation, simulated, vector
 from tests.plant.effects.test_closed_loop import config_with, driven
 from tests.sim_hw.boards import rows, running_board
@@ -209,6 +211,23 @@ def test_the_simulated_hardware_has_it(tmp_path: Path) -> None:
         ends.append(f[kernel.POSITION])
     assert rows(log, "SAMPLE").size == 61
     assert abs(ends[0] - ends[1]) > 1e-3
+
+
+def test_the_gap_workflow_names_it() -> None:
+    """Hidden by another integrator, in a motion that goes well beyond it."""
+    size, place, width = 1.0e-3, 1.0, 2.0
+
+    def hidden(angle: float, velocity: float, time: float) -> float:
+        u = (angle - place) / width
+        return -size * u * math.exp(0.5 * (1.0 - u * u))
+
+    result = find_gap([synthetic.run(hidden, 10.0, 3)], synthetic.model(), design=False)
+    assert result.effects[:1] == ("magnetic_detent",), result.statement
+    found = result.steps[0].parameters
+    assert found["a"].value == pytest.approx(size, rel=0.05)
+    assert found["theta_0"].value == pytest.approx(place, abs=0.05)
+    assert found["w"].value == pytest.approx(width, rel=0.05)
+    assert result.gap.held_out_after < 0.3 * result.gap.held_out_before
 
 
 def test_it_has_a_page() -> None:

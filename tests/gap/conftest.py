@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from benchmarks.gap import devices
-from benchmarks.gap.generate import generate
+from benchmarks.gap.generate import STEP_S, generate
 from hapticd.config import Config, parse_config
 from hapticd.gap.recording import Recording
 
@@ -26,7 +26,7 @@ Case = tuple[Recording, Config]
 
 @functools.lru_cache(maxsize=8)
 def _made(effects: str, seed: int, duration_s: float, coloured: Coloured | None) -> tuple[Recording, Config, Any]:
-    made = generate(json.loads(effects), seed, duration_s, "re35", coloured=coloured)
+    made = generate(json.loads(effects), seed, duration_s, "re35", coloured=coloured, step_s=4.0 * STEP_S)
     step = devices.resolution(made.nominal)
     recording = Recording(
         name="hidden",
