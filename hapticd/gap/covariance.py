@@ -45,9 +45,12 @@ def covariance_of(fit: Fit) -> Floats:
     variances = [np.diag(bread @ part @ bread) for part in filling]
     robust = bread @ filling[1] @ bread
     largest = np.maximum(np.maximum(variances[0], variances[1]), np.diag(bread))
-    scale = np.sqrt(largest / np.maximum(variances[1], 1e-300))
+    told = variances[1] > 0.0
+    scale = np.sqrt(largest[told] / variances[1][told])
+    own = np.diag(largest)
+    own[np.ix_(told, told)] = robust[np.ix_(told, told)] * np.outer(scale, scale)
     covariance = np.zeros((fit.u.size, fit.u.size))
-    covariance[np.ix_(free, free)] = robust * np.outer(scale, scale)
+    covariance[np.ix_(free, free)] = own
     return covariance
 
 
