@@ -31,6 +31,7 @@ from hapticd.gap.search import critical, is_quiet, search, withstanding
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
+from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.layout import NAMES, device_vector, index_of
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ if TYPE_CHECKING:
 
 _FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
 """Factor by which a base parameter may leave its nominal value. A shaft heavier than that ignores the current."""
+_MOST_WORK = 1.5
+"""Work against Coulomb friction over the current's: beyond, friction holds the shaft, and a disturbance moves it."""
 _NOTHING = 1e-6
 """What a friction that the model has not is instead, over the device's torques: nothing that shows."""
 
@@ -137,12 +140,25 @@ def problem_of(recordings: Sequence[Recording], model: Config, least: float = _N
 
 
 def base_terms(problem: Problem) -> tuple[Term, ...]:
-    """Terms that fit the base model: the logarithms of inertia, viscous and Coulomb friction, with a wide prior."""
-    found = []
+    """Terms that fit the base model: the logarithms of inertia, viscous and Coulomb friction, with a wide prior.
+
+    Coulomb friction takes no more than `_MOST_WORK` times the current's work, or than the model says.
+    """
+    series, found = problem.series, []
+    rows = max(round(constants.WINDOW_S / series.period_s), 1)
+    runs = [series.cell[series.recording == number][::rows] for number in np.unique(series.recording)]
+    way = sum(float(np.maximum(np.abs(np.diff(run)) - 1.0, 0.0).sum()) for run in runs)
+    moved = np.where(np.diff(series.recording), 0.0, np.diff(series.cell))
+    drive = torque_constant(problem.base) * float(series.command[:-1] @ moved) / max(way, 1.0)
     for name, farthest in _FARTHEST.items():
         index = index_of(name)
-        centre, far = np.log(float(problem.base[index])), np.log(farthest)
-        coordinate = Coordinate(name, index, True, centre - far, centre + far, 0.3, constants.BASE_PRIOR, centre)
+        given = float(problem.base[index])
+        least, most = given / farthest, given * farthest
+        if name == "coulomb":
+            most = min(most, max(_MOST_WORK * drive, given))
+        centre, low, high = (math.log(size) for size in (given, least, most))
+        neutral = math.nan if name == "inertia" else low  # next to no friction is none
+        coordinate = Coordinate(name, index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)
         found.append(Term(name, (coordinate,), (centre,)))
     return tuple(found)
 
@@ -211,7 +227,12 @@ def _result(
     late = late_record.described(last.fit, np.diag(covariance), _reach(series.blocks))
     timing = _timing(recordings)
     begun = first.fit.problem.begun
-    warnings = [*timing["warnings"], *late["warnings"], *_relative_to(begun, effects, model.is_linear)]
+    warnings = [
+        *timing["warnings"],
+        *late["warnings"],
+        *_relative_to(begun, effects, model.is_linear),
+        *_not_told(last.fit, half),
+    ]
     timing = {**timing, **late, "warnings": warnings}
     verdict, statement = decide(
         effects, indistinguishable, doubts_about(at_bounds, beaten, unnamed), numbers, remainder
@@ -254,6 +275,17 @@ def _relative_to(begun: Mapping[str, float], effects: Sequence[str], is_linear: 
         f"{key} of the model is 0: r of {slug} is relative to {sizes[key]:.3g} {unit_of(key, is_linear)}"
         for slug, key in keys.items()
         if key in sizes
+    ]
+
+
+def _not_told(fit: Fit, half: np.ndarray[Any, np.dtype[np.float64]]) -> list[str]:
+    """Base parameters that are not told from the limit of what is fitted."""
+    own = [(term, fit.columns(number)) for number, term in enumerate(fit.terms) if term.slug in _FARTHEST]
+    return [
+        f"these data do not tell {term.slug} from the most that is fitted: the model is of another device, or the motion is "
+        "not the current's, as where a controller makes the current follow it. What is named depends on that."
+        for term, columns in own
+        if term.at_bounds(fit.u[columns], half[columns])
     ]
 
 

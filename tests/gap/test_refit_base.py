@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
 import pytest
 
 from hapticd.gap import find_gap
+from hapticd.gap.workflow import base_terms, problem_of
 
 INERTIA, VISCOUS, COULOMB = 6.28e-6, 9.0e-6, 2.0e-3
 WRONG = {"inertia_error": 0.25, "viscous_friction": -0.4, "coulomb_friction": 0.1}
@@ -33,3 +35,25 @@ def test_a_wrong_base_hides_no_effect(hidden: Callable[..., Any]) -> None:
     assert result.effects == ("constant_bias",), result.statement
     for name, true in true_base(WRONG).items():
         assert result.base[name].value == pytest.approx(true, rel=0.02), name
+
+
+@pytest.mark.parametrize(("times", "told"), [(1.0, False), (1.0 / 15.0, True)])
+def test_a_base_that_ends_at_its_limit_is_told(hidden: Callable[..., Any], times: float, told: bool) -> None:
+    recording, model = hidden([], 23, 6.0)
+    plant = model.plant.model_copy(update={"inertia": times * model.plant.inertia})
+    guessed = model.model_copy(update={"plant": plant})
+    result = find_gap([recording], guessed, refit_base=True, candidates=["constant_bias"], design=False)
+    warnings = [warning for warning in result.recording["warnings"] if "do not tell inertia" in warning]
+    assert bool(warnings) == told, result.base["inertia"]
+
+
+def test_friction_takes_no_more_than_the_current_s_work(hidden: Callable[..., Any]) -> None:
+    """Beyond, friction holds the shaft, and a disturbance that is larger than all torques moves it."""
+    recording, model = hidden([], 23, 6.0)
+    for size in (0.1, 10.0):
+        plant = model.plant.model_copy(update={"coulomb": size * COULOMB})
+        problem = problem_of([recording], model.model_copy(update={"plant": plant}))
+        (friction,) = (item for item in base_terms(problem) if item.slug == "coulomb")
+        most = math.exp(friction.coordinates[0].upper)
+        assert max(size, 1.0) * COULOMB <= most * (1.0 + 1e-9)
+        assert most < max(size, 3.0) * COULOMB * (1.0 + 1e-9)
