@@ -36,8 +36,6 @@ if TYPE_CHECKING:
 _CLIMBS = 4
 _BASIN = 0.4
 """Difference of the logarithms of two starts that lead to the same maximum."""
-_CLOSE = 0.5
-"""Share of the best start's promise in a part of the record from which others are compared with it in the whole."""
 _HOPEFUL = 0.02
 _WORTH_A_CLIMB = 0.4
 """Share of what an effect must gain that its start must promise to be followed further."""
@@ -92,15 +90,13 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
             starts = both_signs(_started(slug, values, scale) for values in CATALOGUE[slug].starts(scale))
             if slug == late_record.DELAY:
                 starts += late_record.starts(scale.period_s)
-            tried = sorted(each(part.along, starts), key=lambda candidate: -candidate.promise)
-            if CATALOGUE[slug].acts_on == "memory":
+            remembers = CATALOGUE[slug].acts_on == "memory"
+            tried = sorted(each((part if remembers else space).along, starts), key=lambda candidate: -candidate.promise)
+            if remembers:
                 closest = sorted(tried, key=lambda candidate: candidate.left)
                 found += _apart([*_apart(tried, _CLIMBS // 2), *closest], _CLIMBS)
             else:
-                # Without a parameter in which it is linear an effect promises what its very start does, less surely.
-                most = 1 if CATALOGUE[slug].amplitude else len(tried)
-                close = [c.term for c in tried[:most] if c.promise > max(_CLOSE * tried[0].promise, 0.0)]
-                found += sorted(each(space.along, close), key=lambda candidate: -candidate.promise)[:1]
+                found += tried[:1]
     least = max(_HOPEFUL * max((c.promise for c in found), default=0.0), _WORTH_A_CLIMB * needed)
     hopeful = each(
         lambda c: _gripped(space, c, scale) if c.slug == grip.SLUG else space.stretched(c),
