@@ -281,11 +281,12 @@ def _relative_to(begun: Mapping[str, float], effects: Sequence[str], is_linear: 
 def _not_told(fit: Fit, half: np.ndarray[Any, np.dtype[np.float64]]) -> list[str]:
     """Base parameters that are not told from the limit of what is fitted."""
     own = [(term, fit.columns(number)) for number, term in enumerate(fit.terms) if term.slug in _FARTHEST]
+    untold = [term.slug for term, columns in own if term.at_bounds(fit.u[columns], half[columns])]
+    if not untold:
+        return []
     return [
-        f"these data do not tell {term.slug} from the most that is fitted: the model is of another device, or the motion is "
-        "not the current's, as where a controller makes the current follow it. What is named depends on that."
-        for term, columns in own
-        if term.at_bounds(fit.u[columns], half[columns])
+        f"these data do not tell {' and '.join(untold)} from the most that is fitted: the model is of another device, or "
+        "the motion is not the current's, as where a controller makes the current follow it. What is named depends on that."
     ]
 
 
