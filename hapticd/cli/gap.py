@@ -77,7 +77,7 @@ def gap(
     from hapticd.effects.catalogue import BROKEN, CATALOGUE
     from hapticd.gap import find_gap
     from hapticd.gap.outputs import write_outputs
-    from hapticd.gap.workflow import why_not
+    from hapticd.gap.workflow import considered
 
     for slug in effect or ():
         if slug not in CATALOGUE:
@@ -88,9 +88,10 @@ def gap(
     said: list[str] = []
 
     def check(nominal: Config) -> Config:
-        for slug in effect or ():
-            if reason := why_not(slug, nominal, refit_base):
-                raise UsageError(f"--effect {slug}: {reason}")
+        try:
+            considered(nominal, effect, refit_base=refit_base)
+        except ValueError as error:
+            raise UsageError(f"--effect: {error}") from error
         return nominal
 
     def analyse(nominal: Config, recordings: Sequence[Recording]) -> GapResult:

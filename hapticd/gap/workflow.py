@@ -69,10 +69,10 @@ def find_gap(
         design: where laws stay indistinguishable, design the experiment that would tell them apart.
 
     Raises:
-        ValueError: no recording, or a candidate that is unknown or cannot be looked for.
+        ValueError: no recording, a candidate that is unknown, or none that can be looked for.
         KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
     """
-    slugs = _considered(model, candidates, refit_base)
+    slugs, not_considered = considered(model, candidates, refit_base=refit_base)
     progress = progress or (lambda fraction, text: None)
     progress(0.0, "fitting the model as given")
     problem = problem_of(recordings, model, LEAST_START if refit_base else _NOTHING)
@@ -114,6 +114,7 @@ def find_gap(
         except KeyboardInterrupt:
             interrupted = True
     progress(1.0, "done")
+    result.recording["warnings"].extend(not_considered)
     if interrupted:
         result = replace(result, interrupted=True, statement=f"Interrupted: {result.statement}")
     return result
@@ -163,7 +164,7 @@ def base_terms(problem: Problem) -> tuple[Term, ...]:
     return tuple(found)
 
 
-def why_not(slug: str, model: Config, refit_base: bool) -> str | None:
+def _why_not(slug: str, model: Config, refit_base: bool) -> str | None:
     """Why an effect cannot be looked for, or None."""
     present = {effect.name for effect in model.plant.effects}
     if refit_base and slug in CORRECTIONS:
@@ -177,14 +178,26 @@ def why_not(slug: str, model: Config, refit_base: bool) -> str | None:
     return None
 
 
-def _considered(model: Config, candidates: Sequence[str] | None, refit_base: bool) -> list[str]:
+def considered(model: Config, candidates: Sequence[str] | None, *, refit_base: bool) -> tuple[list[str], list[str]]:
+    """Effects that are looked for, and a sentence for each that was asked for and cannot be.
+
+    Args:
+        model: the nominal model. candidates: slugs that are asked for; None for the whole catalogue.
+        refit_base: whether inertia and friction of the base model are fitted along.
+
+    Raises:
+        ValueError: one is unknown, or none can be looked for.
+    """
     for slug in candidates or ():
         if slug not in CATALOGUE:
             raise ValueError(f"unknown effect {slug!r}: the catalogue has {', '.join(EFFECT_SLUGS)}")
-        if reason := why_not(slug, model, refit_base):
-            raise ValueError(f"{slug}: {reason}")
     chosen = EFFECT_SLUGS if candidates is None else [slug for slug in EFFECT_SLUGS if slug in candidates]
-    return [slug for slug in chosen if why_not(slug, model, refit_base) is None]
+    reasons = {slug: reason for slug in chosen if (reason := _why_not(slug, model, refit_base))}
+    left = [slug for slug in chosen if slug not in reasons]
+    sentences = [f"{slug} cannot be looked for: {reason}" for slug, reason in reasons.items()]
+    if candidates and not left:
+        raise ValueError("; ".join(sentences))
+    return left, sentences if candidates else []
 
 
 def _result(

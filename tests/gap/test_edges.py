@@ -195,14 +195,18 @@ def test_a_device_without_friction_needs_none() -> None:
     assert (improved.plant.viscous, improved.plant.coulomb) == (0.0, 0.0)
 
 
-def test_what_cannot_be_looked_for_is_refused() -> None:
+def test_what_cannot_be_looked_for_is_refused_alone_and_said_beside_others() -> None:
     nominal = model()
     gravity = with_effects(nominal, [("gravity", {"m_g_l": 1e-3, "theta_0": 0.0})])
     recording = recorded(drive(2.0, 1), viscous=4e-5, coulomb=1.5e-3)
-    with pytest.raises(ValueError, match="gravity: the model has it already"):
+    has_it = "gravity cannot be looked for: the model has it already"
+    with pytest.raises(ValueError, match=has_it):
         find_gap([recording], gravity, candidates=["gravity"])
-    with pytest.raises(ValueError, match="coulomb_friction: the base model is fitted along"):
+    with pytest.raises(ValueError, match="coulomb_friction cannot be looked for: the base model is fitted along"):
         find_gap([recording], nominal, candidates=["coulomb_friction"], refit_base=True)
+    found = find_gap([recording], gravity, candidates=["gravity", "return_spring"], design=False)
+    assert found.details["candidates"] == ["return_spring"]
+    assert has_it in found.warnings
 
 
 @pytest.mark.parametrize("coulomb", [1e-9, 1e-5])
