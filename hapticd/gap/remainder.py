@@ -10,7 +10,7 @@ import numpy as np
 from hapticd.gap import chance, constants, ripple
 from hapticd.gap.candidates import scale_of
 from hapticd.gap.lines import frequencies, lines
-from hapticd.gap.missing import Missing, Structure, missing_force, structure
+from hapticd.gap.missing import Missing, missing_force, structure
 from hapticd.gap.result import Remainder
 from hapticd.gap.text import COORDINATES, percent
 
@@ -27,11 +27,10 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
         fit: the model, held out. found: its missing force. power_before: of the missing force of the model as given.
     """
     share = min(found.rms**2 / power_before, 1.0) if power_before > 0.0 else 0.0
-    entries: list[dict[str, Any]] = []
-    for test, p_value in dependences(fit, found):
-        part = min(float(np.mean(test.force[found.moves] ** 2)) / found.rms**2, 1.0)
-        if part > constants.STRUCTURE_SHARE:
-            entries.append({"coordinate": test.coordinate, "share": part * share, "p_value": p_value})
+    entries: list[dict[str, Any]] = [
+        {"coordinate": coordinate, "share": part * share, "p_value": p_value}
+        for coordinate, part, p_value in dependences(fit, found)
+    ]
     clauses = [COORDINATES[entry["coordinate"]][-1] for entry in entries[:_LISTED]]
     fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
     for order in ripple.orders_left(fit, scale_of(fit)):
@@ -47,15 +46,21 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
     return Remainder(share, text, tuple(entries), tuple(fingerprint))
 
 
-def dependences(fit: Fit, found: Missing) -> list[tuple[Structure, float]]:
-    """Coordinates that what a model leaves surely depends on, the most telling first, and how unlikely that is by chance."""
+def dependences(fit: Fit, found: Missing) -> list[tuple[str, float, float]]:
+    """Coordinates that what a model leaves surely depends on, the most telling first.
+
+    Returns:
+        For each: its name, its share of the power of what is left, and how unlikely that is by chance.
+    """
     tested = structure(fit, found)
     blocks = fit.problem.series.blocks
     needed = chance.standard_errors(constants.LEVEL / max(len(tested), 1), blocks)
+    sure = [test for test in sorted(tested, key=lambda test: -test.gain) if test.errors > needed]
+    parts = [min(float(np.mean(test.force[found.moves] ** 2)) / found.rms**2, 1.0) for test in sure]
     return [
-        (test, min(chance.exceeding(test.errors, blocks) * len(tested), 1.0))
-        for test in sorted(tested, key=lambda test: -test.gain)
-        if test.errors > needed
+        (test.coordinate, part, min(chance.exceeding(test.errors, blocks) * len(tested), 1.0))
+        for test, part in zip(sure, parts, strict=True)
+        if part > constants.STRUCTURE_SHARE
     ]
 
 

@@ -174,8 +174,10 @@ def _is_artefact(new: Round) -> bool:
 
 
 def _beside(doubtful: Sequence[Round], slugs: Sequence[str]) -> Sequence[str]:
-    """What may stand beside a name in doubt: anything; but what keeps a sure law from closing is a wrong base parameter."""
-    if not doubtful or closes(doubtful[0].taken.judged.fit, doubtful[0].before.fit):
+    """What may stand beside a name in doubt: of two errors that make up for each other one is a wrong base parameter."""
+    if not doubtful or doubtful[0].taken.slug in CORRECTIONS:
+        return slugs
+    if closes(doubtful[0].taken.judged.fit, doubtful[0].before.fit):
         return slugs
     return [slug for slug in slugs if slug in CORRECTIONS]
 

@@ -34,7 +34,17 @@ from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import DISTURBANCE
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
-from hapticd.gap.search import _is_right, _next, critical, is_quiet, least_gain, look_back, search, withstanding
+from hapticd.gap.search import (
+    _beside,
+    _is_right,
+    _next,
+    critical,
+    is_quiet,
+    least_gain,
+    look_back,
+    search,
+    withstanding,
+)
 from hapticd.gap.terms import Term, term
 from hapticd.gap.workflow import problem_of
 
@@ -290,6 +300,18 @@ def test_two_errors_that_make_up_for_each_other_are_told_together(hidden: Hidden
     last = rounds[-1].taken.judged
     estimates = {term.slug: float(last.fit.u[last.fit.columns(k)][0]) for k, term in enumerate(last.fit.terms)}
     assert estimates == pytest.approx({slugs[0]: 0.24, slugs[1]: 0.3}, rel=0.02)
+
+
+@pytest.mark.parametrize(("slug", "anything"), [("inertia_error", True), ("stribeck", False)])
+def test_of_two_that_make_up_for_each_other_one_is_a_wrong_base_parameter(
+    biased: CrossValidated, corrected: CrossValidated, slug: str, anything: bool
+) -> None:
+    """A gravity had kept a wrong inertia from closing anything, and was not asked."""
+    slugs = ["gravity", "coulomb_friction", "inertia_error", "stribeck"]
+    doubtful = Round(biased, (Contender(slug, biased, 500.0, 8.0),), ())
+    assert _beside([doubtful], slugs) == (slugs if anything else ["coulomb_friction", "inertia_error"])
+    closing_one = Round(biased, (Contender(slug, corrected, 500.0, 2.0),), ())
+    assert _beside([closing_one], slugs) == _beside([], slugs) == slugs
 
 
 def test_what_is_sure_but_closes_nothing_is_told_and_not_named(hidden: Hidden) -> None:
