@@ -216,11 +216,18 @@ def matters(better: CrossValidated, other: CrossValidated) -> bool:
 
 
 def is_material(better: CrossValidated, other: CrossValidated) -> bool:
-    """Whether what one model has more closes its share, or leaves nothing but chance.
+    """Whether what one model has more closes its share, or leaves nothing but chance."""
+    return closes(better.fit, other.fit) or leaves_chance(better.beside_slow.fit, other.fit)
 
-    How sure a law is counts for nothing where its model is not right in other respects; where it is, that is enough.
+
+def leaves_chance(better: Fit, other: Fit) -> bool:
+    """Whether a model leaves nothing but chance, held out, and what it has more is no part of another that is not exact.
+
+    How sure a law is counts for nothing where its model is not right in other respects; where it is, that is enough. Beside
+    what remembers it is not: the filter takes a contact, a twist and a bristle for known that are not.
     """
-    return closes(better.fit, other.fit) or is_all_chance(better.beside_slow.fit)
+    remembers = any(CATALOGUE[item.slug].acts_on == "memory" for item in other.terms if item.slug in CATALOGUE)
+    return not remembers and is_all_chance(better)
 
 
 def simplest_first(contenders: list[Contender], needed_errors: float) -> list[Contender]:

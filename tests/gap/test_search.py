@@ -26,6 +26,7 @@ from hapticd.gap.competition import (
     compete,
     cross_validate,
     evidence,
+    leaves_chance,
     round_of,
     simplest_first,
 )
@@ -312,6 +313,17 @@ def test_of_two_that_make_up_for_each_other_one_is_a_wrong_base_parameter(
     assert _beside([doubtful], slugs) == (slugs if anything else ["coulomb_friction", "inertia_error"])
     closing_one = Round(biased, (Contender(slug, corrected, 500.0, 2.0),), ())
     assert _beside([closing_one], slugs) == _beside([], slugs) == slugs
+
+
+@pytest.mark.parametrize(("slug", "enough"), [("backlash", False), ("constant_bias", True)])
+def test_a_small_law_beside_what_remembers_is_not_named_for_leaving_chance(
+    biased: CrossValidated, monkeypatch: pytest.MonkeyPatch, slug: str, enough: bool
+) -> None:
+    """Lost commands and Stribeck friction make up for what the filter takes for known of a contact."""
+    monkeypatch.setattr("hapticd.gap.competition.is_all_chance", lambda fit: True)
+    values = next(iter(CATALOGUE[slug].starts(scale_of(biased.fit))))
+    assert leaves_chance(biased.fit, biased.fit.extended(term(slug, values, (), 0.1))) == enough
+    assert leaves_chance(biased.fit.extended(term(slug, values, (), 0.1)), biased.fit)
 
 
 def test_what_is_sure_but_closes_nothing_is_told_and_not_named(hidden: Hidden) -> None:
