@@ -36,9 +36,9 @@ class Fitted(NamedTuple):
 
 def fitted(case: Case) -> list[Fitted]:
     """The base parameters of one case."""
+    from hapticd.gap.base_model import base_terms, problem_of
     from hapticd.gap.covariance import covariance_of
     from hapticd.gap.nominal import nominal_fit
-    from hapticd.gap.workflow import base_terms, problem_of
 
     files, _ = tasks.make(case)
     with tempfile.TemporaryDirectory(prefix="gap-") as folder:

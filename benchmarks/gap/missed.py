@@ -52,12 +52,12 @@ def is_missed(one: Scored) -> bool:
 def known(files: Files, effects: Sequence[dict[str, Any]]) -> tuple[list[Known], float]:
     """How well each hidden effect of a case shows, and the standard errors that a name needs."""
     from hapticd.effects.catalogue import EFFECT_SLUGS
+    from hapticd.gap.base_model import problem_of
     from hapticd.gap.competition import CrossValidated, cross_validate, evidence
     from hapticd.gap.missing import missing_power
     from hapticd.gap.nominal import nominal_fit
     from hapticd.gap.search import critical
     from hapticd.gap.terms import term
-    from hapticd.gap.workflow import problem_of
 
     with tempfile.TemporaryDirectory(prefix="gap-") as folder:
         write_files(Path(folder), files)

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.gap import chance
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import DISTURBANCE
 from hapticd.gap.nominal import first_noise
 from hapticd.gap.terms import Coordinate, Term
-from hapticd.gap.workflow import problem_of
 from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:

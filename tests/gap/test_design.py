@@ -13,6 +13,7 @@ import yaml
 from hapticd.config import Config, load_config, parse_config
 from hapticd.gap import constants, find_gap
 from hapticd.gap import options as experiments
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.competition import Contender, CrossValidated, Round
 from hapticd.gap.design import next_experiment, pairs
 from hapticd.gap.fit import Fit
@@ -20,7 +21,6 @@ from hapticd.gap.model_file import with_effects
 from hapticd.gap.recording import Recording
 from hapticd.gap.terms import term
 from hapticd.gap.trial import CompetingModel, competing_model, play, separation
-from hapticd.gap.workflow import problem_of
 from hapticd.servo.excitation import build
 from hapticd.servo.experiment import Experiment, experiment_of, read_experiment
 
@@ -153,7 +153,7 @@ def test_what_is_not_ambiguous_needs_no_experiment(still: Recording) -> None:
 
 
 def test_later_effects_and_fitted_base_parameters_belong_to_both_models(still: Recording) -> None:
-    from hapticd.gap.workflow import base_terms
+    from hapticd.gap.base_model import base_terms
 
     base = base_terms(problem_of([still], MODEL))
     first = contender(still, "constant_bias", base=base).judged.fit

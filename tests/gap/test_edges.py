@@ -11,7 +11,8 @@ from typing import Any, cast
 import numpy as np
 import pytest
 
-from hapticd.gap import find_gap, remainder, workflow
+from hapticd.gap import answer, find_gap, remainder
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.competition import Contender, cross_validate, evidence, round_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.lines import lines
@@ -23,7 +24,6 @@ from hapticd.gap.recording import Recording
 from hapticd.gap.score import Score
 from hapticd.gap.terms import LINE, Coordinate, Term, term
 from hapticd.gap.trial import competing_model
-from hapticd.gap.workflow import problem_of
 
 from .synthetic import COUNTS, INERTIA, TORQUE_CONSTANT, drive, model
 
@@ -132,7 +132,7 @@ def test_a_line_is_no_part_of_an_experiment_to_come(hidden: Hidden) -> None:
 
 def test_an_interruption_at_the_end_keeps_what_was_found(hidden: Hidden, monkeypatch: pytest.MonkeyPatch) -> None:
     recording, nominal = hidden([{"name": "constant_bias", "tau_0": 6e-4}], 15, 6.0)
-    remainder_of, asked = workflow.remainder_of, []
+    remainder_of, asked = answer.remainder_of, []
 
     def interrupted_once(*given: Any) -> Any:
         asked.append(given)
@@ -140,8 +140,8 @@ def test_an_interruption_at_the_end_keeps_what_was_found(hidden: Hidden, monkeyp
             raise KeyboardInterrupt
         return remainder_of(*given)
 
-    monkeypatch.setattr(workflow, "remainder_of", interrupted_once)
-    withstanding = workflow.withstanding
+    monkeypatch.setattr(answer, "remainder_of", interrupted_once)
+    withstanding = answer.withstanding
 
     def all_taken_out_once(first: Any, rounds: list[Any], tried: int) -> Any:
         freed = withstanding(first, rounds, tried)
@@ -150,7 +150,7 @@ def test_an_interruption_at_the_end_keeps_what_was_found(hidden: Hidden, monkeyp
             return freed[:1]
         return freed
 
-    monkeypatch.setattr(workflow, "withstanding", all_taken_out_once)
+    monkeypatch.setattr(answer, "withstanding", all_taken_out_once)
     found = find_gap([recording], nominal, candidates=["constant_bias"], design=False)
     assert found.interrupted
     assert found.effects == ("constant_bias",)

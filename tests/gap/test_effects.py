@@ -14,10 +14,10 @@ from benchmarks.gap.hidden import LAWS
 from benchmarks.gap.plan import exact_class
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import find_gap
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.candidates import candidates
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.result import GapResult
-from hapticd.gap.workflow import problem_of
 
 SEED = 1
 SECONDS = 6.0

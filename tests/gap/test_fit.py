@@ -10,12 +10,13 @@ import pytest
 
 from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap.answer import estimates_of
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.candidates import scale_of
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.terms import term
-from hapticd.gap.workflow import _estimates, problem_of
 
 SECONDS = 8.0
 HIDDEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
@@ -157,7 +158,7 @@ def test_a_parameter_at_its_bound_has_an_interval(nothing: Fit, slug: str) -> No
     first, last = fit.terms[0].coordinates[0], fit.columns(0).start
     fit = fit.replaced(0, fit.terms[0].moved([first.lower, *fit.terms[0].start[1:]]))
     variance = np.diag(covariance_of(fit))[fit.columns(0)]
-    found = _estimates(fit.terms[0], fit.u[fit.columns(0)], variance, fit.problem.series.blocks, False)[first.name]
+    found = estimates_of(fit.terms[0], fit.u[fit.columns(0)], variance, fit.problem.series.blocks, False)[first.name]
     ends = np.array([first.lower, first.upper])
     lowest, highest = np.exp(ends) if first.is_log else ends
     assert fit.u[last] == first.lower

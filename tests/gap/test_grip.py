@@ -10,11 +10,11 @@ import pytest
 
 from benchmarks.gap.disturbance import Coloured
 from hapticd.gap import grip
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.candidates import scale_of
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
 from hapticd.gap.terms import parameters_of_term
-from hapticd.gap.workflow import problem_of
 
 SECONDS = 12.0
 HAND = {"m_h": 1.2e-5, "b_h": 8e-5, "k_h": 3e-3, "on_s": 4.6, "off_s": 8.3, "rest": 0.5}

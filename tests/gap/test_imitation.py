@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.gap.disturbance import Coloured
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.imitation import imitated, is_artefact
@@ -16,7 +17,6 @@ from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER
 from hapticd.gap.missing import moving
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.terms import term
-from hapticd.gap.workflow import problem_of
 
 Hidden = Callable[..., Any]
 SECONDS = 6.0

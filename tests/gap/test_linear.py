@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from benchmarks.gap.disturbance import STEP_S, Coloured
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.linear import sensitivities, smoothed
 from hapticd.gap.kernel.ticks import SENSOR, WHITE
 from hapticd.gap.missing import missing_force, moving
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.terms import Term, term
-from hapticd.gap.workflow import problem_of
 
 from .linear_case import Case, Floats, case, filtered, textbook
 from .test_filter import NOISES

@@ -11,6 +11,7 @@ import pytest
 
 from benchmarks.gap.disturbance import Coloured
 from hapticd.gap import constants, missing
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.lines import along, frequencies, lines
 from hapticd.gap.missing import (
@@ -28,7 +29,6 @@ from hapticd.gap.missing import (
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.terms import term
-from hapticd.gap.workflow import problem_of
 
 GRAVITY = {"name": "gravity", "m_g_l": 6e-4, "theta_0": 0.3}
 

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from hapticd.config import Config, parse_config
 from hapticd.gap import find_gap
+from hapticd.gap.base_model import base_terms, problem_of
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.recording import Recording
-from hapticd.gap.workflow import base_terms, problem_of
 
 Floats = NDArray[np.float64]
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from hapticd.gap import find_gap
-from hapticd.gap.workflow import base_terms, problem_of
+from hapticd.gap.base_model import base_terms, problem_of
 
 INERTIA, VISCOUS, COULOMB = 6.28e-6, 9.0e-6, 2.0e-3
 WRONG = {"inertia_error": 0.25, "viscous_friction": -0.4, "coulomb_friction": 0.1}

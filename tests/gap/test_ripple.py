@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from hapticd.gap import ripple
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.candidates import scale_of
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
 from hapticd.gap.terms import term
-from hapticd.gap.workflow import problem_of
 
 HIDDEN = {"name": "torque_ripple", "orders": [7, 28], "amplitudes": [6e-4, 3e-4], "phases": [0.4, -1.0]}
 

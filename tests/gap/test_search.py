@@ -16,6 +16,7 @@ from benchmarks.gap.disturbance import Coloured
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.effects.spec import Scale
 from hapticd.gap import constants, find_gap, late_record
+from hapticd.gap.base_model import problem_of
 from hapticd.gap.candidates import both_signs, candidates, scale_of
 from hapticd.gap.competition import (
     Contender,
@@ -47,7 +48,6 @@ from hapticd.gap.search import (
     withstanding,
 )
 from hapticd.gap.terms import Term, term
-from hapticd.gap.workflow import problem_of
 
 SECONDS = 6.0
 Hidden = Callable[..., Any]

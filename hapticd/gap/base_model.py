@@ -1,0 +1,86 @@
+"""The problem that a model and recordings make, and the base model that may be fitted along with what it lacks."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from drivers import declared_latency
+from hapticd.gap import constants
+from hapticd.gap.problem import Problem
+from hapticd.gap.series import series_of
+from hapticd.gap.terms import Coordinate, Term
+from hapticd.plant.effect_terms import torque_constant
+from hapticd.plant.layout import device_vector, index_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from hapticd.config import Config
+    from hapticd.gap.fit import Fit
+    from hapticd.gap.recording import Recording
+
+FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
+"""Factor by which a base parameter may leave its nominal value. A shaft heavier than that ignores the current."""
+_MOST_WORK = 1.5
+"""Work against Coulomb friction over the current's: beyond, friction holds the shaft, and a disturbance moves it."""
+NOTHING = 1e-6
+"""What a friction that the model has not is instead, over the device's torques: nothing that shows."""
+
+
+def problem_of(recordings: Sequence[Recording], model: Config, least: float = NOTHING) -> Problem:
+    """What is fitted; a friction that the model has not is this share of the torque.
+
+    Raises:
+        ValueError: no recording.
+    """
+    series = series_of(recordings)
+    vector = device_vector(model, declared_latency(model)[0])
+    drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(series.command**2)))
+    way = series.resolution * float(np.ptp(series.cell))
+    slowed = model.plant.inertia * way / series.duration_s**2  # all there is where a shaft without friction coasts
+    torque = model.plant.coulomb + drive or slowed
+    speed = series.resolution * float(np.abs(np.diff(series.cell)).sum()) / series.duration_s
+    zero = [name for name in ("viscous", "coulomb") if vector[index_of(name)] == 0.0]
+    begun = {name: least * torque / (speed if name == "viscous" else 1.0) for name in zero}
+    for name, size in begun.items():
+        vector[index_of(name)] = size
+    return Problem(series, vector, torque, model.is_linear, begun)
+
+
+def base_terms(problem: Problem) -> tuple[Term, ...]:
+    """Terms that fit the base model: the logarithms of inertia, viscous and Coulomb friction, with a wide prior.
+
+    Coulomb friction takes no more than `_MOST_WORK` times the current's work, or than the model says.
+    """
+    series, found = problem.series, []
+    rows = max(round(constants.WINDOW_S / series.period_s), 1)
+    runs = [series.cell[series.recording == number][::rows] for number in np.unique(series.recording)]
+    way = sum(float(np.maximum(np.abs(np.diff(run)) - 1.0, 0.0).sum()) for run in runs)
+    moved = np.where(np.diff(series.recording), 0.0, np.diff(series.cell))
+    drive = torque_constant(problem.base) * float(series.command[:-1] @ moved) / max(way, 1.0)
+    for name, farthest in FARTHEST.items():
+        index = index_of(name)
+        given = float(problem.base[index])
+        least, most = given / farthest, given * farthest
+        if name == "coulomb":
+            most = min(most, max(_MOST_WORK * drive, given))
+        centre, low, high = (math.log(size) for size in (given, least, most))
+        neutral = math.nan if name == "inertia" else low  # next to no friction is none
+        coordinate = Coordinate(name, index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)
+        found.append(Term(name, (coordinate,), (centre,)))
+    return tuple(found)
+
+
+def not_told(fit: Fit, half: np.ndarray[Any, np.dtype[np.float64]]) -> list[str]:
+    """Base parameters that are not told from the limit of what is fitted."""
+    own = [(term, fit.columns(number)) for number, term in enumerate(fit.terms) if term.slug in FARTHEST]
+    untold = [term.slug for term, columns in own if term.at_bounds(fit.u[columns], half[columns])]
+    if not untold:
+        return []
+    return [
+        f"these data do not tell {' and '.join(untold)} from the most that is fitted: the model is of another device, or "
+        "the motion is not the current's, as where a controller makes the current follow it. What is named depends on that."
+    ]
