@@ -216,18 +216,16 @@ def matters(better: CrossValidated, other: CrossValidated) -> bool:
 
 
 def is_material(better: CrossValidated, other: CrossValidated) -> bool:
-    """Whether what one model has more closes its share, or leaves nothing but chance."""
-    return closes(better.fit, other.fit) or leaves_chance(better.beside_slow.fit, other.fit)
+    """Whether what one model has more closes its share, or leaves nothing but chance.
 
-
-def leaves_chance(better: Fit, other: Fit) -> bool:
-    """Whether a model leaves nothing but chance, held out, and what it has more is no part of another that is not exact.
-
-    How sure a law is counts for nothing where its model is not right in other respects; where it is, that is enough. Beside
-    what remembers it is not: the filter takes a contact, a twist and a bristle for known that are not.
+    How sure a law is counts for nothing where its model is not right in other respects; where it is, that is enough.
     """
-    remembers = any(CATALOGUE[item.slug].acts_on == "memory" for item in other.terms if item.slug in CATALOGUE)
-    return not remembers and is_all_chance(better)
+    return closes(better.fit, other.fit) or (is_exact(other.fit) and is_all_chance(better.beside_slow.fit))
+
+
+def is_exact(fit: Fit) -> bool:
+    """Whether the filter takes nothing for known that is not, as contact, twist and bristle of what remembers."""
+    return not any(CATALOGUE[item.slug].acts_on == "memory" for item in fit.terms if item.slug in CATALOGUE)
 
 
 def simplest_first(contenders: list[Contender], needed_errors: float) -> list[Contender]:

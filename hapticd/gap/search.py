@@ -27,9 +27,9 @@ from hapticd.gap.competition import (
     cross_validate,
     evidence,
     is_as_good,
+    is_exact,
     is_indistinguishable,
     is_material,
-    leaves_chance,
     matters,
     round_of,
     simplest_first,
@@ -38,6 +38,7 @@ from hapticd.gap.corrections import CORRECTIONS, tell_with_one_less
 from hapticd.gap.imitation import is_artefact
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, WHITE
 from hapticd.gap.missing import missing_power
+from hapticd.gap.remainder import is_all_chance
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -338,7 +339,7 @@ def _is_more(whole: CrossValidated, without: CrossValidated, tried: int) -> bool
         return False
     _, errors = evidence(whole, without)
     is_sure = errors > critical(whole.held_out.size, tried)
-    if is_sure and (closes(whole.fit, without.fit) or leaves_chance(whole.fit, without.fit)):
+    if is_sure and (closes(whole.fit, without.fit) or (is_exact(without.fit) and is_all_chance(whole.fit))):
         return True
     return missing_power(whole.fit) < (1.0 - constants.CLOSED) * missing_power(without.fit)
 

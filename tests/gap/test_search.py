@@ -27,7 +27,7 @@ from hapticd.gap.competition import (
     compete,
     cross_validate,
     evidence,
-    leaves_chance,
+    is_material,
     round_of,
     simplest_first,
 )
@@ -316,14 +316,15 @@ def test_of_two_that_make_up_for_each_other_one_is_a_wrong_base_parameter(
 
 
 @pytest.mark.parametrize(("slug", "enough"), [("backlash", False), ("constant_bias", True)])
-def test_a_small_law_beside_what_remembers_is_not_named_for_leaving_chance(
+def test_a_small_law_beside_what_remembers_is_not_material_for_leaving_chance(
     biased: CrossValidated, monkeypatch: pytest.MonkeyPatch, slug: str, enough: bool
 ) -> None:
     """Lost commands and Stribeck friction make up for what the filter takes for known of a contact."""
     monkeypatch.setattr("hapticd.gap.competition.is_all_chance", lambda fit: True)
     values = next(iter(CATALOGUE[slug].starts(scale_of(biased.fit))))
-    assert leaves_chance(biased.fit, biased.fit.extended(term(slug, values, (), 0.1))) == enough
-    assert leaves_chance(biased.fit.extended(term(slug, values, (), 0.1)), biased.fit)
+    beside = replace(biased, fit=biased.fit.extended(term(slug, values, (), 0.1)))
+    assert is_material(beside, beside) == enough
+    assert is_material(beside, biased)
 
 
 def test_what_is_sure_but_closes_nothing_is_told_and_not_named(hidden: Hidden) -> None:
