@@ -1,4 +1,4 @@
-"""Debian's packages for the tests: one process at a time asks apt for them, which holds more than one lock."""
+"""What the tests install and build: one process at a time, since apt holds more than one lock."""
 
 import fcntl
 import os
@@ -9,7 +9,7 @@ from pathlib import Path
 
 @contextmanager
 def one_at_a_time() -> Iterator[None]:
-    """Wait until no other process of a test run installs anything."""
+    """Wait until no other process of a test run installs or builds anything."""
     lock = os.open(Path(__file__).parent, os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX)

@@ -25,7 +25,11 @@ if TYPE_CHECKING:
 FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
 """Factor by which a base parameter may leave its nominal value. A shaft heavier than that ignores the current."""
 _MOST_WORK = 1.5
-"""Work against Coulomb friction over the current's: beyond, friction holds the shaft, and a disturbance moves it."""
+"""Work against Coulomb friction over what the shaft gets: beyond, friction holds it, and a disturbance moves it."""
+_LATEST = 20
+"""Periods by which a current may act before or after its record."""
+_STEP_S = 0.05
+"""Steps over which a way is summed [s]."""
 NOTHING = 1e-6
 """What a friction that the model has not is instead, over the device's torques: nothing that shows."""
 
@@ -53,20 +57,15 @@ def problem_of(recordings: Sequence[Recording], model: Config, least: float = NO
 def base_terms(problem: Problem) -> tuple[Term, ...]:
     """Terms that fit the base model: the logarithms of inertia, viscous and Coulomb friction, with a wide prior.
 
-    Coulomb friction takes no more than `_MOST_WORK` times the current's work, or than the model says.
+    Coulomb friction is at most `most_coulomb`, or what the model says if that is more.
     """
-    series, found = problem.series, []
-    rows = max(round(constants.WINDOW_S / series.period_s), 1)
-    runs = [series.cell[series.recording == number][::rows] for number in np.unique(series.recording)]
-    way = sum(float(np.maximum(np.abs(np.diff(run)) - 1.0, 0.0).sum()) for run in runs)
-    moved = np.where(np.diff(series.recording), 0.0, np.diff(series.cell))
-    drive = torque_constant(problem.base) * float(series.command[:-1] @ moved) / max(way, 1.0)
+    found = []
     for name, farthest in FARTHEST.items():
         index = index_of(name)
         given = float(problem.base[index])
         least, most = given / farthest, given * farthest
         if name == "coulomb":
-            most = min(most, max(_MOST_WORK * drive, given))
+            most = min(most, max(most_coulomb(problem), given))
         centre, low, high = (math.log(size) for size in (given, least, most))
         neutral = math.nan if name == "inertia" else low  # next to no friction is none
         coordinate = Coordinate(name, index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)
@@ -74,13 +73,39 @@ def base_terms(problem: Problem) -> tuple[Term, ...]:
     return tuple(found)
 
 
+def most_coulomb(problem: Problem) -> float:
+    """Coulomb friction that takes `_MOST_WORK` times what the shaft gets, N m or N.
+
+    That is the current's work, of a current that acts up to `_LATEST` periods before or after its record where that is more,
+    and the energy with which each stretch begins, of a shaft as heavy as it may be.
+    """
+    series, p = problem.series, problem.base
+    duration, current, _ = series.currents(p)
+    torque = torque_constant(p) * np.sum(duration * current, axis=1) / np.sum(duration, axis=1)
+    inertia = FARTHEST["inertia"] * float(p[index_of("inertia")])
+    work, energy, way = np.zeros(2 * _LATEST + 1), 0.0, 0.0
+    for rows in np.split(np.arange(series.size), np.flatnonzero(series.begins)[1:]):
+        x, period_s = series.resolution * series.cell[rows], series.periods_s[series.recording[rows[0]]]
+        every = max(round(_STEP_S / period_s), 1)
+        steps = np.diff(x[::every])
+        way += float(np.maximum(np.abs(steps) - series.resolution, 0.0).sum())  # an encoder's noise is no way
+        if steps.size:
+            energy += 0.5 * inertia * float(steps[0] / (every * period_s)) ** 2
+        moved, n = np.diff(x), x.size - 1
+        for k in range(-_LATEST, _LATEST + 1):
+            late, early = max(k, 0), max(-k, 0)
+            work[k + _LATEST] += torque[rows][early : n - late] @ moved[late : n - early]
+    return _MOST_WORK * (max(float(work.max()), 0.0) + energy) / max(way, series.resolution)
+
+
 def not_told(fit: Fit, half: np.ndarray[Any, np.dtype[np.float64]]) -> list[str]:
-    """Base parameters that are not told from the limit of what is fitted."""
+    """Base parameters that are not told from an end of the range that is fitted."""
     own = [(term, fit.columns(number)) for number, term in enumerate(fit.terms) if term.slug in FARTHEST]
     untold = [term.slug for term, columns in own if term.at_bounds(fit.u[columns], half[columns])]
     if not untold:
         return []
     return [
-        f"these data do not tell {' and '.join(untold)} from the most that is fitted: the model is of another device, or "
-        "the motion is not the current's, as where a controller makes the current follow it. What is named depends on that."
+        f"these data do not tell {' and '.join(untold)} from the end of the range that is fitted: the model is of another "
+        "device, or the motion is not the current's, as where a controller makes the current follow it. What is named "
+        "depends on that."
     ]

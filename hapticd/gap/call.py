@@ -48,7 +48,7 @@ def gap(
         RunFileError: a recording cannot be read.
         RecordingError: nothing can be concluded from one.
         ConfigError: no model, or anything wrong in it.
-        ValueError: no recording, or an unknown effect.
+        ValueError: no recording, an unknown effect, or none that can be looked for.
     """
     recorded = runs_of(runs)
     nominal = config_of(model if model is not None else own_model(recorded[0]), settings)

@@ -16,6 +16,7 @@ from hapticd.gap.imitation import is_artefact
 from hapticd.gap.missing import missing_power
 from hapticd.gap.parallel import each
 from hapticd.gap.remainder import is_all_chance
+from hapticd.plant.layout import NAMES, neutral_vector
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,6 +41,7 @@ _CLOSER = 0.3
 """First steps of the last climb over those of the first."""
 _CLOSEST = 0.02
 """The same where a step of a converter, many times over, makes a current: the likelihood is a spike."""
+_REMEMBER = {slug for slug, effect in CATALOGUE.items() if effect.acts_on == "memory"}
 ROUGH = 0.2
 """Share of what an effect must gain to which contenders are fitted; the one that is taken is fitted to the end."""
 
@@ -216,7 +218,7 @@ def matters(better: CrossValidated, other: CrossValidated) -> bool:
 
 
 def is_material(better: CrossValidated, other: CrossValidated) -> bool:
-    """Whether what one model has more closes its share, or leaves nothing but chance.
+    """Whether what one model has more closes its share, or leaves nothing but chance where the filter is exact.
 
     How sure a law is counts for nothing where its model is not right in other respects; where it is, that is enough.
     """
@@ -225,7 +227,8 @@ def is_material(better: CrossValidated, other: CrossValidated) -> bool:
 
 def is_exact(fit: Fit) -> bool:
     """Whether the filter takes nothing for known that is not, as contact, twist and bristle of what remembers."""
-    return not any(CATALOGUE[item.slug].acts_on == "memory" for item in fit.terms if item.slug in CATALOGUE)
+    differs = fit.device() != neutral_vector()
+    return not any(differs[k] for k, name in enumerate(NAMES) if name.partition(".")[0] in _REMEMBER)
 
 
 def simplest_first(contenders: list[Contender], needed_errors: float) -> list[Contender]:

@@ -134,8 +134,8 @@ def _stand_together(doubtful: Round, gone: set[str], path: Sequence[Round], befo
 def _next(possible: Sequence[Contender], present: CrossValidated, needed: float, needed_errors: float) -> Round | None:
     """Return the round of what is to be added, surely or in doubt; none without a law that gains what matters.
 
-    In doubt is what gains most of all that closes some of the missing force; else of what is sure, which may only stand
-    beside other base parameters. They move it, so it is not climbed to the end before they are known.
+    In doubt is what gains most of all that closes some of the missing force; else of what is sure, and may stand beside
+    another if one of the two is a base parameter (`_beside`). That one moves it: it is not climbed to the end before.
     """
     contenders = _in_order(closing(possible, present, needed_errors), needed_errors)
     gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]

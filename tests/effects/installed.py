@@ -213,6 +213,7 @@ def test_the_simulated_hardware_has_it(tmp_path: Path) -> None:
     assert abs(ends[0] - ends[1]) > 1e-3
 
 
+@pytest.mark.timeout(700)  # where nothing is compiled yet
 def test_the_gap_workflow_names_it() -> None:
     """Hidden by another integrator, in a motion that goes well beyond it."""
     size, place, width = 1.0e-3, 1.0, 2.0

@@ -42,11 +42,11 @@ def environment(tmp_path: Path) -> dict[str, str]:
 
 def run(environment: dict[str, str], *words: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        [sys.executable, *words], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=800, check=False
+        [sys.executable, *words], cwd=ROOT, env=environment, capture_output=True, text=True, timeout=1200, check=False
     )
 
 
-@pytest.mark.timeout(900)  # where nothing is compiled yet
+@pytest.mark.timeout(1300)  # where nothing is compiled yet
 def test_an_installed_effect_works_everywhere(environment: dict[str, str]) -> None:
     same_as_before = "tests/plant/effects/test_properties.py::test_without_effects_it_is_the_exact_plant_to_the_bit"
     done = run(

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hapticd.gap import answer, find_gap, remainder
-from hapticd.gap.base_model import problem_of
+from hapticd.gap.base_model import most_coulomb, problem_of
 from hapticd.gap.competition import Contender, cross_validate, evidence, round_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.lines import lines
@@ -64,6 +64,19 @@ def test_a_coasting_shaft_tells_its_viscous_friction_over_its_inertia() -> None:
     assert found.effects == ("viscous_friction",), found.statement
     assert found.steps[0].parameters["r"].value == pytest.approx(0.5, abs=0.01)
     assert set(found.steps[0].indistinguishable_from) == {"asymmetric_viscous", "inertia_error"}
+
+
+@pytest.mark.parametrize(("late", "speed"), [(0, 0.0), (8, 0.0), (0, 40.0)], ids=["plain", "late", "coasting"])
+def test_the_largest_friction_that_is_fitted_is_no_less_than_the_true_one(late: int, speed: float) -> None:
+    """Fast motion under a current that acts 8 ms later, as nobody knows yet; and a shaft that nothing but friction stops."""
+    swing = np.arange(2000) * 1e-3
+    current = np.zeros(2000) if speed else 0.35 * np.sin(2.0 * np.pi * (2.0 * swing + 8.0 * swing**2))
+    recording = recorded(current, viscous=4e-5, coulomb=1.5e-3, speed=speed)
+    known = recording.current if speed else np.concatenate([current[late:], np.zeros(late)])
+    problem = problem_of([replace(recording, current=known)], model(coulomb=1e-4))
+    assert 1.5e-3 < most_coulomb(problem) < 5e-2
+    both = problem_of([replace(recording, current=known)] * 2, model(coulomb=1e-4))
+    assert most_coulomb(both) == pytest.approx(most_coulomb(problem))
 
 
 def test_a_shaft_that_rests_most_of_the_time_is_asked_for_a_hand_too() -> None:

@@ -196,3 +196,4 @@ def test_what_one_block_alone_knows_is_not_spoilt_by_the_others(hidden: Callable
         fit.maximise()
         losses.append(fit.log_likelihood - float(fit.held_out().sum()))
     assert np.median(np.abs(losses)) < 10.0
+    assert min(losses) > -10.0

@@ -37,7 +37,7 @@ def test_a_wrong_base_hides_no_effect(hidden: Callable[..., Any]) -> None:
         assert result.base[name].value == pytest.approx(true, rel=0.02), name
 
 
-@pytest.mark.parametrize(("times", "told"), [(1.0, False), (1.0 / 15.0, True)])
+@pytest.mark.parametrize(("times", "told"), [(1.0, False), (1.0 / 15.0, True), (15.0, True)])
 def test_a_base_that_ends_at_its_limit_is_told(hidden: Callable[..., Any], times: float, told: bool) -> None:
     recording, model = hidden([], 23, 6.0)
     plant = model.plant.model_copy(update={"inertia": times * model.plant.inertia})
@@ -47,7 +47,7 @@ def test_a_base_that_ends_at_its_limit_is_told(hidden: Callable[..., Any], times
     assert bool(warnings) == told, result.base["inertia"]
 
 
-def test_friction_takes_no_more_than_the_current_s_work(hidden: Callable[..., Any]) -> None:
+def test_friction_takes_no_more_than_the_shaft_gets(hidden: Callable[..., Any]) -> None:
     """Beyond, friction holds the shaft, and a disturbance that is larger than all torques moves it."""
     recording, model = hidden([], 23, 6.0)
     for size in (0.1, 10.0):
@@ -56,4 +56,4 @@ def test_friction_takes_no_more_than_the_current_s_work(hidden: Callable[..., An
         (friction,) = (item for item in base_terms(problem) if item.slug == "coulomb")
         most = math.exp(friction.coordinates[0].upper)
         assert max(size, 1.0) * COULOMB <= most * (1.0 + 1e-9)
-        assert most < max(size, 3.0) * COULOMB * (1.0 + 1e-9)
+        assert most < max(size, 6.0) * COULOMB * (1.0 + 1e-9)

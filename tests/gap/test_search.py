@@ -27,6 +27,7 @@ from hapticd.gap.competition import (
     compete,
     cross_validate,
     evidence,
+    is_exact,
     is_material,
     round_of,
     simplest_first,
@@ -325,6 +326,9 @@ def test_a_small_law_beside_what_remembers_is_not_material_for_leaving_chance(
     beside = replace(biased, fit=biased.fit.extended(term(slug, values, (), 0.1)))
     assert is_material(beside, beside) == enough
     assert is_material(beside, biased)
+    own = beside.fit.problem.with_free_memory()
+    remembers = replace(own, base=beside.fit.device())  # of the model, and not only of what was added
+    assert is_exact(Fit(remembers, (), biased.fit.u)) == enough
 
 
 def test_what_is_sure_but_closes_nothing_is_told_and_not_named(hidden: Hidden) -> None:

@@ -28,11 +28,12 @@ ROOT = Path(__file__).parents[2]
 
 def chromium() -> str:
     """Path of the browser; the test is skipped, with the reason, where there is none and no way to one."""
+    if found := _found():
+        return found
     with one_at_a_time():
-        if not (found := _found()):
+        if not _found():
             _install()
-            found = _found()
-    if found:
+    if found := _found():
         return found
     pytest.skip(f"no browser: neither of {', '.join(PACKAGES)} could be installed with apt-get")
 
