@@ -86,12 +86,10 @@ def answer(
         *timing["warnings"],
         *late["warnings"],
         *_relative_to(begun, effects, model.is_linear),
-        *not_told(last.fit, half),
     ]
     timing = {**timing, **late, "warnings": warnings}
-    verdict, statement = decide(
-        effects, indistinguishable, doubts_about(at_bounds, beaten, unnamed), numbers, remainder
-    )
+    doubts = [*doubts_about(at_bounds, beaten, unnamed), *not_told(last.fit, half)]
+    verdict, statement = decide(effects, indistinguishable, doubts, numbers, remainder)
     noise = last.fit.noise_values()
     return GapResult(
         verdict,

@@ -105,7 +105,7 @@ def not_told(fit: Fit, half: np.ndarray[Any, np.dtype[np.float64]]) -> list[str]
     if not untold:
         return []
     return [
-        f"these data do not tell {' and '.join(untold)} from the end of the range that is fitted: the model is of another "
+        f"These data do not tell {' and '.join(untold)} from the end of the range that is fitted: the model is of another "
         "device, or the motion is not the current's, as where a controller makes the current follow it. What is named "
         "depends on that."
     ]

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-_NOTHING = 1e-300
+_NOTHING, _FAR = 1e-300, 1e100
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,10 @@ class Score:
         present = self.present
         fit = present.extended(item)
         out = fit.out
-        g, H = self.reduced([(out["mean"] - present.out["mean"])[:, None]])
+        direction = out["mean"] - present.out["mean"]
+        if not np.all(np.abs(direction) < _FAR):
+            return Candidate(item.slug, item, 0.0)  # the shaft runs away
+        g, H = self.reduced([direction[:, None]])
         factor = float(g[0] / max(H[0, 0], _NOTHING))
         amplitude = CATALOGUE[item.slug].amplitude
         if not amplitude:

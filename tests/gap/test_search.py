@@ -348,6 +348,12 @@ def test_a_start_promises_what_it_gains_with_the_noise_that_suits_it(hidden: Hid
     assert found.promise > 5.0 * (fit.extended(found.term).log_likelihood - fit.log_likelihood)
 
 
+def test_a_start_from_which_the_shaft_runs_away_promises_nothing(biased: CrossValidated) -> None:
+    fit = biased.fit.on(biased.fit.problem)
+    fit.out["mean"][5] = -1e200
+    assert Score(fit).along(term("constant_bias", {"tau_0": 1e-4}, (), 0.1)).promise == 0.0
+
+
 def test_a_resonance_is_found_beside_a_slow_torque(hidden: Hidden) -> None:
     """With the noise of a model without it, the right frequency looks worse than none."""
     coupling = {"name": "flexible_coupling", "f_r": 29.0, "load_share": 0.36, "damping": 0.035}
