@@ -64,7 +64,7 @@ def gap(
         out (-o, --output DIR): Folder for report.html, model.yaml and gap.json; made if missing.
         model (MODEL.yaml): The nominal model: a config or a preset. Default: the config inside the first recording.
         refit_base: Fit inertia and friction of the model as well.
-        effect (SLUG): Consider only this effect of the catalogue. Repeatable.
+        effect (SLUG): Consider only this effect of the catalogue. Repeatable; what cannot be looked for is said.
         live: Make the recordings now, with the running daemon; takes no RUN.
         excite (NAME|FILE): With --live: the first experiment, as in 'hapticd excite'. Default: all.
     """
