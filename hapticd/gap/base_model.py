@@ -92,7 +92,8 @@ def most_coulomb(problem: Problem) -> float:
         if steps.size:
             energy += 0.5 * inertia * float(steps[0] / (every * period_s)) ** 2
         moved, n = np.diff(x), x.size - 1
-        for k in range(-_LATEST, _LATEST + 1):
+        reach = min(_LATEST, n - 1)  # a stretch between two gaps may be shorter
+        for k in range(-reach, reach + 1):
             late, early = max(k, 0), max(-k, 0)
             work[k + _LATEST] += torque[rows][early : n - late] @ moved[late : n - early]
     return _MOST_WORK * (max(float(work.max()), 0.0) + energy) / max(way, series.resolution)

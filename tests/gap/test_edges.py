@@ -79,6 +79,15 @@ def test_the_largest_friction_that_is_fitted_is_no_less_than_the_true_one(late: 
     assert most_coulomb(both) == pytest.approx(most_coulomb(problem))
 
 
+def test_the_largest_friction_has_stretches_of_a_few_samples_too() -> None:
+    recording = recorded(drive(2.0, 1), viscous=4e-5, coulomb=1.5e-3)
+    kept = ~np.isin(np.arange(recording.rows), [*range(500, 512), *range(517, 530), *range(531, 540)])
+    parts = {name: getattr(recording, name)[kept] for name in ("time_s", "position", "current")}
+    problem = problem_of([replace(recording, **parts)], model())
+    assert problem.series.begins.sum() == 4
+    assert most_coulomb(problem) == pytest.approx(most_coulomb(problem_of([recording], model())), rel=0.1)
+
+
 def test_a_shaft_that_rests_most_of_the_time_is_asked_for_a_hand_too() -> None:
     current = np.where(np.arange(8000) < 600, 0.2 * np.sin(np.arange(8000) / 40.0), 0.0)
     recording = recorded(current, viscous=4e-5, coulomb=1.5e-3)

@@ -39,6 +39,7 @@ from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
 from hapticd.gap.search import (
     _beside,
+    _is_more,
     _is_right,
     _next,
     critical,
@@ -329,6 +330,18 @@ def test_a_small_law_beside_what_remembers_is_not_material_for_leaving_chance(
     own = beside.fit.problem.with_free_memory()
     remembers = replace(own, base=beside.fit.device())  # of the model, and not only of what was added
     assert is_exact(Fit(remembers, (), biased.fit.u)) == enough
+
+
+@pytest.mark.parametrize(("slug", "enough"), [("backlash", False), ("constant_bias", True)])
+def test_beside_a_slow_disturbance_too_what_remembers_asks_for_a_share(
+    biased: CrossValidated, monkeypatch: pytest.MonkeyPatch, slug: str, enough: bool
+) -> None:
+    monkeypatch.setattr("hapticd.gap.search.keeps_the_drive", lambda fit, present: True)
+    monkeypatch.setattr("hapticd.gap.search.evidence", lambda whole, without: (100.0, 10.0))
+    monkeypatch.setattr("hapticd.gap.search.is_all_chance", lambda fit: True)
+    values = next(iter(CATALOGUE[slug].starts(scale_of(biased.fit))))
+    beside = replace(biased, fit=biased.fit.extended(term(slug, values, (), 0.1)))
+    assert _is_more(beside, beside, 20) == enough
 
 
 def test_what_is_sure_but_closes_nothing_is_told_and_not_named(hidden: Hidden) -> None:
