@@ -175,6 +175,15 @@ class Series:
         return duration, current, spread
 
 
+def _folds(blocks: int) -> NDArray[np.int64]:
+    """(blocks,) fold of each block: of each few in a row one, in a random order, but always the same.
+
+    A motion that repeats itself would have all its reversals in one fold if it kept step with the blocks.
+    """
+    rows = np.tile(np.arange(constants.FOLDS), (-(-blocks // constants.FOLDS), 1))
+    return np.asarray(np.random.default_rng(0).permuted(rows, axis=1).ravel()[:blocks], dtype=np.int64)
+
+
 def _halves(fine: Floats) -> Floats:
     """Two currents, a half of the period each, that move a free mass as the fine ones do, in velocity and in position."""
     count = fine.shape[1]
@@ -218,7 +227,7 @@ def series_of(recordings: Sequence[Recording]) -> Series:
         begins=np.concatenate(begins),
         recording=np.concatenate(number),
         block=np.concatenate(block),
-        fold=np.arange(blocks) % constants.FOLDS,
+        fold=_folds(blocks),
         period_s=float(np.median(np.concatenate([np.diff(recording.time_s) for recording in recordings]))),
         added=np.zeros(sum(recording.rows for recording in recordings)),
     )
