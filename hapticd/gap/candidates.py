@@ -88,8 +88,7 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
             found += _input(space, slug, scale)
         else:
             starts = both_signs(_started(slug, values, scale) for values in CATALOGUE[slug].starts(scale))
-            if slug == late_record.DELAY:
-                starts += late_record.starts(scale.period_s)
+            starts += late_record.starts(slug, scale.period_s)
             remembers = CATALOGUE[slug].acts_on == "memory"
             tried = sorted(each((part if remembers else space).along, starts), key=lambda candidate: -candidate.promise)
             if remembers:
@@ -114,7 +113,7 @@ def keeps_the_drive(fit: Fit, present: Fit) -> bool:
     drives = []
     for model in (fit, present):
         p = model.device()
-        duration, current, _ = model.problem.series.currents(p)
+        duration, current, _ = model.problem.series.currents(p, model.filter_s())
         friction = 1.0 - p[index_of("load_dependent_friction.kappa")]
         drives.append(torque_constant(p) * friction * float(np.sqrt(np.sum(duration * current**2))))
     moves = [float(np.mean(moving(model))) for model in (fit, present)]
@@ -229,14 +228,14 @@ def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
     """The most that one of these starts promises, and which."""
     present = space.present
     series, p = present.problem.series, present.device()
-    duration, base, _ = series.currents(p)
+    duration, base, _ = series.currents(p, filter_s := present.filter_s())
     constant = torque_constant(p)
     whole = duration.sum(axis=1)
     columns = np.empty((series.size, len(starts)))
     for k, item in enumerate(starts):
         q = p.copy()
         item.put(q, item.start)
-        columns[:, k] = constant * ((series.currents(q)[1] - base) * duration).sum(axis=1) / whole
+        columns[:, k] = constant * ((series.currents(q, filter_s)[1] - base) * duration).sum(axis=1) / whole
     g, H = space.reduced([sensitivities(present.out, columns)])
     share = np.clip(g / np.maximum(np.diag(H), 1e-300), 0.0, 1.0)
     promise = share * g - 0.5 * share**2 * np.diag(H)

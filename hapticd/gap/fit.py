@@ -16,7 +16,7 @@ from hapticd.gap.kernel.filter import run_filter
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, NOISE, TICK, WHITE
 from hapticd.gap.parallel import each, go_on
-from hapticd.gap.terms import LINE, line_torques, torque_slopes
+from hapticd.gap.terms import LINE, RECORD_FILTER, line_torques, torque_slopes
 from hapticd.plant.effect_terms import torque_constant
 
 if TYPE_CHECKING:
@@ -150,11 +150,19 @@ class Fit:
         prior = -0.5 * float(np.sum(((u - self.centre) / self.prior) ** 2))
         return (total + prior if np.isfinite(total) else _NEVER), out
 
+    def filter_s(self, u: Floats | None = None) -> float:
+        """Time constant of a filter between the current and its record [s]; 0 for none."""
+        u = self.u if u is None else u
+        for number, item in enumerate(self.terms):
+            if item.coordinates and item.coordinates[0].name == RECORD_FILTER:
+                return float(np.exp(u[self.columns(number).start]))
+        return 0.0
+
     def currents(self, u: Floats | None = None) -> tuple[Floats, Floats, Floats]:
         """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each."""
         u, series = self.u if u is None else u, self.problem.series
         p = self.device(u)
-        duration, current, spread = series.currents(p)
+        duration, current, spread = series.currents(p, self.filter_s(u))
         for number, item in enumerate(self.terms):
             if item.slug == LINE:
                 torque = line_torques(item, series.middle_s) @ u[self.columns(number)]

@@ -42,6 +42,7 @@ def prediction_errors(before: Fit, after: Fit, is_linear: bool) -> dict[str, Any
 
 def _errors(fit: Fit) -> tuple[float, float] | None:
     series, p = fit.problem.series, fit.device()
+    commands = series.commands(fit.filter_s())
     near, free = [], []
     first = np.flatnonzero(series.begins).tolist()
     for begin, end in zip(first, [*first[1:], series.size], strict=True):
@@ -52,7 +53,7 @@ def _errors(fit: Fit) -> tuple[float, float] | None:
         if size < steps + 3:
             continue
         current = np.empty((size, max(substeps_for(p, period_s), 2)))
-        electrical(p, time_s, series.command[part].copy(), np.zeros(size, dtype=np.uint8), current.shape[1], current)
+        electrical(p, time_s, commands[part].copy(), np.zeros(size, dtype=np.uint8), current.shape[1], current)
         starts = np.arange(0, size - steps - 1, steps)
         near.append(_predicted(fit, part, time_s, current, starts, steps, p)[:, -1] - position[starts + steps])
         whole = _predicted(fit, part, time_s, current, starts[:1] + steps, size - 1 - steps, p)

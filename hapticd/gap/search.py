@@ -98,6 +98,11 @@ def search(
         is_sure = new is not None and new.taken.evidence >= needed_errors and matters(new.taken.judged, new.before)
         if new is None or (doubtful and (is_late or not is_sure)) or (is_last and not is_sure):
             break
+        if is_late and not is_sure:  # no law, which something else may make sure
+            possible = _others(possible, new)
+            if not possible:
+                break
+            continue
         path.append(new)
         if not is_sure:
             doubtful, present, possible = [new], new.taken.judged, []

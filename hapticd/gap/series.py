@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -141,15 +142,31 @@ class Series:
         blocks = self.per_block(noise)
         return 2.0 * gain / math.sqrt(max(float(blocks @ blocks), float(noise @ noise), 2.0 * abs(gain), 1e-300))
 
-    def currents(self, p: Floats) -> tuple[Floats, Floats, Floats]:
-        """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each."""
-        key = tuple(p[list(_ELECTRICAL)])
+    @cached_property
+    def rate(self) -> Floats:
+        """(n,) rate of the recorded current in the period after each sample [A/s]; 0 where none follows."""
+        rate = np.append(np.diff(self.command) / np.maximum(np.diff(self.time_s), 1e-3 * self.period_s), 0.0)
+        rate[np.append(self.begins[1:], True)] = 0.0
+        return rate
+
+    def commands(self, filter_s: float) -> Floats:
+        """(n,) currents [A] whose record a filter of first order with that time constant makes of them."""
+        return self.command + filter_s * self.rate if filter_s else self.command
+
+    def currents(self, p: Floats, filter_s: float = 0.0) -> tuple[Floats, Floats, Floats]:
+        """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each.
+
+        Args:
+            p: device vector. filter_s: time constant of the filter before the record.
+        """
+        key = (*p[list(_ELECTRICAL)], filter_s)
         with self._lock:
             if key not in self._currents:
                 while len(self._currents) >= _REMEMBERED:
                     self._currents.pop(next(iter(self._currents)))
+                commands = self.commands(filter_s)
                 found = [
-                    self._motor_current(p, slice(rows[0], rows[-1] + 1))
+                    self._motor_current(p, commands, slice(rows[0], rows[-1] + 1))
                     for rows in (np.flatnonzero(self.recording == k) for k in range(int(self.recording[-1]) + 1))
                 ]
                 duration, current, spread = (np.concatenate(parts) for parts in zip(*found, strict=True))
@@ -157,8 +174,8 @@ class Series:
                 self._currents[key] = duration, current, spread
             return self._currents[key]
 
-    def _motor_current(self, p: Floats, rows: slice) -> tuple[Floats, Floats, Floats]:
-        time_s, command = self.time_s[rows], self.command[rows]
+    def _motor_current(self, p: Floats, commands: Floats, rows: slice) -> tuple[Floats, Floats, Floats]:
+        time_s, command = self.time_s[rows], commands[rows]
         deviation = np.zeros(time_s.size)
         if p[_LOSS] > 0.0:
             sent, command = command, np.empty(time_s.size)

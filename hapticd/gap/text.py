@@ -102,8 +102,11 @@ def timing(document: Mapping[str, Any]) -> str:
     text = f"{missed}{of} sample{'' if missed == 1 and not of else 's'} missed, jitter {1e6 * jitter_s:.3g} µs"
     if period_s := recording.get("period_s"):
         text = f"{text} ({percent(jitter_s / period_s)} of a period)"
-    late = recording.get("current_late_s")
-    return f"{text}, its current {1e3 * late['value']:.3g} ms late" if late else text
+    if late := recording.get("current_late_s"):
+        text = f"{text}, its current {1e3 * late['value']:.3g} ms late"
+    if filtered := recording.get("current_filter_s"):
+        text = f"{text}, its current filtered with {1e3 * filtered['value']:.3g} ms"
+    return text
 
 
 def predictions(document: Mapping[str, Any]) -> list[str]:

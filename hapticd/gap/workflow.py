@@ -59,10 +59,10 @@ def find_gap(
     interrupted, unnamed = False, None
     try:
         unnamed = search(first, slugs, progress, rounds)
-        if rounds and late_record.is_late(law := rounds[-1].taken.law):
+        while rounds and late_record.is_late(law := rounds[-1].taken.law):
             beside = (*base, late_record.along(law))
             first, base = cross_validate(nominal_fit(problem, beside)), beside
-            slugs = [slug for slug in slugs if slug != late_record.DELAY]
+            slugs = late_record.untouched(slugs, law)
             rounds.clear()
             unnamed = search(first, slugs, progress, rounds)
     except KeyboardInterrupt:
