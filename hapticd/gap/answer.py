@@ -89,7 +89,8 @@ def answer(
     ]
     timing = {**timing, **late, "warnings": warnings}
     doubts = [*doubts_about(at_bounds, beaten, unnamed), *not_told(last.fit, half)]
-    verdict, statement = decide(effects, indistinguishable, doubts, numbers, remainder)
+    torque = first.fit.problem.torque
+    verdict, statement = decide(effects, indistinguishable, doubts, numbers, remainder, torque)
     noise = last.fit.noise_values()
     return GapResult(
         verdict,

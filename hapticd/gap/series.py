@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from threading import Lock
 from typing import TYPE_CHECKING
 
@@ -142,16 +141,16 @@ class Series:
         blocks = self.per_block(noise)
         return 2.0 * gain / math.sqrt(max(float(blocks @ blocks), float(noise @ noise), 2.0 * abs(gain), 1e-300))
 
-    @cached_property
-    def rate(self) -> Floats:
-        """(n,) rate of the recorded current in the period after each sample [A/s]; 0 where none follows."""
-        rate = np.append(np.diff(self.command) / np.maximum(np.diff(self.time_s), 1e-3 * self.period_s), 0.0)
-        rate[np.append(self.begins[1:], True)] = 0.0
-        return rate
-
     def commands(self, filter_s: float) -> Floats:
-        """(n,) currents [A] whose record a filter of first order with that time constant makes of them."""
-        return self.command + filter_s * self.rate if filter_s else self.command
+        """(n,) currents [A] of which a filter of first order with that time constant makes the record; 0 for none.
+
+        The record is what the filter has at each sample; it goes to the next by its share of the way to the current.
+        """
+        if not filter_s:
+            return self.command
+        follows = ~self.begins[1:]
+        share = -np.expm1(-np.where(follows, np.diff(self.time_s), np.inf) / filter_s)
+        return self.command + np.append(np.where(follows, np.diff(self.command) / share, 0.0), 0.0)
 
     def currents(self, p: Floats, filter_s: float = 0.0) -> tuple[Floats, Floats, Floats]:
         """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each.
@@ -193,12 +192,15 @@ class Series:
 
 
 def _folds(blocks: int) -> NDArray[np.int64]:
-    """(blocks,) fold of each block: of each few in a row one, in a random order, but always the same.
+    """(blocks,) fold of each block: each fold once in every few blocks, in an order that is drawn, and never twice in a row.
 
     A motion that repeats itself would have all its reversals in one fold if it kept step with the blocks.
     """
-    rows = np.tile(np.arange(constants.FOLDS), (-(-blocks // constants.FOLDS), 1))
-    return np.asarray(np.random.default_rng(0).permuted(rows, axis=1).ravel()[:blocks], dtype=np.int64)
+    drawn, found = np.random.default_rng(0), np.empty(0, dtype=np.int64)
+    while found.size < blocks:
+        row = drawn.permutation(constants.FOLDS)
+        found = np.append(found, np.roll(row, 1) if row[0] in found[-1:] else row)
+    return found[:blocks]
 
 
 def _halves(fine: Floats) -> Floats:

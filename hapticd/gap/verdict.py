@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from hapticd.gap import constants
@@ -18,6 +19,7 @@ def decide(
     doubts: Sequence[str],
     gap: GapNumbers,
     remainder: Remainder,
+    torque: float = math.inf,
 ) -> tuple[Verdict, str]:
     """Verdict and statement.
 
@@ -27,7 +29,16 @@ def decide(
         doubts: sentences that say why what is named, or that nothing is, may not be the whole truth.
         gap: the missing force before and after.
         remainder: what is left.
+        torque: what the device's own torques are of the order of; a model that lacks more than that is none of the device.
     """
+    if gap.held_out_after > torque:
+        too_much = (
+            f"More force is missing ({gap.held_out_after:.3g} {gap.unit}) than the device's friction and current make "
+            f"({torque:.2g} {gap.unit}): the model is of another device, or the motion is not the current's."
+        )
+        if not effects:
+            return "unexplained", " ".join([too_much, *doubts, remainder.words])
+        doubts = [too_much, *doubts]
     names = " and ".join(effects)
     left = bool(remainder.structure)
     force = f"missing {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after"

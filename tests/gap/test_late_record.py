@@ -1,4 +1,4 @@
-"""A record of the current that says later than it was what the motor had."""
+"""A record of the current that says later than it was what the motor had, or was filtered."""
 
 from __future__ import annotations
 
@@ -24,6 +24,31 @@ def delayed(recording: Recording, rows: int = ROWS) -> Recording:
     """The same recording with the current of some rows before in each row."""
     current = np.concatenate([np.full(rows, recording.current[0]), recording.current[:-rows]])
     return replace(recording, current=current)
+
+
+def filtered(recording: Recording, time_constant_s: float) -> Recording:
+    """The same recording with its current behind a filter of first order."""
+    current = np.empty_like(recording.current)
+    known = recording.current[0]
+    for k, duration in enumerate(np.diff(recording.time_s, append=np.inf)):
+        current[k] = known
+        known += (1.0 - np.exp(-duration / time_constant_s)) * (recording.current[k] - known)
+    return replace(recording, current=current)
+
+
+@pytest.mark.parametrize("effect", [None, {"name": "constant_bias", "tau_0": 6e-4}])
+@pytest.mark.parametrize("filter_s", [0.01, 0.08])
+def test_a_filtered_record_is_told_and_no_effect_is_named_for_it(
+    hidden: Callable[..., Any], effect: Any, filter_s: float
+) -> None:
+    recording, model = hidden([effect] if effect else [], 29, 8.0)
+    result = find_gap([filtered(recording, filter_s)], model, design=False)
+    assert result.effects == (("constant_bias",) if effect else ()), result.statement
+    found = result.recording["current_filter_s"]
+    assert found["value"] == pytest.approx(filter_s, rel=0.02)
+    assert found["ci95"][0] < found["value"] < found["ci95"][1]
+    assert any("filtered before it was recorded" in warning for warning in result.warnings)
+    assert f"its current filtered with {1e3 * found['value']:.3g} ms" in timing(result.to_json())
 
 
 @pytest.mark.parametrize("effect", [None, {"name": "constant_bias", "tau_0": 6e-4}])

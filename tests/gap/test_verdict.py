@@ -121,3 +121,11 @@ def test_a_play_without_rebound_is_no_other_law() -> None:
     assert play.at_bounds(play.start, (0.1, 0.1, 0.2)) == []
     assert play.at_bounds((gap, load_share, 0.95)) == ["restitution"]
     assert play.at_bounds((gap, play.coordinates[1].lower, 0.0)) == ["load_share"]
+
+
+@pytest.mark.parametrize(("effects", "verdict"), [([], "unexplained"), (["gravity"], "partly_explained")])
+def test_more_missing_than_the_device_makes_is_said(effects: list[str], verdict: str) -> None:
+    found, statement = decide(effects, [()] * len(effects), [], GAP, CLEAN, torque=1e-5)
+    assert found == verdict
+    assert "More force is missing (1.2e-05 N m) than the device's friction and current make (1e-05 N m)" in statement
+    assert decide(effects, [()] * len(effects), [], GAP, CLEAN, torque=1.3e-5)[0] != verdict
