@@ -41,6 +41,7 @@ _WORTH_A_CLIMB = 0.4
 """Share of what an effect must gain that its start must promise to be followed further."""
 HALVINGS, _TRIAL_HALVINGS = 6, 2
 _COLUMNS = 16
+_INPUTS_TRIED = 6
 
 
 def scale_of(fit: Fit) -> Scale:
@@ -214,10 +215,9 @@ def _input(space: Score, slug: str, scale: Scale) -> list[Candidate]:
     It is looked for in the whole record: a current may reach its limit but once.
     """
     starts = [term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale)]
-    parts = [_best_input(space, starts[k : k + _COLUMNS]) for k in range(0, len(starts), _COLUMNS)]
-    if not parts:
+    if not starts:
         return []
-    _, coarse = max(parts, key=lambda part: part[0])
+    _, coarse = _best_input(space, starts)
     step = float(np.log(_ratio(starts)))
     fine = [coarse.moved([coarse.start[0] + step * share]) for share in np.linspace(-1.0, 1.0, _COLUMNS)]
     promise, item = _best_input(space, fine)
@@ -225,7 +225,23 @@ def _input(space: Score, slug: str, scale: Scale) -> list[Candidate]:
 
 
 def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
-    """The most that one of these starts promises, and which."""
+    """The most that one of these starts promises or gains, and which.
+
+    The most promising are tried: where a current meets its limit but once the filter is lost there, and slopes tell little.
+    """
+    parts = [_input_promises(space, starts[k : k + _COLUMNS]) for k in range(0, len(starts), _COLUMNS)]
+    promises = np.concatenate(parts)
+    tried = np.argsort(promises)[-_INPUTS_TRIED:].tolist()
+
+    def gain(k: int) -> float:
+        return float(max(space.present.extended(starts[k]).log_likelihood - space.present.log_likelihood, promises[k]))
+
+    gains = each(gain, tried)
+    best = int(np.argmax(gains))
+    return gains[best], starts[tried[best]]
+
+
+def _input_promises(space: Score, starts: Sequence[Term]) -> Floats:
     present = space.present
     series, p = present.problem.series, present.device()
     duration, base, _ = series.currents(p, filter_s := present.filter_s())
@@ -238,9 +254,7 @@ def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
         columns[:, k] = constant * ((series.currents(q, filter_s)[1] - base) * duration).sum(axis=1) / whole
     g, H = space.reduced([sensitivities(present.out, columns)])
     share = np.clip(g / np.maximum(np.diag(H), 1e-300), 0.0, 1.0)
-    promise = share * g - 0.5 * share**2 * np.diag(H)
-    k = int(np.argmax(promise))
-    return float(promise[k]), starts[k]
+    return np.asarray(share * g - 0.5 * share**2 * np.diag(H))
 
 
 def _ratio(starts: Sequence[Term]) -> float:

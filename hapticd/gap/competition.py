@@ -176,16 +176,18 @@ def _approached(present: Fit, candidate: Candidate) -> Fit:
 def admitted(contenders: Sequence[Contender], present: CrossValidated, *, is_further: bool) -> list[Contender]:
     """Those that may be named.
 
-    A law at its limit is another law: an answer may be that vague where that closes its share, but does not grow by it.
+    A law at its limit is another law: an answer may be that vague where that closes its share, but does not grow by it. A
+    late record is no answer.
     """
+
+    def may_be_vague(contender: Contender) -> bool:
+        return not (is_further or late_record.is_late(contender.law)) and closes(contender.judged.fit, present.fit)
+
     return [
         contender
         for contender in contenders
         if keeps_the_drive(contender.judged.fit, present.fit)
-        and not (
-            contender.law.at_bounds(contender.law.start)
-            and (is_further or not closes(contender.judged.fit, present.fit))
-        )
+        and (not contender.law.at_bounds(contender.law.start) or may_be_vague(contender))
     ]
 
 

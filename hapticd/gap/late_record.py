@@ -77,6 +77,8 @@ def described(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
         at = fit.columns(number).start
         half = reach * float(variance[at]) ** 0.5
         if item.coordinates[0].name == RECORD_FILTER:
+            if item.at_bounds(fit.u[fit.columns(number)], half):
+                continue
             filter_s, low, high = (math.exp(fit.u[at] + error) for error in (0.0, -half, half))
             found["current_filter_s"] = {"value": filter_s, "ci95": [low, high]}
             found["warnings"].append(

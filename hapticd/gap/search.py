@@ -36,7 +36,7 @@ from hapticd.gap.competition import (
 )
 from hapticd.gap.corrections import CORRECTIONS, tell_with_one_less
 from hapticd.gap.imitation import is_artefact
-from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, WHITE
+from hapticd.gap.kernel.ticks import WHITE
 from hapticd.gap.missing import missing_power
 from hapticd.gap.remainder import is_all_chance
 
@@ -57,9 +57,12 @@ def least_gain(needed_errors: float) -> float:
 
 
 def is_quiet(fit: Fit) -> bool:
-    """Whether the process noise is about the least that a device has: nothing is missing then."""
-    noise, least = np.exp(fit.noise), np.exp(fit.lower[WHITE])
-    return bool(noise[WHITE] ** 2 + 2.0 * noise[DISTURBANCE] ** 2 * noise[CORRELATION] < (constants.QUIET * least) ** 2)
+    """Whether the missing force is about what the least noise makes that a device has: nothing is missing then.
+
+    The noise that is fitted does not tell: it is the same all over the record, and what a motion meets but once is not.
+    """
+    least = float(np.exp(fit.lower[WHITE]))
+    return missing_power(fit) * constants.LASTING_S < (constants.QUIET * least) ** 2
 
 
 def search(
@@ -84,6 +87,8 @@ def search(
     for number in range(constants.MOST_EFFECTS):
         progress(number / (constants.MOST_EFFECTS + 1), "trying effects")
         if is_quiet(present.fit):
+            rounds += doubtful  # what leaves nothing stands, though it was met too seldom to be sure
+            doubtful = []
             break
         path = [*rounds, *doubtful]
         if not possible:
@@ -140,7 +145,8 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     """Return the round of what is to be added, surely or in doubt; none without a law that gains what matters.
 
     In doubt is what gains most of all that closes some of the missing force; else of what is sure, and may stand beside
-    another if one of the two is a base parameter (`_beside`). That one moves it: it is not climbed to the end before.
+    another if one of the two is a base parameter (`_beside`). That one moves it: it is not climbed to the end before. Nor is
+    a late record, beside which all is fitted anew.
     """
     contenders = _in_order(closing(possible, present, needed_errors), needed_errors)
     gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]
@@ -153,7 +159,8 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     best = contenders[0]
     if is_artefact(best.judged.fit, present.fit):
         return _next([one for one in possible if one is not best], present, needed, needed_errors)
-    return round_of(present, contenders, to_the_end=is_right or is_material(best.judged, present))
+    to_the_end = not late_record.is_late(best.law) and (is_right or is_material(best.judged, present))
+    return round_of(present, contenders, to_the_end=to_the_end)
 
 
 def _is_right(best: Contender, present: CrossValidated, gaining: Sequence[Contender], needed_errors: float) -> bool:

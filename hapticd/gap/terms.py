@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 LINE = "line"
 """Slug of a term that is no effect: torques that swing in time, each at a fixed frequency (`hapticd.gap.lines`)."""
 RECORD_FILTER = "time constant of the record"
-"""Coordinate that is in no device: a filter of first order between the current and its record (`hapticd.gap.late_record`)."""
+"""Coordinate that is in no device: of a filter between the current and its record (`hapticd.gap.late_record`)."""
 _INSTANT_S = 0.2
 """Change of an instant that matters [s]."""
 _FAR = 30.0

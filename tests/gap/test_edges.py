@@ -22,6 +22,7 @@ from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.recording import Recording
 from hapticd.gap.score import Score
+from hapticd.gap.search import is_quiet
 from hapticd.gap.terms import LINE, Coordinate, Term, term
 from hapticd.gap.trial import competing_model
 
@@ -258,3 +259,17 @@ def test_a_way_since_a_reversal_does_not_run_into_the_next_recording() -> None:
     begins = np.array([True, False, False, True, False])
     way = since_reversal(np.ones(5), position, np.ones(5, dtype=bool), begins)
     assert way.tolist() == [0.0, 1.0, 2.0, 0.0, 1.0]
+
+
+@pytest.mark.parametrize("seed", [11, 15])
+def test_a_current_that_meets_its_limit_in_one_swing_is_named(hidden: Hidden, seed: int) -> None:
+    recording, _ = hidden([], seed, 6.0)
+    limit = 0.8 * float(np.abs(recording.current).max())
+    recording, nominal = hidden([{"name": "current_saturation", "i_max": limit}], seed, 6.0)
+    met = np.flatnonzero(np.abs(recording.current) > limit) * recording.period_s
+    assert np.ptp(met) < 0.5
+    assert not is_quiet(nominal_fit(problem_of([recording], nominal)))
+    result = find_gap([recording], nominal, design=False)
+    assert (result.verdict, result.effects) == ("effect_found", ("current_saturation",)), result.statement
+    (step,) = result.steps
+    assert step.parameters["i_max"].value == pytest.approx(limit, rel=1e-3)

@@ -280,7 +280,7 @@ def test_a_late_record_wins_only_where_no_law_of_the_device_does_as_well(biased:
     def contender(item: Term) -> Contender:
         return Contender(item.slug, cross_validate(fit.extended(item)), 0.0, 0.0)
 
-    late = contender(late_record.starts(fit.problem.series.period_s)[0])
+    late = contender(late_record.starts("transport_delay", fit.problem.series.period_s)[0])
     as_good, poor = (contender(term("viscous_friction", {"r": r}, (), 1.0)) for r in (1e-6, 5.0))
     assert late_record.is_late(late.law)
     assert [one.slug for one in simplest_first([late, as_good], 4.0)] == ["viscous_friction", "transport_delay"]

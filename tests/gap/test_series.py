@@ -142,3 +142,13 @@ def test_a_slow_amplifier_lags() -> None:
 def test_no_recording_is_an_error() -> None:
     with pytest.raises(ValueError, match="no recording"):
         series_of([])
+
+
+@pytest.mark.parametrize("every", range(2, 11))
+def test_what_comes_again_after_a_few_blocks_is_in_most_folds(every: int) -> None:
+    fold = series_of([recording(60_000)]).fold
+    assert fold.size == 60
+    assert np.all(np.diff(fold) != 0)
+    for first in range(every):
+        again = np.bincount(fold[first::every])
+        assert again.max() <= 0.6 * again.sum()
