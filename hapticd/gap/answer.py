@@ -89,7 +89,7 @@ def answer(
     ]
     timing = {**timing, **late, "warnings": warnings}
     doubts = [*doubts_about(at_bounds, beaten, unnamed), *not_told(last.fit, half)]
-    torque = first.fit.problem.torque
+    torque = missing.own_torque(last.fit)
     verdict, statement = decide(effects, indistinguishable, doubts, numbers, remainder, torque)
     noise = last.fit.noise_values()
     return GapResult(

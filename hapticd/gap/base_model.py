@@ -54,10 +54,13 @@ def problem_of(recordings: Sequence[Recording], model: Config, least: float = NO
     return Problem(series, vector, torque, model.is_linear, begun)
 
 
-def base_terms(problem: Problem) -> tuple[Term, ...]:
+def base_terms(problem: Problem, filter_s: float = 0.0) -> tuple[Term, ...]:
     """Terms that fit the base model: the logarithms of inertia, viscous and Coulomb friction, with a wide prior.
 
     Coulomb friction is at most `most_coulomb`, or what the model says if that is more.
+
+    Args:
+        problem: what is fitted. filter_s: time constant of a filter before the record of the current; 0 for none.
     """
     found = []
     for name, farthest in FARTHEST.items():
@@ -65,7 +68,7 @@ def base_terms(problem: Problem) -> tuple[Term, ...]:
         given = float(problem.base[index])
         least, most = given / farthest, given * farthest
         if name == "coulomb":
-            most = min(most, max(most_coulomb(problem), given))
+            most = min(most, max(most_coulomb(problem, filter_s), given))
         centre, low, high = (math.log(size) for size in (given, least, most))
         neutral = math.nan if name == "inertia" else low  # next to no friction is none
         coordinate = Coordinate(name, index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)
@@ -73,14 +76,14 @@ def base_terms(problem: Problem) -> tuple[Term, ...]:
     return tuple(found)
 
 
-def most_coulomb(problem: Problem) -> float:
+def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:
     """Coulomb friction that takes `_MOST_WORK` times what the shaft gets, N m or N.
 
     That is the current's work, of a current that acts up to `_LATEST` periods before or after its record where that is more,
     and the energy with which each stretch begins, of a shaft as heavy as it may be.
     """
     series, p = problem.series, problem.base
-    duration, current, _ = series.currents(p)
+    duration, current, _ = series.currents(p, filter_s)
     torque = torque_constant(p) * np.sum(duration * current, axis=1) / np.sum(duration, axis=1)
     inertia = FARTHEST["inertia"] * float(p[index_of("inertia")])
     work, energy, way = np.zeros(2 * _LATEST + 1), 0.0, 0.0

@@ -88,8 +88,9 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
         elif CATALOGUE[slug].acts_on == "input":
             found += _input(space, slug, scale)
         else:
-            starts = both_signs(_started(slug, values, scale) for values in CATALOGUE[slug].starts(scale))
-            starts += late_record.starts(slug, scale.period_s)
+            starts = late_record.starts(slug, scale.period_s)
+            if not late_record.is_opposite_only(slug, present):
+                starts += both_signs(_started(slug, values, scale) for values in CATALOGUE[slug].starts(scale))
             remembers = CATALOGUE[slug].acts_on == "memory"
             tried = sorted(each((part if remembers else space).along, starts), key=lambda candidate: -candidate.promise)
             if remembers:

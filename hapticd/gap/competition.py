@@ -236,11 +236,13 @@ def is_exact(fit: Fit) -> bool:
 def simplest_first(contenders: list[Contender], needed_errors: float) -> list[Contender]:
     """The order of the held-out score, but a law that is a limit of the best one goes before it where it is as good.
 
-    So does any law of the device before a late record. What is sure does not give way to what is not.
+    So does any law of the device before a late record that closes no more. What is sure does not give way to what is not.
     """
     best = contenders[0]
+    is_late = late_record.is_late(best.law)
     for other in contenders[1:]:
-        is_simpler = other.slug in CATALOGUE[best.slug].contains or late_record.is_late(best.law)
+        is_simpler = other.slug in CATALOGUE[best.slug].contains
+        is_simpler = is_simpler or (is_late and not closes(best.judged.fit, other.judged.fit))
         is_less_sure = other.evidence < needed_errors <= best.evidence
         if is_simpler and not is_less_sure and is_as_good(other.judged, best.judged):
             return [other, *(contender for contender in contenders if contender is not other)]

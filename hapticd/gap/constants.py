@@ -39,7 +39,7 @@ STRUCTURE_SHARE = 0.03
 BASE_PRIOR = 1.5
 """Standard deviation of the logarithm of a base parameter that is fitted along: a factor of 4.5."""
 QUIET = 2.0
-"""Times the least noise that any device has below which nothing is looked for: what a model leaves then is that noise."""
+"""Times what the least noise makes that any device has, below which a missing force is none: nothing is looked for."""
 MOVES = 0.5
 """Share of what viscous friction leaves of a velocity that must outlast a period: less is a shaft that Coulomb friction
 holds, and no force shows on it."""

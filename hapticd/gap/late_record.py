@@ -52,11 +52,26 @@ def is_late(law: Term) -> bool:
 def untouched(slugs: Sequence[str], law: Term) -> list[str]:
     """Those effects that data still tell beside a late or filtered record.
 
-    What was filtered is the current itself: all that comes between a command and its current is in the record already.
+    What was filtered is the current itself: all that comes between a command and its current is in the record already. It
+    may be late besides, so the delay that lateness is the opposite of stays, for that alone (`is_opposite_only`).
     """
     if law.slug == _DELAY:
         return [slug for slug in slugs if slug != _DELAY]
-    return [slug for slug in slugs if CATALOGUE[slug].acts_on not in ("input", "timing")]
+    return [slug for slug in slugs if slug == _DELAY or CATALOGUE[slug].acts_on not in ("input", "timing")]
+
+
+def not_told(slugs: Sequence[str], left: Sequence[str]) -> list[str]:
+    """A sentence for each effect that was asked for and can no longer be looked for."""
+    gone = [slug for slug in slugs if slug not in left]
+    return [
+        f"{slug} cannot be looked for: the record is not of the command, but of a late or filtered current"
+        for slug in gone
+    ]
+
+
+def is_opposite_only(slug: str, fit: Fit) -> bool:
+    """Whether of an effect only the opposite may be found: of a delay, where the record is filtered."""
+    return slug == _DELAY and fit.filter_s() > 0.0
 
 
 def along(law: Term) -> Term:
@@ -83,8 +98,8 @@ def described(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
             found["current_filter_s"] = {"value": filter_s, "ci95": [low, high]}
             found["warnings"].append(
                 f"the current was filtered before it was recorded, with a time constant of {1e3 * filter_s:.3g} ms "
-                f"({1e3 * low:.3g} to {1e3 * high:.3g} ms), or it follows its record by so much sooner than the model says. "
-                "It is fitted along."
+                f"({1e3 * low:.3g} to {1e3 * high:.3g} ms), or the motor's current is ahead of its record by so much "
+                "for another reason. It is fitted along."
             )
             continue
         late_s = -float(fit.u[at])

@@ -64,7 +64,7 @@ def missing_force(fit: Fit) -> Missing:
 def _smoothed(fit: Fit, u: Floats, out: NDArray[Any]) -> Missing:
     series = fit.problem.series
     p = fit.device(u)
-    duration, _, spread = series.currents(p)
+    duration, _, spread = fit.currents(u)
     period = duration.sum(axis=1)
     # Commands that may have been lost push as a white force does.
     lost = np.sum((torque_constant(p) * spread * duration) ** 2, axis=1) / period**2
@@ -99,6 +99,14 @@ def held_out_rms(fit: Fit) -> float:
         power += float(found.power[inside].sum())
         count += int(found.moves[inside].sum())
     return float(np.sqrt(power / max(count, 1)))
+
+
+def own_torque(fit: Fit) -> float:
+    """What friction and current of a model make together, root mean squares, N m or N."""
+    _, viscous, coulomb, *_ = edited_base(fit.device())
+    duration, current, _ = fit.currents()
+    drive = torque_constant(fit.device()) * np.sqrt(np.sum(duration * current**2) / np.sum(duration))
+    return float(drive + coulomb + viscous * np.sqrt(np.mean(fit.out["v"] ** 2)))
 
 
 def noise_floor(fit: Fit) -> float:
@@ -150,12 +158,13 @@ def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | No
     velocity = fit.out["v"]
     direction = np.where(found.moves, np.sign(velocity), 0.0)
     way = since_reversal(velocity, found.position, found.moves, series.begins)
-    change = np.where(series.begins, 0.0, np.diff(series.command, prepend=series.command[0]))
+    current = series.commands(fit.filter_s())
+    change = np.where(series.begins, 0.0, np.diff(current, prepend=current[0]))
     return {
         "position": (found.position, None),
         "velocity": (velocity, None),
         "speed, against the motion": (np.abs(velocity), direction),
-        "current": (series.command, None),
+        "current": (current, None),
         "time": (series.time_s, None),
         "time, against the motion": (series.time_s, direction),
         "way since a reversal, against the motion": (np.log(way + series.resolution), direction),

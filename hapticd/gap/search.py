@@ -39,6 +39,7 @@ from hapticd.gap.imitation import is_artefact
 from hapticd.gap.kernel.ticks import WHITE
 from hapticd.gap.missing import missing_power
 from hapticd.gap.remainder import is_all_chance
+from hapticd.plant.effect_terms import torque_constant
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -62,6 +63,7 @@ def is_quiet(fit: Fit) -> bool:
     The noise that is fitted does not tell: it is the same all over the record, and what a motion meets but once is not.
     """
     least = float(np.exp(fit.lower[WHITE]))
+    least *= torque_constant(fit.device()) / torque_constant(fit.problem.base)  # as of `Fit.noise_values`
     return missing_power(fit) * constants.LASTING_S < (constants.QUIET * least) ** 2
 
 
@@ -88,7 +90,7 @@ def search(
         progress(number / (constants.MOST_EFFECTS + 1), "trying effects")
         if is_quiet(present.fit):
             rounds += doubtful  # what leaves nothing stands, though it was met too seldom to be sure
-            doubtful = []
+            doubtful, new = [], None
             break
         path = [*rounds, *doubtful]
         if not possible:
@@ -101,14 +103,9 @@ def search(
         is_late = new is not None and late_record.is_late(new.taken.law)
         is_last = number + 1 == constants.MOST_EFFECTS
         is_sure = new is not None and new.taken.evidence >= needed_errors and matters(new.taken.judged, new.before)
-        if new is None or (doubtful and (is_late or not is_sure)) or (is_last and not is_sure):
+        if new is None or (doubtful and not is_sure) or (is_last and not is_sure):
             break
-        if is_late and not is_sure:  # no law, which something else may make sure
-            possible = _others(possible, new)
-            if not possible:
-                break
-            continue
-        path.append(new)
+        path = [*(rounds if is_late else path), new]
         if not is_sure:
             doubtful, present, possible = [new], new.taken.judged, []
             continue

@@ -30,7 +30,7 @@ _DELAY, _TRANSPORT_DELAY, _LAG = index_of("delay_s"), index_of("transport_delay.
 _REMEMBERED = 4
 _SHORTER = 0.95
 _DRAW = 651
-"""Of four thousand draws the one that spreads best over the folds what comes again every 2 to 12 blocks."""
+"""Of four thousand draws the one that spreads best over the folds what comes again every few blocks."""
 _FINE = 8
 """Parts of a step of the plant's in which a lagging current is taken as constant."""
 _ELECTRICAL = tuple(

@@ -96,8 +96,9 @@ def competing_model(model: Config, fit: Fit, last: Fit, base: int) -> CompetingM
         config = with_effects(model, entries, own)
     except ConfigError:
         return None
-    known = Fit.started(fit.problem, terms, last.noise)
-    slopes = _slopes(known)
+    record = tuple(term for term in whole if term.slug == late_record.SLUG)
+    known = Fit.started(fit.problem, (*terms, *record), last.noise)
+    slopes = _slopes(known)[:, : sum(len(term.coordinates) for term in terms)]
     information = slopes.T @ (slopes * known.out["information"][:, None])
     return CompetingModel(terms, last.noise, fit.problem, config, information)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from hapticd.gap import constants
@@ -19,7 +18,7 @@ def decide(
     doubts: Sequence[str],
     gap: GapNumbers,
     remainder: Remainder,
-    torque: float = math.inf,
+    torque: float,
 ) -> tuple[Verdict, str]:
     """Verdict and statement.
 
@@ -29,7 +28,7 @@ def decide(
         doubts: sentences that say why what is named, or that nothing is, may not be the whole truth.
         gap: the missing force before and after.
         remainder: what is left.
-        torque: what the device's own torques are of the order of; a model that lacks more than that is none of the device.
+        torque: what friction and current of the last model make; what lacks more than that is no model of the device.
     """
     if gap.held_out_after > torque:
         too_much = (

@@ -60,9 +60,13 @@ def find_gap(
     try:
         unnamed = search(first, slugs, progress, rounds)
         while rounds and late_record.is_late(law := rounds[-1].taken.law):
-            beside = (*base, late_record.along(law))
+            fit = rounds[-1].taken.judged.fit
+            late = [term for term in base if term.slug == late_record.SLUG] + [late_record.along(law)]
+            beside = (*(base_terms(problem, fit.filter_s()) if refit_base else ()), *late)
             first, base = cross_validate(nominal_fit(problem, beside)), beside
-            slugs = late_record.untouched(slugs, law)
+            untouched = late_record.untouched(slugs, law)
+            not_considered += late_record.not_told(slugs, untouched) if candidates else []
+            slugs = untouched
             rounds.clear()
             unnamed = search(first, slugs, progress, rounds)
     except KeyboardInterrupt:

@@ -14,6 +14,7 @@ from hapticd.gap.fit import Fit
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
+from hapticd.gap.series import series_of
 from hapticd.gap.terms import Term
 from hapticd.gap.text import timing
 
@@ -49,6 +50,53 @@ def test_a_filtered_record_is_told_and_no_effect_is_named_for_it(
     assert found["ci95"][0] < found["value"] < found["ci95"][1]
     assert any("filtered before it was recorded" in warning for warning in result.warnings)
     assert f"its current filtered with {1e3 * found['value']:.3g} ms" in timing(result.to_json())
+
+
+def test_a_filtered_record_may_be_late_besides(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([{"name": "constant_bias", "tau_0": 6e-4}], 29, 8.0)
+    result = find_gap([delayed(filtered(recording, 0.02), 3)], model, design=False)
+    assert result.effects == ("constant_bias",), result.statement
+    assert result.recording["current_filter_s"]["value"] == pytest.approx(0.02, rel=0.02)
+    assert result.recording["current_late_s"]["value"] == pytest.approx(3.0 * recording.period_s, rel=0.05)
+
+
+def test_base_parameters_are_fitted_behind_a_filter(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([], 29, 8.0)
+    inertia, coulomb = model.plant.inertia, model.plant.coulomb
+    plant = model.plant.model_copy(update={"inertia": 1.5 * inertia, "coulomb": 0.6 * coulomb})
+    wrong = model.model_copy(update={"plant": plant})
+    result = find_gap([filtered(recording, 0.3)], wrong, refit_base=True, design=False)
+    assert result.effects == (), result.statement
+    assert result.recording["current_filter_s"]["value"] == pytest.approx(0.3, rel=0.02)
+    assert result.base["inertia"].value == pytest.approx(inertia, rel=0.02)
+    assert result.base["coulomb"].value == pytest.approx(coulomb, rel=0.02)
+
+
+def test_what_was_asked_for_and_is_in_the_record_already_is_said(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([], 29, 8.0)
+    asked = ["current_saturation", "amplifier_lag"]
+    result = find_gap([filtered(recording, 0.02)], model, candidates=asked, design=False)
+    for slug in asked:
+        assert any(warning.startswith(f"{slug} cannot be looked for: the record") for warning in result.warnings)
+
+
+def test_a_filter_is_undone_in_each_recording_up_to_its_gaps(hidden: Callable[..., Any]) -> None:
+    recording, _ = hidden([], 29, 3.0)
+    kept = np.ones(recording.rows, dtype=bool)
+    kept[1000:1200] = False
+    record = filtered(recording, 0.02)
+    gappy = replace(
+        record,
+        time_s=record.time_s[kept],
+        position=record.position[kept],
+        current=record.current[kept],
+        current_measured=None,
+    )
+    commands = series_of([gappy, record]).commands(0.02)
+    actual = np.concatenate([recording.current[kept], recording.current])
+    last = [999, gappy.rows - 1, gappy.rows + record.rows - 1]  # nothing follows that tells
+    assert np.delete(commands, last) == pytest.approx(np.delete(actual, last), abs=1e-9)
+    assert commands[last] == pytest.approx(np.concatenate([gappy.current, record.current])[last])
 
 
 @pytest.mark.parametrize("effect", [None, {"name": "constant_bias", "tau_0": 6e-4}])

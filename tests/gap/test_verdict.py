@@ -33,7 +33,7 @@ LEFT = Remainder(
 def test_the_verdict(
     effects: list[str], indistinguishable: list[tuple[str, ...]], remainder: Remainder, verdict: str
 ) -> None:
-    found, statement = decide(effects, indistinguishable, [], GAP, remainder)
+    found, statement = decide(effects, indistinguishable, [], GAP, remainder, 1.0)
     assert found == verdict
     assert statement.endswith(".")
     for effect in effects if verdict != "ambiguous" else []:
@@ -43,29 +43,29 @@ def test_the_verdict(
 @pytest.mark.parametrize(("share_left", "verdict"), [(0.35, "partly_explained"), (0.25, "effect_found")])
 def test_an_answer_that_closes_less_than_seven_tenths_is_not_the_whole(share_left: float, verdict: str) -> None:
     numbers = GapNumbers(3e-4, 2e-4, 3.1e-4, 3.1e-4 * share_left**0.5, 2e-6, "N m")
-    assert decide(["gravity"], [()], [], numbers, CLEAN)[0] == verdict
+    assert decide(["gravity"], [()], [], numbers, CLEAN, 1.0)[0] == verdict
 
 
 def test_numbers_before_and_after_are_said() -> None:
-    _, statement = decide(["stribeck", "gravity"], [(), ()], [], GAP, CLEAN)
+    _, statement = decide(["stribeck", "gravity"], [(), ()], [], GAP, CLEAN, 1.0)
     assert statement == "Missing: stribeck and gravity (missing 0.00031 N m before, 1.2e-05 N m after)."
 
 
 def test_what_is_indistinguishable_is_said() -> None:
-    _, statement = decide(["gravity"], [("constant_bias", "return_spring")], [], GAP, CLEAN)
+    _, statement = decide(["gravity"], [("constant_bias", "return_spring")], [], GAP, CLEAN, 1.0)
     assert "gravity or constant_bias or return_spring" in statement
     assert "cannot tell" in statement
 
 
 def test_doubts_and_what_is_left_are_said_beside_a_tie_too() -> None:
-    _, statement = decide(["gravity"], [("constant_bias",)], ["It may be another law."], GAP, LEFT)
+    _, statement = decide(["gravity"], [("constant_bias",)], ["It may be another law."], GAP, LEFT, 1.0)
     assert "It may be another law." in statement
     assert LEFT.words in statement
 
 
 def test_what_is_left_is_said() -> None:
     for effects, indistinguishable in (([], []), (["gravity"], [()])):
-        assert LEFT.words in decide(effects, indistinguishable, [], GAP, LEFT)[1]
+        assert LEFT.words in decide(effects, indistinguishable, [], GAP, LEFT, 1.0)[1]
 
 
 @pytest.mark.parametrize(
@@ -81,10 +81,10 @@ def test_a_doubt_makes_it_a_part_of_the_answer(
 ) -> None:
     doubts = doubts_about(at_bounds, beaten, unnamed)
     assert len(doubts) == 1
-    verdict, statement = decide(["gravity"], [()], doubts, GAP, CLEAN)
+    verdict, statement = decide(["gravity"], [()], doubts, GAP, CLEAN, 1.0)
     assert verdict == "partly_explained"
     assert words in statement
-    assert decide(["gravity"], [("constant_bias",)], doubts, GAP, CLEAN)[0] == "ambiguous"
+    assert decide(["gravity"], [("constant_bias",)], doubts, GAP, CLEAN, 1.0)[0] == "ambiguous"
 
 
 def test_an_interval_that_reaches_the_end_of_a_range_does_not_tell_the_law_from_its_limit() -> None:
@@ -99,7 +99,7 @@ def test_an_interval_that_reaches_the_end_of_a_range_does_not_tell_the_law_from_
 def test_a_doubt_is_told_where_nothing_is_named() -> None:
     doubts = doubts_about({}, {}, "backlash")
     for remainder, verdict in ((CLEAN, "no_missing_effect"), (LEFT, "unexplained")):
-        found, statement = decide([], [], doubts, GAP, remainder)
+        found, statement = decide([], [], doubts, GAP, remainder, 1.0)
         assert found == verdict
         assert statement.endswith(doubts[0])
 
@@ -109,7 +109,7 @@ def test_without_a_reason_there_is_no_doubt() -> None:
 
 
 def test_nothing_missing_names_the_noise_floor() -> None:
-    _, statement = decide([], [], [], GAP, CLEAN)
+    _, statement = decide([], [], [], GAP, CLEAN, 1.0)
     assert "Nothing is missing" in statement
     assert "2e-06 N m" in statement
 
