@@ -54,6 +54,8 @@ def answer(
     quiet = not rounds and is_quiet(first.fit)
     # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
     freed = withstanding(first, rounds, len(slugs))
+    while rounds and missing.held_out_rms(freed[-1].fit) > missing.own_torque(freed[-1].fit):
+        del rounds[-1], freed[-1]  # of another device
     first, last = freed[0], freed[-1]
     found = [missing_force(judged.fit) for judged in freed]
     power = [each.rms**2 for each in found]

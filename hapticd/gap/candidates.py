@@ -245,14 +245,14 @@ def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
 def _input_promises(space: Score, starts: Sequence[Term]) -> Floats:
     present = space.present
     series, p = present.problem.series, present.device()
-    duration, base, _ = series.currents(p, filter_s := present.filter_s())
+    duration, base, _ = series.currents(p)
     constant = torque_constant(p)
     whole = duration.sum(axis=1)
     columns = np.empty((series.size, len(starts)))
     for k, item in enumerate(starts):
         q = p.copy()
         item.put(q, item.start)
-        columns[:, k] = constant * ((series.currents(q, filter_s)[1] - base) * duration).sum(axis=1) / whole
+        columns[:, k] = constant * ((series.currents(q)[1] - base) * duration).sum(axis=1) / whole
     g, H = space.reduced([sensitivities(present.out, columns)])
     share = np.clip(g / np.maximum(np.diag(H), 1e-300), 0.0, 1.0)
     return np.asarray(share * g - 0.5 * share**2 * np.diag(H))

@@ -116,13 +116,14 @@ def cross_validate(fit: Fit, penalty: float = 0.0) -> CrossValidated:
 def evidence(better: CrossValidated, other: CrossValidated) -> tuple[float, float]:
     """Held-out gain of one hypothesis over another, nats, and the same in standard errors.
 
-    No law gains more where it was not fitted than where it was: more than that is another one's rough likelihood.
+    No law gains more where it was not fitted than where it was: more than that is another one's rough likelihood. What the
+    better one leaves counts by the other one's variance, as in the ratio of the two likelihoods.
     """
     gain = better.total - other.total
     fitted = better.fit.log_likelihood - better.penalty - other.fit.log_likelihood + other.penalty
     gain = min(max(gain, min(fitted, 0.0)), max(fitted, 0.0))
-    a, b = better.fit.out, other.fit.out
-    noise = (a["mean"] - b["mean"]) * (a if gain >= 0.0 else b)["score"]
+    a, b = (better.fit.out, other.fit.out) if gain >= 0.0 else (other.fit.out, better.fit.out)
+    noise = (a["mean"] - b["mean"]) * a["score"] * (a["variance"] / b["variance"])
     return gain, better.fit.problem.series.standard_errors(gain, noise)
 
 

@@ -102,7 +102,9 @@ def search(
             new = _next(possible, present, needed, needed_errors)
         is_late = new is not None and late_record.is_late(new.taken.law)
         is_last = number + 1 == constants.MOST_EFFECTS
-        is_sure = new is not None and new.taken.evidence >= needed_errors and matters(new.taken.judged, new.before)
+        is_sure = is_late or (
+            new is not None and new.taken.evidence >= needed_errors and matters(new.taken.judged, new.before)
+        )
         if new is None or (doubtful and not is_sure) or (is_last and not is_sure):
             break
         path = [*(rounds if is_late else path), new]
@@ -146,11 +148,12 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
     a late record, beside which all is fitted anew.
     """
     contenders = _in_order(closing(possible, present, needed_errors), needed_errors)
-    gaining = [one for one in possible if one.gain >= needed and not late_record.is_late(one.law)]
+    gaining = [one for one in possible if one.gain >= needed]
     is_right = bool(contenders) and _is_right(contenders[0], present, gaining, needed_errors)
     if not is_right:
         closers = [one for one in gaining if closes(one.judged.fit, present.fit)]
-        contenders = _in_order(closers or [one for one in gaining if one.evidence >= needed_errors], needed_errors)
+        sure = [one for one in gaining if one.evidence >= needed_errors and not late_record.is_late(one.law)]
+        contenders = _in_order(closers or sure, needed_errors)
     if not contenders:
         return None
     best = contenders[0]

@@ -136,9 +136,9 @@ class Series:
 
         Args:
             gain: of one hypothesis over another, nats.
-            noise: (n,) the better one's scores times the difference of the two predictions. If it is true, the gain varies
-                by their sum; sums over blocks make that robust to scores that hang together. By itself the better model
-                says that it varies by twice the gain: no less.
+            noise: (n,) by which the gain varies if the better one is true: the difference of the two predictions times what
+                it leaves, over the other one's variance. Sums over blocks make that robust to what hangs together. By
+                itself the better model says that it varies by twice the gain: no less.
         """
         blocks = self.per_block(noise)
         return 2.0 * gain / math.sqrt(max(float(blocks @ blocks), float(noise @ noise), 2.0 * abs(gain), 1e-300))

@@ -28,16 +28,15 @@ def decide(
         doubts: sentences that say why what is named, or that nothing is, may not be the whole truth.
         gap: the missing force before and after.
         remainder: what is left.
-        torque: what friction and current of the last model make; what lacks more than that is no model of the device.
+        torque: what friction and current of the last model make; what lacks more than that is no model of the device,
+            and names nothing.
     """
     if gap.held_out_after > torque:
         too_much = (
             f"More force is missing ({gap.held_out_after:.3g} {gap.unit}) than the device's friction and current make "
             f"({torque:.2g} {gap.unit}): the model is of another device, or the motion is not the current's."
         )
-        if not effects:
-            return "unexplained", " ".join([too_much, *doubts, remainder.words])
-        doubts = [too_much, *doubts]
+        return "unexplained", " ".join([too_much, *doubts, remainder.words])
     names = " and ".join(effects)
     left = bool(remainder.structure)
     force = f"missing {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after"

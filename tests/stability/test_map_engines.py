@@ -64,8 +64,8 @@ class Cluster:
         self._start("scheduler", "--port", "0", *common)
         self.workers = [self._start("worker", "--nthreads", "1", "--no-nanny", *common) for _ in range(2)]
         deadline = time.monotonic() + 60.0
-        while not file.exists() and time.monotonic() < deadline:
-            time.sleep(0.05)
+        while not (file.exists() and file.read_bytes().endswith(b"}")) and time.monotonic() < deadline:
+            time.sleep(0.05)  # it is there, and empty, before it is written
         self.address = str(json.loads(file.read_text())["address"])
 
     def _start(self, kind: str, *words: str) -> subprocess.Popen[bytes]:
