@@ -165,7 +165,7 @@ class Fit:
         duration, current, spread = series.currents(p, self.filter_s(u))
         for number, item in enumerate(self.terms):
             if item.slug == LINE:
-                torque = line_torques(item, series.middle_s) @ u[self.columns(number)]
+                torque = line_torques(item, series) @ u[self.columns(number)]
                 current = current + (torque / torque_constant(p))[:, None]
         return duration, current, spread
 
@@ -185,7 +185,7 @@ class Fit:
         self.scores, self.slopes, self.spreads = (np.zeros((self.out.size, self.u.size), order="F") for _ in range(3))
         for number, item in enumerate(self.terms):
             own = self.columns(number)
-            columns = torque_slopes(item, self.u[own], self.out["x"], self.problem.series.middle_s)
+            columns = torque_slopes(item, self.u[own], self.out["x"], self.problem.series)
             if columns is not None and free[own].any():
                 self.slopes[:, own] = sensitivities(self.out, columns)
                 self.scores[:, own] = self.slopes[:, own] * self.out["score"][:, None]

@@ -71,34 +71,38 @@ def _innovation(fit: Fit) -> Floats:
 def along(first: Fit, last: Fit) -> Term | None:
     """The term that fits lines along: those of the nominal model, which a law may have taken on, and of the last one.
 
-    None where there are no lines, and for several recordings, in each of which they have phases of their own.
+    In each recording they have a phase and a strength of their own. None where there are no lines.
     """
     series = last.problem.series
-    if series.recording[-1] > 0:
-        return None
-    step, reach = 1.0 / (_FINER * series.duration_s), _SEGMENTS / series.duration_s
-    found: list[float] = []
-    for fit in (last, first):
-        innovation = _innovation(fit)
-        for coarse in lines(fit):
-            near = coarse + np.arange(-reach, reach, step)
-            swings = [abs(np.exp(-2j * np.pi * one * series.time_s) @ innovation) for one in near]
-            frequency = float(near[int(np.argmax(swings))])
-            if all(abs(frequency - other) > reach for other in found):
-                found.append(frequency)
+    innovations = [_innovation(fit) for fit in (last, first)]
+    found: list[tuple[int, float]] = []
+    for number, period_s in enumerate(series.periods_s):
+        rows = series.recording == number
+        time_s = series.time_s[rows]
+        step, reach = 1.0 / (_FINER * time_s[-1]), _SEGMENTS / time_s[-1]
+        own: list[float] = []
+        for innovation in (innovation[rows] for innovation in innovations):
+            for _, coarse, _ in _lines_of(innovation, period_s):
+                near = coarse + np.arange(-reach, reach, step)
+                swings = [abs(np.exp(-2j * np.pi * one * time_s) @ innovation) for one in near]
+                frequency = float(near[int(np.argmax(swings))])
+                if all(abs(frequency - other) > reach for other in own):
+                    own.append(frequency)
+        found += [(number, frequency) for frequency in own]
     if not found:
         return None
     most, scale = 10.0 * last.problem.torque, 0.01 * last.problem.torque
     coordinates = [
         Coordinate(f"{part} of {frequency:.6g} Hz", -1, False, -most, most, scale)
-        for frequency in found
+        for _, frequency in found
         for part in ("sine", "cosine")
     ]
-    return Term(LINE, tuple(coordinates), (0.0,) * len(coordinates), tuple((-1, frequency) for frequency in found))
+    fixed = tuple((-1 - number, frequency) for number, frequency in found)
+    return Term(LINE, tuple(coordinates), (0.0,) * len(coordinates), fixed)
 
 
 def frequencies(fit: Fit) -> list[float]:
     """Lines [Hz] that a model has, and those that it leaves elsewhere: no frequency is quite constant."""
-    found = [value for item in fit.terms if item.slug == LINE for _, value in item.fixed]
+    found = list(dict.fromkeys(value for item in fit.terms if item.slug == LINE for _, value in item.fixed))
     near = 2.0 * _SEGMENTS / fit.problem.series.duration_s
     return found + [left for left in lines(fit) if all(abs(left - other) > near for other in found)]

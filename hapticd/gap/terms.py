@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from hapticd.gap.series import Series
+
     Floats = NDArray[np.float64]
 
 
@@ -66,7 +68,8 @@ class Term:
         slug: the effect.
         coordinates: its free numbers.
         start: (k,) where they start.
-        fixed: words that are chosen and not fitted (orders of a ripple; −1 for frequencies of lines), and their values.
+        fixed: words that are chosen and not fitted (orders of a ripple), and their values; of lines −1 less the recording's
+            number, and the frequency [Hz].
     """
 
     slug: str
@@ -150,20 +153,22 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
     return Term(slug, tuple(coordinates), tuple(start), tuple(fixed))
 
 
-def line_torques(item: Term, time_s: Floats) -> Floats:
-    """Torque of a unit of each coordinate of lines at n instants, shape (n, k): a sine and a cosine of each."""
-    turns = np.multiply.outer(time_s, [2.0 * np.pi * frequency for _, frequency in item.fixed])
-    return np.ascontiguousarray(np.stack([np.sin(turns), np.cos(turns)], axis=2).reshape(time_s.size, -1))
+def line_torques(item: Term, series: Series) -> Floats:
+    """Torque of a unit of each coordinate of lines in each period, shape (n, k): a sine and a cosine of each."""
+    turns = np.multiply.outer(series.middle_s, [2.0 * np.pi * frequency for _, frequency in item.fixed])
+    swings = np.stack([np.sin(turns), np.cos(turns)], axis=2)
+    swings *= np.equal.outer(series.recording, [-1 - word for word, _ in item.fixed])[:, :, None]
+    return np.ascontiguousarray(swings.reshape(series.size, -1))
 
 
-def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, time_s: Floats) -> Floats | None:
+def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, series: Series) -> Floats | None:
     """Derivative of a term's torque by its coordinates where that is a plain function of position or time, shape (n, k).
 
     A ripple of many orders has many coordinates; their slopes through the linearised filter cost one pass instead of one
     run of the filter each.
     """
     if item.slug == LINE:
-        return line_torques(item, time_s)
+        return line_torques(item, series)
     if item.slug != "torque_ripple":
         return None
     found = np.empty((x.size, len(item.coordinates)))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -28,7 +29,7 @@ from hapticd.gap.missing import (
 )
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.remainder import remainder_of
-from hapticd.gap.terms import term
+from hapticd.gap.terms import line_torques, term
 
 GRAVITY = {"name": "gravity", "m_g_l": 6e-4, "theta_0": 0.3}
 
@@ -154,6 +155,29 @@ def test_a_line_in_time_is_found(hidden: Callable[..., Any], truth: Callable[...
     beside.out["moved"] = fit.out["moved"]  # a line that is not quite constant is not all gone
     assert frequencies(beside) == [item.fixed[0][1]]
     assert frequencies(fit) == lines(fit)
+
+
+def test_a_line_has_a_phase_of_its_own_in_each_recording(hidden: Callable[..., Any]) -> None:
+    recording, model = hidden([], 9, 10.0)
+    other, _ = hidden([], 10, 10.0)
+    fit = nominal_fit(problem_of([recording, other], model))
+    assert along(fit, fit) is None
+    series = fit.problem.series
+    deviation = np.sqrt(fit.out["variance"] * fit.out["share"])
+    swing = np.sin(2.0 * np.pi * 73.0 * series.time_s) * (series.recording == 1)
+    fit.out["moved"] += deviation * swing
+    item = along(fit, fit)
+    assert item is not None
+    assert item.fixed == ((-2, pytest.approx(73.0, abs=0.5)),)
+    torques = line_torques(item, series)
+    assert not torques[series.recording == 0].any()
+    second = line_torques(replace(item, fixed=((-1, item.fixed[0][1]),)), problem_of([other], model).series)
+    np.testing.assert_allclose(torques[series.recording == 1], second, atol=1e-3)
+    fit.out["moved"] += deviation * (swing[::-1])
+    both = along(fit, fit)
+    assert both is not None
+    assert sorted(word for word, _ in both.fixed) == [-2, -1]
+    assert both.start == (0.0,) * 4
 
 
 def test_a_number_of_which_one_block_knows_all_does_not_spoil_that_block() -> None:
