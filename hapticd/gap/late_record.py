@@ -8,6 +8,7 @@ parameters. A device that answers sooner than its model says, or both at once, l
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from hapticd.effects.catalogue import CATALOGUE
@@ -75,8 +76,12 @@ def is_opposite_only(slug: str, fit: Fit) -> bool:
 
 
 def along(law: Term) -> Term:
-    """The term that fits a late record along with everything else."""
-    return Term(SLUG, law.coordinates, law.start)
+    """The term that fits a late record along with everything else.
+
+    It stays near where it was found, beside laws that a poorer model has not: there it would run anywhere.
+    """
+    (own,), (found,) = law.coordinates, law.start
+    return Term(SLUG, (replace(own, prior=own.scale, centre=found),), law.start)
 
 
 def described(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:

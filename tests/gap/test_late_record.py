@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.gap import find_gap, workflow
+from hapticd.gap import find_gap, late_record, workflow
 from hapticd.gap.fit import Fit
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.problem import Problem
@@ -140,3 +140,14 @@ def test_an_interruption_before_it_is_fitted_along_names_nothing(
     with pytest.raises(KeyboardInterrupt):
         find_gap([delayed(recording)], model, design=False)
     assert fits
+
+
+def test_a_late_record_stays_near_where_it_was_found() -> None:
+    """Without the laws beside which it was found a robot's joint had it at the end of its range, and nothing was named."""
+    for slug in ("transport_delay", "amplifier_lag"):
+        law = late_record.starts(slug, 1e-3)[2]
+        item = late_record.along(law)
+        (own,) = item.coordinates
+        assert item.slug == late_record.SLUG
+        assert (own.centre, own.prior) == (law.start[0], law.coordinates[0].scale)
+        assert item.start == law.start
