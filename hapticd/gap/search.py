@@ -101,11 +101,6 @@ def search(
             possible = _others(possible, new)  # climbed to the end it is another law, or none
             new = _next(possible, present, needed, needed_errors)
         is_late = new is not None and late_record.is_late(new.taken.law)
-        if path and new is not None and not is_late and (freed := _freed(new, needed)) is not None:
-            last = doubtful if doubtful else rounds
-            last[-1] = _rejudged(last[-1], freed)
-            present, possible, new = freed, [], None
-            continue
         is_last = number + 1 == constants.MOST_EFFECTS
         is_sure = is_late or (
             new is not None and new.taken.evidence >= needed_errors and matters(new.taken.judged, new.before)
@@ -136,24 +131,6 @@ def search(
         if each is not None and each.taken.evidence >= needed_errors and not _closes(each) and not _is_artefact(each):
             return each.taken.slug
     return None
-
-
-def _freed(new: Round, needed: float) -> CrossValidated | None:
-    """The model before a law, climbed on from where that law has led it; None where that is no likelier than it was.
-
-    What remembers has a rough likelihood: a climb that ended too early is no evidence for the next law.
-    """
-    poorer = new.taken.judged.fit.without(len(new.before.fit.terms))
-    if poorer.log_likelihood < new.before.fit.log_likelihood + needed:
-        return None
-    return cross_validate(poorer.maximise(tolerance=ROUGH * needed), new.before.penalty)
-
-
-def _rejudged(named: Round, judged: CrossValidated) -> Round:
-    """A round with another fit of its model."""
-    gain, errors = evidence(judged, named.before)
-    taken = replace(named.taken, judged=judged, gain=gain, evidence=errors)
-    return replace(named, contenders=(taken, *named.contenders[1:]))
 
 
 def _stand_together(doubtful: Round, gone: set[str], path: Sequence[Round], before: int) -> bool:

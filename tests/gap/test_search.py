@@ -40,11 +40,9 @@ from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
 from hapticd.gap.search import (
     _beside,
-    _freed,
     _is_more,
     _is_right,
     _next,
-    _rejudged,
     critical,
     is_quiet,
     least_gain,
@@ -618,26 +616,6 @@ def test_a_small_law_gives_way_to_one_that_closes_and_gains_more(
     assert not _is_right(small, biased, [closer], 4.0)
     assert _is_right(small, biased, [replace(closer, gain=10.0)], 4.0)
     assert not _is_right(replace(small, evidence=3.0), biased, [], 4.0)
-
-
-def test_a_climb_that_ended_too_early_is_no_evidence_for_the_next_law(
-    biased: CrossValidated, corrected: CrossValidated
-) -> None:
-    """Beside a play whose climb had ended 600 nats too low an inertia wrong by a thousandth was named."""
-    friction = term("viscous_friction", {"r": 1e-3}, (), 1.0)
-    stuck = cross_validate(corrected.fit.replaced(0, corrected.fit.terms[0].moved([1.5e-4])))
-    both = cross_validate(corrected.fit.extended(friction))
-    named = Round(biased, (Contender("constant_bias", stuck, *evidence(stuck, biased)),), ())
-    new = Round(stuck, (Contender("viscous_friction", both, *evidence(both, stuck)),), ())
-    assert new.taken.evidence > 4.0
-    freed = _freed(new, 8.0)
-    assert freed is not None
-    assert [item.slug for item in freed.fit.terms] == ["constant_bias"]
-    assert freed.fit.log_likelihood == pytest.approx(corrected.fit.log_likelihood, abs=1.0)
-    assert _freed(replace(new, before=corrected), 8.0) is None
-    again = _rejudged(named, freed)
-    assert again.taken.judged is freed
-    assert again.taken.gain > named.taken.gain
 
 
 def test_what_is_about_as_good_is_climbed_to_the_end_before_it_is_told_apart(
