@@ -51,11 +51,11 @@ def answer(
         slugs: effects that competed. fixed: terms that come before the effects.
         unnamed: an effect that predicts better for sure and was not named.
     """
-    quiet = not rounds and is_quiet(first.fit)
+    quiet, sure = not rounds and is_quiet(first.fit), [each.taken.slug for each in rounds]
     # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
     freed = withstanding(first, rounds, len(slugs))
     while rounds and missing.held_out_rms(freed[-1].fit) > missing.own_torque(freed[-1].fit):
-        del rounds[-1], freed[-1]  # of another device
+        del rounds[-1], freed[-1]  # a model of another device names nothing
     first, last = freed[0], freed[-1]
     found = [missing_force(judged.fit) for judged in freed]
     power = [each.rms**2 for each in found]
@@ -117,6 +117,7 @@ def answer(
             "predicted_better_by": beaten,
             "better_but_unnamed": unnamed,
             "is_quiet": quiet,
+            "taken_back": [slug for slug in sure if slug not in effects],
             "likelihood_evaluations": len(first.fit.problem.runs),
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),

@@ -52,7 +52,7 @@ class Fit:
         problem: what is fitted.
         terms: effects, in the order in which they were added.
         u: (k,) coordinates, the noise first.
-        log_likelihood: with the prior of the base parameters, in nats.
+        log_likelihood: with the priors of base parameters and of a late record, in nats.
         scores: (n, k) derivative of each sample's log probability, after `differentiate`; `held_out` drops it again.
         slopes: (n, k) derivative of each sample's predicted measurement.
         spreads: (n, k) derivative of the logarithm of its variance; as `scores`.

@@ -224,7 +224,7 @@ def where(fit: Fit, found: Missing) -> list[dict[str, object]]:
         force = (found.force - constant)[found.moves] * (1.0 if factor is None else factor[found.moves])
         mean = np.bincount(place, force, edges.size - 1) / np.maximum(count, 1)
         power = mean**2 * count
-        first, last = _densest(power, count)
+        first, last = _densest(power)
         share = float(power.sum() / total)
         low, high = float(edges[first]), float(edges[last + 1])
         if name.startswith("way"):
@@ -233,7 +233,7 @@ def where(fit: Fit, found: Missing) -> list[dict[str, object]]:
     return [entry for _, entry in sorted(entries, key=lambda pair: -pair[0])]
 
 
-def _densest(power: Floats, count: NDArray[np.int64]) -> tuple[int, int]:
+def _densest(power: Floats) -> tuple[int, int]:
     """First and last bin of the shortest run that holds most of the power."""
     size = power.size
     for length in range(1, size + 1):

@@ -25,8 +25,9 @@ def prediction_errors(before: Fit, after: Fit, is_linear: bool) -> dict[str, Any
     """RMS errors of position, rad or m, by both models.
 
     Returns:
-        ``horizon_s``; ``k_step`` (from the filtered state, that long ahead) and ``free_run`` (from the first state of each
-        stretch without a gap to its end), ``before`` and ``after`` each; ``unit``. Nothing where no stretch is that long.
+        ``horizon_s``; ``k_step`` (from the filtered state, that long ahead) and ``free_run`` (from the state so long after
+        the first sample of each stretch without a gap, to its end), ``before`` and ``after`` each; ``unit``. Nothing where
+        no stretch is that long.
     """
     of_before, of_after = _errors(before), _errors(after)
     if of_before is None or of_after is None:

@@ -134,9 +134,14 @@ def confidence(result: GapResult, known: int) -> str:
     tried = len(details.get("candidates", ()))
     which = "Every effect of the catalogue" if tried == known else f"{tried} of the catalogue's {known} effects"
     if details.get("is_quiet"):
-        return "No effect was tried: the model leaves no more noise than the most reproducible of devices has."
+        return "No effect was tried: no more force is missing than the least noise of any device makes."
     if not result.steps and result.interrupted:
         return "The search was interrupted."
+    if not result.steps and (gone := details.get("taken_back")):
+        return (
+            f"Taken back: {' and '.join(gone)}. Held-out blocks are predicted better with it, but a disturbance that may be "
+            "slow does as well, or more force is missing than the device's friction and current make."
+        )
     if not result.steps:
         needed = details.get("needed_standard_errors")
         bar = f"{needed:.1f} standard errors that " if needed else "level that "
