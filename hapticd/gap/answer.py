@@ -54,14 +54,16 @@ def answer(
     quiet, sure = not rounds and is_quiet(first.fit), [each.taken.slug for each in rounds]
     # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
     freed = withstanding(first, rounds, len(slugs))
-    while rounds and missing.held_out_rms(freed[-1].fit) > missing.own_torque(freed[-1].fit):
+    after = missing.held_out_rms(freed[-1].fit)
+    while rounds and after > missing.own_torque(freed[-1].fit):
         del rounds[-1], freed[-1]  # a model of another device names nothing
+        after = missing.held_out_rms(freed[-1].fit)
     first, last = freed[0], freed[-1]
     found = [missing_force(judged.fit) for judged in freed]
     power = [each.rms**2 for each in found]
-    held = [missing.held_out_rms(first.fit), missing.held_out_rms(last.fit)]
+    before = missing.held_out_rms(first.fit) if rounds else after
     unit = "N" if model.is_linear else "N m"
-    numbers = GapNumbers(found[0].rms, found[-1].rms, held[0], held[1], missing.noise_floor(last.fit), unit)
+    numbers = GapNumbers(found[0].rms, found[-1].rms, before, after, missing.noise_floor(last.fit), unit)
     possible = max(missing.explainable(first.fit, found[0]) * power[0], power[0] - power[-1], 1e-300)
     covariance = covariance_of(last.fit)
     steps = tuple(

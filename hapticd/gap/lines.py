@@ -103,6 +103,10 @@ def along(first: Fit, last: Fit) -> Term | None:
 
 def frequencies(fit: Fit) -> list[float]:
     """Lines [Hz] that a model has, and those that it leaves elsewhere: no frequency is quite constant."""
-    found = list(dict.fromkeys(value for item in fit.terms if item.slug == LINE for _, value in item.fixed))
-    near = 2.0 * _SEGMENTS / fit.problem.series.duration_s
-    return found + [left for left in lines(fit) if all(abs(left - other) > near for other in found)]
+    series = fit.problem.series
+    shortest_s = min(float(series.time_s[series.recording == number][-1]) for number in range(len(series.periods_s)))
+    found: list[float] = []
+    for one in (*(value for item in fit.terms if item.slug == LINE for _, value in item.fixed), *lines(fit)):
+        if all(abs(one - other) > 2.0 * _SEGMENTS / shortest_s for other in found):
+            found.append(one)
+    return found

@@ -145,7 +145,7 @@ def _next(possible: Sequence[Contender], present: CrossValidated, needed: float,
 
     In doubt is what gains most of all that closes some of the missing force; else of what is sure, and may stand beside
     another if one of the two is a base parameter (`_beside`). That one moves it: it is not climbed to the end before. Nor is
-    a late record, beside which all is fitted anew.
+    a late record, beside which all is fitted anew: no name, it need not be sure.
     """
     contenders = _in_order(closing(possible, present, needed_errors), needed_errors)
     gaining = [one for one in possible if one.gain >= needed]

@@ -139,7 +139,7 @@ def confidence(result: GapResult, known: int) -> str:
         return "The search was interrupted."
     if not result.steps and (gone := details.get("taken_back")):
         return (
-            f"Taken back: {' and '.join(gone)}. Held-out blocks are predicted better with it, but a disturbance that may be "
+            f"Taken back: {' and '.join(gone)}. Held-out blocks are predicted better so, but a disturbance that may be "
             "slow does as well, or more force is missing than the device's friction and current make."
         )
     if not result.steps:

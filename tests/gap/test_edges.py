@@ -273,3 +273,12 @@ def test_a_current_that_meets_its_limit_in_one_swing_is_named(hidden: Hidden, se
     assert (result.verdict, result.effects) == ("effect_found", ("current_saturation",)), result.statement
     (step,) = result.steps
     assert step.parameters["i_max"].value == pytest.approx(limit, rel=1e-3)
+
+
+def test_a_model_of_another_device_names_nothing(hidden: Hidden, monkeypatch: pytest.MonkeyPatch) -> None:
+    recording, nominal = hidden([{"name": "constant_bias", "tau_0": 4e-4}], 11, 6.0)
+    monkeypatch.setattr("hapticd.gap.missing.own_torque", lambda fit: 0.0)
+    found = find_gap([recording], nominal, candidates=["constant_bias"], design=False)
+    assert (found.verdict, found.effects) == ("unexplained", ())
+    assert found.details["taken_back"] == ["constant_bias"]
+    assert found.gap.held_out_before == found.gap.held_out_after

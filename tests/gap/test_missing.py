@@ -178,6 +178,7 @@ def test_a_line_has_a_phase_of_its_own_in_each_recording(hidden: Callable[..., A
     assert both is not None
     assert sorted(word for word, _ in both.fixed) == [-2, -1]
     assert both.start == (0.0,) * 4
+    assert frequencies(fit.extended(both)) == [pytest.approx(73.0, abs=0.5)]  # the same in both is told once
 
 
 def test_a_number_of_which_one_block_knows_all_does_not_spoil_that_block() -> None:
