@@ -288,7 +288,9 @@ def test_a_refused_configure_changes_nothing(device: Device, tmp_path: Path) -> 
         host.command(middle(hello), 1)
         assert host.configure(hello.watchdog_max_ms) == 0  # not while the output is on
         board.wait_for_event("DISABLE")
-        assert 60 <= device.off_after_ms(board.stop()) + 0.01 <= 61.01
+        off_after_ms = device.off_after_ms(board.stop())
+    assert 60 <= off_after_ms + 0.01  # how late is another test's
+    assert off_after_ms < hello.watchdog_max_ms
 
 
 @cites(
@@ -471,6 +473,7 @@ def test_what_switches_off(device: Device, tmp_path: Path) -> None:
     "SAMPLE is answered in every state",
     "latched faults stay latched",
 )
+@pytest.mark.realtime
 def test_nothing_else_keeps_the_output_alive(device: Device, tmp_path: Path) -> None:
     """SAMPLEs, refused COMMANDs and a streak of bad frames do not restart the watchdog; what it did stays latched."""
     watchdog_ms = 150
@@ -501,6 +504,7 @@ def test_nothing_else_keeps_the_output_alive(device: Device, tmp_path: Path) -> 
 
 
 @cites("the watchdog time stays", "every accepted COMMAND with enable = 1, and nothing else, restarts it")
+@pytest.mark.realtime
 def test_accepted_commands_restart_the_watchdog(device: Device, tmp_path: Path) -> None:
     watchdog_ms = 400
     with device.host(tmp_path) as (board, host):
