@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from drivers import declared_latency
 from hapticd.gap import constants
+from hapticd.gap.missing import missing_power
 from hapticd.gap.problem import Problem
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import Coordinate, Term
@@ -51,7 +53,7 @@ def problem_of(recordings: Sequence[Recording], model: Config, least: float = NO
     begun = {name: least * torque / (speed if name == "viscous" else 1.0) for name in zero}
     for name, size in begun.items():
         vector[index_of(name)] = size
-    return Problem(series, vector, torque, model.is_linear, begun)
+    return Problem(series, vector, torque, model.is_linear, begun=begun)
 
 
 def base_terms(problem: Problem, filter_s: float = 0.0) -> tuple[Term, ...]:
@@ -74,6 +76,26 @@ def base_terms(problem: Problem, filter_s: float = 0.0) -> tuple[Term, ...]:
         coordinate = Coordinate(name, index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)
         found.append(Term(name, (coordinate,), (centre,)))
     return tuple(found)
+
+
+def from_the_end(first: Fit, last: Fit) -> Problem | None:
+    """The problem to begin again with, of a base parameter at the end of the range to which it ran: a poor guess.
+
+    None where none did, or where what is named explains what was missing all the same; and the second time, since what runs
+    farther is no guess. The most that Coulomb friction may be is none either.
+
+    Args:
+        first: the nominal model. last: with all that is named.
+    """
+    problem, base = last.problem, last.problem.base.copy()
+    for number, term in enumerate(last.terms):
+        own = last.columns(number)
+        if term.slug in ("inertia", "viscous") and term.at_bounds(last.u[own]):
+            base[index_of(term.slug)] = math.exp(last.u[own.start])
+    is_guess = problem.is_given and not np.array_equal(base, problem.base)
+    if not is_guess or missing_power(last) < (1.0 - constants.EXPLAINED) * missing_power(first):
+        return None
+    return replace(problem, base=base, is_given=False)
 
 
 def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
 from hapticd.gap import late_record
 from hapticd.gap.answer import answer
-from hapticd.gap.base_model import NOTHING, base_terms, problem_of
+from hapticd.gap.base_model import NOTHING, base_terms, from_the_end, problem_of
 from hapticd.gap.competition import Round, cross_validate
 from hapticd.gap.corrections import CORRECTIONS
 from hapticd.gap.nominal import nominal_fit
@@ -58,17 +58,22 @@ def find_gap(
     rounds: list[Round] = []
     interrupted, unnamed = False, None
     try:
-        unnamed = search(first, slugs, progress, rounds)
-        while rounds and late_record.is_late(law := rounds[-1].taken.law):
-            fit = rounds[-1].taken.judged.fit
-            late = [term for term in base if term.slug == late_record.SLUG] + [late_record.along(law)]
-            beside = (*(base_terms(problem, fit.filter_s()) if refit_base else ()), *late)
-            first, base = cross_validate(nominal_fit(problem, beside)), beside
-            untouched = late_record.untouched(slugs, law)
-            not_considered += late_record.not_told(slugs, untouched) if candidates else []
-            slugs = untouched
-            rounds.clear()
+        while True:
             unnamed = search(first, slugs, progress, rounds)
+            last = rounds[-1].taken.judged.fit if rounds else first.fit
+            farther = from_the_end(first.fit, last)
+            late = [term for term in base if term.slug == late_record.SLUG]
+            if rounds and late_record.is_late(law := rounds[-1].taken.law):
+                late.append(late_record.along(law))
+                untouched = late_record.untouched(slugs, law)
+                not_considered += late_record.not_told(slugs, untouched) if candidates else []
+                slugs = untouched
+            elif farther is None:
+                break
+            problem = farther or problem
+            beside = (*(base_terms(problem, last.filter_s()) if refit_base else ()), *late)
+            first, base = cross_validate(nominal_fit(problem, beside)), beside
+            rounds.clear()
     except KeyboardInterrupt:
         if rounds and late_record.is_late(rounds[-1].taken.law):
             rounds.pop()  # no effect, and not yet fitted along
