@@ -53,7 +53,7 @@ def problem_of(recordings: Sequence[Recording], model: Config, least: float = NO
     begun = {name: least * torque / (speed if name == "viscous" else 1.0) for name in zero}
     for name, size in begun.items():
         vector[index_of(name)] = size
-    return Problem(series, vector, torque, model.is_linear, begun=begun)
+    return Problem(series, vector, torque, model.is_linear, begun)
 
 
 def base_terms(problem: Problem, filter_s: float = 0.0) -> tuple[Term, ...]:

@@ -33,20 +33,20 @@ class Problem:
         base: device vector of the nominal model.
         torque: what the device's torques are of the order of, N m or N.
         is_linear: metres and newtons.
-        is_given: `base` is the model's, and not at the end of a range about that.
         begun: frictions that the model has not, and the little that the base has in their place: corrections are factors.
         longest_memory_s: largest correlation time of the disturbance torque [s].
         runs: log-likelihood of each run of the filter until now.
+        is_given: `base` is the model's, and not at the end of a range about that.
     """
 
     series: Series
     base: Floats
     torque: float
     is_linear: bool
-    is_given: bool = True
     begun: Mapping[str, float] = field(default_factory=dict)
     longest_memory_s: float = field(default_factory=lambda: constants.SHORT_MEMORY_S)
     runs: list[float] = field(default_factory=list)
+    is_given: bool = True
 
     @property
     def noise_bounds(self) -> tuple[Floats, Floats]:

@@ -57,6 +57,7 @@ def find_gap(
     first = cross_validate(nominal_fit(problem, base))
     rounds: list[Round] = []
     interrupted, unnamed = False, None
+    kept = first, base, tuple(rounds)  # of the search from the guess
     try:
         while True:
             unnamed = search(first, slugs, progress, rounds)
@@ -70,6 +71,8 @@ def find_gap(
                 slugs = untouched
             elif farther is None:
                 break
+            else:
+                kept = first, base, tuple(rounds)
             problem = farther or problem
             beside = (*(base_terms(problem, last.filter_s()) if refit_base else ()), *late)
             first, base = cross_validate(nominal_fit(problem, beside)), beside
@@ -77,6 +80,8 @@ def find_gap(
     except KeyboardInterrupt:
         if rounds and late_record.is_late(rounds[-1].taken.law):
             rounds.pop()  # no effect, and not yet fitted along
+        if not rounds:
+            first, base, rounds[:] = kept
         if not rounds:
             raise
         interrupted = True

@@ -9,8 +9,10 @@ from typing import Any
 import pytest
 
 from hapticd.config import Config
-from hapticd.gap import find_gap
+from hapticd.gap import find_gap, workflow
 from hapticd.gap.base_model import base_terms, problem_of
+from hapticd.gap.fit import Fit
+from hapticd.gap.problem import Problem
 
 INERTIA, VISCOUS, COULOMB = 6.28e-6, 9.0e-6, 2.0e-3
 WRONG = {"inertia_error": 0.25, "viscous_friction": -0.4, "coulomb_friction": 0.1}
@@ -47,6 +49,23 @@ def test_a_guess_of_the_inertia_may_be_far_off(hidden: Callable[..., Any], times
     assert result.effects == ("constant_bias",), result.statement
     assert "do not tell inertia" not in result.statement
     assert result.base["inertia"].value == pytest.approx(INERTIA, rel=0.02)
+
+
+def test_what_the_first_search_named_outlives_an_interruption_of_the_second(
+    hidden: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def farther(_: Fit, last: Fit) -> Problem:
+        monkeypatch.setattr(workflow, "search", interrupted)
+        return last.problem
+
+    def interrupted(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    recording, model = hidden([{"name": "constant_bias", "tau_0": 6e-4}], 23, 6.0)
+    monkeypatch.setattr(workflow, "from_the_end", farther)
+    result = find_gap([recording], model, refit_base=True, candidates=["constant_bias"], design=False)
+    assert result.interrupted
+    assert result.effects == ("constant_bias",)
 
 
 @pytest.mark.parametrize("times", [1e-3, 1e3])
