@@ -47,11 +47,11 @@ EFFECT = Effect(
         simulated=(
             "Contacts, stops and partings are located; between them the motion is in closed form. The tests hold it to 1 "
             "% of a 3 kHz contact with twice critical damping. A stiff contact of damping ratio ζ rebounds with about "
-            "exp(−πζ/√(1 − ζ²)); fitted to one with ζ of 0.3, the gap and the load's share come out some 5 % off."
+            "exp(−πζ/√(1 − ζ²)); fitted to one with ζ of 0.3, the gap and the load's share come out some 7 % off."
         ),
     ),
     grid=_grid,
-    accuracy=5e-2,  # a contact that gives shows as a rigid one whose gap and share are so much off
+    accuracy=7e-2,  # a contact that gives shows as a rigid one whose gap and share are so much off
     near=("presliding", "flexible_coupling"),
     contains=("inertia_error",),
     excludes=("flexible_coupling",),

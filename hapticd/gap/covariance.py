@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap import constants
+from hapticd.gap.imitation import imitated
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.parallel import each
 
@@ -26,32 +29,51 @@ _NARROWER = 6
 def covariance_of(fit: Fit) -> Floats:
     """Covariance of the coordinates, shape (k, k).
 
-    The expected information, of means and of variances, is the bread of the sandwich (White 1982); scores summed over
-    blocks are between, so that it is robust to what the model has wrong about single samples and their dependence. No
-    variance is less than what the model by itself says. A parameter at its bound is as uncertain as any other; the
+    A jackknife over blocks (Miller, Biometrika 61, 1974), each estimate a step of Fisher's scoring away from the whole one:
+    robust to what the model has wrong about single samples and their dependence. No variance is less than what the model by
+    itself says, nor less than what recordings that it makes tell. A parameter at its bound is as uncertain as any other; the
     noise there is off.
     """
     fit.differentiate()
     free = fit.free(fit.scores.sum(axis=0)) | (np.arange(fit.u.size) >= len(NOISE))
     if any(CATALOGUE[item.slug].acts_on == "memory" for item in fit.terms if item.slug in CATALOGUE):
         _secants(fit, free)
-    scores = fit.scores[:, free] - fit.scores[:, free].mean(axis=0)  # at a bound they do not sum to zero
-    A = fit.information()[np.ix_(free, free)] + np.diag(fit.prior[free] ** -2.0)
+    series = fit.problem.series
+    # At a bound they do not sum to zero.
+    scores = series.per_block(fit.scores[:, free] - fit.scores[:, free].mean(axis=0))
+    ends = np.searchsorted(series.block, np.arange(series.blocks + 1))
+    known = np.array([fit.information(slice(*block))[np.ix_(free, free)] for block in pairwise(ends)])
+    A = known.sum(axis=0) + np.diag(fit.prior[free] ** -2.0)
     unit = 1.0 / np.sqrt(np.diag(A) + 1e-12 / fit.scale[free] ** 2)
     units = np.outer(unit, unit)
-    bread = units * np.linalg.inv(A * units + 1e-9 * np.eye(unit.size))
-    sums = fit.problem.series.per_block(scores)
-    filling = [scores.T @ scores, sums.T @ sums]
-    variances = [np.diag(bread @ part @ bread) for part in filling]
-    robust = bread @ filling[1] @ bread
-    largest = np.maximum(np.maximum(variances[0], variances[1]), np.diag(bread))
-    told = variances[1] > 0.0
-    scale = np.sqrt(largest[told] / variances[1][told])
+    A = A * units + 1e-9 * np.eye(unit.size)
+    without = (1.0 + constants.HELD_BACK) * A - known * units
+    moved = np.linalg.solve(without, (unit * scores)[..., None])[..., 0]
+    jackknife = (1.0 - 1.0 / series.blocks) * moved.T @ moved
+    inverse = np.linalg.inv(A)
+    by_chance = _moved_by_imitations(fit)[:, free] / unit
+    largest = np.max([np.diag(jackknife), np.diag(inverse), np.mean(by_chance**2, axis=0)], axis=0)
+    told = np.diag(jackknife) > 0.0
+    wider = np.sqrt(largest[told] / np.diag(jackknife)[told])
     own = np.diag(largest)
-    own[np.ix_(told, told)] = robust[np.ix_(told, told)] * np.outer(scale, scale)
+    own[np.ix_(told, told)] = jackknife[np.ix_(told, told)] * np.outer(wider, wider)
     covariance = np.zeros((fit.u.size, fit.u.size))
-    covariance[np.ix_(free, free)] = own
+    covariance[np.ix_(free, free)] = units * own
     return covariance
+
+
+def _moved_by_imitations(fit: Fit) -> Floats:
+    """Where a step of scoring goes on recordings that the model makes itself, shape (imitations, k).
+
+    Near standstill the filter is not exact, and its estimates vary by more than the information says.
+    """
+
+    def moved_by(seed: int) -> Floats:
+        other = fit.on(imitated(fit, seed))
+        other.error = fit.error
+        return other.maximise(1).u - fit.u
+
+    return np.array(each(moved_by, range(constants.IMITATIONS)))
 
 
 def _secants(fit: Fit, free: NDArray[np.bool_]) -> None:

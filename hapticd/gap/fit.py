@@ -202,10 +202,11 @@ class Fit:
 
         each(differentiate_by, np.flatnonzero(free).tolist())
 
-    def information(self) -> Floats:
-        """Expected information of the coordinates that were differentiated, shape (k, k): of means and of variances."""
-        of_means: Floats = self.slopes.T @ (self.slopes * self.out["information"][:, None])
-        of_variances: Floats = 0.5 * self.spreads.T @ (self.spreads * self.out["share"][:, None] ** 2)
+    def information(self, rows: slice = slice(None)) -> Floats:
+        """Expected information on the coordinates that were differentiated, shape (k, k): of means and of variances."""
+        slopes, spreads, out = self.slopes[rows], self.spreads[rows], self.out[rows]
+        of_means: Floats = slopes.T @ (slopes * out["information"][:, None])
+        of_variances: Floats = 0.5 * spreads.T @ (spreads * out["share"][:, None] ** 2)
         return of_means + of_variances
 
     def approach(self, first: int, rounds: int) -> Fit:
