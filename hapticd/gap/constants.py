@@ -52,7 +52,8 @@ GRIP_BLOCKS = 2
 LINE = 25.0
 """Power over that of the neighbourhood at which a frequency is a line in time: by chance hardly one ever does."""
 IMITATIONS = 5
-"""Recordings that a model makes itself, to see what a law gains where it is not: all their blocks are a hundred and more."""
+"""Recordings that a model makes itself, to see what a law gains where it is not, and how far an estimate goes: all their
+blocks are a hundred and more."""
 INDISTINGUISHABLE = 3.0
 """Standard errors of evidence up to which two laws are indistinguishable, and above imitations from which a gain is none of
 the filter's."""
