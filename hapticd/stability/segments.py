@@ -25,9 +25,9 @@ from hapticd.plant.spring import spring_functions, time_to_rest
 _f8 = types.float64
 
 # Below this |z| the closed form of ψ subtracts nearly equal numbers.
-_SERIES_ABOVE = -0.125
+_SERIES_ABOVE = -0.5
 # (2ᵏ⁺² − 2)/((k + 2)!(k + 3)): ψ(z) = Σ of these times zᵏ
-_PSI = tuple((2.0 ** (k + 2) - 2.0) / (math.factorial(k + 2) * (k + 3)) for k in range(12))
+_PSI = tuple((2.0 ** (k + 2) - 2.0) / (math.factorial(k + 2) * (k + 3)) for k in range(17))
 
 
 @njit(_f8(_f8, _f8, _f8))
