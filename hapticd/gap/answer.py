@@ -66,8 +66,10 @@ def answer(
     numbers = GapNumbers(found[0].rms, found[-1].rms, before, after, missing.noise_floor(last.fit), unit)
     possible = max(missing.explainable(first.fit, found[0]) * power[0], power[0] - power[-1], 1e-300)
     covariance = covariance_of(last.fit)
+    grips = [fixed + number for number, each in enumerate(rounds) if each.taken.slug == grip.SLUG]
+    edges = {at: ends for number in grips for at, ends in grip.edge_ranges(last.fit, number).items()}
     steps = tuple(
-        _step(each, number, last.fit, covariance, fixed, model.is_linear, power, possible)
+        _step(each, number, last.fit, covariance, edges, fixed, model.is_linear, power, possible)
         for number, each in enumerate(rounds)
     )
     effects = tuple(step.effect for step in steps)
@@ -82,6 +84,8 @@ def answer(
     laws = [(last.fit.terms[number], last.fit.columns(number)) for number in range(fixed, fixed + len(rounds))]
     series = first.fit.problem.series
     half = _reach(series.blocks) * np.sqrt(np.diag(covariance))
+    for at, ends in edges.items():
+        half[at] = np.abs(np.subtract(ends, last.fit.u[at])).max()
     at_bounds = {law.slug: names for law, own in laws if (names := law.at_bounds(last.fit.u[own], half[own]))}
     late = late_record.described(last.fit, np.diag(covariance), _reach(series.blocks))
     timing = _timing(recordings)
@@ -142,6 +146,7 @@ def _step(
     number: int,
     fit: Fit,
     covariance: np.ndarray[Any, np.dtype[np.float64]],
+    edges: Mapping[int, tuple[float, float]],
     fixed: int,
     is_linear: bool,
     power: Sequence[float],
@@ -152,9 +157,9 @@ def _step(
     u, variance = fit.u[own], np.diag(covariance)[own]
     blocks = fit.problem.series.blocks
     estimates = estimates_of(term, u, variance, blocks, is_linear)
-    if term.slug == grip.SLUG:
-        ranges = grip.edge_ranges(fit, fixed + number)
-        estimates |= {name: replace(estimates[name], ci95=ends) for name, ends in ranges.items()}
+    for at, coordinate in enumerate(term.coordinates, own.start):
+        if at in edges:
+            estimates[coordinate.name] = replace(estimates[coordinate.name], ci95=edges[at])
     same = CATALOGUE[taken.slug].equivalent_to
     ranking = tuple(
         Ranked(

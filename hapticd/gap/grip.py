@@ -182,8 +182,8 @@ def _in_favour(fit: Fit, number: int) -> Floats:
     return np.concatenate([[0.0], np.cumsum(throughout["log_p"] - fit.without(number).out["log_p"])])
 
 
-def edge_ranges(fit: Fit, number: int) -> dict[str, tuple[float, float]]:
-    """Earliest and latest begin and end of the grip [s] that the counts hardly tell from the estimate.
+def edge_ranges(fit: Fit, number: int) -> dict[int, tuple[float, float]]:
+    """Earliest and latest begin and end of the grip [s] that the counts hardly tell from the estimate, by coordinate.
 
     A hand that takes hold of a shaft at rest shows only when it moves.
     """
@@ -198,5 +198,5 @@ def edge_ranges(fit: Fit, number: int) -> dict[str, tuple[float, float]]:
                 if fit.evaluate(u)[0] < fit.log_likelihood - _FALL:
                     break
             ends.append(min(max(float(u[at]), 0.0), fit.problem.series.duration_s))
-        found[name] = ends[0], ends[1]
+        found[at] = ends[0], ends[1]
     return found

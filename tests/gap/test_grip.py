@@ -30,7 +30,9 @@ def test_interval_and_sizes_are_found(hidden: Callable[..., Any], coloured: Colo
     (first,) = grip.first_grip(Score(present), scale)
     fit = grip.with_close_edges(grip.settled(present.extended(first.term), 0, scale), 0).maximise()
     found = parameters_of_term(fit.terms[0], fit.u[fit.columns(0)])
-    for name, (earliest, latest) in grip.edge_ranges(fit, 0).items():
+    names = [coordinate.name for coordinate in fit.terms[0].coordinates]
+    for at, (earliest, latest) in grip.edge_ranges(fit, 0).items():
+        name = names[at - fit.columns(0).start]
         assert earliest - 0.05 <= HAND[name] <= latest + 0.05
         assert latest - earliest < 0.6
         assert earliest <= found[name] <= latest
