@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants
 from hapticd.gap.imitation import imitated
 from hapticd.gap.kernel.ticks import NOISE
@@ -20,11 +19,6 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-_FALL = 2.0
-"""Nats by which the likelihood may fall along a secant."""
-_NARROWER = 6
-"""Attempts to find such a secant."""
-
 
 def covariance_of(fit: Fit) -> Floats:
     """Covariance of the coordinates, shape (k, k).
@@ -36,8 +30,6 @@ def covariance_of(fit: Fit) -> Floats:
     """
     fit.differentiate()
     free = fit.free(fit.scores.sum(axis=0)) | (np.arange(fit.u.size) >= len(NOISE))
-    if any(CATALOGUE[item.slug].acts_on == "memory" for item in fit.terms if item.slug in CATALOGUE):
-        _secants(fit, free)
     series = fit.problem.series
     # At a bound they do not sum to zero.
     scores = series.per_block(fit.scores[:, free] - fit.scores[:, free].mean(axis=0))
@@ -71,29 +63,6 @@ def _moved_by_imitations(fit: Fit) -> Floats:
     def moved_by(seed: int) -> Floats:
         other = fit.on(imitated(fit, seed))
         other.error = fit.error
-        return other.maximise(1).u - fit.u
+        return other.approach(len(NOISE), 1).u - fit.u
 
     return np.array(each(moved_by, range(constants.IMITATIONS)))
-
-
-def _secants(fit: Fit, free: NDArray[np.bool_]) -> None:
-    """Differentiate over the widest steps along which the likelihood falls by no more than `_FALL`.
-
-    With impacts it is rough: its slope at a point says nothing of how far the data let a parameter go.
-    """
-
-    def differentiate_by(j: int) -> None:
-        step = 0.1 * fit.scale[j]
-        for _ in range(_NARROWER):
-            sides = []
-            for sign in (1.0, -1.0):
-                u = fit.u.copy()
-                u[j] = np.clip(u[j] + sign * step, fit.lower[j], fit.upper[j])
-                sides.append((u[j], *fit.evaluate(u)))
-            if fit.log_likelihood - max(value for _, value, _ in sides) < _FALL:
-                break
-            step *= 0.2
-        (upper, _, above), (lower, _, below) = sides
-        fit.set_slopes(j, above, below, upper - lower)
-
-    each(differentiate_by, np.flatnonzero(free).tolist())
