@@ -84,9 +84,7 @@ def answer(
     laws = [(last.fit.terms[number], last.fit.columns(number)) for number in range(fixed, fixed + len(rounds))]
     series = first.fit.problem.series
     half = _reach(series.blocks) * np.sqrt(np.diag(covariance))
-    for at, ends in edges.items():
-        half[at] = np.abs(np.subtract(ends, last.fit.u[at])).max()
-    at_bounds = {law.slug: names for law, own in laws if (names := law.at_bounds(last.fit.u[own], half[own]))}
+    at_bounds = {law.slug: names for law, own in laws if (names := _at_bounds(law, own, last.fit, half, edges))}
     late = late_record.described(last.fit, np.diag(covariance), _reach(series.blocks))
     timing = _timing(recordings)
     begun = first.fit.problem.begun
@@ -128,6 +126,23 @@ def answer(
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),
     )
+
+
+def _at_bounds(
+    law: Term,
+    own: slice,
+    fit: Fit,
+    half: np.ndarray[Any, np.dtype[np.float64]],
+    edges: Mapping[int, tuple[float, float]],
+) -> list[str]:
+    """Parameters that are not told from the end of their range; of a grip's edges that is the recording's."""
+    names = law.at_bounds(fit.u[own], half[own])
+    duration_s = fit.problem.series.duration_s
+    return [
+        c.name
+        for at, c in enumerate(law.coordinates, own.start)
+        if (edges[at][0] <= 0.0 or edges[at][1] >= duration_s if at in edges else c.name in names)
+    ]
 
 
 def _relative_to(begun: Mapping[str, float], effects: Sequence[str], is_linear: bool) -> list[str]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from drivers import declared_latency
 from hapticd.gap import constants
+from hapticd.gap.late_record import LATEST
 from hapticd.gap.missing import missing_power
 from hapticd.gap.problem import Problem
 from hapticd.gap.series import series_of
@@ -28,8 +29,6 @@ FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
 """Factor by which a base parameter may leave its nominal value. A shaft heavier than that ignores the current."""
 _MOST_WORK = 1.5
 """Work against Coulomb friction over what the shaft gets: beyond, friction holds it, and a disturbance moves it."""
-_LATEST = 20
-"""Periods by which a current may act before or after its record."""
 _STEP_S = 0.05
 """Steps over which a way is summed [s]."""
 NOTHING = 1e-6
@@ -101,14 +100,14 @@ def from_the_end(first: Fit, last: Fit) -> Problem | None:
 def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:
     """Coulomb friction that takes `_MOST_WORK` times what the shaft gets, N m or N.
 
-    That is the current's work, of a current that acts up to `_LATEST` periods before or after its record where that is more,
+    That is the current's work, of a current that acts up to `LATEST` periods before or after its record where that is more,
     and the energy with which each stretch begins, of a shaft as heavy as it may be.
     """
     series, p = problem.series, problem.base
     duration, current, _ = series.currents(p, filter_s)
     torque = torque_constant(p) * np.sum(duration * current, axis=1) / np.sum(duration, axis=1)
     inertia = FARTHEST["inertia"] * float(p[index_of("inertia")])
-    work, energy, way = np.zeros(2 * _LATEST + 1), 0.0, 0.0
+    work, energy, way = np.zeros(2 * LATEST + 1), 0.0, 0.0
     for rows in np.split(np.arange(series.size), np.flatnonzero(series.begins)[1:]):
         x, period_s = series.resolution * series.cell[rows], series.periods_s[series.recording[rows[0]]]
         every = max(round(_STEP_S / period_s), 1)
@@ -117,10 +116,10 @@ def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:
         if steps.size:
             energy += 0.5 * inertia * float(steps[0] / (every * period_s)) ** 2
         moved, n = np.diff(x), x.size - 1
-        reach = min(_LATEST, n - 1)  # a stretch between two gaps may be shorter
+        reach = min(LATEST, n - 1)  # a stretch between two gaps may be shorter
         for k in range(-reach, reach + 1):
             late, early = max(k, 0), max(-k, 0)
-            work[k + _LATEST] += torque[rows][early : n - late] @ moved[late : n - early]
+            work[k + LATEST] += torque[rows][early : n - late] @ moved[late : n - early]
     return _MOST_WORK * (max(float(work.max()), 0.0) + energy) / max(way, series.resolution)
 
 

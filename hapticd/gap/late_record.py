@@ -24,7 +24,7 @@ SLUG = "late_record"
 _DELAY, _LAG = "transport_delay", "amplifier_lag"
 """The effects of the catalogue that it is the opposite of: data tell no more than the difference of the two."""
 _PERIODS = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0)
-_LATEST = 20.0
+LATEST = 20
 """Longest that a record may be late, in periods."""
 _FILTERS = (1.0, 3.0, 10.0, 30.0, 100.0)
 _LEAST_FILTER, _MOST_FILTER = 0.1, 1e3
@@ -34,7 +34,7 @@ _LEAST_FILTER, _MOST_FILTER = 0.1, 1e3
 def starts(slug: str, period_s: float) -> list[Term]:
     """Terms of an effect that stand for a late or filtered record, its opposite; none of most effects."""
     if slug == _DELAY:
-        delay = Coordinate("t_d", index_of(f"{_DELAY}.t_d"), False, -_LATEST * period_s, 0.0, period_s)
+        delay = Coordinate("t_d", index_of(f"{_DELAY}.t_d"), False, -LATEST * period_s, 0.0, period_s)
         return [Term(slug, (delay,), (-periods * period_s,)) for periods in _PERIODS]
     if slug == _LAG:
         ends = math.log(_LEAST_FILTER * period_s), math.log(_MOST_FILTER * period_s)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.gap.disturbance import Coloured
-from hapticd.gap import grip
+from hapticd.gap import find_gap, grip
 from hapticd.gap.base_model import problem_of
 from hapticd.gap.candidates import scale_of
 from hapticd.gap.nominal import nominal_fit
@@ -38,6 +38,20 @@ def test_interval_and_sizes_are_found(hidden: Callable[..., Any], coloured: Colo
         assert earliest <= found[name] <= latest
     for name in ("m_h", "b_h", "k_h", "rest"):
         assert found[name] == pytest.approx(HAND[name], rel=0.01 if coloured is None else 0.15), name
+
+
+@pytest.mark.parametrize("coloured", [None, Coloured(0.05, 0.2)])
+def test_an_edge_that_is_known_to_half_a_second_is_no_limit(
+    hidden: Callable[..., Any], coloured: Coloured | None
+) -> None:
+    """The hand lets go of a shaft at rest, which shows when it moves again, and in one block alone."""
+    recording, model = hidden([{"name": grip.SLUG, **HAND}], 1, SECONDS, coloured)
+    found = find_gap([recording], model, candidates=[grip.SLUG, "inertia_error", "return_spring"], design=False)
+    assert found.effects == (grip.SLUG,)
+    earliest, latest = found.steps[0].parameters["off_s"].ci95
+    assert earliest < HAND["off_s"] < latest < SECONDS
+    assert latest - earliest > 0.4
+    assert found.verdict == "effect_found", found.statement
 
 
 def test_there_is_no_grip_over_two_recordings(hidden: Callable[..., Any]) -> None:
