@@ -50,10 +50,12 @@ _a = types.Array(_f8, 1, "C")
 _m = types.Array(_f8, 2, "C")
 _rows = types.Array(from_dtype(TICK), 1, "C")
 _flags = types.Array(types.boolean, 1, "C")
+_laws, _periods = types.Array(from_dtype(LAWS), 1, "C"), types.Array(from_dtype(PERIOD), 1, "C")
+_modes = types.Array(from_dtype(MODE), 1, "C")
 
 
-@njit(_f8(_a, _a, _f8, _a, _a, _m, _m, _m, _flags, _rows))
-def run_filter(
+@njit(_f8(_a, _a, _f8, _a, _a, _m, _m, _m, _flags, _rows, _laws, _periods, _modes, _modes, _a, _a), counted=False)
+def _filter(
     p: NDArray[Any],
     noise: NDArray[Any],
     resolution: float,
@@ -64,30 +66,20 @@ def run_filter(
     spread: NDArray[Any],
     begins: NDArray[Any],
     out: NDArray[Any],
+    laws: NDArray[Any],
+    periods: NDArray[Any],
+    modes: NDArray[Any],
+    groups: NDArray[Any],
+    state: NDArray[Any],
+    other: NDArray[Any],
 ) -> float:
-    """Filter recordings and return the log-likelihood.
-
-    Args:
-        p: device vector, shape (SIZE,); its external force is used as scratch.
-        noise: shape (5,), in the order of `NOISE`.
-        resolution: width of a cell [rad or m], > 0.
-        time_s: instants of the n samples [s].
-        cell: lower edge of each sample's cell over the resolution.
-        duration: of the parts of each period [s], shape (n, parts).
-        current: motor current in them [A], shape (n, parts).
-        spread: standard deviation of that current [A], shape (n, parts): commands that may have been lost.
-        begins: whether a sample is the first of a stretch, whose state nothing before it tells.
-        out: shape (n,) of `TICK`.
-    """
+    """`run_filter`, with its scratch: to make an array is to count references, a tenth of the time."""
     n, parts = current.shape
     sensor, tau = noise[SENSOR], noise[CORRELATION]
     power = noise[DISTURBANCE] * noise[DISTURBANCE]
     p[_EXTERNAL] = 0.0
-    laws, periods = np.zeros(1, LAWS), np.zeros(1, PERIOD)
     law, period = laws[0], periods[0]
     look_up(p, current, law)
-    modes, groups = np.zeros(3, MODE), np.zeros(4, MODE)
-    state, other = np.zeros(STATE), np.zeros(STATE)
     total = 0.0
     for i in range(n):
         if begins[i]:
@@ -165,3 +157,36 @@ def run_filter(
         row.v_v, row.v_d, row.d_d, row.v_force = slide, period.mean * unit * slide, period.decay, unit * slide
         row.x_v, row.x_d, row.x_force = half * (period.moves + slide), half * row.v_d, half * row.v_force
     return total
+
+
+def run_filter(
+    p: NDArray[Any],
+    noise: NDArray[Any],
+    resolution: float,
+    time_s: NDArray[Any],
+    cell: NDArray[Any],
+    duration: NDArray[Any],
+    current: NDArray[Any],
+    spread: NDArray[Any],
+    begins: NDArray[Any],
+    out: NDArray[Any],
+) -> float:
+    """Filter recordings and return the log-likelihood.
+
+    Args:
+        p: device vector, shape (SIZE,); its external force is used as scratch.
+        noise: shape (5,), in the order of `NOISE`.
+        resolution: width of a cell [rad or m], > 0.
+        time_s: instants of the n samples [s].
+        cell: lower edge of each sample's cell over the resolution.
+        duration: of the parts of each period [s], shape (n, parts).
+        current: motor current in them [A], shape (n, parts).
+        spread: standard deviation of that current [A], shape (n, parts): commands that may have been lost.
+        begins: whether a sample is the first of a stretch, whose state nothing before it tells.
+        out: shape (n,) of `TICK`.
+    """
+    laws, periods = np.zeros(1, LAWS), np.zeros(1, PERIOD)
+    modes, groups = np.zeros(3, MODE), np.zeros(4, MODE)
+    state, other = np.zeros(STATE), np.zeros(STATE)
+    record = time_s, cell, duration, current, spread, begins, out
+    return float(_filter(p, noise, resolution, *record, laws, periods, modes, groups, state, other))
