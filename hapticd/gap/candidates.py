@@ -36,9 +36,10 @@ if TYPE_CHECKING:
 _CLIMBS = 4
 _BASIN = 0.4
 """Difference of the logarithms of two starts that lead to the same maximum."""
-_HOPEFUL = 0.02
-_WORTH_A_CLIMB = 0.4
-"""Share of what an effect must gain that its start must promise to be followed further."""
+PROMISING = 0.05
+"""Share of what the best start promises that one must promise to be followed further."""
+HALF_WAY = 0.5
+"""The same of what an effect must gain."""
 HALVINGS, _TRIAL_HALVINGS = 6, 2
 _COLUMNS = 16
 _INPUTS_TRIED = 6
@@ -98,7 +99,7 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
                 found += _apart([*_apart(tried, _CLIMBS // 2), *closest], _CLIMBS)
             else:
                 found += tried[:1]
-    least = max(_HOPEFUL * max((c.promise for c in found), default=0.0), _WORTH_A_CLIMB * needed)
+    least = max(PROMISING * max((c.promise for c in found), default=0.0), HALF_WAY * needed)
     hopeful = each(
         lambda c: _gripped(space, c, scale) if c.slug == grip.SLUG else space.stretched(c),
         (c for c in found if c.promise > least or c.left < 1.0 - constants.STRUCTURE_SHARE),

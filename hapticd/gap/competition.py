@@ -11,7 +11,7 @@ import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, grip, late_record, ripple
-from hapticd.gap.candidates import HALVINGS, Climb, candidates, keeps_the_drive, scale_of
+from hapticd.gap.candidates import HALF_WAY, HALVINGS, PROMISING, Climb, candidates, keeps_the_drive, scale_of
 from hapticd.gap.imitation import is_artefact
 from hapticd.gap.missing import missing_power
 from hapticd.gap.parallel import each
@@ -31,9 +31,6 @@ if TYPE_CHECKING:
 
 _FIRST_STEPS = 3
 _SHORTLIST = 8
-_PROMISING = 0.05
-_HALF_WAY = 0.5
-_CLOSE = 0.3
 _MOST_FITTED = 4
 _CLIMB = 10
 """Steps of a contender's climb: the one that is taken is climbed to the end."""
@@ -132,27 +129,19 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
     found = sorted(candidates(present.fit, slugs, needed), key=lambda candidate: -candidate.promise)
     if not found:
         return []
-    likely = [c for c in found[:_SHORTLIST] if c.promise > max(_PROMISING * found[0].promise, _HALF_WAY * needed)]
+    likely = [c for c in found[:_SHORTLIST] if c.promise > max(PROMISING * found[0].promise, HALF_WAY * needed)]
     # A law competes with its limits, however little they promise by themselves.
     limits = {slug for candidate in likely for slug in CATALOGUE[candidate.slug].contains}
     likely += [c for c in found if c.slug in limits and c not in likely]
-    before = missing_power(present.fit)
 
-    def approach(candidate: Candidate) -> tuple[Candidate, Fit, float, float] | None:
+    def approach(candidate: Candidate) -> tuple[Candidate, Fit, float]:
         fit = _approached(present.fit, candidate)
-        gain = fit.log_likelihood - present.fit.log_likelihood
-        closed = (before - missing_power(fit)) / before if before > 0.0 else 0.0
-        is_law = keeps_the_drive(fit, present.fit)
+        gain = fit.log_likelihood - present.fit.log_likelihood if keeps_the_drive(fit, present.fit) else 0.0
         fit.release()
-        return (candidate, fit, gain, closed) if is_law else None
+        return candidate, fit, gain
 
-    approached = [found for found in each(approach, likely) if found is not None]
-    approached.sort(key=lambda found: -found[2])
-    fitted: list[tuple[Candidate, Fit]] = []
-    for candidate, fit, gain, part in approached:
-        beaten = (gain < _CLOSE * other and part < most + constants.FORCE_MARGIN for _, _, other, most in approached)
-        if gain >= _HALF_WAY * needed and (candidate.slug in limits or not any(beaten)):
-            fitted.append((candidate, fit))
+    approached = sorted(each(approach, likely), key=lambda found: -found[2])
+    fitted = [(candidate, fit) for candidate, fit, gain in approached if gain >= HALF_WAY * needed]
 
     def contend(candidate: Candidate, fit: Fit, competitor: float = -np.inf) -> Contender:
         judged = cross_validate(fit.maximise(_CLIMB, ROUGH * needed, competitor), present.penalty + candidate.penalty)
