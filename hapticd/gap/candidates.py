@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 _CLIMBS = 4
 _BASIN = 0.4
 """Difference of the logarithms of two starts that lead to the same maximum."""
-PROMISING = 0.05
+PROMISING = 0.02
 """Share of what the best start promises that one must promise to be followed further."""
 HALF_WAY = 0.5
 """The same of what an effect must gain."""

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 
 _NOTHING, _FAR = 1e-300, 1e100
+_ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
@@ -71,7 +72,9 @@ class Score:
             weighted = (D * self.information[rows, None]).T
             g, H, cross = g + self.score[rows] @ D, H + weighted @ D, cross + weighted @ self.own[rows]
             first += len(D)
-        return g - cross @ (self.inverse @ (self.own.T @ self.score)), H - cross @ self.inverse @ cross.T
+        # Of what the model itself can do rounding is left, and may be below zero.
+        left = H - cross @ self.inverse @ cross.T + _ROUNDING * np.diag(np.diag(H))
+        return g - cross @ (self.inverse @ (self.own.T @ self.score)), left
 
     def along(self, item: Term) -> Candidate:
         """What a term promises, started as well as its direction says."""

@@ -13,6 +13,7 @@ import pytest
 from hapticd.gap import ripple
 from hapticd.gap.base_model import problem_of
 from hapticd.gap.candidates import scale_of
+from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.score import Score
 from hapticd.gap.terms import term
@@ -83,3 +84,17 @@ def test_an_order_that_does_not_go_round(hidden: Callable[..., Any], hidden_orde
     candidates = ripple.first_orders(Score(present), scale)
     orders = [sorted(order for _, order in candidate.term.fixed) for candidate in candidates]
     assert orders == ([found] if found else [])
+
+
+def test_orders_that_the_model_has_promise_nothing(hidden: Callable[..., Any]) -> None:
+    """Of their information rounding alone is left; where that was zero or less no pair could be solved for."""
+    recording, model = hidden([HIDDEN], 3, 8.0)
+    values = {"orders": HIDDEN["orders"], "amplitudes": HIDDEN["amplitudes"], "phases": HIDDEN["phases"]}
+    fit = nominal_fit(problem_of([recording], model), (term(ripple.SLUG, values, ("orders",), 0.1),))
+    fit.differentiate()
+    turned = np.multiply.outer(fit.out["x"], np.arange(1.0, 60.0))
+    columns = np.stack([np.sin(turned), np.cos(turned)], axis=2).reshape(len(turned), -1)
+    g, H = Score(fit).reduced([sensitivities(fit.out, columns)])
+    own = [2 * (order - 1) + part for order in HIDDEN["orders"] for part in (0, 1)]
+    assert np.linalg.eigvalsh(H[np.ix_(own, own)]).min() > 0.0
+    assert g[own] @ np.linalg.solve(H[np.ix_(own, own)], g[own]) < 1e-6
