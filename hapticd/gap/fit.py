@@ -198,7 +198,7 @@ class Fit:
             u[j] += steps[j]
             value, out = self.evaluate(u)
             if value > _NEVER:
-                self.set_slopes(j, out, self.out, float(steps[j]))
+                self._set_slopes(j, out, self.out, float(steps[j]))
 
         each(differentiate_by, np.flatnonzero(free).tolist())
 
@@ -364,7 +364,7 @@ class Fit:
         """Drop all derivatives."""
         self.scores = self.slopes = self.spreads = np.zeros((0, 0))
 
-    def set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:
+    def _set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:
         """Set what one coordinate changes, from the ticks of two runs that are `step` apart in it."""
         self.scores[:, j] = (above["log_p"] - below["log_p"]) / step
         self.slopes[:, j] = (above["mean"] - below["mean"]) / step
