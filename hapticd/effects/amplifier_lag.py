@@ -3,19 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 
 from hapticd.effects.parameters import NUMBER
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Parameter, Scale, Values
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"f_a": share / scale.period_s, "delta": 0.7} for share in (0.01, 0.03, 0.08, 0.2)]
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {"delay": loop.delay + values["delta"] / (math.pi * values["f_a"])}
-
+from hapticd.effects.spec import Effect, Notes, Parameter
 
 EFFECT = Effect(
     slug="amplifier_lag",
@@ -47,7 +37,7 @@ EFFECT = Effect(
         in_theory="As the amplifier itself: T_A = 2 δ/ω (5).",
         simulated="The current loop is exact; the torque is its mean over each substep.",
     ),
-    grid=_grid,
+    grid=lambda scale: [{"f_a": share / scale.period_s, "delta": 0.7} for share in (0.01, 0.03, 0.08, 0.2)],
     near=("transport_delay",),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {"delay": loop.delay + values["delta"] / (math.pi * values["f_a"])},
 )

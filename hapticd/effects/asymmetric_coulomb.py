@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-
 from hapticd.effects.parameters import relative
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
+from hapticd.effects.spec import Effect, Notes
 
 
 def torque(coulomb: float, a: float) -> float:
     """Return the constant torque −a c that the asymmetry amounts to."""
     return -a * coulomb
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"a": 0.05}]
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {"coulomb": loop.coulomb * (1.0 - abs(values["a"]))}
 
 
 EFFECT = Effect(
@@ -43,7 +33,7 @@ EFFECT = Effect(
         simulated="Closed form.",
     ),
     amplitude="a",
-    grid=_grid,
+    grid=lambda scale: [{"a": 0.05}],
     equivalent_to=("constant_bias",),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {"coulomb": loop.coulomb * (1.0 - abs(values["a"]))},
 )

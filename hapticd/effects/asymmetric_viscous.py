@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-
 from hapticd.effects.parameters import relative
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
+from hapticd.effects.spec import Effect, Notes
 
 
 def viscous(nominal: float, a: float, direction: float) -> float:
     """Return the viscous friction of one direction (±1)."""
     return nominal * (1.0 + a * direction)
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"a": 0.05}]
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {"viscous": loop.viscous * (1.0 - abs(values["a"]))}
 
 
 EFFECT = Effect(
@@ -41,8 +31,8 @@ EFFECT = Effect(
         simulated="Closed form between stops; stops are located.",
     ),
     amplitude="a",
-    grid=_grid,
+    grid=lambda scale: [{"a": 0.05}],
     accuracy=1e-3,
     near=("constant_bias",),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {"viscous": loop.viscous * (1.0 - abs(values["a"]))},
 )

@@ -2,19 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-
 from hapticd.effects.parameters import TORQUE
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Parameter, Scale, Values
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"tau_0": 0.05 * scale.torque}]
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {}
-
+from hapticd.effects.spec import Effect, Notes, Parameter
 
 EFFECT = Effect(
     slug="constant_bias",
@@ -41,8 +30,8 @@ EFFECT = Effect(
         simulated="Closed form.",
     ),
     amplitude="tau_0",
-    grid=_grid,
+    grid=lambda scale: [{"tau_0": 0.05 * scale.torque}],
     equivalent_to=("asymmetric_coulomb",),
     near=("gravity", "return_spring", "asymmetric_viscous"),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {},
 )

@@ -2,28 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-
-from hapticd.effects.parameters import relative
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
-
-
-def coulomb(nominal: float, r: float) -> float:
-    """Return the Coulomb friction that the device has."""
-    return nominal * (1.0 + r)
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"r": 0.05}]
-
-
-def _reach(scale: Scale) -> float:
-    return scale.torque / scale.coulomb
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {"coulomb": coulomb(loop.coulomb, values["r"])}
-
+from hapticd.effects.parameters import corrected, relative
+from hapticd.effects.spec import Effect, Notes
 
 EFFECT = Effect(
     slug="coulomb_friction",
@@ -50,8 +30,8 @@ EFFECT = Effect(
         simulated="Closed form.",
     ),
     amplitude="r",
-    reach=_reach,
-    grid=_grid,
+    reach=lambda scale: scale.torque / scale.coulomb,
+    grid=lambda scale: [{"r": 0.05}],
     near=("stribeck", "load_dependent_friction"),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {"coulomb": corrected(loop.coulomb, values["r"])},
 )

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from hapticd.effects.parameters import NUMBER
-from hapticd.effects.spec import Effect, Notes, Parameter, Scale, Values
+from hapticd.effects.spec import Effect, Notes, Parameter
 
 
 def is_lost(draw: float, p: float) -> bool:
     """Whether the link loses a command for which it drew a number uniform in [-1, 1)."""
     return 0.5 * (draw + 1.0) < p
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"p": 0.03}, {"p": 0.15}]
 
 
 EFFECT = Effect(
@@ -32,7 +26,7 @@ EFFECT = Effect(
         shown_by="commands that change much from tick to tick.",
         simulated="Closed form.",
     ),
-    grid=_grid,
+    grid=lambda scale: [{"p": 0.03}, {"p": 0.15}],
     near=("transport_delay",),
     accuracy=8e-2,  # lost commands are taken as normally distributed, and seen in cells: p comes out so much too high
 )

@@ -3,19 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
 
 from hapticd.effects.parameters import ANGLE, magnitude, phase, phases
-from hapticd.effects.spec import Effect, Notes, Scale, Values
+from hapticd.effects.spec import Effect, Notes
 
 
 def measured(theta: float, e: float, phi: float) -> float:
     """Return what the encoder sees of the true angle."""
     return theta + e * math.sin(theta + phi) if e != 0.0 else theta
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"e": 5.0 * scale.resolution, "phi": phi} for phi in phases(8)]
 
 
 EFFECT = Effect(
@@ -40,6 +35,6 @@ EFFECT = Effect(
         simulated="Closed form.",
     ),
     amplitude="e",
-    grid=_grid,
+    grid=lambda scale: [{"e": 5.0 * scale.resolution, "phi": phi} for phi in phases(8)],
     near=("gravity", "torque_ripple"),
 )

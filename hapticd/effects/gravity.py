@@ -2,23 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from hapticd.effects.parameters import TORQUE, magnitude, phases, shift
-from hapticd.effects.spec import Effect, Notes, Scale, Values
+from hapticd.effects.spec import Effect, Notes
 
 
 def torque(sine: float, m_g_l: float) -> float:
     """Return the torque where the angle from the rest position has a sine, or over a way that has a mean of it."""
     return -m_g_l * sine
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"m_g_l": 0.05 * scale.torque, "theta_0": theta_0} for theta_0 in phases(8)]
-
-
-def _stiffness(values: Values) -> float:
-    return float(values["m_g_l"])
 
 
 EFFECT = Effect(
@@ -44,9 +34,9 @@ EFFECT = Effect(
         ),
     ),
     amplitude="m_g_l",
-    grid=_grid,
+    grid=lambda scale: [{"m_g_l": 0.05 * scale.torque, "theta_0": theta_0} for theta_0 in phases(8)],
     accuracy=1e-3,
     near=("constant_bias", "return_spring", "torque_ripple", "encoder_eccentricity"),
     contains=("constant_bias", "return_spring"),
-    stiffness=_stiffness,
+    stiffness=lambda values: float(values["m_g_l"]),
 )

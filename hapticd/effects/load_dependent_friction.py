@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 from hapticd.effects.parameters import relative
-from hapticd.effects.spec import Effect, Notes, Scale, Values
+from hapticd.effects.spec import Effect, Notes
 
 
 def friction(kappa: float, torque: float) -> float:
     """Return the Coulomb friction that the motor's torque adds."""
     return kappa * abs(torque)
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"kappa": 0.05}]
 
 
 EFFECT = Effect(
@@ -41,6 +35,6 @@ EFFECT = Effect(
         simulated="Closed form.",
     ),
     amplitude="kappa",
-    grid=_grid,
+    grid=lambda scale: [{"kappa": 0.05}],
     near=("torque_constant_error", "coulomb_friction"),
 )

@@ -43,6 +43,11 @@ def load_share() -> Parameter:
     return Parameter("load_share", *NUMBER, neutral=0.5, lower=0.01, upper=0.99)
 
 
+def corrected(nominal: float, r: float) -> float:
+    """Return the value that a device has of a base parameter that is wrong by a share r."""
+    return nominal * (1.0 + r)
+
+
 def log_grid(low: float, high: float, count: int) -> tuple[float, ...]:
     """Values from `low` to `high` that rise by a common factor; none unless 0 < low < high."""
     if not 0.0 < low < high:

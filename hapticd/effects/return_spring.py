@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from hapticd.effects.parameters import STIFFNESS, magnitude, shift
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
+from hapticd.effects.spec import Effect, Notes, Scale, Values
 
 
 def _grid(scale: Scale) -> Iterable[Values]:
     k_s = 0.05 * scale.torque / scale.travel if scale.travel > 0.0 else math.inf
     return [{"k_s": k_s, "theta_0": theta_0} for theta_0 in scale.positions]
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {"hand_stiffness": loop.hand_stiffness + values["k_s"]}
 
 
 EFFECT = Effect(
@@ -40,5 +36,5 @@ EFFECT = Effect(
     grid=_grid,
     near=("gravity", "hand_impedance", "constant_bias"),
     contains=("constant_bias",),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {"hand_stiffness": loop.hand_stiffness + values["k_s"]},
 )

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 
 from hapticd.effects.parameters import SPEED, log_grid, relative
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Parameter, Scale, Values
+from hapticd.effects.spec import Effect, Notes, Parameter, Scale, Values
 
 
 def factor(speed: float, s: float, omega_s: float) -> float:
@@ -19,10 +19,6 @@ def _grid(scale: Scale) -> Iterable[Values]:
     high = scale.speeds[3]
     low = max(0.1 * scale.speeds[0], 1e-3 * high)
     return [{"s": 0.1, "omega_s": omega_s} for omega_s in log_grid(low, high, 6)]
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {}
 
 
 EFFECT = Effect(
@@ -57,5 +53,5 @@ EFFECT = Effect(
     accuracy=1e-3,
     near=("quadratic_drag", "presliding", "coulomb_friction"),
     contains=("coulomb_friction",),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {},
 )

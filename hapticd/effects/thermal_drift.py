@@ -3,23 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
 
 from hapticd.effects.parameters import relative
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Parameter, Scale, Values
+from hapticd.effects.spec import Effect, Notes, Parameter
 
 
 def factor(time: float, r: float, t_w: float) -> float:
     """Return the factor on the Coulomb friction at a time since the start."""
     return 1.0 - r * math.expm1(-time / t_w)
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"r": 0.1, "t_w": share * scale.duration_s} for share in (0.03, 0.1, 0.3, 1.0)]
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {"coulomb": loop.coulomb * min(1.0, 1.0 + values["r"])}
 
 
 EFFECT = Effect(
@@ -44,9 +35,9 @@ EFFECT = Effect(
         simulated="The factor is that of the middle of each substep.",
     ),
     amplitude="r",
-    grid=_grid,
+    grid=lambda scale: [{"r": 0.1, "t_w": share * scale.duration_s} for share in (0.03, 0.1, 0.3, 1.0)],
     accuracy=1e-3,
     near=("coulomb_friction",),
     contains=("coulomb_friction",),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {"coulomb": loop.coulomb * min(1.0, 1.0 + values["r"])},
 )

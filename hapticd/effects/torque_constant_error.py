@@ -2,24 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-
-from hapticd.effects.parameters import relative
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
-
-
-def torque_constant(nominal: float, r: float) -> float:
-    """Return the torque constant that the motor has."""
-    return nominal * (1.0 + r)
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"r": 0.05}]
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {"stiffness": torque_constant(loop.stiffness, values["r"])}
-
+from hapticd.effects.parameters import corrected, relative
+from hapticd.effects.spec import Effect, Notes
 
 EFFECT = Effect(
     slug="torque_constant_error",
@@ -41,7 +25,7 @@ EFFECT = Effect(
         simulated="Closed form.",
     ),
     amplitude="r",
-    grid=_grid,
+    grid=lambda scale: [{"r": 0.05}],
     near=("inertia_error",),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {"stiffness": corrected(loop.stiffness, values["r"])},
 )

@@ -2,19 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-
 from hapticd.effects.parameters import magnitude
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"t_d": periods * scale.period_s} for periods in (0.3, 1.0, 2.0, 4.0, 8.0)]
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {"delay": loop.delay + values["t_d"]}
-
+from hapticd.effects.spec import Effect, Notes
 
 EFFECT = Effect(
     slug="transport_delay",
@@ -37,7 +26,7 @@ EFFECT = Effect(
         shown_by="steps and a chirp to a fair part of the servo rate, with a fine encoder.",
         simulated="Closed form.",
     ),
-    grid=_grid,
+    grid=lambda scale: [{"t_d": periods * scale.period_s} for periods in (0.3, 1.0, 2.0, 4.0, 8.0)],
     near=("amplifier_lag",),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {"delay": loop.delay + values["t_d"]},
 )

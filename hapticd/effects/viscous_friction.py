@@ -2,28 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-
-from hapticd.effects.parameters import relative
-from hapticd.effects.spec import Effect, LoopNumbers, Notes, Scale, Values
-
-
-def viscous(nominal: float, r: float) -> float:
-    """Return the viscous friction that the device has."""
-    return nominal * (1.0 + r)
-
-
-def _grid(scale: Scale) -> Iterable[Values]:
-    return [{"r": 0.05}]
-
-
-def _reach(scale: Scale) -> float:
-    return scale.torque / (scale.viscous * scale.speeds[-1])
-
-
-def _in_loop(loop: LoopNumbers, values: Values) -> Mapping[str, float]:
-    return {"viscous": viscous(loop.viscous, values["r"])}
-
+from hapticd.effects.parameters import corrected, relative
+from hapticd.effects.spec import Effect, Notes
 
 EFFECT = Effect(
     slug="viscous_friction",
@@ -47,8 +27,8 @@ EFFECT = Effect(
         simulated="Closed form.",
     ),
     amplitude="r",
-    reach=_reach,
-    grid=_grid,
+    reach=lambda scale: scale.torque / (scale.viscous * scale.speeds[-1]),
+    grid=lambda scale: [{"r": 0.05}],
     near=("quadratic_drag", "asymmetric_viscous"),
-    in_loop=_in_loop,
+    in_loop=lambda loop, values: {"viscous": corrected(loop.viscous, values["r"])},
 )

@@ -12,7 +12,7 @@ from hapticd.config import unit_of
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import chance, grip, late_record, missing
 from hapticd.gap.base_model import FARTHEST, not_told
-from hapticd.gap.competition import CrossValidated, Round, evidence
+from hapticd.gap.competition import ROUGH, CrossValidated, Round, better_function, evidence
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.missing import Missing, missing_force
@@ -21,7 +21,7 @@ from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.profile import Profile
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.search import critical, is_quiet, withstanding
+from hapticd.gap.search import critical, is_quiet, least_gain, withstanding
 from hapticd.gap.terms import Coordinate, Term, parameters_of_term
 from hapticd.gap.verdict import decide, doubts_about
 from hapticd.plant.layout import NAMES
@@ -75,13 +75,14 @@ def answer(
     effects = tuple(step.effect for step in steps)
     indistinguishable = [each.indistinguishable for each in rounds]
     remainder = remainder_of(last.fit, found[-1], power[0])
-    beaten = {
-        each.taken.slug: coordinate
-        for each in rounds
-        if not is_quiet(last.fit)
-        and (coordinate := missing.better_function(each.before.fit, each.taken.law)) is not None
-    }
     laws = [(last.fit.terms[number], last.fit.columns(number)) for number in range(fixed, fixed + len(rounds))]
+    tolerance = ROUGH * least_gain(critical(first.held_out.size, len(slugs)))
+    beaten = {
+        law.slug: coordinate
+        for (law, _), before_it, with_it in zip(laws, freed, freed[1:], strict=False)
+        if not is_quiet(last.fit)
+        and (coordinate := better_function(before_it, with_it, len(law.coordinates), tolerance)) is not None
+    }
     series = first.fit.problem.series
     half = _reach(series.blocks) * np.sqrt(np.diag(covariance))
     at_bounds = {law.slug: names for law, own in laws if (names := _at_bounds(law, own, last.fit, half, edges))}

@@ -29,9 +29,7 @@ from hapticd.plant.layout import index_of
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from numpy.typing import NDArray
-
-    Floats = NDArray[np.float64]
+    from hapticd.gap.arrays import Floats
 
 _CLIMBS = 4
 _BASIN = 0.4

@@ -14,12 +14,9 @@ import numpy as np
 from hapticd.gap.errors import RecordingError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from hapticd.config import Config
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.recording import Recording
-
-    FloatArray = NDArray[np.float64]
 
 SHORTEST_S = 1.0
 _SHORT_S = 5.0
@@ -37,7 +34,7 @@ _WRAPS = tuple(2.0**bits for bits in (8, 12, 14, 16, 20, 24, 32))
 _WRAP_TOLERANCE = 0.1
 
 
-def check_samples(name: str, time_s: FloatArray, position: FloatArray, current: FloatArray) -> None:
+def check_samples(name: str, time_s: Floats, position: Floats, current: Floats) -> None:
     """Refuse samples that are no samples: too few, not numbers, or not in the order of time.
 
     Raises:
@@ -61,7 +58,7 @@ def check_recording(recording: Recording, model: Config) -> tuple[str, ...]:
     return tuple(f"{recording.name}: {warning}" for warning in _warnings(recording, model))
 
 
-def _sample_problems(time_s: FloatArray, position: FloatArray, current: FloatArray) -> Iterator[str]:
+def _sample_problems(time_s: Floats, position: Floats, current: Floats) -> Iterator[str]:
     if time_s.size < _FEWEST:
         yield f"{time_s.size} samples are too few; at least {_FEWEST} are needed"
     for name, values in (("time_s", time_s), ("position", position), ("current", current)):

@@ -13,7 +13,7 @@ from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants, grip, late_record, ripple
 from hapticd.gap.candidates import HALF_WAY, HALVINGS, PROMISING, Climb, candidates, keeps_the_drive, scale_of
 from hapticd.gap.imitation import is_artefact
-from hapticd.gap.missing import missing_power
+from hapticd.gap.missing import missing_force, missing_power, structure
 from hapticd.gap.parallel import each
 from hapticd.gap.remainder import is_all_chance
 from hapticd.plant.layout import NAMES, neutral_vector
@@ -21,13 +21,10 @@ from hapticd.plant.layout import NAMES, neutral_vector
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
     from hapticd.gap.score import Candidate
     from hapticd.gap.terms import Term
-
-    Floats = NDArray[np.float64]
 
 _FIRST_STEPS = 3
 _SHORTLIST = 8
@@ -242,6 +239,27 @@ def simplest_first(contenders: list[Contender], needed_errors: float) -> list[Co
 def is_as_good(simpler: CrossValidated, other: CrossValidated) -> bool:
     """Whether what the other one gains is no more than chance."""
     return evidence(other, simpler)[1] < constants.INDISTINGUISHABLE
+
+
+def better_function(before: CrossValidated, judged: CrossValidated, numbers: int, tolerance: float) -> str | None:
+    """A coordinate of which a flexible function takes the place of a law that was named, or None.
+
+    Its torque, each block's without its fold, acts on the model without the law, which climbs. It predicts better than the
+    law, or as well with no more numbers.
+
+    Args:
+        before: the model without the law. judged: with it. numbers: how many the law has.
+        tolerance: of the climb, nats.
+    """
+    functions = structure(before.fit, missing_force(before.fit))
+    if not functions:
+        return None
+    best = max(functions, key=lambda function: function.gain)
+    fit = before.fit.under(best.held_out).maximise(tolerance=tolerance)
+    held_out = fit.problem.series.per_block(fit.out["log_p"])
+    ahead = evidence(CrossValidated(fit, held_out).less(before.penalty), judged)[1]
+    is_simpler = best.numbers <= numbers
+    return best.coordinate if ahead > (-1.0 if is_simpler else 1.0) * constants.INDISTINGUISHABLE else None
 
 
 def indistinguishable_from(best: Contender, others: Sequence[Contender]) -> tuple[str, ...]:

@@ -13,11 +13,8 @@ from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.parallel import each
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
-
-    Floats = NDArray[np.float64]
 
 
 def covariance_of(fit: Fit) -> Floats:

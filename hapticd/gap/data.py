@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    FloatArray = NDArray[np.float64]
+    from hapticd.gap.arrays import Floats
 
 
 def load_recording(path: str | Path, model: Config) -> Recording:
@@ -67,13 +67,13 @@ def recording_of(run: Run, model: Config) -> Recording:
     return replace(recording, warnings=(*run.warnings, *check_recording(recording, model)))
 
 
-def _instants(columns: dict[str, NDArray[Any]]) -> FloatArray:
+def _instants(columns: dict[str, NDArray[Any]]) -> Floats:
     due = np.asarray(columns["time_s"], dtype=np.float64)
     late = columns.get("wake_late_ns")
     return due if late is None else due + 1e-9 * np.asarray(late, dtype=np.float64)
 
 
-def _positions(columns: dict[str, NDArray[Any]], resolution: float) -> tuple[FloatArray, float]:
+def _positions(columns: dict[str, NDArray[Any]], resolution: float) -> tuple[Floats, float]:
     if "encoder_counts" not in columns:
         position = np.asarray(columns["position"], dtype=np.float64)
         return position, step_of(position, resolution)
@@ -88,7 +88,7 @@ def _positions(columns: dict[str, NDArray[Any]], resolution: float) -> tuple[Flo
     return position, resolution
 
 
-def step_of(position: FloatArray, nominal: float) -> float:
+def step_of(position: Floats, nominal: float) -> float:
     """Width of the quantisation cells that positions show: the nominal one if they lie on its grid.
 
     Otherwise the smallest step of which all steps are whole multiples (to 2 %); 0 where there is none.
@@ -107,7 +107,7 @@ def _resolution(run: Run, config: Config) -> float:
     return Encoder(**encoder).raw_resolution if encoder else config.raw_resolution
 
 
-def _current(run: Run, model: Config) -> FloatArray:
+def _current(run: Run, model: Config) -> Floats:
     imported = run.metadata.get("imported") or {}
     if "force" in run.columns and "current_command_A" not in run.columns:
         force = run.columns["force"]
@@ -119,7 +119,7 @@ def _current(run: Run, model: Config) -> FloatArray:
     return np.asarray(force, dtype=np.float64) / model.amplifier.torque_constant
 
 
-def _measured(columns: dict[str, NDArray[Any]]) -> FloatArray | None:
+def _measured(columns: dict[str, NDArray[Any]]) -> Floats | None:
     measured = columns.get("current_measured_A")
     if measured is None or not np.all(np.isfinite(measured)):
         return None

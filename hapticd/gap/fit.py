@@ -7,6 +7,7 @@ the filter give their slopes.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,10 +25,9 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
-
-    Floats = NDArray[np.float64]
 
 _NOISES = len(NOISE)
 _OFF = (DISTURBANCE, JITTER)
@@ -133,19 +133,8 @@ class Fit:
         series = self.problem.series
         p = self.device(u)
         out = np.empty(series.size, TICK)
-        duration, current, spread = self.currents(u)
-        total = run_filter(
-            p,
-            self.noise_values(u),
-            series.resolution,
-            series.time_s,
-            series.cell,
-            duration,
-            current,
-            spread,
-            series.begins,
-            out,
-        )
+        record = series.time_s, series.cell, *self.currents(u), series.begins, out
+        total = run_filter(p, self.noise_values(u), series.resolution, *record)
         self.problem.runs.append(total)
         prior = -0.5 * float(np.sum(((u - self.centre) / self.prior) ** 2))
         return (total + prior if np.isfinite(total) else _NEVER), out
@@ -316,6 +305,12 @@ class Fit:
     def on(self, problem: Problem) -> Fit:
         """The same hypothesis at the same coordinates on other samples."""
         return Fit(problem, self.terms, self.u)
+
+    def under(self, torque: Floats) -> Fit:
+        """The same hypothesis under a torque besides that is known, shape (n,), N m or N."""
+        series = self.problem.series
+        added = series.added + torque / torque_constant(self.device())
+        return self.on(replace(self.problem, series=replace(series, added=added)))
 
     def scan_power(self) -> None:
         """Line search towards less process noise, all of it together: its curvature is the least quadratic of all."""

@@ -20,13 +20,10 @@ from hapticd.gap.terms import term
 from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
     from hapticd.effects.spec import Scale
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
     from hapticd.gap.terms import Term
-
-    Floats = NDArray[np.float64]
 
 SLUG = "hand_impedance"
 _PIECES = 100

@@ -17,11 +17,8 @@ from hapticd.gap import constants
 from hapticd.gap.terms import LINE, Coordinate, Term
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
-
-    Floats = NDArray[np.float64]
 
 _LISTED = 3
 _SEGMENTS, _LONGEST_SEGMENT = 8, 4096

@@ -19,10 +19,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
-    from hapticd.gap.terms import Term
-
-    Floats = NDArray[np.float64]
 
 _PROBES = 64
 _HATS, _RANGES = 8, 12
@@ -246,32 +244,15 @@ def _densest(power: Floats) -> tuple[int, int]:
 
 def structure(fit: Fit, found: Missing) -> list[Structure]:
     """What the innovations of a model depend on: held-out gain of flexible functions, through the linearised filter."""
+    fold = fit.problem.series.fold[fit.problem.series.block]
     results = []
     for name, columns in _functions(fit, found):
         answer = sensitivities(fit.out, columns.copy())
         gain, errors = held_out_gain(fit, answer)
-        results.append(Structure(name, gain, errors, columns @ _coefficients(fit, answer)))
+        held_out = _held_out_coefficients(fit, answer)[fold, : columns.shape[1]]
+        force = columns @ _coefficients(fit, answer)
+        results.append(Structure(name, columns.shape[1], gain, errors, force, np.sum(columns * held_out, axis=1)))
     return results
-
-
-def better_function(before: Fit, law: Term) -> str | None:
-    """A coordinate of which a flexible function takes the place of a law that was named, or None.
-
-    It predicts held-out blocks better, or as well with no more numbers than the law has.
-
-    Args:
-        before: the model without the law, held out. law: started at its estimate.
-    """
-    found = missing_force(before)
-    own = (before.extended(law).out["mean"] - before.out["mean"])[:, None]
-    shift = _held_out_shift(before, own)
-    best: tuple[float, str | None] = (-np.inf, None)
-    for name, columns in _functions(before, found):
-        gain, errors = _gain(before, _held_out_shift(before, sensitivities(before.out, columns)), shift)
-        is_simpler = columns.shape[1] <= len(law.coordinates)
-        if errors > (-constants.INDISTINGUISHABLE if is_simpler else constants.INDISTINGUISHABLE):
-            best = max(best, (gain, name), key=lambda pair: pair[0])
-    return best[1]
 
 
 def _functions(fit: Fit, found: Missing) -> Iterator[tuple[str, Floats]]:
@@ -292,14 +273,16 @@ class Structure:
     """A flexible function of one coordinate.
 
     Attributes:
-        coordinate: of what. gain: held-out, nats. errors: the same in standard errors.
-        force: (n,) the function, N m or N.
+        coordinate: of what. numbers: how many it has. gain: held-out, nats. errors: the same in standard errors.
+        force: (n,) the function, N m or N. held_out: (n,) the same, each block's without its fold.
     """
 
     coordinate: str
+    numbers: int
     gain: float
     errors: float
     force: Floats
+    held_out: Floats
 
 
 def _normal_equations(fit: Fit, answer: Floats, rows: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats]:
@@ -321,25 +304,23 @@ def _coefficients(fit: Fit, answer: Floats) -> Floats:
     return np.asarray(np.linalg.solve(H, g)[: answer.shape[1]])
 
 
+def _held_out_coefficients(fit: Fit, answer: Floats) -> Floats:
+    """Coefficients of directions and of the model's own coordinates without each fold, shape (folds, k)."""
+    fold = fit.problem.series.fold[fit.problem.series.block]
+    equations = (_normal_equations(fit, answer, fold != k) for k in range(constants.FOLDS))
+    return np.stack([np.linalg.solve(H, g) for g, H in equations])
+
+
 def _held_out_shift(fit: Fit, answer: Floats) -> Floats:
     """(n,) change of the predictions that directions make, each block's by the coefficients without its fold."""
     fold = fit.problem.series.fold[fit.problem.series.block]
     whole = np.concatenate([answer, fit.own_slopes], axis=1)
-    shift = np.zeros(fold.size)
-    for k in range(constants.FOLDS):
-        inside = fold == k
-        g, H = _normal_equations(fit, answer, ~inside)
-        shift[inside] = whole[inside] @ np.linalg.solve(H, g)
-    return shift
+    return np.asarray(np.sum(whole * _held_out_coefficients(fit, answer)[fold], axis=1))
 
 
 def held_out_gain(fit: Fit, answer: Floats) -> tuple[float, float]:
     """What directions of the prediction, shape (n, k), gain on blocks they were not fitted to, nats and standard errors."""
-    return _gain(fit, _held_out_shift(fit, answer))
-
-
-def _gain(fit: Fit, shift: Floats, other: Floats | float = 0.0) -> tuple[float, float]:
-    """Gain of one change of the predictions over another, nats, and the same in standard errors."""
+    shift = _held_out_shift(fit, answer)
     score, information = fit.out["score"], fit.out["information"]
-    gain = float(np.sum((shift - other) * score - 0.5 * (shift**2 - other**2) * information))
-    return gain, fit.problem.series.standard_errors(gain, (shift - other) * (score - shift * information))
+    gain = float(np.sum(shift * score - 0.5 * shift**2 * information))
+    return gain, fit.problem.series.standard_errors(gain, shift * (score - shift * information))

@@ -51,27 +51,17 @@ def with_effects(
     data = model.model_dump()
     data["plant"].update(base)  # before the corrections, which are relative to it
     for slug, entry in entries:
-        add_effect(data, slug, entry)
+        if slug in BASE_KEYS:
+            section, key = BASE_KEYS[slug]
+            data[section][key] *= 1.0 + entry["r"]
+        else:
+            effects = [effect for effect in data["plant"]["effects"] if effect["name"] != slug]
+            data["plant"]["effects"] = [*effects, {"name": slug, **_admitted(slug, entry)}]
     return parse_config(data, "the improved model")
 
 
-def add_effect(data: dict[str, Any], slug: str, entry: Mapping[str, Any]) -> None:
-    """Add an effect to a config as plain data.
-
-    Args:
-        data: `Config.model_dump`; changed in place.
-        slug: the effect.
-        entry: its parameters; a value that no config may have becomes the bound that it passes.
-    """
-    if slug in BASE_KEYS:
-        section, key = BASE_KEYS[slug]
-        data[section][key] *= 1.0 + entry["r"]
-        return
-    effects = [effect for effect in data["plant"]["effects"] if effect["name"] != slug]
-    data["plant"]["effects"] = [*effects, {"name": slug, **_admitted(slug, entry)}]
-
-
 def _admitted(slug: str, entry: Mapping[str, Any]) -> dict[str, Any]:
+    """Parameters of an effect; a value that no config may have is the bound that it passes."""
     found: dict[str, Any] = {}
     for parameter in CATALOGUE[slug].parameters:
         if parameter.name in entry:

@@ -13,12 +13,9 @@ from hapticd.gap.parallel import each
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
-
-    Floats = NDArray[np.float64]
 
 
 def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:

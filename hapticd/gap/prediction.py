@@ -14,9 +14,8 @@ from hapticd.plant.resolution import substeps_for
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
-
-    Floats = NDArray[np.float64]
 
 HORIZON_S = 0.05
 

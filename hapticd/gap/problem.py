@@ -12,11 +12,8 @@ from hapticd.gap import constants
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.series import Series
-
-    Floats = NDArray[np.float64]
 
 
 _FIRST_LOOK = 4

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    Floats = NDArray[np.float64]
+    from hapticd.gap.arrays import Floats
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    FloatArray = NDArray[np.float64]
+    from hapticd.gap.arrays import Floats
 
 
 @dataclass(frozen=True)
@@ -31,11 +27,11 @@ class Recording:
     """
 
     name: str
-    time_s: FloatArray
-    position: FloatArray
+    time_s: Floats
+    position: Floats
     resolution: float
-    current: FloatArray
-    current_measured: FloatArray | None
+    current: Floats
+    current_measured: Floats | None
     period_s: float
     is_linear: bool
     warnings: tuple[str, ...] = ()

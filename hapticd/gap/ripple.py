@@ -21,10 +21,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.effects.spec import Scale
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
     from hapticd.gap.terms import Term
-
-    Floats = NDArray[np.float64]
 
 SLUG = "torque_ripple"
 _PURSUITS = 3

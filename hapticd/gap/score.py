@@ -18,12 +18,9 @@ from hapticd.gap.missing import missing_power
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from numpy.typing import NDArray
-
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
     from hapticd.gap.terms import Term
-
-    Floats = NDArray[np.float64]
 
 
 _NOTHING, _FAR = 1e-300, 1e100

@@ -21,9 +21,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.recording import Recording
-
-    Floats = NDArray[np.float64]
 
 _LOSS = index_of("dropped_samples.p")
 _DELAY, _TRANSPORT_DELAY, _LAG = index_of("delay_s"), index_of("transport_delay.t_d"), index_of("amplifier_lag.f_a")
@@ -61,7 +60,7 @@ class Series:
         block: (n,) number of the sample's block; samples of a block share a fold.
         fold: (blocks,) fold of each block.
         period_s: median period.
-        added: (n,) current that came past the amplifier [A], in an imitation.
+        added: (n,) current that came past the amplifier [A]: what makes a torque that is known, as in an imitation.
     """
 
     time_s: Floats

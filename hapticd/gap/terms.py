@@ -14,11 +14,8 @@ from hapticd.plant.layout import index_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.series import Series
-
-    Floats = NDArray[np.float64]
 
 
 LINE = "line"

@@ -37,10 +37,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.config import Config
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.terms import Term
     from hapticd.servo.experiment import Experiment
-
-    Floats = NDArray[np.float64]
 
 _MARGIN = 0.7
 """Share of a safety limit that a trial may use: what is missing in the model may make the device livelier."""

@@ -25,9 +25,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.recording import Recording
-
-    Floats = NDArray[np.float64]
 
 _CUTOFF_HZ = 40.0
 """Corner of the filter; lower where the record is slow."""

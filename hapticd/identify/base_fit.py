@@ -24,13 +24,10 @@ from hapticd.plant.layout import index_of
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
     from hapticd.config import Config
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.recording import Recording
     from hapticd.identify.balance import Balance
-
-    Floats = NDArray[np.float64]
 
 FITTED = ("inertia", "viscous", "coulomb", "bias", "delay_s")
 """What is fitted, in the order of every vector and matrix here."""

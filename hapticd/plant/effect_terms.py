@@ -10,15 +10,12 @@ from numba import types
 
 from hapticd.effects import (
     asymmetric_viscous,
-    coulomb_friction,
     gravity,
-    inertia_error,
     load_dependent_friction,
+    parameters,
     quadratic_drag,
     stribeck,
-    torque_constant_error,
     torque_ripple,
-    viscous_friction,
 )
 from hapticd.jit import effect_term, njit
 from hapticd.plant.hooks import are_installed, are_on, hooked_friction, hooked_torque
@@ -51,10 +48,7 @@ _AMPLITUDES = index_of("torque_ripple.amplitudes")
 _PHASES = index_of("torque_ripple.phases")
 _PROPORTION = index_of("torque_ripple.current_proportion")
 
-_inertia = effect_term(inertia_error.inertia)
-_viscous = effect_term(viscous_friction.viscous)
-_coulomb = effect_term(coulomb_friction.coulomb)
-_torque_constant = effect_term(torque_constant_error.torque_constant)
+_corrected = effect_term(parameters.corrected)
 _stribeck_factor = effect_term(stribeck.factor)
 _load_friction = effect_term(load_dependent_friction.friction)
 _directed_viscous = effect_term(asymmetric_viscous.viscous)
@@ -158,31 +152,31 @@ def field_torque(p: NDArray[Any], start: float, end: float, velocity: float, tim
 @njit(_f8(_p), counted=False, inline=True)
 def whole_inertia(p: NDArray[Any]) -> float:
     """Return the device's inertia with its correction."""
-    return _inertia(p[_INERTIA], p[_INERTIA_ERROR])
+    return _corrected(p[_INERTIA], p[_INERTIA_ERROR])
 
 
 @njit(_f8(_p, _f8), counted=False, inline=True)
 def shared_inertia(p: NDArray[Any], fraction: float) -> float:
     """Return the part of the device's inertia that is the load's."""
-    return _inertia(fraction * p[_INERTIA], p[_INERTIA_ERROR])
+    return _corrected(fraction * p[_INERTIA], p[_INERTIA_ERROR])
 
 
 @njit(_f8(_p), counted=False, inline=True)
 def viscous_level(p: NDArray[Any]) -> float:
     """Return the viscous friction with its correction."""
-    return _viscous(p[_VISCOUS], p[_VISCOUS_ERROR])
+    return _corrected(p[_VISCOUS], p[_VISCOUS_ERROR])
 
 
 @njit(_f8(_p), counted=False, inline=True)
 def torque_constant(p: NDArray[Any]) -> float:
     """Return the torque constant with its correction."""
-    return _torque_constant(p[_TORQUE_CONSTANT], p[_TORQUE_CONSTANT_ERROR])
+    return _corrected(p[_TORQUE_CONSTANT], p[_TORQUE_CONSTANT_ERROR])
 
 
 @njit(_f8(_p), counted=False, inline=True)
 def coulomb_level(p: NDArray[Any]) -> float:
     """Return the Coulomb friction with its correction."""
-    return _coulomb(p[_COULOMB], p[_COULOMB_ERROR])
+    return _corrected(p[_COULOMB], p[_COULOMB_ERROR])
 
 
 @njit(types.boolean(_p), counted=False, inline=True)

@@ -13,10 +13,10 @@ import pytest
 from benchmarks.gap.disturbance import Coloured
 from hapticd.gap import constants, missing
 from hapticd.gap.base_model import problem_of
+from hapticd.gap.competition import better_function, cross_validate
 from hapticd.gap.fit import Fit
 from hapticd.gap.lines import along, frequencies, lines
 from hapticd.gap.missing import (
-    better_function,
     explainable,
     hats,
     held_out_rms,
@@ -29,7 +29,7 @@ from hapticd.gap.missing import (
 )
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.remainder import remainder_of
-from hapticd.gap.terms import line_torques, term
+from hapticd.gap.terms import Term, line_torques, term
 
 GRAVITY = {"name": "gravity", "m_g_l": 6e-4, "theta_0": 0.3}
 
@@ -90,20 +90,31 @@ def test_what_a_delay_leaves_of_a_lag_follows_the_current(hidden: Callable[..., 
     assert "change of the current" in [entry["coordinate"] for entry in said.structure]
 
 
+def _function_in_place_of(fit: Fit, law: Term) -> str | None:
+    """The coordinate whose function takes the place of a law, fitted beside what is known."""
+    with_it = cross_validate(fit.extended(law).maximise())
+    return better_function(cross_validate(fit), with_it, len(law.coordinates), 1.0)
+
+
 def test_a_function_of_the_position_beats_a_law_of_something_else_but_not_gravity(with_gravity: Fit) -> None:
     drift = term("thermal_drift", {"kappa": 0.1, "tau_th": 5.0}, (), 0.1)
-    assert better_function(with_gravity, drift) == "position"
+    assert _function_in_place_of(with_gravity, drift) == "position"
     gravity = term("gravity", {"m_g_l": GRAVITY["m_g_l"], "theta_0": GRAVITY["theta_0"]}, (), 0.1)
-    assert better_function(with_gravity, gravity) is None
+    assert _function_in_place_of(with_gravity, gravity) is None
 
 
 def test_a_ripple_of_many_orders_is_any_function_of_the_position(with_gravity: Fit) -> None:
     """Five orders beside each other, over 0.8 turns of travel, and no ripple is there."""
     orders = [2.0, 3.0, 4.0, 5.0, 6.0]
     values = {"orders": orders, "amplitudes": [1e-4] * 5, "phases": [0.0] * 5}
-    fit = with_gravity.extended(term("torque_ripple", values, ("orders",), 0.1)).maximise()
-    law = fit.terms[-1].moved(fit.u[fit.columns(len(fit.terms) - 1)])
-    assert better_function(with_gravity, law) == "position"
+    assert _function_in_place_of(with_gravity, term("torque_ripple", values, ("orders",), 0.1)) == "position"
+
+
+def test_a_wrong_inertia_is_judged_by_what_it_gains(hidden: Callable[..., Any]) -> None:
+    """With the noise of the model as given its predictions are no slope: a function of the acceleration looked better."""
+    recording, model = hidden([{"name": "inertia_error", "r": -0.35}], 8, 8.0, Coloured(0.25, 0.01))
+    fit = nominal_fit(problem_of([recording], model))
+    assert _function_in_place_of(fit, term("inertia_error", {"r": -0.3}, (), 0.1)) is None
 
 
 def test_noise_can_hardly_be_explained(noise_alone: Fit) -> None:
