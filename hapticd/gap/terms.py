@@ -27,7 +27,8 @@ _INSTANT_S = 0.2
 _FAR = 30.0
 """Changes that matter by which a place may leave its start."""
 _REACH = 30.0
-"""Factor by which a fit may leave its start: the starts are closer to each other than that."""
+"""Factor by which a fit may leave its start: the starts are closer to each other than that. How large an amplitude is, of
+which there is one start, its direction tells: it may be any larger one."""
 
 
 @dataclass(frozen=True)
@@ -129,8 +130,9 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
             name = parameter.name if parameter.length == 1 else f"{parameter.name}[{k}]"
             is_log = parameter.scale == "log" and value > 0.0
             if is_log:
+                reach = np.inf if parameter.name == CATALOGUE[slug].amplitude else _REACH
                 lower = np.log(max(parameter.lower, value / _REACH))
-                upper, scale = np.log(min(parameter.upper, value * _REACH)), 0.5
+                upper, scale = np.log(min(parameter.upper, value * reach)), 0.5
                 value = float(np.log(value))
             else:
                 lower, upper = parameter.lower, parameter.upper

@@ -106,6 +106,15 @@ def test_a_device_as_its_model_has_nothing_missing(hidden: Hidden) -> None:
     assert result.gap.held_out_before < 0.02 * 2e-3
 
 
+@pytest.mark.parametrize("stiffness", [0.005, 0.1])
+def test_a_spring_may_be_stronger_than_all_other_torques(hidden: Hidden, stiffness: float) -> None:
+    """Twice and ten times what begins as large as they are together, and no more than a twentieth of that."""
+    recording, model = hidden([{"name": "return_spring", "k_s": stiffness, "theta_0": 0.1}], 23, SECONDS)
+    found = find_gap([recording], model, candidates=["return_spring"], design=False)
+    assert found.verdict == "effect_found", found.statement
+    assert found.steps[0].parameters["k_s"].value == pytest.approx(stiffness, rel=2e-3)
+
+
 def test_a_limit_that_is_reached_but_once_is_found(hidden: Hidden) -> None:
     """14 samples of 8000, none of them where the first look goes."""
     recording, model = hidden([{"name": "current_saturation", "i_max": 0.8886}], 2, 8.0)
