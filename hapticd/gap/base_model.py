@@ -80,19 +80,20 @@ def base_terms(problem: Problem, filter_s: float = 0.0) -> tuple[Term, ...]:
 def from_the_end(first: Fit, last: Fit) -> Problem | None:
     """The problem to begin again with, of a base parameter at the end of the range to which it ran: a poor guess.
 
-    None where none did, or where what is named explains what was missing all the same; and the second time, since what runs
-    farther is no guess. The most that Coulomb friction may be is none either.
+    None where none did, or where with the inertia within its range what is named explains what was missing all the same; and
+    the second time, since what runs farther is no guess. The most that Coulomb friction may be is none either.
 
     Args:
         first: the nominal model. last: with all that is named.
     """
-    problem, base = last.problem, last.problem.base.copy()
+    problem, base, ended = last.problem, last.problem.base.copy(), []
     for number, term in enumerate(last.terms):
         own = last.columns(number)
         if term.slug in ("inertia", "viscous") and term.at_bounds(last.u[own]):
+            ended.append(term.slug)
             base[index_of(term.slug)] = math.exp(last.u[own.start])
-    is_guess = problem.is_given and not np.array_equal(base, problem.base)
-    if not is_guess or missing_power(last) < (1.0 - constants.EXPLAINED) * missing_power(first):
+    is_explained = missing_power(last) < (1.0 - constants.EXPLAINED) * missing_power(first)
+    if not problem.is_given or not ended or (is_explained and "inertia" not in ended):
         return None
     return replace(problem, base=base, is_given=False)
 
