@@ -10,6 +10,7 @@ import typer
 from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
+from hapticd.cli.options import check_run_name
 
 if TYPE_CHECKING:
     from hapticd.record import Imported
@@ -48,6 +49,7 @@ def import_data(
             An .mcap needs none.
         force: Replace RUN if it exists.
     """
+    check_run_name(out)
     from hapticd.record import import_mcap, import_run, load_map
 
     if file.suffix.lower() == ".mcap":

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -85,16 +86,24 @@ RunsArgument = Annotated[
 ]
 
 FIGURES = frozenset({".png", ".svg", ".pdf"})
+_EXPORTED = (".csv", ".parquet", ".mat", ".mcap")
 
 
 def check_folder(out: Path | None) -> None:
-    """Refuse a file where a folder is wanted.
+    """Refuse a file where a folder is wanted, and a folder in which no file can be made, before any work is done.
 
     Raises:
         UsageError: it is one.
     """
-    if out is not None and out.exists() and not out.is_dir():
+    if out is None:
+        return
+    if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is a file; -o takes a folder")
+    nearest = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
+    try:
+        tempfile.TemporaryDirectory(dir=nearest, prefix=".").cleanup()
+    except OSError as error:
+        raise UsageError(f"nothing can be written to {out}: {error.strerror}") from error
 
 
 def check_figure_name(out: Path | None) -> None:
@@ -109,6 +118,30 @@ def check_figure_name(out: Path | None) -> None:
         raise UsageError(f"{out}: a figure is a {', '.join(sorted(FIGURES))} file")
     if not out.parent.is_dir():
         raise UsageError(f"{out}: there is no folder {out.parent}")
+
+
+def check_run_name(out: Path | None) -> None:
+    """Refuse a run file under the name of something else, or where none can be, before any work is done.
+
+    Raises:
+        UsageError: another suffix than ``.arrow``, a folder, or no folder that can be written to.
+    """
+    if out is None:
+        return
+    from hapticd.record.files import why_unwritable
+    from hapticd.record.listing import SUFFIX
+
+    suffix = out.suffix.lower()
+    if suffix != SUFFIX and suffix[1:2].isalpha():  # k0.5 has none
+        run = out.with_suffix(SUFFIX)
+        export = f", then 'hapticd export {run} --to {suffix[1:]}'" if suffix in _EXPORTED else ""
+        raise UsageError(f"{out}: a run file is an Arrow stream; write {run}{export}")
+    if out.is_dir():
+        raise UsageError(f"{out} is a folder; give a file name")
+    if not out.parent.is_dir():
+        raise UsageError(f"{out}: there is no folder {out.parent}")
+    if reason := why_unwritable(out.parent):
+        raise UsageError(f"{out}: {reason}")
 
 
 def finite(text: str) -> float:

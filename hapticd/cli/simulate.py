@@ -14,7 +14,7 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, Duration, Quantity, SettingsOption, resolve_config
+from hapticd.cli.options import ConfigArgument, Duration, Quantity, SettingsOption, check_run_name, resolve_config
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 _LONGEST_S = 9.2e9  # nanoseconds in 64 bits, with a little room
 _MANY_TICKS = 3e9
-_EXPORTED = (".csv", ".parquet", ".mat")
 
 
 @command(
@@ -78,11 +77,7 @@ def simulate(
         output.note(
             f"{periods:.3g} ticks: at some 10 million a second this takes {periods / 3.6e10:.2g} hours; Ctrl-C ends it"
         )
-    if out is not None and out.suffix.lower() in _EXPORTED:
-        raise UsageError(
-            f"{out}: a run file is an Arrow stream; write {out.with_suffix('.arrow')}, then "
-            f"'hapticd export {out.with_suffix('.arrow')} --to {out.suffix[1:].lower()}'"
-        )
+    check_run_name(out)
     from hapticd.servo.simulate import simulate as run
 
     with _rows_to(out, resolved, seed) as on_rows, output.progress_bar("simulating") as progress:

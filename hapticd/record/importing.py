@@ -65,12 +65,13 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
         force: replace a file that exists.
 
     Raises:
-        RunFileError: the source cannot be read, lacks a column, or holds what no run can hold; ``out`` exists.
+        RunFileError: the source cannot be read, lacks a column, or holds what no run can hold; ``out`` exists, or
+            is the source.
         ConfigError: the map's ``model`` is not valid.
         RecordingError: the run cannot be written; nothing is left behind.
     """
     path, target = Path(source), Path(out)
-    refuse_existing(target, force=force)
+    refuse_existing(target, force=force, source=path)
     model = load_config(mapping.model) if mapping.model is not None else None
     if model is not None and model.is_linear != mapping.is_linear:
         kind = "linear" if model.is_linear else "rotary"

@@ -20,11 +20,11 @@ def import_mcap(source: str | Path, out: str | Path, *, force: bool = False) -> 
         source: the file. out: the run file to write; it appears whole or not at all. force: replace a file that exists.
 
     Raises:
-        RunFileError: the source is no such file, or lacks columns of a run; ``out`` exists.
+        RunFileError: the source is no such file, or lacks columns of a run; ``out`` exists, or is the source.
         RecordingError: the run cannot be written; nothing is left behind.
     """
     target = Path(out)
-    refuse_existing(target, force=force)
+    refuse_existing(target, force=force, source=Path(source))
     run = read_run(source)
     if missing := [name for name in ROW.names or () if name not in run.columns]:
         raise RunFileError(f"{source} has no column {', '.join(missing)}: it was not exported from a native run")

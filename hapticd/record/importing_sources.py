@@ -18,7 +18,7 @@ from hapticd.config.text import decimal_comma
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
 from hapticd.record.matfile import is_level_5, read_level_5
-from hapticd.record.reader import column_names, delimiter_hint, read_parquet
+from hapticd.record.reader import column_names, delimiter_hint, read_parquet, refuse_utf16
 
 _NAMES_SHOWN = 12
 
@@ -121,6 +121,7 @@ def _csv(path: Path, mapping: ImportMap) -> Source:
     delimiter = "\t" if style.delimiter == "\\t" else style.delimiter
     if len(delimiter) != 1:
         raise RunFileError(f"{path}: csv.delimiter = {delimiter!r}: must be one character, or \\t for a tab")
+    refuse_utf16(path)
     skip = style.skip_lines
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         lines = (line for number, line in enumerate(file) if number >= style.skip_lines)

@@ -6,6 +6,7 @@ The least a run needs is time, a position and a command: `time_s`; `encoder_coun
 
 from __future__ import annotations
 
+import codecs
 import json
 import os
 from collections.abc import Iterable
@@ -176,7 +177,25 @@ def column_names(path: Path, table: Any) -> list[str]:
     try:
         return [str(name) for name in table.column_names]
     except UnicodeDecodeError:
+        if path.suffix.lower() == ".csv":
+            raise RunFileError(_not_utf8(path, "Latin-1", "latin1")) from None
         raise RunFileError(f"{path} is damaged: its columns have no legible names") from None
+
+
+def refuse_utf16(path: Path) -> None:
+    """Refuse a text that begins as UTF-16 does: with its mark, or with half a sign that is zero.
+
+    Raises:
+        RunFileError: it does.
+    """
+    with path.open("rb") as file:
+        begins = file.read(2)
+    if b"\0" in begins or begins in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        raise RunFileError(_not_utf8(path, "UTF-16", "utf-16"))
+
+
+def _not_utf8(path: Path, likely: str, code: str) -> str:
+    return f"{path} is not UTF-8 ({likely}?); 'iconv -f {code} -t utf-8 {path.name} > utf8.csv' converts it"
 
 
 def _table(path: Path, stream: Stream) -> Any:
@@ -229,10 +248,12 @@ def _read_csv(path: Path) -> Any:
     import pyarrow as pa
     import pyarrow.csv as pacsv
 
-    comments, stored = 0, {}
+    refuse_utf16(path)
+    comments, stored, header = 0, {}, ""
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         for line in file:
             if not line.startswith("#"):
+                header = line
                 break
             comments += 1
             if line.startswith(CSV_METADATA_LINE):
@@ -245,7 +266,10 @@ def _read_csv(path: Path) -> Any:
             convert_options=pacsv.ConvertOptions(column_types=dict.fromkeys(_FLOATS, pa.float64())),
         )
     except (pa.ArrowException, OSError) as error:
-        raise RunFileError(f"{path} is not a readable CSV file: {brief(error)}") from None
+        why = brief(error)
+        # One column and rows with more: decimal commas, or a title, whose spaces separate no columns.
+        hint = delimiter_hint([header.replace(" ", "")]) if "Expected 1 columns" in why else ""
+        raise RunFileError(f"{path} is not a readable CSV file: {why}{hint and f'; {hint}'}") from None
     table = table.rename_columns([name.strip() for name in column_names(path, table)])
     return table.replace_schema_metadata(stored or None)
 

@@ -125,7 +125,7 @@ def test_quiet_keeps_warnings_and_errors(hapticd: Run, simulator: Simulator) -> 
     assert (refused.code, "shorter than one servo period" in refused.err) == (2, True)
 
 
-@pytest.mark.parametrize("suffix", ["csv", "parquet", "mat", "CSV"])
+@pytest.mark.parametrize("suffix", ["csv", "parquet", "mat", "mcap", "CSV"])
 def test_simulate_does_not_write_arrow_under_another_name(
     hapticd: Run, simulator: Simulator, tmp_path: Path, suffix: str
 ) -> None:
@@ -204,9 +204,9 @@ def test_progress_goes_to_a_terminal_and_never_to_stdout(
 
 
 def test_simulate_into_a_missing_folder_is_a_usage_error(hapticd: Run, simulator: Simulator, tmp_path: Path) -> None:
-    outcome = hapticd("simulate", "--duration", "1", "-o", str(tmp_path / "none" / "run.arrow"))
-    assert outcome.code == 2
-    assert "No such file or directory" in outcome.err
+    out = tmp_path / "none" / "run.arrow"
+    outcome = hapticd("simulate", "--duration", "1", "-o", str(out))
+    assert (outcome.code, outcome.err, simulator.asked) == (2, f"hapticd: {out}: there is no folder {out.parent}\n", {})
 
 
 def test_run_hands_over_the_resolved_config_and_returns_its_code(hapticd: Run, monkeypatch: pytest.MonkeyPatch) -> None:

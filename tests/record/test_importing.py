@@ -292,6 +292,35 @@ def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     assert (tmp_path / "run.arrow").read_text() == "mine"
 
 
+def test_the_source_is_never_overwritten(tmp_path: Path) -> None:
+    source = parquet(tmp_path)
+    before = source.read_bytes()
+    (tmp_path / "run.arrow").hardlink_to(source)
+    for out in (source, tmp_path / "run.arrow"):
+        for force in (False, True):
+            with pytest.raises(RunFileError, match=f"{out.name} is the file that is read; give another name"):
+                import_run(source, parse_map(ROTARY, "map.yaml"), out, force=force)
+    assert source.read_bytes() == before
+
+
+def test_a_name_that_is_not_utf8_is_no_matter_where_columns_have_numbers(tmp_path: Path) -> None:
+    lines = [f"{t!r},{q},{i!r}" for t, q, i in zip(TIME.tolist(), COUNTS.tolist(), CURRENT.tolist(), strict=True)]
+    path = tmp_path / "data.csv"
+    path.write_text("Zeit,Winkel (°),Strom\n" + "\n".join(lines), encoding="latin1")
+    latin1 = r"data.csv is not UTF-8 \(Latin-1\?\); 'iconv -f latin1 -t utf-8 data.csv > utf8.csv' converts it"
+    numbers = {"time": {"column": 0}, "position": {"column": 1, "unit": "count"}, "current": {"column": 2}}
+    with pytest.raises(RunFileError, match=latin1):
+        bring(path, changed(**numbers))
+    check_plain(bring(path, changed(csv={"header": False, "skip_lines": 1}, **numbers)))
+
+
+@pytest.mark.parametrize("code", ["utf-16", "utf-16-le", "utf-16-be"])
+def test_utf16_is_called_so(tmp_path: Path, code: str) -> None:
+    (tmp_path / "data.csv").write_text("t,q,i\n0,1,2\n1,2,3\n", encoding=code)
+    with pytest.raises(RunFileError, match=r"data.csv is not UTF-8 \(UTF-16\?\); 'iconv -f utf-16 -t utf-8 data.csv"):
+        bring(tmp_path / "data.csv", ROTARY)
+
+
 WRONG_MAPS: dict[str, tuple[dict[str, Any], str]] = {
     "unknown key": (changed(encodr={}), "map.yaml: encodr: unknown key; did you mean encoder?"),
     "inner key": (changed(time={"colum": "t"}), "map.yaml: time.colum: unknown key; did you mean time.column?"),

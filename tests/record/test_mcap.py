@@ -67,6 +67,13 @@ def test_imported_it_is_the_same_native_file(run: Run, exported: Path, tmp_path:
     assert found.resolution == pytest.approx(2 * np.pi / 8192)
 
 
+def test_the_source_is_never_overwritten(exported: Path) -> None:
+    before = exported.read_bytes()
+    with pytest.raises(RunFileError, match="is the file that is read; give another name"):
+        import_mcap(exported, exported, force=True)
+    assert exported.read_bytes() == before
+
+
 def test_mcap_ros2_support_reads_it(run: Run, exported: Path) -> None:
     from mcap.reader import make_reader
     from mcap_ros2.decoder import DecoderFactory

@@ -95,6 +95,16 @@ def test_files_that_are_no_runs_are_named_with_the_reason(tmp_path: Path) -> Non
         "text.arrow": (b"hello, this is a letter to my aunt\n" * 9, "text.arrow is not a run file"),
         "short.arrow": (b"\xff", "short.arrow is not a run file"),
         "text.parquet": (b"PAR1 and nothing else", "text.parquet is not a Parquet file"),
+        "latin1.csv": (
+            '"Zeit [ms]";"Winkel (°)"\n0;1\n'.encode("latin1"),
+            r"latin1.csv is not UTF-8 \(Latin-1\?\); 'iconv -f latin1 -t utf-8 latin1.csv > utf8.csv' converts it",
+        ),
+        "utf16.csv": ("time_s,position,force\n0,1,2\n".encode("utf-16"), r"utf16.csv is not UTF-8 \(UTF-16\?\); "),
+        "commas.csv": (
+            b"# scope\ntime_s;position;force\n0,0;0;-2,55\n",
+            r"Expected 1 columns, got 3: .*; its values are separated by ';': 'hapticd import' reads it with csv: {del",
+        ),
+        "title.csv": (b"a scope's export\nt,q,i\n0,1,2\n", "Expected 1 columns, got 3: t,q,i$"),
         "ragged.csv": (b"time_s,position\n1,2\n3\n", "ragged.csv is not a readable CSV file"),
     }
     for name, (content, message) in cases.items():
