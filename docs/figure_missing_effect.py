@@ -60,7 +60,7 @@ def _shown(trace: Trace, end_s: float) -> tuple[object, object]:
 
 def _gap(story: Story, path: Path) -> None:
     result = story.result
-    # A run's file has the instant in its name, which says nothing here and would run into the legend.
+    # A run's file has the instant in its name, which says nothing here.
     profiles = [replace(profile, name=Path(profile.name).stem.partition("Z-")[2]) for profile in result.profiles]
     with style():
         over_time(profiles, result.gap.unit, result.gap.noise_floor).savefig(path, dpi=110)

@@ -74,14 +74,12 @@ def gap(
     if excite and not live:
         raise UsageError("--excite goes with --live")
     from hapticd.client import find_run
-    from hapticd.effects.catalogue import BROKEN, CATALOGUE
     from hapticd.gap import find_gap
-    from hapticd.gap.outputs import write_outputs
-    from hapticd.gap.workflow import considered
+    from hapticd.gap.outputs import document_of, is_written_over, write_outputs
+    from hapticd.gap.workflow import considered, why_unknown
 
     for slug in effect or ():
-        if slug not in CATALOGUE:
-            reason = BROKEN.get(slug, f"not in the catalogue ({', '.join(CATALOGUE)})")
+        if reason := why_unknown(slug):
             raise UsageError(f"--effect {slug}: {reason}")
 
     document: dict[str, Any] = {}
@@ -103,7 +101,12 @@ def gap(
                 candidates=effect,
                 progress=lambda fraction, what: bar(fraction),
             )
-        document.update(write_outputs(result, recordings, nominal, out))
+        document.update(document_of(result, nominal))
+        try:
+            write_outputs(document, result, recordings, nominal, out)
+        except OSError:  # a full disk: the answer is not lost with it
+            output.emit(document, describe(document, out))
+            raise
         return result
 
     if live:
@@ -118,6 +121,9 @@ def gap(
         from hapticd.gap.data import load_recording
 
         paths = [find_run(run) for run in runs or ()]
+        for path in (*paths, *([Path(model)] if model else ())):
+            if is_written_over(out, path):
+                raise UsageError(f"-o {out}: the answer would take the place of {path}; choose another folder")
         nominal = check(model_of_run(paths[0], model, assignments))
         recordings = [load_recording(path, nominal) for path in paths]
         said = [warning for recording in recordings for warning in recording.warnings]

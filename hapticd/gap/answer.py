@@ -42,6 +42,8 @@ def answer(
     slugs: Sequence[str],
     fixed: int,
     unnamed: str | None,
+    *,
+    are_all: bool,
 ) -> GapResult:
     """What a search found, judged beside a disturbance that may be slow.
 
@@ -50,6 +52,7 @@ def answer(
         rounds: of the search; what is no more than a slow disturbance is taken out.
         slugs: effects that competed. fixed: terms that come before the effects.
         unnamed: an effect that predicts better for sure and was not named.
+        are_all: whether the whole catalogue was looked for.
     """
     quiet, sure = not rounds and is_quiet(first.fit), [each.taken.slug for each in rounds]
     # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
@@ -97,7 +100,7 @@ def answer(
     timing = {**timing, **late, "warnings": warnings}
     doubts = [*doubts_about(at_bounds, beaten, unnamed), *not_told(last.fit, half)]
     torque = missing.own_torque(last.fit)
-    verdict, statement = decide(effects, indistinguishable, doubts, numbers, remainder, torque)
+    verdict, statement = decide(effects, indistinguishable, doubts, numbers, remainder, torque, are_all=are_all)
     noise = last.fit.noise_values()
     return GapResult(
         verdict,

@@ -55,9 +55,9 @@ def gap(
     recordings = [recording_of(run, nominal) for run in recorded]
     result = find_gap(recordings, nominal, refit_base=refit_base, candidates=effects, progress=progress)
     if out is not None:
-        from hapticd.gap.outputs import write_outputs
+        from hapticd.gap.outputs import document_of, write_outputs
 
-        write_outputs(result, recordings, nominal, Path(out))
+        write_outputs(document_of(result, nominal), result, recordings, nominal, Path(out))
     return result
 
 

@@ -6,7 +6,8 @@ are not numbers, units wrong by a thousand, counts that wrapped. A warning is wh
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,6 +29,9 @@ _GAP_SHARE = 0.2
 _SLOWEST_HZ, _FASTEST_HZ = 20.0, 100_000.0
 _PEAK_FACTOR = 30.0
 _BALANCE = 30.0
+_FEWEST_STRIDES = 5
+_AGAINST = 0.5
+"""Share of the commanded force's power that the model's motion takes with the wrong sign where a sign is wrong."""
 _NEEDED = 200.0
 """No effect of the catalogue makes a device move that should need so many times the commanded force."""
 _WRAPS = tuple(2.0**bits for bits in (8, 12, 14, 16, 20, 24, 32))
@@ -58,6 +62,17 @@ def check_recording(recording: Recording, model: Config) -> tuple[str, ...]:
     return tuple(f"{recording.name}: {warning}" for warning in _warnings(recording, model))
 
 
+def check_together(recordings: Sequence[Recording]) -> None:
+    """Refuse a recording that is there twice: it would count as twice the evidence.
+
+    Raises:
+        RecordingError: with the names of both.
+    """
+    for one, other in combinations(recordings, 2):
+        if np.array_equal(one.position, other.position) and np.array_equal(one.current, other.current):
+            raise RecordingError(f"{one.name} and {other.name} are the same recording: name it once")
+
+
 def _sample_problems(time_s: Floats, position: Floats, current: Floats) -> Iterator[str]:
     if time_s.size < _FEWEST:
         yield f"{time_s.size} samples are too few; at least {_FEWEST} are needed"
@@ -86,7 +101,7 @@ def _unit_errors(recording: Recording, model: Config) -> Iterator[str]:
         yield f"{recording.duration_s:.3g} s are too short; at least {SHORTEST_S:g} s are needed"
     peak, largest = model.amplifier.peak_current, float(np.abs(recording.current).max())
     if peak is not None and largest > _PEAK_FACTOR * peak:
-        limit = f"{largest / peak:.0f} times amplifier.peak_current = {peak:g} A of the model"
+        limit = f"{largest / peak:.4g} times amplifier.peak_current = {peak:g} A of the model"
         yield f"the current reaches {largest:.4g} A, {limit}; is it in mA? It must be in A (a force in {force_unit})"
     steps = np.diff(recording.position)
     whole = np.array_equal(recording.position, np.rint(recording.position))
@@ -159,6 +174,7 @@ def _warnings(recording: Recording, model: Config) -> Iterator[str]:
         yield "the commanded current never changes: torque constant, delay and lag cannot be seen"
     yield from _gaps(recording)
     yield from _balance(recording, model)
+    yield from _sign(recording, model)
 
 
 def _gaps(recording: Recording) -> Iterator[str]:
@@ -191,20 +207,36 @@ def _balance(recording: Recording, model: Config) -> Iterator[str]:
         )
 
 
+def _sign(recording: Recording, model: Config) -> Iterator[str]:
+    needed, commanded = _needed_and_commanded(recording, model)
+    if float(needed @ commanded) < -_AGAINST * float(np.linalg.norm(needed) * np.linalg.norm(commanded)):
+        yield (
+            "the shaft moves as if the current pushed the other way: is the sign of the current or of the position wrong "
+            "(current.sign or position.sign of an import, encoder.invert of the model), or does a spring hold the shaft?"
+        )
+
+
 def _needed_over_commanded(recording: Recording, model: Config) -> float:
-    """Force that the model needs for the motion over the commanded one, RMS each; 1 where there is none.
+    """Force that the model needs for the motion over the commanded one, RMS each; 1 where there is none."""
+    needed, drive = _needed_and_commanded(recording, model)
+    commanded = float(np.sqrt(np.mean(drive**2)))
+    return max(float(np.sqrt(np.mean(needed**2))) / commanded, 1e-9) if commanded > 0.0 else 1.0
+
+
+def _needed_and_commanded(recording: Recording, model: Config) -> tuple[Floats, Floats]:
+    """Force that the model needs for the motion, and the commanded one, every hundredth of a second.
 
     Positions a hundredth of a second apart are far beyond noise for any motion that matters, and slow enough for all
     forces to be of one size; so the comparison is of orders of magnitude only.
     """
     stride = max(1, round(0.01 / recording.period_s))
     position, time_s = recording.position[::stride], recording.time_s[::stride]
-    if position.size < 5:
-        return 1.0
+    commanded = model.amplifier.torque_constant * recording.current[::stride]
+    if position.size < _FEWEST_STRIDES:
+        return commanded, commanded
     velocity = np.gradient(position, time_s)
     plant = model.plant
-    passive = (
+    needed = (
         plant.inertia * np.gradient(velocity, time_s) + plant.viscous * velocity + plant.coulomb * np.sign(velocity)
     )
-    drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(recording.current**2)))
-    return max(float(np.sqrt(np.mean(passive**2))) / drive, 1e-9) if drive > 0.0 else 1.0
+    return needed, commanded

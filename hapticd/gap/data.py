@@ -41,7 +41,10 @@ def load_recording(path: str | Path, model: Config) -> Recording:
 
 
 def recording_of(run: Run, model: Config) -> Recording:
-    """The recording in a run that has been read; arguments and errors as in `load_recording`."""
+    """The recording in a run that has been read; arguments and errors as in `load_recording`.
+
+    Positions are as the model's `encoder.invert` counts them; a file without a config has those of an encoder as it is.
+    """
     stored = run.metadata.get("config")
     config = parse_config(stored, f"config of {run.path.name}") if stored else None
     is_linear = bool(run.metadata.get("linear", model.is_linear if config is None else config.is_linear))
@@ -51,6 +54,8 @@ def recording_of(run: Run, model: Config) -> Recording:
     columns = run.columns
     time_s = _instants(columns)
     position, resolution = _positions(columns, _resolution(run, config or model))
+    if model.encoder.invert != (config is not None and config.encoder.invert):
+        position = -position
     current = _current(run, model)
     check_samples(str(run.path), time_s, position, current)
     recording = Recording(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.figures.style import BLUE, GREY, ORANGE, new_figure
+from hapticd.gap.checks import GAP_PERIODS
 from hapticd.gap.missing import since_reversal
 from hapticd.gap.text import COORDINATES, is_linear
 
@@ -56,12 +57,15 @@ def _with_floor(axis: Axes, floor: float) -> None:
 
 
 def over_time(profiles: Sequence[Profile], unit: str, floor: float) -> Figure:
-    """The missing force of every recording sample by sample, with ± one standard deviation of what is left."""
-    figure = new_figure(_WIDTH, 2.6 * len(profiles))
+    """The missing force of every recording sample by sample, with ± one standard deviation of what is left.
+
+    No line where the shaft rests, nor across a hole in the record.
+    """
+    figure = new_figure(_WIDTH, 0.3 + 2.6 * len(profiles))
     axes = figure.subplots(len(profiles), 1, squeeze=False)[:, 0]
     for axis, profile in zip(axes, profiles, strict=True):
-        parts = np.array_split(np.arange(profile.time_s.size), min(_COLUMNS, profile.time_s.size))
-        time_s = np.array([profile.time_s[part].mean() for part in parts])
+        parts = _parts(profile.time_s)
+        time_s = np.array([profile.time_s[part].mean() if part.size else np.nan for part in parts])
         before, after, deviation = (
             _thinned(values, profile.moves, parts) for values in (profile.before, profile.after, profile.deviation)
         )
@@ -77,12 +81,24 @@ def over_time(profiles: Sequence[Profile], unit: str, floor: float) -> Figure:
         axis.set_title(f"{profile.name}: missing force")
         axis.set_ylabel(label)
         axis.set_xlabel("s")
-    axes[0].legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.2)
+    # above all titles: a recording's name may be as long as the figure is wide
+    figure.legend(*axes[0].get_legend_handles_labels(), ncols=3, loc="outside upper right")
     return figure
 
 
+def _parts(time_s: Floats) -> list[NDArray[np.intp]]:
+    """Rows of each point of a line over time; none, which breaks the line, at a hole that the figure can show."""
+    waits = np.diff(time_s)
+    hole = max(GAP_PERIODS * float(np.median(waits)), float(np.ptp(time_s)) / _COLUMNS)
+    parts: list[NDArray[np.intp]] = []
+    for stretch in np.split(np.arange(time_s.size), np.flatnonzero(waits > hole) + 1):
+        points = max(2, _COLUMNS * stretch.size // time_s.size)  # of one point no line is drawn
+        parts += [*np.array_split(stretch, min(points, stretch.size)), np.empty(0, dtype=np.intp)]
+    return parts[:-1]
+
+
 def _thinned(values: Floats, moves: NDArray[np.bool_], parts: Sequence[NDArray[np.intp]]) -> Floats:
-    """Mean of each part's moving samples; not a number where it rests."""
+    """Mean of each part's moving samples; not a number where it rests, and at a hole."""
     return np.array([values[part][moves[part]].mean() if moves[part].any() else np.nan for part in parts])
 
 
@@ -159,7 +175,8 @@ def left(profiles: Sequence[Profile], coordinate: str, unit: str, floor: float) 
 
 
 def _labelled(name: str, unit: str) -> str:
-    return f"{name.partition(',')[0]}, {COORDINATES[name][is_linear(unit)]}"
+    scale = " (square-root scale)" if _AXES[name].scale == "root" else ""
+    return f"{name.partition(',')[0]}, {COORDINATES[name][is_linear(unit)]}{scale}"
 
 
 def _pooled(profiles: Sequence[Profile], of: Callable[[Profile], Floats]) -> Floats:

@@ -43,12 +43,14 @@ def with_effects(
     Args:
         model: stays as it is.
         entries: slug and parameters, in the order in which they are added.
-        base: key of ``plant`` to value.
+        base: key of ``plant`` to value. Where a base parameter changes, what its uncertainty was is left out.
 
     Raises:
         ConfigError: the effects cannot be on one device.
     """
     data = model.model_dump()
+    if base or BASE_KEYS.keys() & {slug for slug, _ in entries}:
+        data["plant"]["uncertainty"] = {}  # that of other values
     data["plant"].update(base)  # before the corrections, which are relative to it
     for slug, entry in entries:
         if slug in BASE_KEYS:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import shutil
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -28,22 +27,34 @@ if TYPE_CHECKING:
 JSON: Final = "gap.json"
 MODEL: Final = "model.yaml"
 REPORT: Final = "report.html"
+FILES: Final = (JSON, MODEL, REPORT, EXPERIMENT)
 
 
-def write_outputs(result: GapResult, recordings: Sequence[Recording], model: Config, folder: Path) -> dict[str, Any]:
-    """Write everything into a folder, which is made if missing, and return the document of gap.json.
+def document_of(result: GapResult, model: Config) -> dict[str, Any]:
+    """The document of gap.json."""
+    changes = consequences(model, improved_model(model, result), declared_latency(model)[0])
+    return {**result.to_json(), "consequences": changes}
+
+
+def is_written_over(folder: Path, path: Path) -> bool:
+    """Whether `write_outputs` into a folder would take the place of a file."""
+    return any(path.exists() and (folder / name).exists() and path.samefile(folder / name) for name in FILES)
+
+
+def write_outputs(
+    document: Mapping[str, Any], result: GapResult, recordings: Sequence[Recording], model: Config, folder: Path
+) -> None:
+    """Write everything into a folder, which is made if missing; `document` is that of gap.json.
 
     Files appear when all are finished: an interruption leaves the folder as it was.
     """
-    improved = improved_model(model, result)
-    changes = consequences(model, improved, declared_latency(model)[0])
     text = model_yaml(model, result, [recording.name for recording in recordings])
-    document = {**result.to_json(), "consequences": changes}
+    summaries = {slug: spec.summary for slug, spec in CATALOGUE.items()}
     plain = to_jsonable_python(document, inf_nan_mode="null", fallback=lambda value: value.tolist())
     files = {
         JSON: json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
         MODEL: text,
-        REPORT: page(result, recordings, changes, {slug: spec.summary for slug, spec in CATALOGUE.items()}, text),
+        REPORT: page(result, recordings, document["consequences"], summaries, text),
     }
     if result.next_experiment and result.next_experiment["experiment"]:
         files[EXPERIMENT] = yaml.safe_dump(dict(result.next_experiment["experiment"]), sort_keys=False)
@@ -52,7 +63,6 @@ def write_outputs(result: GapResult, recordings: Sequence[Recording], model: Con
         for name, content in files.items():
             (Path(scratch) / name).write_text(content, encoding="utf-8")
         for name in files:
-            shutil.move(Path(scratch) / name, folder / name)
+            (Path(scratch) / name).replace(folder / name)
     if EXPERIMENT not in files:
         (folder / EXPERIMENT).unlink(missing_ok=True)
-    return document

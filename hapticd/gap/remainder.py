@@ -12,7 +12,7 @@ from hapticd.gap.candidates import scale_of
 from hapticd.gap.lines import frequencies, lines
 from hapticd.gap.missing import Missing, missing_force, structure
 from hapticd.gap.result import Remainder
-from hapticd.gap.text import COORDINATES, percent
+from hapticd.gap.text import looks, percent
 
 if TYPE_CHECKING:
     from hapticd.gap.fit import Fit
@@ -31,7 +31,7 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
         {"coordinate": coordinate, "share": part * share, "p_value": p_value}
         for coordinate, part, p_value in dependences(fit, found)
     ]
-    clauses = [COORDINATES[entry["coordinate"]][-1] for entry in entries[:_LISTED]]
+    clauses = [looks(entry["coordinate"], linear=fit.problem.is_linear) for entry in entries[:_LISTED]]
     fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
     for order in ripple.orders_left(fit, scale_of(fit)):
         period_m = 2.0 * math.pi / order

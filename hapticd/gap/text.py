@@ -39,6 +39,12 @@ def is_linear(unit: str) -> bool:
     return unit == "N"
 
 
+def looks(coordinate: str, *, linear: bool) -> str:
+    """What a missing force looks like that depends on a coordinate."""
+    words = COORDINATES[coordinate][-1]
+    return words.replace("torque", "force") if linear else words
+
+
 def places(where: Sequence[Mapping[str, Any]], unit: str) -> list[str]:
     """Where the missing force shows: the coordinates that explain most of it, a clause each.
 
@@ -54,8 +60,8 @@ def _place(entry: Mapping[str, Any], unit: str) -> str:
     low, high = entry["range"]
     if name == "everywhere":
         return f"{percent(entry['share'])} is the same everywhere, {low:.3g} {unit}"
-    *units, looks = COORDINATES[name]
-    return f"{percent(entry['share'])} as {looks}, most of it from {low:.3g} to {high:.3g} {units[linear]}"
+    words = looks(name, linear=linear)
+    return f"{percent(entry['share'])} as {words}, most of it from {low:.3g} to {high:.3g} {COORDINATES[name][linear]}"
 
 
 def percent(share: float) -> str:

@@ -19,6 +19,8 @@ def decide(
     gap: GapNumbers,
     remainder: Remainder,
     torque: float,
+    *,
+    are_all: bool = True,
 ) -> tuple[Verdict, str]:
     """Verdict and statement.
 
@@ -30,6 +32,7 @@ def decide(
         remainder: what is left.
         torque: what friction and current of the last model make; what lacks more than that is no model of the device,
             and names nothing.
+        are_all: whether the whole catalogue was looked for.
     """
     if gap.held_out_after > torque:
         too_much = (
@@ -41,9 +44,9 @@ def decide(
     left = bool(remainder.structure)
     force = f"missing {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after"
     if not effects and left:
+        none = "no effect of the catalogue" if are_all else "none of the effects that were asked for"
         statement = (
-            f"Something is missing that no effect of the catalogue explains ({gap.held_out_before:.3g} {gap.unit}): "
-            f"{remainder.words}"
+            f"Something is missing that {none} explains ({gap.held_out_before:.3g} {gap.unit}): {remainder.words}"
         )
         return "unexplained", " ".join([statement, *doubts])
     if not effects:
@@ -56,7 +59,10 @@ def decide(
     if ambiguous:
         choices = "; ".join(f"{effect} or {' or '.join(others)}" for effect, others in ambiguous)
         further = [*doubts, remainder.words] if left or doubts else []
-        return "ambiguous", " ".join([f"These data cannot tell which it is: {choices} ({force}).", *further])
+        sure = " and ".join(effect for effect, others in zip(effects, indistinguishable, strict=True) if not others)
+        known, besides = (f"Missing: {sure}. ", " besides") if sure else ("", "")
+        untold = f"{known}These data cannot tell which it is{besides}: {choices} ({force})."
+        return "ambiguous", " ".join([untold, *further])
     if left or doubts or gap.held_out_after**2 > (1.0 - constants.EXPLAINED) * gap.held_out_before**2:
         return "partly_explained", " ".join([f"Missing: {names} ({force}).", *doubts, remainder.words])
     return "effect_found", f"Missing: {names} ({force})."

@@ -6,10 +6,12 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
-from hapticd.effects.catalogue import CATALOGUE, EFFECT_SLUGS
+from hapticd.config.nearest import nearest_name
+from hapticd.effects.catalogue import BROKEN, CATALOGUE, EFFECT_SLUGS
 from hapticd.gap import late_record
 from hapticd.gap.answer import answer
 from hapticd.gap.base_model import NOTHING, base_terms, from_the_end, problem_of
+from hapticd.gap.checks import check_together
 from hapticd.gap.competition import Round, cross_validate
 from hapticd.gap.corrections import CORRECTIONS
 from hapticd.gap.nominal import nominal_fit
@@ -46,12 +48,14 @@ def find_gap(
         design: where laws stay indistinguishable, design the experiment that would tell them apart.
 
     Raises:
+        RecordingError: a recording is there twice.
         ValueError: no recording, a candidate that is unknown, or none that can be looked for.
         KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
     """
     slugs, not_considered = considered(model, candidates, refit_base=refit_base)
     progress = progress or (lambda fraction, text: None)
     progress(0.0, "fitting the model as given")
+    check_together(recordings)
     problem = problem_of(recordings, model, LEAST_START if refit_base else NOTHING)
     base = base_terms(problem) if refit_base else ()
     first = cross_validate(nominal_fit(problem, base))
@@ -86,7 +90,8 @@ def find_gap(
             raise
         interrupted = True
     progress(0.9, "what is left")
-    tell, named = partial(answer, recordings, model, first, rounds, slugs, len(base), unnamed), tuple(rounds)
+    found = recordings, model, first, rounds, slugs, len(base), unnamed
+    tell, named = partial(answer, *found, are_all=candidates is None), tuple(rounds)
     try:
         result = tell()
     except KeyboardInterrupt:
@@ -125,6 +130,15 @@ def _why_not(slug: str, model: Config, refit_base: bool) -> str | None:
     return None
 
 
+def why_unknown(slug: str) -> str | None:
+    """Why the catalogue has no effect of that name, and which was probably meant; None where it has one."""
+    if slug in CATALOGUE:
+        return None
+    near = nearest_name(slug, EFFECT_SLUGS)
+    hint = f"; did you mean {near}?" if near else f" ({', '.join(EFFECT_SLUGS)})"
+    return BROKEN.get(slug, f"not in the catalogue{hint}")
+
+
 def considered(model: Config, candidates: Sequence[str] | None, *, refit_base: bool) -> tuple[list[str], list[str]]:
     """Effects that are looked for, and a sentence for each that was asked for and cannot be.
 
@@ -136,8 +150,8 @@ def considered(model: Config, candidates: Sequence[str] | None, *, refit_base: b
         ValueError: one is unknown, or none can be looked for.
     """
     for slug in candidates or ():
-        if slug not in CATALOGUE:
-            raise ValueError(f"unknown effect {slug!r}: the catalogue has {', '.join(EFFECT_SLUGS)}")
+        if reason := why_unknown(slug):
+            raise ValueError(f"unknown effect {slug!r}: {reason}")
     chosen = EFFECT_SLUGS if candidates is None else [slug for slug in EFFECT_SLUGS if slug in candidates]
     reasons = {slug: reason for slug in chosen if (reason := _why_not(slug, model, refit_base))}
     left = [slug for slug in chosen if slug not in reasons]

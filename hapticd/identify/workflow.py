@@ -15,7 +15,7 @@ from scipy.stats import norm
 
 from drivers import declared_latency
 from hapticd.config import parse_config, unit_of
-from hapticd.gap.checks import check_recording
+from hapticd.gap.checks import check_recording, check_together
 from hapticd.gap.data import recording_of
 from hapticd.gap.parallel import one_blas_thread
 from hapticd.gap.result import Estimate
@@ -82,11 +82,12 @@ def identify(
         progress: called with the fraction done.
 
     Raises:
-        RecordingError: nothing can be concluded from a recording.
+        RecordingError: nothing can be concluded from a recording, or one is there twice.
         ValueError: no recording.
     """
     if not recordings:
         raise ValueError("there is no recording to identify a device from")
+    check_together(recordings)
     start = balance(recordings, model.amplifier.torque_constant)
     progress(0.1)
     if start.sign < 0:

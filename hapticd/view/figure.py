@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 _POINTS: Final = 20_000
 """A drawing cannot show more points than this across; a longer run is thinned."""
 _COLOURS: Final = (BLUE, ORANGE)
+_BY_RUN: Final = ("trace", "phase", "spectrum", "lateness")
+"""Panels in which each run has its own colour."""
 _EVENTS: Final = 12
 """More marks than this would hide the trace."""
 
@@ -63,8 +65,11 @@ def run_figure(
         names_of = " and ".join(each.run.path.name for each in both)
         figure.suptitle(title or names_of, x=0.01, ha="left", fontsize=12)
         if second is not None:
-            handles = [_line(colour, each.run.path.name) for colour, each in zip(_COLOURS, both, strict=True)]
-            figure.legend(handles=handles, loc="outside upper right", ncols=2)
+            drawn = {line.get_color() for name in names if name in _BY_RUN for line in axes[name].lines}
+            named = [(colour, each.run.path.name) for colour, each in zip(_COLOURS, both, strict=True)]
+            if handles := [_line(colour, name) for colour, name in named if colour in drawn]:
+                # below all: above, two long names would run into the title
+                figure.legend(handles=handles, loc="outside lower right", ncols=2)
         # as for every figure of the project: what is drawn later must have the look, too
         figure.draw_without_rendering()
     return figure
@@ -166,7 +171,7 @@ def _energy(axis: Any, both: Sequence[Signals]) -> None:
             (energy.generated, RED, "generated"),
             (energy.unexplained, GREY, "unexplained"),
         ):
-            axis.plot(time_s, 1e3 * values[thin], line, color=colour, lw=1.3, label=label if line == "-" else None)
+            axis.plot(time_s, 1e3 * values[thin], line, color=colour, lw=1.3, label=label if each is known[0][1] else None)
     axis.set_xlabel("time since the last start (s)" + ("; dashed: second run" if len(known) > 1 else ""))
     axis.set_ylabel("energy (mJ)")
     axis.margins(x=0.01)
@@ -209,16 +214,17 @@ def _difference(axis: Any, both: Sequence[Signals]) -> None:
     axis.set_title(f"Second less first: position RMS {sizes['rms']:.3g} {found.position_unit}")
     right = axis.twinx()
     right.spines["right"].set_visible(True)
-    right.plot(found.time_s[thin], found.current[thin], ".", color=GREY, ms=1.5, alpha=0.5)
-    right.set_ylabel(f"command, dots ({found.current_unit})")
-    axis.plot(found.time_s[thin], found.position[thin], color=INK, lw=1.1)
+    dots = right.plot(found.time_s[thin], found.current[thin], ".", color=GREY, ms=1.5, alpha=0.5, label="command")
+    right.set_ylabel(f"command ({found.current_unit})")
+    drawn = axis.plot(found.time_s[thin], found.position[thin], color=INK, lw=1.1, label="position") + dots
     if (tick := both[0].tick) is not None:
-        axis.axhspan(-tick, tick, color="#000000", alpha=0.06, lw=0)
+        drawn.append(axis.axhspan(-tick, tick, color="#000000", alpha=0.06, lw=0, label="± one coarse tick"))
     axis.set_zorder(right.get_zorder() + 1)
     axis.patch.set_visible(False)
     axis.set_xlabel("time since the spring was rendered (s)")
     axis.set_ylabel(f"position ({found.position_unit})")
     axis.margins(x=0.01)
+    axis.legend(handles=drawn, loc="best", markerscale=4.0, frameon=True, framealpha=0.85, edgecolor="none")
 
 
 def _nothing(axis: Any, why: str) -> None:

@@ -104,6 +104,8 @@ FILES: dict[str, tuple[bytes, str]] = {
     "empty.csv": (b"", "is empty"),
     "header.csv": (HEAD.replace(";", ",").encode(), "0 samples are too few"),
     "semicolons.csv": ((HEAD + "0;1;2\n" * 300).encode(), "separated by ';': 'hapticd import' reads it"),
+    "commas.csv": (HEAD.encode() + b"0,0;0;-2,55\n" * 300, "separated by ';': 'hapticd import' reads it"),
+    "latin1.csv": ("Winkel (°);t\n1;2\n".encode("latin1"), "'iconv -f latin1 -t utf-8 latin1.csv > utf8.csv'"),
     "tabs.csv": ((HEAD + "0;1;2\n" * 300).replace(";", "\t").encode(), r"csv: {delimiter: '\t'}"),
     "names.csv": (b"t,counts,amps\n0,1,2\n", "'hapticd import' brings in files with other names"),
     "words.csv": (HEAD.replace(";", ",").encode() + b"0,1,on\n" * 300, "invalid value 'on'"),
@@ -123,6 +125,23 @@ def test_files_that_are_no_runs(hapticd: Run, tmp_path: Path, name: str) -> None
     assert done.code == 2
     assert statement in done.err
     assert not (tmp_path / "gap").exists()
+
+
+def test_nothing_is_written_over_what_is_read(hapticd: Run, tmp_path: Path) -> None:
+    nominal = tmp_path / "model.yaml"
+    nominal.write_text(MODEL)
+    run = written(tmp_path / "lab.csv", good())
+    done = hapticd("gap", str(run), "--model", str(nominal), "-o", str(tmp_path))
+    assert (done.code, f"the answer would take the place of {nominal}" in done.err) == (2, True)
+    assert nominal.read_text() == MODEL
+
+
+def test_a_folder_that_cannot_be_made_is_said_before_the_search(hapticd: Run, tmp_path: Path) -> None:
+    run = written(tmp_path / "lab.csv", good())
+    (tmp_path / "file").write_text("")
+    for out in ("/proc/none/gap", tmp_path / "file" / "gap"):
+        done = hapticd("gap", str(run), "--model", "re35", "-o", str(out))
+        assert (done.code, f"nothing can be written to {out}" in done.err) == (2, True)
 
 
 def test_no_file(hapticd: Run, tmp_path: Path) -> None:

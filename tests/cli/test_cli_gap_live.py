@@ -20,7 +20,7 @@ from .conftest import Run
         ((), "name at least one recording, or --live"),
         (("--live", "run.arrow"), "--live makes its own recordings"),
         (("run.arrow", "--excite", "steps"), "--excite goes with --live"),
-        (("--live", "--effect", "stribek"), "not in the catalogue"),
+        (("--live", "--effect", "stribek"), "--effect stribek: not in the catalogue; did you mean stribeck?"),
         (("--live", "--excite", "nowhere.yaml"), "nowhere.yaml"),
         (("--live", "--excite", "chrip"), "excitation 'chrip' is unknown"),
     ],
@@ -64,9 +64,10 @@ def test_the_daemons_config_is_the_model_unless_one_is_named(
 
     monkeypatch.setattr("hapticd.gap.find_gap", find)
     monkeypatch.setattr("hapticd.gap.live.load_recording", lambda path, model: path)
+    monkeypatch.setattr("hapticd.gap.outputs.write_outputs", lambda *given: None)
     monkeypatch.setattr(
-        "hapticd.gap.outputs.write_outputs",
-        lambda result, *rest: {**result.to_json(), "consequences": {"words": []}},
+        "hapticd.gap.outputs.document_of",
+        lambda result, model: {**result.to_json(), "consequences": {"words": []}},
     )
     for words in ((), ("--model", "omega")):
         assert daemon("gap", "--live", "--excite", "steps", "-o", str(tmp_path), *words).code == 0

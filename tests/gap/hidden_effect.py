@@ -17,7 +17,7 @@ from hapticd.client import Client
 from hapticd.config import Config, load_config
 from hapticd.gap import GapResult, find_gap
 from hapticd.gap.live import close_the_circle
-from hapticd.gap.outputs import MODEL, write_outputs
+from hapticd.gap.outputs import MODEL, document_of, write_outputs
 from hapticd.hil.compare import Comparison, compare, measured_trace, simulated_trace
 from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
@@ -86,7 +86,7 @@ def find_hidden_effect(
 
     def analyse(recordings: Sequence[Recording]) -> GapResult:
         found = find_gap(recordings, model)
-        write_outputs(found, recordings, model, folder / "gap")
+        write_outputs(document_of(found, model), found, recordings, model, folder / "gap")
         return found
 
     device = Device(model, folder, plant=secret)

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from hapticd.gap.checks import check_recording, check_samples
+from hapticd.gap.checks import check_recording, check_samples, check_together
 from hapticd.gap.errors import RecordingError
 from hapticd.gap.recording import Recording
 
@@ -38,6 +38,10 @@ ERRORS: dict[str, tuple[Spoil, str]] = {
     "current in mA": (
         lambda r: replace(r, current=1e3 * r.current),
         "times amplifier.peak_current = 6 A of the model; is it in mA?",
+    ),
+    "current beyond all units": (
+        lambda r: replace(r, current=1e300 * np.sign(r.current)),
+        "the current reaches 1e+300 A, 1.667e+299 times amplifier.peak_current = 6 A",
     ),
     "position in counts": (
         lambda r: replace(r, position=np.floor(r.position / r.resolution), resolution=1.0),
@@ -111,6 +115,10 @@ WARNINGS: dict[str, tuple[Spoil, str]] = {
         lambda r: replace(r, position=57.3 * r.position, resolution=57.3 * r.resolution),
         "times the commanded force for this motion; is position in degrees or mm",
     ),
+    "the other way": (
+        lambda r: replace(r, position=-r.position),
+        "the shaft moves as if the current pushed the other way: is the sign of the current or of the position wrong",
+    ),
     "mA without a limit": (
         lambda r: replace(r, current=150.0 * r.current),
         "times what the model needs for this motion; is the current in mA",
@@ -126,6 +134,12 @@ def test_warning(name: str, nominal_run: Recording) -> None:
 
 def test_a_good_run_has_no_warnings(nominal_run: Recording) -> None:
     assert check_recording(nominal_run, model()) == ()
+
+
+def test_a_recording_counts_once(nominal_run: Recording) -> None:
+    check_together([nominal_run, replace(nominal_run, current=2.0 * nominal_run.current)])
+    with pytest.raises(RecordingError, match="copy and synthetic are the same recording: name it once"):
+        check_together([replace(nominal_run, name="copy"), nominal_run])
 
 
 def test_samples_that_are_none() -> None:

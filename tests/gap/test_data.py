@@ -55,6 +55,18 @@ def test_the_run_knows_its_encoder_better_than_the_model(tmp_path: Path) -> None
     assert found.resolution == pytest.approx(2 * CELL)
 
 
+def test_positions_are_as_the_model_s_encoder_counts(tmp_path: Path) -> None:
+    """Also those of a file that does not say how it was counted: as by the encoder itself."""
+    made = rows()
+    config = model()
+    inverted = config.model_copy(update={"encoder": config.encoder.model_copy(update={"invert": True})})
+    run, table = native(tmp_path / "r.arrow", made), tmp_path / "r.csv"
+    columns = ("time_s", "encoder_counts", "current_command_A")
+    np.savetxt(table, np.column_stack([made[c] for c in columns]), "%.17g", ",", header=",".join(columns), comments="")
+    for path in (run, table):
+        assert np.array_equal(load_recording(path, inverted).position, -load_recording(path, config).position)
+
+
 def test_lateness_moves_the_samples(tmp_path: Path) -> None:
     made = rows()
     made["wake_late_ns"] = 1000 * (made["tick"] % 50)

@@ -25,6 +25,7 @@ from hapticd.gap.score import Score
 from hapticd.gap.search import is_quiet
 from hapticd.gap.terms import LINE, Coordinate, Term, term
 from hapticd.gap.trial import competing_model
+from hapticd.gap.workflow import considered
 
 from .synthetic import COUNTS, INERTIA, TORQUE_CONSTANT, drive, model
 
@@ -230,6 +231,13 @@ def test_what_cannot_be_looked_for_is_refused_alone_and_said_beside_others() -> 
     found = find_gap([recording], gravity, candidates=["gravity", "return_spring"], design=False)
     assert found.details["candidates"] == ["return_spring"]
     assert has_it in found.warnings
+
+
+def test_an_effect_that_is_unknown_has_a_nearest_one() -> None:
+    with pytest.raises(ValueError, match=r"^unknown effect 'stribek': not in the catalogue; did you mean stribeck\?$"):
+        considered(model(), ["gravity", "stribek"], refit_base=False)
+    with pytest.raises(ValueError, match=r"^unknown effect 'xyz': not in the catalogue \(coulomb_friction, .*\)$"):
+        considered(model(), ["xyz"], refit_base=False)
 
 
 @pytest.mark.parametrize("coulomb", [1e-9, 1e-5])

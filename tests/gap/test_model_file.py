@@ -42,6 +42,15 @@ def test_effects_join_those_of_the_model_and_the_text_reads_as_the_model() -> No
     assert text.count("gap: inertia_error") == 1  # not beside its uncertainty too
 
 
+def test_the_uncertainty_of_what_is_replaced_goes() -> None:
+    known = parse_config(
+        MODEL.model_dump() | {"plant": MODEL.plant.model_dump() | {"uncertainty": {"inertia": 1e-8}}}, "m"
+    )
+    assert improved_model(known, found(("gravity", {"m_g_l": 1e-3, "theta_0": 0.2}))).plant.uncertainty.inertia == 1e-8
+    for other in (found(("inertia_error", {"r": 0.5})), found(base={"inertia": 1e-5})):
+        assert improved_model(known, other).plant.uncertainty == MODEL.plant.uncertainty
+
+
 @pytest.mark.parametrize(
     ("slug", "entry", "name", "value"),
     [

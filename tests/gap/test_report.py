@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.figures.style import style
 from hapticd.gap import text as gap_text
 from hapticd.gap.consequences import consequences
-from hapticd.gap.figures import all_figures
+from hapticd.gap.figures import all_figures, over_time
 from hapticd.gap.profile import Profile
 from hapticd.gap.recording import Recording
 from hapticd.gap.report import page
@@ -213,5 +214,67 @@ def test_the_law_that_was_missing_can_be_read_off_the_figure() -> None:
     speed, force = before[slow].T
     assert force == pytest.approx(-200.0 * np.sign(speed) * np.exp(-np.abs(speed) / 2.0), rel=0.15, abs=2.0)
     assert after[:, 1] == pytest.approx(0.1 * before[:, 1])
-    assert panel.get_xlabel() == "velocity, rad/s"
+    assert panel.get_xlabel() == "velocity, rad/s (square-root scale)"
     assert panel.figure.axes[0].get_ylabel() == "missing force, µN m"
+
+
+@pytest.mark.parametrize("recordings", [1, 3])
+def test_the_daemons_long_name_leaves_title_and_legend_readable(recordings: int) -> None:
+    named = replace(profile(), name="run-20261127T154344.941Z-excite-steps.arrow")
+    with style():
+        figure = over_time([named] * recordings, "N m", 1e-6)
+        figure.draw_without_rendering()
+    (legend,) = [one for one in (*figure.legends, *(axis.get_legend() for axis in figure.axes)) if one is not None]
+    assert [text.get_text() for text in legend.get_texts()] == [
+        "model as given",
+        "improved model, ± 1 standard deviation",
+        "noise alone",
+    ]
+    page_box, legend_box = figure.bbox, legend.get_window_extent()
+    titles = [axis._left_title.get_window_extent() for axis in figure.axes]
+    assert not any(legend_box.overlaps(box) for box in [*titles, *(axis.bbox for axis in figure.axes)])
+    for box in (legend_box, *titles):
+        assert page_box.containsx(box.x0)
+        assert page_box.containsx(box.x1)
+        assert page_box.containsy(box.y1)
+
+
+@pytest.mark.parametrize("rows", [4000, 500], ids=["thinned", "every sample"])
+def test_no_line_crosses_a_hole_in_the_record(rows: int) -> None:
+    whole = profile(rows)
+    end = whole.time_s[-1]
+    there = (whole.time_s < 0.4 * end) | (whole.time_s > 0.7 * end)
+    there &= (whole.time_s < 0.1 * end) | (whole.time_s > 0.2 * end) | (np.abs(whole.time_s - 0.15 * end) < 0.003)
+    arrays = {name: values[there] for name, values in vars(whole).items() if name != "name"}
+    moving = replace(whole, **{**arrays, "moves": np.ones(there.sum(), dtype=bool)})
+    axis = over_time([moving], "N m", 1e-6).axes[0]
+    holes = np.array([[0.12, 0.14], [0.16, 0.18], [0.45, 0.65]]) * end
+    for line in axis.lines[:2]:
+        drawn = np.asarray(line.get_xdata())
+        from_s, to_s = drawn[:-1, None], drawn[1:, None]
+        assert not ((from_s < holes[:, 0]) & (to_s > holes[:, 1])).any()
+        assert np.nanmax(np.diff(drawn)) < 0.02 * end
+        assert drawn[0] < 0.01 * end
+        assert drawn[-1] > 0.99 * end
+        between = np.abs(drawn - 0.15 * end) < 0.01 * end
+        assert between.sum() >= 2, "what is between two holes is drawn"
+    (band,) = axis.collections
+    spans = [(path.vertices[:, 0].min(), path.vertices[:, 0].max()) for path in band.get_paths()]
+    assert len(spans) == 4
+    assert all(((lo > holes[:, 0]) | (hi < holes[:, 1])).all() for lo, hi in spans)
+
+
+def test_holes_too_short_to_be_seen_leave_the_line_whole() -> None:
+    whole = profile(20_000)
+    there = np.arange(20_000) % 200 >= 12
+    arrays = {name: values[there] for name, values in vars(whole).items() if name != "name"}
+    drawn = np.asarray(over_time([replace(whole, **arrays)], "N m", 1e-6).axes[0].lines[0].get_xdata())
+    assert np.isfinite(drawn).all()
+
+
+def test_a_linear_device_lacks_a_force_and_no_torque() -> None:
+    place = {"coordinate": "position", "range": [0.1, 0.2], "share": 0.5}
+    assert gap_text.places([place], "N") == [
+        "50 % as a force that depends on the position, most of it from 0.1 to 0.2 m"
+    ]
+    assert gap_text.places([place], "N m")[0].startswith("50 % as a torque that depends on the position")

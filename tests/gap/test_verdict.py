@@ -57,6 +57,19 @@ def test_what_is_indistinguishable_is_said() -> None:
     assert "cannot tell" in statement
 
 
+def test_what_is_sure_is_said_beside_a_tie() -> None:
+    _, statement = decide(["inertia_error", "stribeck"], [(), ("viscous_friction",)], [], GAP, CLEAN, 1.0)
+    assert statement.startswith(
+        "Missing: inertia_error. These data cannot tell which it is besides: stribeck or viscous_"
+    )
+
+
+def test_what_was_not_asked_for_is_not_denied() -> None:
+    _, statement = decide([], [], [], GAP, LEFT, 1.0, are_all=False)
+    assert "none of the effects that were asked for explains" in statement
+    assert "no effect of the catalogue explains" in decide([], [], [], GAP, LEFT, 1.0)[1]
+
+
 def test_doubts_and_what_is_left_are_said_beside_a_tie_too() -> None:
     _, statement = decide(["gravity"], [("constant_bias",)], ["It may be another law."], GAP, LEFT, 1.0)
     assert "It may be another law." in statement

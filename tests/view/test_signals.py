@@ -107,3 +107,45 @@ def test_a_figure_has_the_panels_asked_for() -> None:
     assert len(run_figure(found, only=["phase"]).axes) == 1
     with pytest.raises(ValueError, match="no panel 'phases'"):
         run_figure(found, only=["phases"])
+
+
+def legend_texts(legend: Any) -> list[str]:
+    return [text.get_text() for text in legend.get_texts()]
+
+
+def test_the_legend_of_a_difference_shows_what_is_drawn() -> None:
+    first, second = signals(oscillation()), signals(oscillation(hz=37.8))
+    figure = run_figure(first, second, only=["difference"])
+    assert figure.legends == []
+    panel, commands = figure.axes
+    legend = panel.get_legend()
+    assert legend_texts(legend) == ["position", "command", "± one coarse tick"]
+    line, dots, _ = legend.legend_handles
+    assert line.get_color() == panel.lines[0].get_color()
+    assert (dots.get_color(), dots.get_marker()) == (commands.lines[0].get_color(), ".")
+
+
+def test_runs_are_in_the_legend_where_they_are_drawn_in_their_colours() -> None:
+    first, other = signals(oscillation()), signals(oscillation(hz=37.8))
+    second = replace(other, run=replace(other.run, path=Path("other.arrow")))
+    (legend,) = run_figure(first, second).legends
+    assert legend_texts(legend) == ["run.arrow", "other.arrow"]
+    assert run_figure(first, second, only=["energy"]).legends == []
+    virtual = replace(first, late_s=None, exec_s=None)
+    (legend,) = run_figure(virtual, second, only=["lateness"]).legends
+    assert legend_texts(legend) == ["other.arrow"]
+    assert run_figure(virtual, replace(second, late_s=None, exec_s=None), only=["lateness"]).legends == []
+
+
+def test_long_names_leave_title_and_legend_readable() -> None:
+    found = signals(oscillation())
+    both = [
+        replace(found, run=replace(found.run, path=Path(f"run-20261127T154344.941Z-excite-{kind}.arrow")))
+        for kind in ("steps", "chirp")
+    ]
+    figure = run_figure(*both, only=["trace", "phase"])
+    (legend,) = figure.legends
+    title = figure.get_suptitle()
+    (drawn,) = [text for text in figure.texts if text.get_text() == title]
+    boxes = [drawn.get_window_extent(), *(axis.get_tightbbox() for axis in figure.axes)]
+    assert not any(legend.get_window_extent().overlaps(box) for box in boxes)
