@@ -212,7 +212,8 @@ def _sign(recording: Recording, model: Config) -> Iterator[str]:
     if float(needed @ commanded) < -_AGAINST * float(np.linalg.norm(needed) * np.linalg.norm(commanded)):
         yield (
             "the shaft moves as if the current pushed the other way: is the sign of the current or of the position wrong "
-            "(current.sign or position.sign of an import, encoder.invert of the model), or does a spring hold the shaft?"
+            "(current.sign or position.sign of an import, encoder.invert of the model), or does a spring or a weight "
+            "hold the shaft?"
         )
 
 

@@ -171,7 +171,9 @@ def _energy(axis: Any, both: Sequence[Signals]) -> None:
             (energy.generated, RED, "generated"),
             (energy.unexplained, GREY, "unexplained"),
         ):
-            axis.plot(time_s, 1e3 * values[thin], line, color=colour, lw=1.3, label=label if each is known[0][1] else None)
+            axis.plot(
+                time_s, 1e3 * values[thin], line, color=colour, lw=1.3, label=label if each is known[0][1] else None
+            )
     axis.set_xlabel("time since the last start (s)" + ("; dashed: second run" if len(known) > 1 else ""))
     axis.set_ylabel("energy (mJ)")
     axis.margins(x=0.01)
