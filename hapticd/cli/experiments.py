@@ -14,7 +14,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.completion import complete_experiment
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import Duration, ForceOption, Quantity, SocketOption, connect, guarded
+from hapticd.cli.options import Duration, ForceOption, Quantity, SocketOption, check_run_name, connect, guarded
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
 from hapticd.figures.files import atomic_write
@@ -218,10 +218,7 @@ def _check_copy(out: Path | None, no_wait: bool) -> None:
         raise UsageError(f"-o {out}: --no-wait returns before the recording is over; leave one of them out")
     if out.exists():
         raise UsageError(f"{out} exists: a recording never overwrites a file")
-    if not out.parent.is_dir():
-        raise UsageError(f"{out}: there is no folder {out.parent}")
-    if out.suffix.lower() in (".csv", ".parquet", ".mat", ".mcap"):
-        raise UsageError(f"{out}: a run file is an Arrow stream; 'hapticd export @last' writes {out.suffix}")
+    check_run_name(out)
 
 
 def _copied(answer: dict[str, Any], out: Path) -> dict[str, Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -99,11 +98,10 @@ def check_folder(out: Path | None) -> None:
         return
     if out.exists() and not out.is_dir():
         raise UsageError(f"{out} is a file; -o takes a folder")
-    nearest = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
-    try:
-        tempfile.TemporaryDirectory(dir=nearest, prefix=".").cleanup()
-    except OSError as error:
-        raise UsageError(f"nothing can be written to {out}: {error.strerror}") from error
+    from hapticd.record.files import why_unwritable
+
+    if reason := why_unwritable(out):
+        raise UsageError(f"{out}: {reason}")
 
 
 def check_figure_name(out: Path | None) -> None:

@@ -41,7 +41,7 @@ def test_a_release_says_where_the_copy_is(daemon: Run, recorded: Path) -> None:
     [
         ("there.arrow", (), "there.arrow exists: a recording never overwrites a file"),
         ("no/folder.arrow", (), "there is no folder no"),
-        ("wall.csv", (), "'hapticd export @last' writes .csv"),
+        ("wall.csv", (), "write wall.arrow, then 'hapticd export wall.arrow --to csv'"),
         ("wall.arrow", ("--no-wait",), "--no-wait returns before the recording is over"),
     ],
 )
