@@ -75,12 +75,17 @@ def gap(
         raise UsageError("--excite goes with --live")
     from hapticd.client import find_run
     from hapticd.gap import find_gap
-    from hapticd.gap.outputs import document_of, is_written_over, write_outputs
+    from hapticd.gap.outputs import document_of, keep, write_outputs
     from hapticd.gap.workflow import considered, why_unknown
 
     for slug in effect or ():
         if reason := why_unknown(slug):
             raise UsageError(f"--effect {slug}: {reason}")
+
+    try:
+        keep(out, [Path(read) for read in (model, excite, *(runs or ())) if read])
+    except ValueError as error:
+        raise UsageError(f"-o: {error}") from error
 
     document: dict[str, Any] = {}
     said: list[str] = []
@@ -105,7 +110,7 @@ def gap(
         try:
             write_outputs(document, result, recordings, nominal, out)
         except OSError:  # a full disk: the answer is not lost with it
-            output.emit(document, describe(document, out))
+            output.emit(document, describe(document, None))
             raise
         return result
 
@@ -121,9 +126,6 @@ def gap(
         from hapticd.gap.data import load_recording
 
         paths = [find_run(run) for run in runs or ()]
-        for path in (*paths, *([Path(model)] if model else ())):
-            if is_written_over(out, path):
-                raise UsageError(f"-o {out}: the answer would take the place of {path}; choose another folder")
         nominal = check(model_of_run(paths[0], model, assignments))
         recordings = [load_recording(path, nominal) for path in paths]
         said = [warning for recording in recordings for warning in recording.warnings]
@@ -139,8 +141,8 @@ def gap(
     return exits.NO if result.verdict == "unexplained" else exits.DONE
 
 
-def describe(document: dict[str, Any], out: Path) -> str:
-    """A few lines about what was found, from the content of gap.json."""
+def describe(document: dict[str, Any], out: Path | None) -> str:
+    """A few lines about what was found, from the content of gap.json, and about what was written, if it was."""
     from hapticd.gap import text
 
     gap = document["gap"]
@@ -165,10 +167,9 @@ def describe(document: dict[str, Any], out: Path) -> str:
     lines += [f"for you: {sentence}" for sentence in document["consequences"]["words"]]
     if planned := document["next_experiment"]:
         lines.append(f"next: {planned['words']}")
-        if planned["file"]:
+        if out and planned["file"]:
             lines.append(f"next: hapticd excite {out / planned['file']}")
-    lines.append(f"{out / 'report.html'}, {out / 'model.yaml'}")
-    return "\n".join(lines)
+    return "\n".join([*lines, f"{out / 'report.html'}, {out / 'model.yaml'}"] if out else lines)
 
 
 def _estimate(estimate: dict[str, Any]) -> str:

@@ -48,11 +48,18 @@ def gap(
         RunFileError: a recording cannot be read.
         RecordingError: nothing can be concluded from one.
         ConfigError: no model, or anything wrong in it.
-        ValueError: no recording, an unknown effect, or none that can be looked for.
+        ValueError: no recording, an unknown effect, none that can be looked for, or an answer in place of what is read.
     """
     recorded = runs_of(runs)
     nominal = config_of(model if model is not None else own_model(recorded[0]), settings)
     recordings = [recording_of(run, nominal) for run in recorded]
+    if out is not None:
+        from hapticd.gap.outputs import keep
+
+        keep(
+            Path(out),
+            [run.path for run in recorded] + [Path(name) for name in [model] if isinstance(name, str | PathLike)],
+        )
     result = find_gap(recordings, nominal, refit_base=refit_base, candidates=effects, progress=progress)
     if out is not None:
         from hapticd.gap.outputs import document_of, write_outputs

@@ -11,6 +11,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from hapticd.gap.errors import RecordingError
 
@@ -31,7 +32,7 @@ _PEAK_FACTOR = 30.0
 _BALANCE = 30.0
 _FEWEST_STRIDES = 5
 _AGAINST = 0.5
-"""Share of the commanded force's power that the model's motion takes with the wrong sign where a sign is wrong."""
+"""Cosine between what the model needs and the command, below which, the other way round, a sign is wrong."""
 _NEEDED = 200.0
 """No effect of the catalogue makes a device move that should need so many times the commanded force."""
 _WRAPS = tuple(2.0**bits for bits in (8, 12, 14, 16, 20, 24, 32))
@@ -208,36 +209,41 @@ def _balance(recording: Recording, model: Config) -> Iterator[str]:
 
 
 def _sign(recording: Recording, model: Config) -> Iterator[str]:
-    needed, commanded = _needed_and_commanded(recording, model)
-    if float(needed @ commanded) < -_AGAINST * float(np.linalg.norm(needed) * np.linalg.norm(commanded)):
+    needed = _needed(recording, model)
+    commanded = uniform_filter1d(recording.current, _stride(recording))[:: _stride(recording)]
+    if needed.size and float(needed @ commanded) < -_AGAINST * float(
+        np.linalg.norm(needed) * np.linalg.norm(commanded)
+    ):
         yield (
             "the shaft moves as if the current pushed the other way: is the sign of the current or of the position wrong "
-            "(current.sign or position.sign of an import, encoder.invert of the model), or does a spring or a weight "
-            "hold the shaft?"
+            "(current.sign or position.sign of an import, encoder.invert of the model), or does a spring, a weight or a "
+            "hand move it?"
         )
 
 
 def _needed_over_commanded(recording: Recording, model: Config) -> float:
     """Force that the model needs for the motion over the commanded one, RMS each; 1 where there is none."""
-    needed, drive = _needed_and_commanded(recording, model)
-    commanded = float(np.sqrt(np.mean(drive**2)))
-    return max(float(np.sqrt(np.mean(needed**2))) / commanded, 1e-9) if commanded > 0.0 else 1.0
+    needed = _needed(recording, model)
+    drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(recording.current**2)))
+    return max(float(np.sqrt(np.mean(needed**2))) / drive, 1e-9) if drive > 0.0 and needed.size else 1.0
 
 
-def _needed_and_commanded(recording: Recording, model: Config) -> tuple[Floats, Floats]:
-    """Force that the model needs for the motion, and the commanded one, every hundredth of a second.
+def _stride(recording: Recording) -> int:
+    return max(1, round(0.01 / recording.period_s))
+
+
+def _needed(recording: Recording, model: Config) -> Floats:
+    """Force that the model needs for the motion, every hundredth of a second; nothing where that is too seldom.
 
     Positions a hundredth of a second apart are far beyond noise for any motion that matters, and slow enough for all
     forces to be of one size; so the comparison is of orders of magnitude only.
     """
-    stride = max(1, round(0.01 / recording.period_s))
+    stride = _stride(recording)
     position, time_s = recording.position[::stride], recording.time_s[::stride]
-    commanded = model.amplifier.torque_constant * recording.current[::stride]
     if position.size < _FEWEST_STRIDES:
-        return commanded, commanded
+        return np.zeros(0)
     velocity = np.gradient(position, time_s)
     plant = model.plant
-    needed = (
+    return np.asarray(
         plant.inertia * np.gradient(velocity, time_s) + plant.viscous * velocity + plant.coulomb * np.sign(velocity)
     )
-    return needed, commanded

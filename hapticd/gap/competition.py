@@ -256,8 +256,7 @@ def better_function(before: CrossValidated, judged: CrossValidated, numbers: int
         return None
     best = max(functions, key=lambda function: function.gain)
     fit = before.fit.under(best.held_out).maximise(tolerance=tolerance)
-    held_out = fit.problem.series.per_block(fit.out["log_p"])
-    ahead = evidence(CrossValidated(fit, held_out).less(before.penalty), judged)[1]
+    ahead = evidence(cross_validate(fit, before.penalty), judged)[1]
     is_simpler = best.numbers <= numbers
     return best.coordinate if ahead > (-1.0 if is_simpler else 1.0) * constants.INDISTINGUISHABLE else None
 

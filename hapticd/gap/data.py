@@ -43,7 +43,8 @@ def load_recording(path: str | Path, model: Config) -> Recording:
 def recording_of(run: Run, model: Config) -> Recording:
     """The recording in a run that has been read; arguments and errors as in `load_recording`.
 
-    Positions are as the model's `encoder.invert` counts them; a file without a config has those of an encoder as it is.
+    Positions are as the model's `encoder.invert` counts them: counts of a file without a config are an encoder's as it is,
+    and positions, or what was imported, are taken as they are.
     """
     stored = run.metadata.get("config")
     config = parse_config(stored, f"config of {run.path.name}") if stored else None
@@ -54,8 +55,16 @@ def recording_of(run: Run, model: Config) -> Recording:
     columns = run.columns
     time_s = _instants(columns)
     position, resolution = _positions(columns, _resolution(run, config or model))
-    if model.encoder.invert != (config is not None and config.encoder.invert):
+    warnings = run.warnings
+    if _is_turned(run, config, model):
         position = -position
+        known = (
+            "recorded without a config"
+            if config is None
+            else f"recorded with encoder.invert: {not model.encoder.invert}"
+        )
+        says = f"the model has encoder.invert: {model.encoder.invert}".lower()
+        warnings = (*warnings, f"{run.path.name}: {known}, {says}: positions are turned round")
     current = _current(run, model)
     check_samples(str(run.path), time_s, position, current)
     recording = Recording(
@@ -67,9 +76,16 @@ def recording_of(run: Run, model: Config) -> Recording:
         current_measured=_measured(columns),
         period_s=float(np.median(np.diff(time_s))),
         is_linear=is_linear,
-        warnings=run.warnings,
+        warnings=warnings,
     )
-    return replace(recording, warnings=(*run.warnings, *check_recording(recording, model)))
+    return replace(recording, warnings=(*warnings, *check_recording(recording, model)))
+
+
+def _is_turned(run: Run, config: Config | None, model: Config) -> bool:
+    """Whether the encoder was read the other way than the model does; the map of an import has said which way is which."""
+    if "imported" in run.metadata or (config is None and "encoder_counts" not in run.columns):
+        return False
+    return model.encoder.invert != (config is not None and config.encoder.invert)
 
 
 def _instants(columns: dict[str, NDArray[Any]]) -> Floats:

@@ -248,8 +248,9 @@ def structure(fit: Fit, found: Missing) -> list[Structure]:
     results = []
     for name, columns in _functions(fit, found):
         answer = sensitivities(fit.out, columns.copy())
-        gain, errors = held_out_gain(fit, answer)
-        held_out = _held_out_coefficients(fit, answer)[fold, : columns.shape[1]]
+        coefficients = _held_out_coefficients(fit, answer)
+        gain, errors = _gain(fit, _held_out_shift(fit, answer, coefficients))
+        held_out = coefficients[fold, : columns.shape[1]]
         force = columns @ _coefficients(fit, answer)
         results.append(Structure(name, columns.shape[1], gain, errors, force, np.sum(columns * held_out, axis=1)))
     return results
@@ -311,16 +312,18 @@ def _held_out_coefficients(fit: Fit, answer: Floats) -> Floats:
     return np.stack([np.linalg.solve(H, g) for g, H in equations])
 
 
-def _held_out_shift(fit: Fit, answer: Floats) -> Floats:
+def _held_out_shift(fit: Fit, answer: Floats, coefficients: Floats) -> Floats:
     """(n,) change of the predictions that directions make, each block's by the coefficients without its fold."""
     fold = fit.problem.series.fold[fit.problem.series.block]
-    whole = np.concatenate([answer, fit.own_slopes], axis=1)
-    return np.asarray(np.sum(whole * _held_out_coefficients(fit, answer)[fold], axis=1))
+    return np.asarray(np.sum(np.concatenate([answer, fit.own_slopes], axis=1) * coefficients[fold], axis=1))
 
 
 def held_out_gain(fit: Fit, answer: Floats) -> tuple[float, float]:
     """What directions of the prediction, shape (n, k), gain on blocks they were not fitted to, nats and standard errors."""
-    shift = _held_out_shift(fit, answer)
+    return _gain(fit, _held_out_shift(fit, answer, _held_out_coefficients(fit, answer)))
+
+
+def _gain(fit: Fit, shift: Floats) -> tuple[float, float]:
     score, information = fit.out["score"], fit.out["information"]
     gain = float(np.sum(shift * score - 0.5 * shift**2 * information))
     return gain, fit.problem.series.standard_errors(gain, shift * (score - shift * information))

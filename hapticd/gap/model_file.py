@@ -43,13 +43,14 @@ def with_effects(
     Args:
         model: stays as it is.
         entries: slug and parameters, in the order in which they are added.
-        base: key of ``plant`` to value. Where a base parameter changes, what its uncertainty was is left out.
+        base: key of ``plant`` to value. Where one of these, or the delay, changes, all uncertainty is left out: what is
+            known of one depends on the others.
 
     Raises:
         ConfigError: the effects cannot be on one device.
     """
     data = model.model_dump()
-    if base or BASE_KEYS.keys() & {slug for slug, _ in entries}:
+    if base or {*BASE_KEYS, "transport_delay", "amplifier_lag"} & {slug for slug, _ in entries}:
         data["plant"]["uncertainty"] = {}  # that of other values
     data["plant"].update(base)  # before the corrections, which are relative to it
     for slug, entry in entries:

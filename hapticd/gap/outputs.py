@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -36,9 +36,16 @@ def document_of(result: GapResult, model: Config) -> dict[str, Any]:
     return {**result.to_json(), "consequences": changes}
 
 
-def is_written_over(folder: Path, path: Path) -> bool:
-    """Whether `write_outputs` into a folder would take the place of a file."""
-    return any(path.exists() and (folder / name).exists() and path.samefile(folder / name) for name in FILES)
+def keep(folder: Path, read: Iterable[Path]) -> None:
+    """Refuse a folder in which `write_outputs` would take the place of a file that is read.
+
+    Raises:
+        ValueError: it would.
+    """
+    for path in read:
+        for there in (folder / name for name in FILES):
+            if path.exists() and there.exists() and path.samefile(there):
+                raise ValueError(f"the answer would take the place of {path}; choose another folder than {folder}")
 
 
 def write_outputs(

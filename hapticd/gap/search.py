@@ -332,11 +332,11 @@ def withstanding(first: CrossValidated, rounds: list[Round], tried: int) -> list
         is_limit = number > 0 and whole.fit.terms[at].at_bounds(whole.fit.u[whole.fit.columns(at)])
         if is_limit or not _is_more(whole.less(rounds[number].taken.penalty), without, tried):
             if number + 1 == len(rounds):
-                del rounds[number]
+                del rounds[number], freed[-1]
             else:  # what was named later is now judged without it
                 _take_out(rounds, number, without)
-            del freed[number + 1]
-            freed[-1] = without
+                between = [each.fit.without(at).maximise(tolerance=ROUGH * needed) for each in freed[number + 2 : -1]]
+                freed[number + 1 :] = [*map(cross_validate, between), without]
     return freed
 
 

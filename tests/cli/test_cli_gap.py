@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import re
 from pathlib import Path
@@ -36,6 +37,20 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 def gap(hapticd: Run, recording: tuple[Path, Path], out: Path, *words: str) -> Outcome:
     return hapticd("gap", str(recording[0]), "--model", str(recording[1]), "-o", str(out), *words)
+
+
+def test_the_answer_outlives_a_full_disk(
+    hapticd: Run, recording: tuple[Path, Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*given: Any) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device", str(tmp_path))
+
+    monkeypatch.setattr("hapticd.gap.outputs.write_outputs", full)
+    said = gap(hapticd, recording, tmp_path / "gap", "--effect", "gravity")
+    assert said.code == 2
+    assert "effect_found: Missing: gravity" in said.out
+    assert "report.html" not in said.out
+    assert "No space left on device" in said.err
 
 
 def test_the_effect_is_named_in_words_and_the_model_can_be_used(

@@ -136,6 +136,13 @@ def test_a_good_run_has_no_warnings(nominal_run: Recording) -> None:
     assert check_recording(nominal_run, model()) == ()
 
 
+def test_a_command_that_the_motion_s_samples_miss_is_there_all_the_same(nominal_run: Recording) -> None:
+    """A sine of 50 Hz is zero every hundredth of a second."""
+    time_s = nominal_run.time_s
+    fast = replace(nominal_run, current=np.sin(2.0 * np.pi * 50.0 * time_s))
+    assert not any("sign" in warning for warning in check_recording(fast, model()))
+
+
 def test_a_recording_counts_once(nominal_run: Recording) -> None:
     check_together([nominal_run, replace(nominal_run, current=2.0 * nominal_run.current)])
     with pytest.raises(RecordingError, match="copy and synthetic are the same recording: name it once"):

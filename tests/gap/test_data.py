@@ -64,7 +64,13 @@ def test_positions_are_as_the_model_s_encoder_counts(tmp_path: Path) -> None:
     columns = ("time_s", "encoder_counts", "current_command_A")
     np.savetxt(table, np.column_stack([made[c] for c in columns]), "%.17g", ",", header=",".join(columns), comments="")
     for path in (run, table):
-        assert np.array_equal(load_recording(path, inverted).position, -load_recording(path, config).position)
+        turned = load_recording(path, inverted)
+        assert np.array_equal(turned.position, -load_recording(path, config).position)
+        assert any("positions are turned round" in warning for warning in turned.warnings)
+    in_rad, radians = tmp_path / "rad.csv", 1e-3 * made["encoder_counts"]
+    rows_of = np.column_stack([made["time_s"], radians, made["current_command_A"]])
+    np.savetxt(in_rad, rows_of, "%.17g", ",", header="time_s,position,current_command_A", comments="")
+    assert np.array_equal(load_recording(in_rad, inverted).position, radians), "the file says which way it goes"
 
 
 def test_lateness_moves_the_samples(tmp_path: Path) -> None:

@@ -97,7 +97,7 @@ def _function_in_place_of(fit: Fit, law: Term) -> str | None:
 
 
 def test_a_function_of_the_position_beats_a_law_of_something_else_but_not_gravity(with_gravity: Fit) -> None:
-    drift = term("thermal_drift", {"kappa": 0.1, "tau_th": 5.0}, (), 0.1)
+    drift = term("thermal_drift", {"r": 0.1, "t_w": 5.0}, (), 0.1)
     assert _function_in_place_of(with_gravity, drift) == "position"
     gravity = term("gravity", {"m_g_l": GRAVITY["m_g_l"], "theta_0": GRAVITY["theta_0"]}, (), 0.1)
     assert _function_in_place_of(with_gravity, gravity) is None
@@ -203,7 +203,7 @@ def test_a_number_of_which_one_block_knows_all_does_not_spoil_that_block() -> No
     out = {"score": score, "information": np.ones(block.size)}
     series = SimpleNamespace(fold=np.arange(20) % constants.FOLDS, block=block)
     fit = cast("Fit", SimpleNamespace(out=out, own_slopes=own, problem=SimpleNamespace(series=series)))
-    shift = missing._held_out_shift(fit, answer)
+    shift = missing._held_out_shift(fit, answer, missing._held_out_coefficients(fit, answer))
     gain = np.bincount(block, shift * score - 0.5 * shift**2)
     assert gain.sum() > 30.0
     assert gain[0] > -5.0
