@@ -41,7 +41,13 @@ def load_recording(path: str | Path, model: Config) -> Recording:
 
 
 def recording_of(run: Run, model: Config) -> Recording:
-    """The recording in a run that has been read; arguments and errors as in `load_recording`.
+    """The recording in a run that has been read; arguments and errors as in `load_recording`."""
+    recording = unchecked(run, model)
+    return replace(recording, warnings=(*recording.warnings, *check_recording(recording, model)))
+
+
+def unchecked(run: Run, model: Config) -> Recording:
+    """The same, not yet compared with the model's plant.
 
     Positions are as the model's `encoder.invert` counts them: counts of a file without a config are an encoder's as it is,
     and positions, or what was imported, are taken as they are.
@@ -58,16 +64,13 @@ def recording_of(run: Run, model: Config) -> Recording:
     warnings = run.warnings
     if _is_turned(run, config, model):
         position = -position
-        known = (
-            "recorded without a config"
-            if config is None
-            else f"recorded with encoder.invert: {not model.encoder.invert}"
-        )
-        says = f"the model has encoder.invert: {model.encoder.invert}".lower()
-        warnings = (*warnings, f"{run.path.name}: {known}, {says}: positions are turned round")
+        says, known = ("true", "false") if model.encoder.invert else ("false", "true")
+        recorded = f"it was recorded with {known}" if config else "the file has no config"
+        turned = f"{run.path.name}: encoder.invert of the model is {says}, and {recorded}: positions are turned round"
+        warnings = (*warnings, turned)
     current = _current(run, model)
     check_samples(str(run.path), time_s, position, current)
-    recording = Recording(
+    return Recording(
         name=run.path.name,
         time_s=time_s - time_s[:1],
         position=position,
@@ -78,7 +81,6 @@ def recording_of(run: Run, model: Config) -> Recording:
         is_linear=is_linear,
         warnings=warnings,
     )
-    return replace(recording, warnings=(*warnings, *check_recording(recording, model)))
 
 
 def _is_turned(run: Run, config: Config | None, model: Config) -> bool:

@@ -16,7 +16,7 @@ from scipy.stats import norm
 from drivers import declared_latency
 from hapticd.config import parse_config, unit_of
 from hapticd.gap.checks import check_recording, check_together
-from hapticd.gap.data import recording_of
+from hapticd.gap.data import unchecked
 from hapticd.gap.parallel import one_blas_thread
 from hapticd.gap.result import Estimate
 from hapticd.identify.balance import Balance, balance
@@ -61,8 +61,9 @@ def readable(run: Run, model: Config) -> Recording:
         ConfigError, RecordingError: as `hapticd.gap.data.recording_of`.
     """
     # The checks compare with the plant, which is what is not known; a plant without mass or friction passes them.
-    recording = recording_of(run, _with_plant(model, *(_LIGHT * np.array([1.0, 0.0, 0.0]))))
-    return replace(recording, warnings=run.warnings)
+    recording = unchecked(run, model)
+    check_recording(recording, _with_plant(model, *(_LIGHT * np.array([1.0, 0.0, 0.0]))))
+    return recording
 
 
 @one_blas_thread

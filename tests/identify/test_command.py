@@ -45,6 +45,7 @@ def test_the_config_is_written_and_checks_with_a_probability(hapticd: Run, rig: 
     assert config.read_text().startswith("# my rig\n")
     again = hapticd("identify", str(run), "--model", str(config), "-o", str(config), "--json")
     assert again.document["encoder"]["sign"] == 1, "what was put right stays right"
+    assert "encoder.invert of the model is true, and the file has no config: positions are turned round" in again.err
     assert load_config(config).encoder.invert
     checked = hapticd("check", str(config), "--json")
     assert 0.0 <= checked.document["probability"]["stable"] <= 1.0
