@@ -127,7 +127,7 @@ def compete(present: CrossValidated, slugs: Sequence[str], needed: float) -> lis
     if not found:
         return []
     likely = [c for c in found[:_SHORTLIST] if c.promise > max(PROMISING * found[0].promise, HALF_WAY * needed)]
-    # A law competes with its limits, however little they promise by themselves.
+    # A law competes with its limits, though eight others promise more.
     limits = {slug for candidate in likely for slug in CATALOGUE[candidate.slug].contains}
     likely += [c for c in found if c.slug in limits and c not in likely]
 

@@ -70,7 +70,11 @@ class Column:
 COLUMNS = (
     Column("tick", "1", "number of the servo tick"),
     Column("time_s", "s", "time at which the tick was due, from the start of the servo loop"),
-    Column("encoder_counts", "count", "raw encoder position read in this tick"),
+    Column(
+        "encoder_counts",
+        "count",
+        "encoder position read in this tick, counted as encoder.invert says, before any decimation",
+    ),
     Column("ticks", "coarse tick", "decimated position from the spring's origin, as the spring saw it, with dither"),
     Column("current_command_A", "A", "current commanded to the amplifier in this tick, after limits and quantisation"),
     Column("current_measured_A", "A", "current reported by the driver in this tick; NaN where it reports none"),
