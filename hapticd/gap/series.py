@@ -11,10 +11,8 @@ import numpy as np
 
 from hapticd.gap import constants
 from hapticd.gap.checks import GAP_PERIODS
-from hapticd.gap.kernel.commands import in_force, segments
-from hapticd.plant.electrical import electrical
+from hapticd.gap.kernel.commands import in_force, lagging, segments
 from hapticd.plant.layout import index_of
-from hapticd.plant.resolution import substeps_for
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,8 +28,6 @@ _REMEMBERED = 4
 _SHORTER = 0.95
 _DRAW = 651
 """Of four thousand draws the one that spreads best over the folds what comes again every few blocks."""
-_FINE = 8
-"""Parts of a step of the plant's in which a lagging current is taken as constant."""
 _ELECTRICAL = tuple(
     index_of(name)
     for name in (
@@ -183,10 +179,10 @@ class Series:
             in_force(sent, p[_LOSS], command, deviation)
         delay = p[_DELAY] + p[_TRANSPORT_DELAY]
         if np.isfinite(p[_LAG]):
-            fine = np.empty((time_s.size, _FINE * substeps_for(p, self.period_s)))
-            electrical(p, time_s, command, np.zeros(time_s.size, dtype=np.uint8), fine.shape[1], fine)
+            halves = np.empty((time_s.size, 2))
+            lagging(p, time_s, command, delay, halves)
             spans = np.diff(time_s, append=time_s[-1] + self.period_s)
-            return np.repeat(0.5 * spans[:, None], 2, axis=1), _halves(fine), np.repeat(deviation[:, None], 2, axis=1)
+            return np.repeat(0.5 * spans[:, None], 2, axis=1), halves, np.repeat(deviation[:, None], 2, axis=1)
         parts = 2 if delay % self.period_s else 1
         duration, current, spread = (np.empty((time_s.size, parts)) for _ in range(3))
         segments(p, time_s, command, deviation, delay, duration, current, spread)
@@ -203,14 +199,6 @@ def _folds(blocks: int) -> NDArray[np.int64]:
         row = drawn.permutation(constants.FOLDS)
         found = np.append(found, np.roll(row, 1) if row[0] in found[-1:] else row)
     return found[:blocks]
-
-
-def _halves(fine: Floats) -> Floats:
-    """Two currents, a half of the period each, that move a free mass as the fine ones do, in velocity and in position."""
-    count = fine.shape[1]
-    mean = fine.mean(axis=1)
-    way = fine @ (1.0 - (np.arange(count) + 0.5) / count) / count
-    return np.stack([4.0 * way - mean, 3.0 * mean - 4.0 * way], axis=1)
 
 
 def series_of(recordings: Sequence[Recording]) -> Series:

@@ -54,6 +54,8 @@ _PRECISION = 1e-12
 _BREAKS = 1.0 + 1e-9
 """Stiction exceeds kinetic friction by this factor. Without it, a torque equal to friction would start motion that lasts
 no time that floating point can resolve."""
+_SLIGHTEST = 1e-300
+"""Torque [N m or N] that moves a motor without friction: any."""
 
 
 @njit(_MOTION(_f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
@@ -125,6 +127,27 @@ def swing_apart(
     return way, speed, way + twist, speed + twist_rate
 
 
+_BRACKET = types.Tuple((_f8, _f8, _f8, _f8, types.int64))
+
+
+@njit(_f8(_BRACKET), counted=False, inline=True)
+def _between(bracket: tuple[float, float, float, float, int]) -> float:
+    """Return where a chord through both ends of a bracket is zero."""
+    early, low, late, high, _ = bracket
+    return min(max((early * high - late * low) / (high - low), early), late)
+
+
+@njit(_BRACKET(_BRACKET, _f8, _f8, types.boolean), counted=False, inline=True)
+def _narrowed(
+    bracket: tuple[float, float, float, float, int], time: float, value: float, is_late: bool
+) -> tuple[float, float, float, float, int]:
+    """Return a bracket (time and value at either end, which end was moved last) with one end moved (Illinois)."""
+    early, low, late, high, moved = bracket
+    if is_late:
+        return early, 0.5 * low if moved == 1 else low, time, value, 1
+    return time, value, late, 0.5 * high if moved == -1 else high, -1
+
+
 @njit(_f8(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
 def _time_of_stop(
     early: float,
@@ -137,24 +160,17 @@ def _time_of_stop(
     omega2: float,
     to: Coupling,
 ) -> float:
-    """Return when the speed, positive at `early` and not at `late`, is zero (regula falsi, Illinois)."""
+    """Return when the speed, positive at `early` and not at `late`, is zero."""
     low = swing(early, speed, twist, twist_rate, a, rate, omega2, to)[1]
     high = swing(late, speed, twist, twist_rate, a, rate, omega2, to)[1]
-    tolerance, kept = _PRECISION * late, 0
+    bracket, tolerance = (early, low, late, high, 0), _PRECISION * late
     for _ in range(_HALVINGS):
-        if not (late - early > tolerance and low > 0.0 > high):
+        if not (bracket[2] - bracket[0] > tolerance and bracket[1] > 0.0 > bracket[3]):
             break
-        time = min(max((early * high - late * low) / (high - low), early), late)
+        time = _between(bracket)
         found = swing(time, speed, twist, twist_rate, a, rate, omega2, to)[1]
-        if found <= 0.0:
-            late, high = time, found
-            low = 0.5 * low if kept == 1 else low
-            kept = 1
-        else:
-            early, low = time, found
-            high = 0.5 * high if kept == -1 else high
-            kept = -1
-    return late
+        bracket = _narrowed(bracket, time, found, found <= 0.0)
+    return bracket[2]
 
 
 @njit(_f8(_f8, _f8, _f8, _f8, _f8, _f8, _f8, COUPLING), counted=False)
@@ -177,6 +193,13 @@ def swing_on_fixed_end(t: float, twist: float, twist_rate: float, to: Coupling) 
     return twist * (1.0 - to.stiffness * c) + twist_rate * s, twist_rate * rate - to.stiffness * twist * s
 
 
+@njit(_f8(_f8, _f8, _f8, _f8, COUPLING), counted=False, inline=True)
+def _torque_at_rest(t: float, twist: float, twist_rate: float, pull: float, to: Coupling) -> float:
+    """Return the torque on a motor at rest after a time `t`; `pull` is all that is not the load's."""
+    end, end_rate = swing_on_fixed_end(t, twist, twist_rate, to)
+    return pull + to.inertia * (to.stiffness * end + 2.0 * to.damping * end_rate)
+
+
 @njit(_f8(_a, _f8, _f8, _f8, _f8, COUPLING), counted=False)
 def _stick(state: NDArray[Any], span: float, x: float, pull: float, level: float, to: Coupling) -> float:
     """Let the load swing behind a motor at rest until its torque breaks stiction; `pull` is all other torques.
@@ -186,19 +209,20 @@ def _stick(state: NDArray[Any], span: float, x: float, pull: float, level: float
     """
     twist, twist_rate = state[LOAD_THETA] - x, state[LOAD_OMEGA]
     time = span
-    end, end_rate = swing_on_fixed_end(span, twist, twist_rate, to)
-    torque = pull + to.inertia * (to.stiffness * end + 2.0 * to.damping * end_rate)
-    if abs(torque) > level:
+    torque = _torque_at_rest(span, twist, twist_rate, pull, to)
+    least = max(_BREAKS * level, _SLIGHTEST)  # with which it is sure to move
+    if abs(torque) > least:
         side = math.copysign(1.0, torque)
-        early = 0.0
-        while time - early > _PRECISION * span:
-            middle = 0.5 * (early + time)
-            end, end_rate = swing_on_fixed_end(middle, twist, twist_rate, to)
-            if side * (pull + to.inertia * (to.stiffness * end + 2.0 * to.damping * end_rate)) > level:
-                time = middle
-            else:
-                early = middle
-        end, end_rate = swing_on_fixed_end(time, twist, twist_rate, to)
+        low = side * _torque_at_rest(0.0, twist, twist_rate, pull, to) - least
+        bracket = 0.0, low, span, side * torque - least, 0
+        for _ in range(_HALVINGS):
+            if not (bracket[2] - bracket[0] > _PRECISION * span and bracket[1] < 0.0 < bracket[3]):
+                break
+            middle = _between(bracket)
+            beyond = side * _torque_at_rest(middle, twist, twist_rate, pull, to) - least
+            bracket = _narrowed(bracket, middle, beyond, beyond >= 0.0)
+        time = bracket[2]
+    end, end_rate = swing_on_fixed_end(time, twist, twist_rate, to)
     state[LOAD_THETA], state[LOAD_OMEGA] = x + end, end_rate
     return time
 

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hapticd.gap.kernel.commands import in_force, segments
+from hapticd.gap.kernel.commands import in_force, lagging, segments
+from hapticd.plant.electrical import electrical
 from hapticd.plant.layout import index_of, neutral_vector
 
 T = 1e-3
@@ -88,6 +89,22 @@ def test_current_is_what_the_converter_delivers() -> None:
     inner = current[np.abs(current) < 0.45]
     assert inner / 0.2 == pytest.approx(np.rint(inner / 0.2), abs=1e-9)
     assert np.unique(np.round(inner, 6)).size >= 3
+
+
+@pytest.mark.parametrize(("f_a", "delta"), [(0.3, 2.0), (20.0, 1.0), (80.0, 0.7), (3000.0, 0.5)])
+@pytest.mark.parametrize("delay", [-0.4e-3, 0.0, 0.3e-3, 2.2e-3])
+def test_two_halves_move_a_mass_as_the_lagging_current_does(f_a: float, delta: float, delay: float) -> None:
+    """Velocity and way at the end of each period, stamps that jitter, against many short parts of the plant's current."""
+    p = neutral_vector()
+    for name, value in (("amplifier_lag.f_a", f_a), ("amplifier_lag.delta", delta), ("delay_s", delay)):
+        p[index_of(name)] = value
+    time_s = TIME + 4e-4 * np.random.default_rng(1).random(40)
+    halves, fine = np.empty((40, 2)), np.empty((40, 2048))
+    lagging(p, time_s, COMMAND, delay, halves)
+    electrical(p, time_s, COMMAND, np.zeros(40, dtype=np.uint8), 2048, fine)
+    left = 1.0 - (np.arange(2048) + 0.5) / 2048.0
+    assert halves.mean(axis=1) == pytest.approx(fine.mean(axis=1), abs=1e-9)
+    assert halves @ [0.75, 0.25] / 2.0 == pytest.approx(fine @ left / 2048.0, abs=1e-6)
 
 
 @pytest.mark.parametrize("loss", [0.0, 0.1, 0.5, 0.9])

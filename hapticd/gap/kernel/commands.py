@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.electrical import delivered
+from hapticd.plant.electrical import delivered, lagged
+from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -16,6 +18,8 @@ if TYPE_CHECKING:
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
 _m = types.Array(_f8, 2, "C")
+
+_LAG, _LAG_DAMPING = index_of("amplifier_lag.f_a"), index_of("amplifier_lag.delta")
 
 
 @njit(types.void(_a, _a, _a, _a, _f8, _m, _m, _m))
@@ -66,6 +70,47 @@ def segments(
         if weight > 0.0:
             last = parts - 1
             duration[k, last], current[k, last], spread[k, last] = weight, charge / weight, doubts / weight
+
+
+@njit(types.void(_a, _a, _a, _f8, _m))
+def lagging(p: NDArray[Any], time_s: NDArray[Any], command: NDArray[Any], delay: float, current: NDArray[Any]) -> None:
+    """Two currents for each period, a half of it each, that move a free mass as the lagging one does.
+
+    They give it the same velocity, by the current's mean, and the same way, by that of its integral Q: with e = i − aim and
+    e″ + 2δω e′ + ω² e = 0, ∫∫ e = −(Δe − e′ t + 2δω (∫ e − e t)) / ω².
+
+    Args:
+        p: device vector: converter, limit, lag. time_s, command: (n,) record. delay: of the command [s].
+        current: (n, 2) out [A].
+    """
+    n = len(time_s)
+    natural, damping = 2.0 * math.pi * p[_LAG], p[_LAG_DAMPING]
+    aim = delivered(p, command[0])
+    motor, rate = aim, 0.0
+    following = 0
+    for k in range(n):
+        now = time_s[k]
+        end = time_s[k + 1] if k + 1 < n else now + (now - time_s[k - 1])
+        whole = end - now
+        charge = way = 0.0
+        while True:
+            due = end
+            if following < n and time_s[following] + delay < end:
+                due = max(time_s[following] + delay, now)
+            span = due - now
+            if span > 0.0:
+                error, slope = motor - aim, rate
+                motor, rate, part = lagged(p, motor, rate, aim, span)
+                bend = motor - aim - error - slope * span + 2.0 * damping * natural * (part - (aim + error) * span)
+                way += charge * span + 0.5 * aim * span**2 - bend / natural**2
+                charge += part
+            now = due
+            if due >= end:
+                break
+            aim = delivered(p, command[following])
+            following += 1
+        mean, reach = charge / whole, way / whole**2
+        current[k, 0], current[k, 1] = 4.0 * reach - mean, 3.0 * mean - 4.0 * reach
 
 
 @njit(types.void(_a, _f8, _a, _a))

@@ -24,8 +24,8 @@ _a = types.Array(_f8, 1, "C")
 FARTHEST_TWIST = 1.0
 """Twist of a coupling [rad or m] beyond which the load is put back to the shaft."""
 
-_NEAR, _NEAR_TURN = 0.05, 0.03
-"""How far from the usual one a period may be, as a share of it, and in radians of the resonance."""
+_NODES, _APART, _TURN_APART = 65, 0.05, 0.03
+"""Lengths of a period for which a coupling is known, and how far they are apart: as a share, in radians of the resonance."""
 
 _GAP = index_of("backlash.gap")
 _GAP_SHARE = index_of("backlash.load_share")
@@ -83,8 +83,8 @@ PERIOD = np.dtype(
         ("moving", "f8", (4, 5)),  # what x, v, w and the load's x and v do to x, v and the load's, on a coupling
         ("held", "f8", (4, 5)),  # the same while friction holds the shaft
         ("usual", "f8"),  # length of a period about which the two are known [s], or 0
-        ("near", "f8"),  # how far about it, as a share
-        ("nodes", "f8", (3, 2, 4, 5)),  # both at its ends and in between
+        ("apart", "f8"),  # the next lengths from it, as a share
+        ("nodes", "f8", (_NODES, 2, 4, 5)),  # the two for each of these lengths, 0 until one is met
         ("now", "f8", (4, 5)),  # scratch
     ],
     align=True,
@@ -142,29 +142,34 @@ def _couple_exactly(p: NDArray[Any], law: Any, period: Any, span: float) -> None
 def couple(p: NDArray[Any], law: Any, period: Any) -> None:
     """Fill in what a period does to small differences of motor and load.
 
-    Periods of about the usual length, of which no two may be the same, are quadratic between three: to some 1e-6, for what
-    is carried linearly anyway.
+    No two periods may be the same: each is quadratic between the three nodes next to it, to some 1e-7, for what is carried
+    linearly anyway. A node is found when it is first met.
     """
     if period.usual == 0.0:
         to = coupling_of(p)
         period.usual = period.span
-        period.near = min(_NEAR, _NEAR_TURN / (math.sqrt(to.stiffness * (1.0 + to.ratio)) * period.span))
-        for k in range(3):
-            _couple_exactly(p, law, period, period.usual * (1.0 + (k - 1.0) * period.near))
-            for j in range(4):
-                for i in range(5):
-                    period.nodes[k, 0, j, i] = period.moving[j, i]
-                    period.nodes[k, 1, j, i] = period.held[j, i]
-    s = (period.span / period.usual - 1.0) / period.near
-    if abs(s) > 1.0:
+        period.apart = min(_APART, _TURN_APART / (math.sqrt(to.stiffness * (1.0 + to.ratio)) * period.span))
+    s = (period.span / period.usual - 1.0) / period.apart
+    if abs(s) > _NODES // 2 - 1:
         _couple_exactly(p, law, period, period.span)
         return
+    N, middle = period.nodes, round(s)
+    for k in range(middle - 1, middle + 2):
+        node = k + _NODES // 2
+        if N[node, 0, 0, 0] == 0.0:
+            _couple_exactly(p, law, period, period.usual * (1.0 + k * period.apart))
+            for j in range(4):
+                for i in range(5):
+                    N[node, 0, j, i], N[node, 1, j, i] = period.moving[j, i], period.held[j, i]
+    s -= middle
     before, at, after = 0.5 * s * (s - 1.0), 1.0 - s * s, 0.5 * s * (s + 1.0)
-    N = period.nodes
+    first = middle + _NODES // 2 - 1
     for j in range(4):
         for k in range(5):
-            period.moving[j, k] = before * N[0, 0, j, k] + at * N[1, 0, j, k] + after * N[2, 0, j, k]
-            period.held[j, k] = before * N[0, 1, j, k] + at * N[1, 1, j, k] + after * N[2, 1, j, k]
+            period.moving[j, k] = (
+                before * N[first, 0, j, k] + at * N[first + 1, 0, j, k] + after * N[first + 2, 0, j, k]
+            )
+            period.held[j, k] = before * N[first, 1, j, k] + at * N[first + 1, 1, j, k] + after * N[first + 2, 1, j, k]
 
 
 @njit(types.void(_law, _mode), counted=False)
