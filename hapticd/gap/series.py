@@ -178,14 +178,14 @@ class Series:
             sent, command = command, np.empty(time_s.size)
             in_force(sent, p[_LOSS], command, deviation)
         delay = p[_DELAY] + p[_TRANSPORT_DELAY]
-        if np.isfinite(p[_LAG]):
-            halves = np.empty((time_s.size, 2))
-            lagging(p, time_s, command, delay, halves)
-            spans = np.diff(time_s, append=time_s[-1] + self.period_s)
-            return np.repeat(0.5 * spans[:, None], 2, axis=1), halves, np.repeat(deviation[:, None], 2, axis=1)
         parts = 2 if delay % self.period_s else 1
         duration, current, spread = (np.empty((time_s.size, parts)) for _ in range(3))
         segments(p, time_s, command, deviation, delay, duration, current, spread)
+        if np.isfinite(p[_LAG]):
+            halves = np.empty((time_s.size, 2))
+            lagging(p, duration, current, halves)
+            half = 0.5 * duration.sum(axis=1, keepdims=True)
+            return np.repeat(half, 2, axis=1), halves, np.repeat(deviation[:, None], 2, axis=1)
         return duration, current, spread
 
 

@@ -99,8 +99,9 @@ def test_two_halves_move_a_mass_as_the_lagging_current_does(f_a: float, delta: f
     for name, value in (("amplifier_lag.f_a", f_a), ("amplifier_lag.delta", delta), ("delay_s", delay)):
         p[index_of(name)] = value
     time_s = TIME + 4e-4 * np.random.default_rng(1).random(40)
+    duration, aim, _ = cut(time_s, COMMAND, delay, parts=5)
     halves, fine = np.empty((40, 2)), np.empty((40, 2048))
-    lagging(p, time_s, COMMAND, delay, halves)
+    lagging(p, duration, aim, halves)
     electrical(p, time_s, COMMAND, np.zeros(40, dtype=np.uint8), 2048, fine)
     left = 1.0 - (np.arange(2048) + 0.5) / 2048.0
     assert halves.mean(axis=1) == pytest.approx(fine.mean(axis=1), abs=1e-9)

@@ -72,43 +72,32 @@ def segments(
             duration[k, last], current[k, last], spread[k, last] = weight, charge / weight, doubts / weight
 
 
-@njit(types.void(_a, _a, _a, _f8, _m))
-def lagging(p: NDArray[Any], time_s: NDArray[Any], command: NDArray[Any], delay: float, current: NDArray[Any]) -> None:
+@njit(types.void(_a, _m, _m, _m))
+def lagging(p: NDArray[Any], duration: NDArray[Any], aim: NDArray[Any], current: NDArray[Any]) -> None:
     """Two currents for each period, a half of it each, that move a free mass as the lagging one does.
 
     They give it the same velocity, by the current's mean, and the same way, by that of its integral Q: with e = i − aim and
     e″ + 2δω e′ + ω² e = 0, ∫∫ e = −(Δe − e′ t + 2δω (∫ e − e t)) / ω².
 
     Args:
-        p: device vector: converter, limit, lag. time_s, command: (n,) record. delay: of the command [s].
+        p: device vector: the lag. duration, aim: (n, S) parts of each period and the current aimed at, of `segments`.
         current: (n, 2) out [A].
     """
-    n = len(time_s)
+    n, parts = duration.shape
     natural, damping = 2.0 * math.pi * p[_LAG], p[_LAG_DAMPING]
-    aim = delivered(p, command[0])
-    motor, rate = aim, 0.0
-    following = 0
+    motor, rate = aim[0, 0], 0.0
     for k in range(n):
-        now = time_s[k]
-        end = time_s[k + 1] if k + 1 < n else now + (now - time_s[k - 1])
-        whole = end - now
-        charge = way = 0.0
-        while True:
-            due = end
-            if following < n and time_s[following] + delay < end:
-                due = max(time_s[following] + delay, now)
-            span = due - now
+        whole = charge = way = 0.0
+        for j in range(parts):
+            span = duration[k, j]
             if span > 0.0:
-                error, slope = motor - aim, rate
-                motor, rate, part = lagged(p, motor, rate, aim, span)
-                bend = motor - aim - error - slope * span + 2.0 * damping * natural * (part - (aim + error) * span)
-                way += charge * span + 0.5 * aim * span**2 - bend / natural**2
+                error, slope = motor - aim[k, j], rate
+                motor, rate, part = lagged(p, motor, rate, aim[k, j], span)
+                bend = motor - aim[k, j] - error - slope * span
+                bend += 2.0 * damping * natural * (part - (aim[k, j] + error) * span)
+                way += charge * span + 0.5 * aim[k, j] * span**2 - bend / natural**2
                 charge += part
-            now = due
-            if due >= end:
-                break
-            aim = delivered(p, command[following])
-            following += 1
+                whole += span
         mean, reach = charge / whole, way / whole**2
         current[k, 0], current[k, 1] = 4.0 * reach - mean, 3.0 * mean - 4.0 * reach
 

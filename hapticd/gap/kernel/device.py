@@ -142,7 +142,7 @@ def _couple_exactly(p: NDArray[Any], law: Any, period: Any, span: float) -> None
 def couple(p: NDArray[Any], law: Any, period: Any) -> None:
     """Fill in what a period does to small differences of motor and load.
 
-    No two periods may be the same: each is quadratic between the three nodes next to it, to some 1e-7, for what is carried
+    No two periods may be the same: each is quadratic between the three nodes next to it, to some 1e-5, for what is carried
     linearly anyway. A node is found when it is first met.
     """
     if period.usual == 0.0:
