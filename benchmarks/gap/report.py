@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +94,10 @@ def title(cases: Sequence[Case], answered: int) -> str:
     return f"seeds {seeds[0]} to {seeds[-1]}, {purpose}: {answered} of {len(cases)} cases answered"
 
 
+def _list(rates: Mapping[str, Rate]) -> str:
+    return "\n".join(f"{name:44}{rate}" for name, rate in rates.items())
+
+
 def write(root: Path, cases: Sequence[Case]) -> str:
     """Score what is answered of some cases, write report.txt, report.json and pictures, and return the text.
 
@@ -106,9 +110,9 @@ def write(root: Path, cases: Sequence[Case]) -> str:
     goals, confusion = summary.goals(own), summary.confusion(own)
     parts = [title(cases, len(own)), goal_table(goals)]
     parts.append("First names by what a perfect observer sees\n" + goal_table(summary.by_visibility(own)))
+    parts.append(f"First names, strength ≥ {summary.STRONG}, by the coloured torque\n" + _list(summary.by_torque(own)))
     parts.append(effect_table(summary.by_effect(own)))
-    covered = "\n".join(f"{name:44}{rate}" for name, rate in summary.by_parameter(own).items())
-    parts.append("Inside the 95 % intervals, parameter by parameter\n" + covered)
+    parts.append("Inside the 95 % intervals, parameter by parameter\n" + _list(summary.by_parameter(own)))
     if confusion:
         parts.append(f"First names, strength ≥ {summary.STRONG}\n" + figure.text(confusion))
         figure.draw(confusion, root / "confusion.png", f"hapticd gap, strength ≥ {summary.STRONG}")
@@ -140,6 +144,10 @@ def _lines(goals: Sequence[Goal]) -> list[dict[str, Any]]:
     return lines
 
 
+def _counts(rates: Mapping[str, Rate]) -> dict[str, list[int]]:
+    return {name: [rate.hits, rate.of] for name, rate in rates.items()}
+
+
 def _document(scored: Sequence[Scored]) -> dict[str, Any]:
     return {
         "cases": len(scored),
@@ -149,7 +157,8 @@ def _document(scored: Sequence[Scored]) -> dict[str, Any]:
             {**row._asdict(), "outcomes": dict(row.outcomes), "covered": [row.covered.hits, row.covered.of]}
             for row in summary.by_effect(scored)
         ],
-        "parameters": {name: [rate.hits, rate.of] for name, rate in summary.by_parameter(scored).items()},
+        "parameters": _counts(summary.by_parameter(scored)),
+        "coloured_torque": _counts(summary.by_torque(scored)),
         "confusion": {row: dict(counts) for row, counts in summary.confusion(scored).items()},
         "answers": [
             {

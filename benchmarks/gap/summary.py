@@ -206,6 +206,18 @@ def by_parameter(scored: Iterable[Scored]) -> dict[str, Rate]:
     return {name: Rate(sum(held), len(held)) for name, held in sorted(found.items())}
 
 
+def by_torque(scored: Iterable[Scored]) -> dict[str, Rate]:
+    """First names of single effects of strength `STRONG` and above, by the coloured torque beside them."""
+    found: dict[tuple[float, float], list[bool]] = defaultdict(list)
+    for one in of_kind(scored, "single"):
+        if is_strong(one):
+            torque = one.truth["coloured"] or {"share": 0.0, "correlation_s": 0.0}
+            found[torque["share"], torque["correlation_s"]].append(is_named(one))
+    rated = {beside: Rate(sum(named), len(named)) for beside, named in sorted(found.items())}
+    words = "{:.0f} % of the friction, {:.0f} ms"
+    return {words.format(100 * share, 1e3 * tau) if share else "none": each for (share, tau), each in rated.items()}
+
+
 def confusion(scored: Iterable[Scored]) -> dict[str, Counter[str]]:
     """Hidden effect of strength `STRONG` and above (or ``none``) to how often each first name or verdict was the answer."""
     found: dict[str, Counter[str]] = defaultdict(Counter)

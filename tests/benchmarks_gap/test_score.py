@@ -176,6 +176,7 @@ def test_goals_count_what_they_say_with_and_without_coloured_torque() -> None:
     assert goals["two hidden: both named"].rates.everything == Rate(1, 1)
     bands = {goal.name: goal.rates.everything for goal in summary.by_visibility(scored)}
     assert bands["visibility 1 to 3"] == Rate(1, 4)
+    assert summary.by_torque(scored) == {"none": Rate(1, 1), "25 % of the friction, 50 ms": Rate(0, 1)}
     assert summary.confusion(scored)["stribeck"] == {"stribeck": 1, "gravity": 1}
     assert [entry["verdict"] for entry in summary.wrong_cases(scored)] == [
         "effect_found",
