@@ -229,8 +229,8 @@ def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
 
     The most promising are tried: where a current meets its limit but once the filter is lost there, and slopes tell little.
     """
-    parts = [_input_promises(space, starts[k : k + _COLUMNS]) for k in range(0, len(starts), _COLUMNS)]
-    promises = np.concatenate(parts)
+    parts = [starts[k : k + _COLUMNS] for k in range(0, len(starts), _COLUMNS)]
+    promises = np.concatenate(each(lambda some: _input_promises(space, some), parts))
     tried = np.argsort(promises)[-_INPUTS_TRIED:].tolist()
 
     def gain(k: int) -> float:

@@ -329,27 +329,26 @@ class Fit:
         effects = np.zeros(self.u.size, dtype=bool)
         effects[_NOISES:] = True
         effects &= self.free(self.scores.sum(axis=0))
-        self.fold_u: list[Floats] = []
-        total = np.zeros(series.blocks)
         whole = np.sum(self.scores[:, effects] ** 2, axis=0) + 1e-12 / self.scale[effects] ** 2
-        for fold in range(constants.FOLDS):
-            inside = series.fold[series.block] == fold
-            kept = self.scores[~inside][:, effects]
-            u, log_p = self.u, self.out["log_p"]
+
+        def without(fold: int) -> tuple[Floats, Floats]:
+            outside = series.fold[series.block] != fold
+            kept, log_p = self.scores[outside][:, effects], self.out["log_p"]
             if effects.any():
                 H = kept.T @ kept + constants.HELD_BACK * np.diag(whole)
                 step = np.linalg.solve(H, kept.sum(axis=0))
-                here = float(self.out["log_p"][~inside].sum())
                 for share in (1.0, 0.3, 0.1):
                     trial = self.u.copy()
                     trial[effects] += share * step
                     trial = np.clip(trial, self.lower, self.upper)
                     ticks = self.evaluate(trial)[1]["log_p"]
-                    if float(ticks[~inside].sum()) >= here - 1e-3:
-                        u, log_p = trial, ticks
-                        break
-            self.fold_u.append(u)
-            total += np.where(series.fold == fold, series.per_block(log_p), 0.0)
+                    if float(ticks[outside].sum()) >= float(log_p[outside].sum()) - 1e-3:
+                        return trial, series.per_block(ticks)
+            return self.u, series.per_block(log_p)
+
+        found = each(without, range(constants.FOLDS))
+        self.fold_u = [u for u, _ in found]
+        total = np.choose(series.fold, [held_out for _, held_out in found])
         slopes = self.slopes
         self._forget()
         self.slopes = slopes

@@ -76,13 +76,11 @@ def along(first: Fit, last: Fit) -> Term | None:
     for number, period_s in enumerate(series.periods_s):
         rows = series.recording == number
         time_s = series.time_s[rows]
-        step, reach = 1.0 / (_FINER * time_s[-1]), _SEGMENTS / time_s[-1]
+        reach = _SEGMENTS / time_s[-1]
         own: list[float] = []
         for innovation in (innovation[rows] for innovation in innovations):
             for _, coarse, _ in _lines_of(innovation, period_s):
-                near = coarse + np.arange(-reach, reach, step)
-                swings = [abs(np.exp(-2j * np.pi * one * time_s) @ innovation) for one in near]
-                frequency = float(near[int(np.argmax(swings))])
+                frequency = _strongest(innovation, time_s, coarse, reach)
                 if all(abs(frequency - other) > reach for other in own):
                     own.append(frequency)
         found += [(number, frequency) for frequency in own]
@@ -96,6 +94,18 @@ def along(first: Fit, last: Fit) -> Term | None:
     ]
     fixed = tuple((-1 - number, frequency) for number, frequency in found)
     return Term(LINE, tuple(coordinates), (0.0,) * len(coordinates), fixed)
+
+
+def _strongest(innovation: Floats, time_s: Floats, coarse: float, reach: float) -> float:
+    """The frequency [Hz] near a coarse one of which a record has most."""
+    step = 1.0 / (_FINER * float(time_s[-1]))
+    turned, turn = (np.exp(-2j * np.pi * one * time_s) for one in (coarse - reach, step))
+    turned *= innovation
+    swings = []
+    for _ in range(2 * _SEGMENTS * _FINER):
+        swings.append(abs(turned.sum()))
+        turned *= turn
+    return coarse - reach + int(np.argmax(swings)) * step
 
 
 def frequencies(fit: Fit) -> list[float]:

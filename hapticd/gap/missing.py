@@ -11,6 +11,7 @@ from scipy.ndimage import uniform_filter1d
 from hapticd.gap import constants
 from hapticd.gap.kernel.linear import sensitivities, smoothed
 from hapticd.gap.kernel.ticks import WHITE
+from hapticd.gap.parallel import each
 from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.numeric import edited_base
 
@@ -89,13 +90,14 @@ def missing_power(fit: Fit) -> float:
 def held_out_rms(fit: Fit) -> float:
     """RMS of the missing force, each block's by the estimate without its fold; call `Fit.held_out` before."""
     series = fit.problem.series
-    power, count = 0.0, 0
-    for fold, u in enumerate(fit.fold_u):
-        _, out = (0.0, fit.out) if u is fit.u else fit.evaluate(u)
-        found = _smoothed(fit, u, out)
+
+    def of_fold(fold: int) -> tuple[float, int]:
+        u = fit.fold_u[fold]
+        found = _smoothed(fit, u, fit.out if u is fit.u else fit.evaluate(u)[1])
         inside = series.fold[series.block] == fold
-        power += float(found.power[inside].sum())
-        count += int(found.moves[inside].sum())
+        return float(found.power[inside].sum()), int(found.moves[inside].sum())
+
+    power, count = map(sum, zip(*each(of_fold, range(constants.FOLDS)), strict=True))
     return float(np.sqrt(power / max(count, 1)))
 
 
@@ -245,15 +247,17 @@ def _densest(power: Floats) -> tuple[int, int]:
 def structure(fit: Fit, found: Missing) -> list[Structure]:
     """What the innovations of a model depend on: held-out gain of flexible functions, through the linearised filter."""
     fold = fit.problem.series.fold[fit.problem.series.block]
-    results = []
-    for name, columns in _functions(fit, found):
+
+    def tested(function: tuple[str, Floats]) -> Structure:
+        name, columns = function
         answer = sensitivities(fit.out, columns.copy())
         coefficients = _held_out_coefficients(fit, answer)
         gain, errors = _gain(fit, _held_out_shift(fit, answer, coefficients))
         held_out = coefficients[fold, : columns.shape[1]]
         force = columns @ _coefficients(fit, answer)
-        results.append(Structure(name, columns.shape[1], gain, errors, force, np.sum(columns * held_out, axis=1)))
-    return results
+        return Structure(name, columns.shape[1], gain, errors, force, np.sum(columns * held_out, axis=1))
+
+    return each(tested, _functions(fit, found))
 
 
 def _functions(fit: Fit, found: Missing) -> Iterator[tuple[str, Floats]]:
