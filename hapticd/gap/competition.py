@@ -286,8 +286,8 @@ def round_of(before: CrossValidated, contenders: Sequence[Contender], *, to_the_
     """
     best, *others = contenders
     if to_the_end:
-        best = _to_the_end(best, before)
-        others = [_to_the_end(other, before) if _is_near(other, best) else other for other in others]
+        best = finished(best, before)
+        others = [finished(other, before) if _is_near(other, best) else other for other in others]
     new = Round(before, (best, *others), indistinguishable_from(best, others))
     for other in others:
         other.judged.fit.release()
@@ -299,7 +299,8 @@ def _is_near(other: Contender, best: Contender) -> bool:
     return -2.0 * constants.INDISTINGUISHABLE < ahead <= -constants.INDISTINGUISHABLE
 
 
-def _to_the_end(contender: Contender, before: CrossValidated) -> Contender:
+def finished(contender: Contender, before: CrossValidated) -> Contender:
+    """The contender climbed to the end, and judged there against the model before the round."""
     fit, added_penalty = _polished(copy.copy(contender.judged.fit))  # the contender may be asked again
     contender.judged.fit.release()
     own = added_penalty if contender.slug == ripple.SLUG else 0.0

@@ -26,6 +26,7 @@ from hapticd.gap.competition import (
     compete,
     cross_validate,
     evidence,
+    finished,
     is_as_good,
     is_exact,
     is_indistinguishable,
@@ -241,12 +242,13 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
             - _settled([*rounds[:number], *rounds[number + 1 :]])
         )
         asked = compete(without, sorted(others), needed) if others else []
+        close = closing(admitted(asked, without, is_further=True), without, needed_errors)
         competing = [
-            competitor
-            for competitor in closing(admitted(asked, without, is_further=True), without, needed_errors)
-            if not late_record.is_late(competitor.law)
-            and (not is_closing or closes(competitor.judged.fit, without.fit))
+            finished(one, without)
+            for one in close
+            if not late_record.is_late(one.law) and (not is_closing or closes(one.judged.fit, without.fit))
         ]
+        competing.sort(key=lambda one: -one.gain)
         better = [
             competitor
             for competitor in competing
@@ -255,10 +257,11 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
         ]
         if better:
             former = Contender(named.taken.slug, last.judged, gain, errors, named.taken.penalty)
-            others_of_it = [former, *(competitor for competitor in competing if competitor is not better[0])]
+            best = _in_order(better, needed_errors)[0]
+            others_of_it = [former, *(competitor for competitor in competing if competitor is not best)]
             del rounds[number]
             _reopen(rounds, number)
-            rounds.append(round_of(without, [better[0], *others_of_it]))
+            rounds.append(round_of(without, [best, *others_of_it], to_the_end=False))
             seen.append(_names(rounds))
             number = len(rounds) - 1
         else:

@@ -25,8 +25,10 @@ Case = tuple[Recording, Config]
 
 
 @functools.lru_cache(maxsize=8)
-def _made(effects: str, seed: int, duration_s: float, coloured: Coloured | None) -> tuple[Recording, Config, Any]:
-    made = generate(json.loads(effects), seed, duration_s, "re35", coloured=coloured, step_s=4.0 * STEP_S)
+def _made(
+    effects: str, seed: int, duration_s: float, coloured: Coloured | None, device: str = "re35"
+) -> tuple[Recording, Config, Any]:
+    made = generate(json.loads(effects), seed, duration_s, device, coloured=coloured, step_s=4.0 * STEP_S)
     step = devices.resolution(made.nominal)
     recording = Recording(
         name="hidden",
@@ -43,12 +45,19 @@ def _made(effects: str, seed: int, duration_s: float, coloured: Coloured | None)
 
 @pytest.fixture(scope="session")
 def hidden() -> Callable[..., Case]:
-    """hidden(effects, seed, duration_s, coloured): a recording of the testbed with these effects, and its nominal model."""
+    """hidden(effects, seed, duration_s, coloured, device): a recording with these effects, and the nominal model.
+
+    The device is one of the benchmark's that turns, by default the testbed.
+    """
 
     def make(
-        effects: list[dict[str, Any]], seed: int = 1, duration_s: float = 8.0, coloured: Coloured | None = None
+        effects: list[dict[str, Any]],
+        seed: int = 1,
+        duration_s: float = 8.0,
+        coloured: Coloured | None = None,
+        device: str = "re35",
     ) -> Case:
-        return _made(json.dumps(effects), seed, duration_s, coloured)[:2]
+        return _made(json.dumps(effects), seed, duration_s, coloured, device)[:2]
 
     return make
 

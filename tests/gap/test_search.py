@@ -265,6 +265,22 @@ def test_a_law_that_stood_in_gives_way_to_its_limit(hidden: Hidden) -> None:
     ]
 
 
+def test_a_limit_is_climbed_to_the_end_before_it_is_told_apart(hidden: Hidden) -> None:
+    """A grip whose edges were found beside gravity held a constant torque back, and a ripple made up for the gravity."""
+    hand = {
+        "name": "hand_impedance", "m_h": 9.3e-4, "b_h": 6.5e-3, "k_h": 0.13, "on_s": 10.15, "off_s": 16.87, "rest": -0.276,
+    }  # fmt: skip
+    effects = [{"name": "constant_bias", "tau_0": -0.01375}, hand]
+    recording, model = hidden(effects, 752938998, 20.0, device="heavy")
+    first = cross_validate(nominal_fit(problem_of([recording], model)))
+    needed_errors = critical(20, 24)
+    (gravity,) = _named(first, "gravity")
+    (grip,) = compete(gravity.taken.judged, ["hand_impedance"], least_gain(needed_errors))
+    rounds = [gravity, round_of(gravity.taken.judged, [grip])]
+    look_back(rounds, list(CATALOGUE), 0, needed_errors, least_gain(needed_errors))
+    assert [each.taken.slug for each in rounds] == ["hand_impedance", "constant_bias"]
+
+
 def test_what_a_slow_torque_explains_as_well_is_not_named(hidden: Hidden) -> None:
     recording, model = hidden([], 3, 2.0 * SECONDS, Coloured(0.25, 0.2))
     first = cross_validate(nominal_fit(problem_of([recording], model)))
