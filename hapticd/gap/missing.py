@@ -257,6 +257,7 @@ def structure(fit: Fit, found: Missing) -> list[Structure]:
         force = columns @ _coefficients(fit, answer)
         return Structure(name, columns.shape[1], gain, errors, force, np.sum(columns * held_out, axis=1))
 
+    fit.differentiated()
     return each(tested, _functions(fit, found))
 
 

@@ -242,10 +242,10 @@ def look_back(rounds: list[Round], slugs: Sequence[str], base: int, needed_error
             - _settled([*rounds[:number], *rounds[number + 1 :]])
         )
         asked = compete(without, sorted(others), needed) if others else []
-        close = closing(admitted(asked, without, is_further=True), without, needed_errors)
+        close_enough = closing(admitted(asked, without, is_further=True), without, needed_errors)
         competing = [
             finished(one, without)
-            for one in close
+            for one in close_enough
             if not late_record.is_late(one.law) and (not is_closing or closes(one.judged.fit, without.fit))
         ]
         competing.sort(key=lambda one: -one.gain)
