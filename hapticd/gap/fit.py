@@ -110,14 +110,10 @@ class Fit:
     @property
     def own_slopes(self) -> Floats:
         """(n, j) slopes of the predictions by the coordinates of the terms that were differentiated."""
-        own = self.differentiated().slopes[:, _NOISES:]
-        return own[:, np.any(own != 0.0, axis=0)]
-
-    def differentiated(self) -> Fit:
-        """Find the slopes where they were given back; returns itself. To be called before `each` asks for `own_slopes`."""
-        if not self.slopes.size:
+        if not self.slopes.size:  # given back
             self.differentiate()
-        return self
+        own = self.slopes[:, _NOISES:]
+        return own[:, np.any(own != 0.0, axis=0)]
 
     def columns(self, number: int) -> slice:
         """Where the coordinates of a term are in `u`, and their slopes among the columns."""

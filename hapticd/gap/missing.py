@@ -246,18 +246,19 @@ def _densest(power: Floats) -> tuple[int, int]:
 
 def structure(fit: Fit, found: Missing) -> list[Structure]:
     """What the innovations of a model depend on: held-out gain of flexible functions, through the linearised filter."""
-    fold = fit.problem.series.fold[fit.problem.series.block]
+    fold, own = fit.problem.series.fold[fit.problem.series.block], fit.own_slopes
 
     def tested(function: tuple[str, Floats]) -> Structure:
         name, columns = function
-        answer = sensitivities(fit.out, columns.copy())
-        coefficients = _held_out_coefficients(fit, answer)
-        gain, errors = _gain(fit, _held_out_shift(fit, answer, coefficients))
-        held_out = coefficients[fold, : columns.shape[1]]
-        force = columns @ _coefficients(fit, answer)
-        return Structure(name, columns.shape[1], gain, errors, force, np.sum(columns * held_out, axis=1))
+        numbers = columns.shape[1]
+        whole = np.concatenate([sensitivities(fit.out, columns.copy()), own], axis=1)
+        coefficients = _held_out_coefficients(fit, whole)
+        gain, errors = _gain(fit, np.sum(whole * coefficients[fold], axis=1))
+        g, H = _normal_equations(fit, whole)
+        force = columns @ np.linalg.solve(H, g)[:numbers]
+        held_out = np.sum(columns * coefficients[fold, :numbers], axis=1)
+        return Structure(name, numbers, gain, errors, force, held_out)
 
-    fit.differentiated()
     return each(tested, _functions(fit, found))
 
 
@@ -291,13 +292,12 @@ class Structure:
     held_out: Floats
 
 
-def _normal_equations(fit: Fit, answer: Floats, rows: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats]:
-    """Gradient and information of directions and of the model's own coordinates, on some of the samples.
+def _normal_equations(fit: Fit, whole: Floats, rows: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats]:
+    """Gradient and information of directions of the prediction, shape (n, k), on some of the samples.
 
     All samples' information holds back of what those say nothing.
     """
     score, information = fit.out["score"], fit.out["information"]
-    whole = np.concatenate([answer, fit.own_slopes], axis=1)
     ridge = constants.HELD_BACK * np.einsum("nk,nk,n->k", whole, whole, information) + 1e-30
     if rows is not None:
         whole, score, information = whole[rows], score[rows], information[rows]
@@ -305,27 +305,21 @@ def _normal_equations(fit: Fit, answer: Floats, rows: NDArray[np.bool_] | None =
     return whole.T @ score, H + np.diag(ridge)
 
 
-def _coefficients(fit: Fit, answer: Floats) -> Floats:
-    g, H = _normal_equations(fit, answer)
-    return np.asarray(np.linalg.solve(H, g)[: answer.shape[1]])
-
-
-def _held_out_coefficients(fit: Fit, answer: Floats) -> Floats:
-    """Coefficients of directions and of the model's own coordinates without each fold, shape (folds, k)."""
+def _held_out_coefficients(fit: Fit, whole: Floats) -> Floats:
+    """Coefficients of directions without each fold, shape (folds, k)."""
     fold = fit.problem.series.fold[fit.problem.series.block]
-    equations = (_normal_equations(fit, answer, fold != k) for k in range(constants.FOLDS))
+    equations = (_normal_equations(fit, whole, fold != k) for k in range(constants.FOLDS))
     return np.stack([np.linalg.solve(H, g) for g, H in equations])
 
 
-def _held_out_shift(fit: Fit, answer: Floats, coefficients: Floats) -> Floats:
-    """(n,) change of the predictions that directions make, each block's by the coefficients without its fold."""
-    fold = fit.problem.series.fold[fit.problem.series.block]
-    return np.asarray(np.sum(np.concatenate([answer, fit.own_slopes], axis=1) * coefficients[fold], axis=1))
-
-
 def held_out_gain(fit: Fit, answer: Floats) -> tuple[float, float]:
-    """What directions of the prediction, shape (n, k), gain on blocks they were not fitted to, nats and standard errors."""
-    return _gain(fit, _held_out_shift(fit, answer, _held_out_coefficients(fit, answer)))
+    """What directions of the prediction, shape (n, k), gain on blocks they were not fitted to, nats and standard errors.
+
+    The model's own coordinates are fitted along.
+    """
+    whole = np.concatenate([answer, fit.own_slopes], axis=1)
+    fold = fit.problem.series.fold[fit.problem.series.block]
+    return _gain(fit, np.sum(whole * _held_out_coefficients(fit, whole)[fold], axis=1))
 
 
 def _gain(fit: Fit, shift: Floats) -> tuple[float, float]:
