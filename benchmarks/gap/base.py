@@ -52,7 +52,7 @@ def fitted(case: Case) -> list[Fitted]:
     found = []
     for number, item in enumerate(fit.terms):
         at = fit.columns(number).start
-        error, deviation = float(fit.u[at] - item.start[0]), math.sqrt(variance[at])
+        error, deviation = float(fit.u[at] - item.coordinates[0].centre), math.sqrt(variance[at])
         found.append(Fitted(item.slug, case.coloured is not None, error, deviation, abs(error) < reach * deviation))
     return found
 
