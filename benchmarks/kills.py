@@ -37,6 +37,7 @@ from hapticd.record import read_run
 from hapticd.record.schema import FLAG_MISSED_PERIOD
 from hapticd.service import flight
 from hapticd.service.rig import Rig
+from hapticd.servo.authority import Authority
 
 RATE_HZ = 10_000
 READ, WRITE, STATE, LAST, BEFORE, WRITES = range(6)
@@ -96,7 +97,7 @@ def _live(config: Config, witness: NDArray[np.int64], how: str) -> None:
     drivers.create = WitnessedLoopback  # type: ignore[assignment]
     rig = Rig(config, name="kills")
     rig.recorder.start(None, "kills")
-    rig.run(rig.run_token())
+    rig.run(Authority().arrived(1.0))
     faulthandler.disable()
     if how == "segv":
         time.sleep(random.uniform(0.05, _LONGEST_S))

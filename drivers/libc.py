@@ -27,6 +27,12 @@ _clock_gettime = types.ExternalFunction("clock_gettime", types.intc(types.intc, 
 _ppoll = types.ExternalFunction("ppoll", types.intc(types.intp, types.uintp, types.intp, types.intp))
 _send = types.ExternalFunction("send", types.intp(types.intc, types.intp, types.uintp, types.intc))
 _recv = types.ExternalFunction("recv", types.intp(types.intc, types.intp, types.uintp, types.intc))
+_recvfrom = types.ExternalFunction(
+    "recvfrom", types.intp(types.intc, types.intp, types.uintp, types.intc, types.intp, types.intp)
+)
+_sendto = types.ExternalFunction(
+    "sendto", types.intp(types.intc, types.intp, types.uintp, types.intc, types.intp, types.uint32)
+)
 _read = types.ExternalFunction("read", types.intp(types.intc, types.intp, types.uintp))
 _write = types.ExternalFunction("write", types.intp(types.intc, types.intp, types.uintp))
 _errno_location = types.ExternalFunction("__errno_location", types.CPointer(types.int32)())
@@ -84,6 +90,25 @@ def receive(descriptor: int, address: int, size: int) -> int:
     """Receive at most ``size`` bytes from a socket without waiting: bytes, 0 at its end, or ``-errno``."""
     received = _recv(descriptor, address, size, _MSG_DONTWAIT_NOSIGNAL)
     return int(received) if received >= 0 else -errno()
+
+
+@njit("int64(int64, int64, int64, int64, int64)", counted=False)
+def receive_from(descriptor: int, address: int, size: int, sender: int, sender_size: int) -> int:
+    """Receive a datagram without waiting: its bytes, or ``-errno``.
+
+    Args:
+        descriptor: of the socket. address, size: room for the datagram.
+        sender: address of a ``struct sockaddr``. sender_size: address of its ``socklen_t``, set by caller and kernel.
+    """
+    received = _recvfrom(descriptor, address, size, _MSG_DONTWAIT_NOSIGNAL, sender, sender_size)
+    return int(received) if received >= 0 else -errno()
+
+
+@njit("int64(int64, int64, int64, int64, int64)", counted=False)
+def send_to(descriptor: int, address: int, size: int, receiver: int, receiver_size: int) -> int:
+    """Send a datagram to a ``struct sockaddr`` of so many bytes without waiting: bytes sent, or ``-errno``."""
+    sent = _sendto(descriptor, address, size, _MSG_DONTWAIT_NOSIGNAL, receiver, receiver_size)
+    return int(sent) if sent >= 0 else -errno()
 
 
 @njit("int64(int64, int64, int64)", counted=False)

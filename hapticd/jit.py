@@ -253,6 +253,32 @@ def atomic_store(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
     return types.void(array, types.intp, types.int64), codegen
 
 
+def _read_modify_write(operation: str) -> Callable[..., Any]:
+    """An intrinsic ``array[index] = operation(array[index], value)`` in one atomic step; gives the value before it."""
+
+    def typed(typingctx: Any, array: Any, index: Any, value: Any) -> Any:
+        if not (isinstance(array, types.Array) and array.ndim == 1 and array.dtype == types.int64):
+            return None
+
+        def codegen(context: Any, builder: Any, signature: Any, args: Any) -> Any:
+            array_type, index_type, value_type = signature.args
+            view = context.make_array(array_type)(context, builder, args[0])
+            position = context.cast(builder, args[1], index_type, types.intp)
+            pointer = cgutils.get_item_pointer(context, builder, array_type, view, [position], wraparound=False)
+            number = context.cast(builder, args[2], value_type, types.int64)
+            return builder.atomic_rmw(operation, pointer, number, "acq_rel")
+
+        return types.int64(array, types.intp, types.int64), codegen
+
+    return _typed_intrinsic(typed)
+
+
+atomic_add = _read_modify_write("add")
+"""``array[index] += value`` of a 1-D int64 array in one atomic step; gives the value before it."""
+atomic_max = _read_modify_write("max")
+"""``array[index] = max(array[index], value)`` of a 1-D int64 array in one atomic step; gives the value before it."""
+
+
 @_typed_intrinsic
 def call_driver(typingctx: Any, function: Any, state: Any, exchange: Any) -> Any:
     """Call ``int32 function(void *state, hapticd_exchange *exchange)`` through integer addresses (about 3 ns)."""

@@ -32,6 +32,11 @@ _ERRORS: Final[dict[Queue, tuple[int, ...]]] = {
 }
 _MARK: Final = "__endpoint__"
 
+MOTION_S: Final = 2.0
+"""Time within which a command that sets the motor in motion has to begin, s; later it does not begin at all."""
+PREPARED_MOTION_S: Final = 10.0
+"""The same for one that first waits until the shaft is at rest, s."""
+
 
 @dataclass(frozen=True)
 class Endpoint:
@@ -41,8 +46,11 @@ class Endpoint:
         name: of the method, here, of the daemon and of the client.
         method: of HTTP. path: of HTTP.
         reply: name of its model in `hapticd.control.schemas`, `TEXT`, or None for a dict without a model.
-        queue: the executor that answers it. Stops never wait behind anything else.
+        queue: who answers it: threads for queries, one thread for commands. A stop and an estop are carried out when they
+            arrive and answered where they arrive; they are in no queue.
         errors: HTTP codes that it may answer with, besides 200.
+        motion_s: of a command that sets the motor in motion, the time within which it has to begin, s; its method also takes
+            ``command`` (`hapticd.servo.authority.Command`), which a stop revokes. None: it sets nothing in motion.
         asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user. The server says
             so, from what the kernel tells it; it is no field of the body.
         signature: of the method, without ``self``: the fields of the body.
@@ -55,6 +63,7 @@ class Endpoint:
     reply: str | None
     queue: Queue
     errors: tuple[int, ...]
+    motion_s: float | None
     asks_trust: bool
     signature: inspect.Signature
     description: str
@@ -77,6 +86,7 @@ def endpoint(
     *,
     queue: Queue | None = None,
     device: bool = False,
+    motion_s: float | None = None,
     asks_trust: bool = False,
 ) -> Callable[[Callable[P, R]], Callable[P, R]]:
     """Declare the endpoint whose name, body and help are the method's name, signature and docstring.
@@ -84,9 +94,9 @@ def endpoint(
     Args:
         method, path: of HTTP.
         reply: see `Endpoint`.
-        queue: the executor; by default that of queries for GET, that of commands for POST.
+        queue: see `Endpoint`; by default that of queries for GET, that of commands for POST.
         device: it reaches the device, which may fail.
-        asks_trust: see `Endpoint`.
+        motion_s, asks_trust: see `Endpoint`.
     """
 
     def declare(function: Callable[P, R]) -> Callable[P, R]:
@@ -102,6 +112,7 @@ def endpoint(
             reply,
             executor,
             errors + ((502,) if device else ()),
+            motion_s,
             asks_trust,
             fields,
             text,
@@ -160,7 +171,7 @@ class Endpoints:
         The result of one that a fault ended carries the fault's code as ``fault``.
         """
 
-    @endpoint("POST", "/start", "JudgedStatus", device=True)
+    @endpoint("POST", "/start", "JudgedStatus", device=True, motion_s=MOTION_S)
     def start(self, force: Force = False) -> JsonDict:
         """Enable the amplifier and render the spring.
 
@@ -236,7 +247,7 @@ class Endpoints:
             Refused: code ``restart_needed`` or ``unstable``.
         """
 
-    @endpoint("POST", "/release", "ReleaseReply", device=True)
+    @endpoint("POST", "/release", "ReleaseReply", device=True, motion_s=PREPARED_MOTION_S)
     def release(
         self,
         deflection: Annotated[float, Ge(-1e9), Le(1e9), "Deflection at rest, in coarse ticks."],
@@ -254,7 +265,7 @@ class Endpoints:
             Refused: not in a state that allows it, or another experiment is running.
         """
 
-    @endpoint("POST", "/excite", "JobReply", device=True)
+    @endpoint("POST", "/excite", "JobReply", device=True, motion_s=PREPARED_MOTION_S)
     def excite(
         self,
         name: Annotated[str, "Which experiment."] = "all",

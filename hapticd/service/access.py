@@ -12,6 +12,7 @@ import contextlib
 import errno
 import os
 import pwd
+import select
 import socket
 import struct
 from contextvars import ContextVar
@@ -55,6 +56,32 @@ class Caller:
 
 CALLER: ContextVar[Caller | None] = ContextVar("caller", default=None)
 """Of the request at hand."""
+
+
+class Connection:
+    """One end of a connection, as whoever carries out its request sees it.
+
+    Args:
+        transport: of the server's end.
+    """
+
+    def __init__(self, transport: asyncio.Transport) -> None:
+        self._socket = transport.get_extra_info("socket")
+        self._lost = False
+
+    def lost(self) -> None:
+        """The server has closed its end."""
+        self._lost = True
+
+    def is_there(self) -> bool:
+        """Whether the other end is still open, as the kernel says at this moment: the event loop may not have looked yet."""
+        poll = select.poll()
+        try:
+            poll.register(self._socket.fileno(), 0)
+            hung_up = bool(poll.poll(0))
+        except (OSError, ValueError):
+            return False
+        return not (hung_up or self._lost)
 
 
 def caller_of(connection: socket.socket) -> Caller:
@@ -103,8 +130,15 @@ class CallerProtocol(H11Protocol):
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Ask the kernel who it is."""
         super().connection_made(transport)
+        self._connection = Connection(transport)
+        self.app_state = {**self.app_state, "connection": self._connection}
         with contextlib.suppress(OSError, KeyError):
-            self.app_state = {**self.app_state, "caller": caller_of(transport.get_extra_info("socket"))}
+            self.app_state["caller"] = caller_of(transport.get_extra_info("socket"))
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        """What its client asked for does not begin any more."""
+        self._connection.lost()
+        super().connection_lost(exc)
 
 
 class Access:

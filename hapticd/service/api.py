@@ -1,7 +1,8 @@
 """The control API: HTTP and JSON on a Unix socket, served from a thread of its own.
 
-No request reaches the servo thread. Requests are answered by small pools of threads, so that a flood of them can
-neither pile up threads nor stand in the way of a stop: queries, commands (one at a time, in order), stops, e-stops.
+No request reaches the servo thread. Requests are answered by small pools of threads that exist from the start, so that a
+flood of them can neither pile up threads nor stand in the way of a stop: queries, and commands (one at a time, in order).
+Stops are carried out when they arrive (`hapticd.service.arrivals`) and answered in the event loop.
 """
 
 from __future__ import annotations
@@ -26,8 +27,11 @@ from hapticd.control.json_reply import JsonReply
 from hapticd.control.schemas import ErrorReply, body_of, reply_of
 from hapticd.service import replies, socket
 from hapticd.service.access import CALLER, Access, Caller, CallerProtocol, Rules
+from hapticd.service.arrivals import ARRIVAL, Arrivals, Pending, Stoppable
+from hapticd.service.halting import POLL_S
 from hapticd.service.live import LiveStream
 from hapticd.service.metrics import CONTENT_TYPE
+from hapticd.servo.authority import Command
 
 log = logging.getLogger("hapticd.api")
 
@@ -50,18 +54,34 @@ ERRORS: dict[int | str, dict[str, Any]] = {
 STREAM_TYPE = "application/vnd.hapticd.frames"
 
 
-THREADS: Final[dict[Queue, int]] = {"query": 2, "command": 1, "stop": 1, "estop": 2}
-"""Of each queue of requests. Stops have their own, so that nothing slow is ever in front of them."""
+THREADS: Final[dict[Queue, int]] = {"query": 2, "command": 1}
+"""Of each queue of requests."""
+_READY_S = 5.0
 
 
 def _pools() -> dict[Queue, ThreadPoolExecutor]:
-    return {queue: ThreadPoolExecutor(count, thread_name_prefix=f"hapticd-{queue}") for queue, count in THREADS.items()}
+    """Executors whose threads exist already: none is made when a request comes.
+
+    Raises:
+        RuntimeError: the system gives no thread.
+    """
+    pools: dict[Queue, ThreadPoolExecutor] = {}
+    for queue, count in THREADS.items():
+        pools[queue] = ThreadPoolExecutor(count, thread_name_prefix=f"hapticd-{queue}")
+        together = threading.Barrier(count + 1)
+        for _ in range(count):
+            pools[queue].submit(together.wait, _READY_S)
+        together.wait(_READY_S)
+    return pools
 
 
-class Control(Protocol):
+class Control(Stoppable, Protocol):
     """The daemon as the API sees it: `Endpoints`, each from any thread, and the rows as they come."""
 
     live: LiveStream
+
+    def log_later(self, write: Callable[[], None]) -> None:
+        """Write to the log from another thread."""
 
 
 def create_app(
@@ -71,19 +91,20 @@ def create_app(
 
     Args:
         control: the daemon; has a method for each of `Endpoints`.
-        pools: threads to answer on; made here when None.
+        pools: threads to answer on; None: nobody is answered, the document alone is wanted.
         rules: who may ask for what; None: whoever is let in by the socket's permissions, for everything.
     """
-    pools = pools or _pools()
     app = FastAPI(title="hapticd", version="1", description=DESCRIPTION, docs_url=None, redoc_url=None)
     endpoints = declared(Endpoints)
+    rules = rules or Rules()
     # Inside what `install` adds: the body is read before the answer, or a caller who still sends it never sees why.
-    app.add_middleware(Access, rules=rules or Rules())
+    app.add_middleware(Access, rules=rules)
     replies.install(app, {endpoint.path: body for endpoint in endpoints if (body := body_of(endpoint))})
+    app.add_middleware(Arrivals, control=control, rules=rules, endpoints=endpoints)
     for endpoint in endpoints:
         app.add_api_route(
             endpoint.path,
-            _answering(endpoint, control, pools[endpoint.queue]),
+            _answering(endpoint, control, pools[endpoint.queue] if pools and endpoint.queue in pools else None),
             methods=[endpoint.method],
             name=endpoint.name,
             description=endpoint.description,
@@ -104,25 +125,35 @@ def openapi_document() -> dict[str, Any]:
     return create_app(cast(Control, None)).openapi()
 
 
-def _answering(endpoint: Endpoint, control: Control, pool: ThreadPoolExecutor) -> Callable[..., Awaitable[Response]]:
+def _answering(
+    endpoint: Endpoint, control: Control, pool: ThreadPoolExecutor | None
+) -> Callable[..., Awaitable[Response]]:
     """What FastAPI calls for a request: the body's fields become the arguments of the method."""
     model = body_of(endpoint)
 
     async def answer(body: BaseModel | None = None) -> Response:
         given = {} if body is None else body.model_dump(exclude_unset=True)
-        caller = CALLER.get()
-        if endpoint.asks_trust:
-            given["trusted"] = caller is not None and caller.is_own_user
-        method = partial(getattr(control, endpoint.name), **given)
-        if endpoint.queue != "query":
-            method = partial(_carry_out, endpoint, caller, method)
+        caller, arrival = CALLER.get(), ARRIVAL.get()
+        result: JsonDict | str
         try:
-            result = await asyncio.get_running_loop().run_in_executor(pool, method)
+            if arrival.halt is not None:
+                result = await _halted(arrival.halt)
+                control.log_later(partial(_log_caller, endpoint, caller, given))
+            else:
+                if endpoint.asks_trust:
+                    given["trusted"] = caller is not None and caller.is_own_user
+                method = partial(getattr(control, endpoint.name), **given)
+                if endpoint.queue != "query":
+                    method = partial(_carry_out, endpoint, caller, method, arrival.command)
+                result = await asyncio.get_running_loop().run_in_executor(pool, method)
         except replies.ANSWERS:
             raise
         except Exception as error:
             log.exception("request failed")
             raise replies.Internal from error
+        finally:
+            if arrival.command is not None:
+                arrival.command.answered()
         return Response(result, media_type=CONTENT_TYPE) if isinstance(result, str) else JsonReply(result)
 
     # FastAPI reads the body's type off the signature. A body without a field that is needed may be left out.
@@ -135,22 +166,27 @@ def _answering(endpoint: Endpoint, control: Control, pool: ThreadPoolExecutor) -
     return answer
 
 
-def _carry_out(endpoint: Endpoint, caller: Caller | None, method: partial[JsonDict]) -> JsonDict:
-    """Carry out a command; the log says who asked for it, but never before a stop: a user's name may be slow to find."""
+async def _halted(halt: Pending) -> JsonDict:
+    """The answer to a stop, once the current is zero."""
+    while (answer := halt.poll()) is None:
+        await asyncio.sleep(POLL_S)
+    return answer
 
-    def log_caller() -> None:
-        if caller is not None:
-            fields = {"uid": caller.uid, "pid": caller.pid, "request": endpoint.name}
-            arguments = ", ".join(f"{name}={value!r}" for name, value in method.keywords.items())
-            log.info("%s: %s(%s)", caller, endpoint.name, arguments, extra={"journal": fields})
 
-    if endpoint.queue == "command":
-        log_caller()
-        return method()
-    try:
-        return method()
-    finally:
-        log_caller()
+def _carry_out(
+    endpoint: Endpoint, caller: Caller | None, method: partial[JsonDict], command: Command | None
+) -> JsonDict:
+    """Carry out a command; the log says who asked for it."""
+    _log_caller(endpoint, caller, method.keywords)
+    return method() if command is None else method(command=command)
+
+
+def _log_caller(endpoint: Endpoint, caller: Caller | None, arguments: Mapping[str, Any]) -> None:
+    """Say who asked for what. A user's name may be slow to find: a stop never waits for it."""
+    if caller is not None:
+        fields = {"uid": caller.uid, "pid": caller.pid, "request": endpoint.name}
+        text = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
+        log.info("%s: %s(%s)", caller, endpoint.name, text, extra={"journal": fields})
 
 
 def _documented(endpoint: Endpoint) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""A thread that exists from the start and does, in order, what others may not wait for: nothing of the daemon's starts one later."""
+"""A thread that exists from the start and does, in order, what others may not wait for: nobody starts one later."""
 
 from __future__ import annotations
 
@@ -25,6 +25,7 @@ class Background:
 
     def __init__(self, name: str) -> None:
         self._waiting: SimpleQueue[Callable[[], None] | None] = SimpleQueue()
+        self._works = False
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
 
@@ -36,6 +37,10 @@ class Background:
         """Whether the thread still runs."""
         return self._thread.is_alive()
 
+    def busy(self) -> bool:
+        """Whether it has something to do."""
+        return self._works or not self._waiting.empty()
+
     def end(self, timeout_s: float) -> bool:
         """Do what waits, and no more; False when that took longer."""
         self._waiting.put(None)
@@ -44,7 +49,9 @@ class Background:
 
     def _run(self) -> None:
         while (function := self._waiting.get()) is not None:
+            self._works = True
             try:
                 function()
             except Exception:
                 log.exception("the thread %s goes on after an error", self._thread.name)
+            self._works = False

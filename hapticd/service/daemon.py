@@ -1,7 +1,7 @@
 """The daemon's life: it owns the rig, beats the heart, latches faults, and answers the control API.
 
 The supervisor thread touches the servo loop only through shared atomics and the mailbox; the API's threads touch it only
-through the methods below, one at a time, except :meth:`Daemon.estop` and :meth:`Daemon.status`, which never wait.
+through the methods below, one at a time, except stops and :meth:`Daemon.status`, which never wait.
 """
 
 from __future__ import annotations
@@ -14,24 +14,30 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, load_config
-from hapticd.control.endpoints import Endpoints, JsonDict
+from hapticd.control.endpoints import MOTION_S, PREPARED_MOTION_S, Endpoints, JsonDict
 from hapticd.record import RecordingError
 from hapticd.service import metrics, report
+from hapticd.service.background import Background
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_manager import FaultManager
+from hapticd.service.halting import Halt
 from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.live import LiveStream
 from hapticd.service.notify import Notifier, TickWatchdog
 from hapticd.service.recent import RecentTiming
 from hapticd.service.reconnect import Reconnector
-from hapticd.service.refusals import DriverFailure, Refused
+from hapticd.service.refusals import Refused
 from hapticd.service.rendering import ANSWER_S, Rendering
 from hapticd.service.replacement import Replacement
 from hapticd.service.rig import Rig
 from hapticd.servo import atomics, layout
+from hapticd.servo.authority import Authority, Command
+from hapticd.servo.stop_channel import StopChannel
 from hapticd.stability.guard import same_loop
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from drivers.interface import Driver
 
 log = logging.getLogger(__name__)
@@ -51,6 +57,7 @@ class Daemon(Endpoints):
     Raises:
         DriverError: the device cannot be opened.
         RealtimeError: real time is required and refused.
+        RuntimeError: the system gives no thread; all that it ever needs are made here.
     """
 
     def __init__(self, config: Config, source: str | None, latch: FaultLatch, notifier: Notifier | None = None) -> None:
@@ -59,7 +66,11 @@ class Daemon(Endpoints):
         self._ending = threading.Event()
         self.live = LiveStream()
         self._recent = RecentTiming()
-        self._rendering = Rendering(Rig(config, latch.number, self.live, latch.name))
+        self.authority = Authority()
+        self.stop_channel = StopChannel(self.authority.words, max(1, config.servo.priority - 1))
+        rig = Rig(config, latch.number, self.live, latch.name, words=self.authority.words)
+        self._rendering = Rendering(rig, self.authority)
+        self._tidying = Background("hapticd-tidy")
         self._faults = FaultManager(latch, self._rendering, lambda: source_name(self._source))
         self._experiments = Experiments(self._rendering, self._faults)
         self._replacement = Replacement(self._rendering, self._faults, self._experiments, self.live, latch.name)
@@ -90,10 +101,11 @@ class Daemon(Endpoints):
         """Numbers for Prometheus."""
         return metrics.exposition(self.rig, self.status(), dict(self._faults.counts))
 
-    def start(self, force: bool = False) -> JsonDict:
+    def start(self, force: bool = False, *, command: Command | None = None) -> JsonDict:
         """off → ready → running; refused while a fault is latched, or by the guard."""
+        command = command or self.authority.arrived(MOTION_S)
         with self._lock:
-            token = self.rig.run_token()
+            command.refuse()
             self._faults.refuse()
             self._experiments.refuse_running()
             self.rig.wait_ticks(1)  # until then nobody knows where the shaft is
@@ -105,9 +117,9 @@ class Daemon(Endpoints):
                     config, deflection_of(self.rig, config, self.rig.origin_counts), force=force
                 )
                 self.rig.guard = judgement
-                self._rendering.begin_recording("run")
+                self._rendering.begin_recording("run", command)
                 try:
-                    self._rendering.run(token, self._faults.refuse_new)
+                    self._rendering.run(command, self._faults.refuse_new)
                 except BaseException:
                     self._rendering.end_recording()
                     raise
@@ -115,23 +127,27 @@ class Daemon(Endpoints):
 
     def stop(self) -> JsonDict:
         """Zero current, then amplifier off; ends a running experiment. The motor is off before anything is waited for."""
-        self.rig.halt()
-        with self._lock:
-            self.rig.halt()
-            self._experiments.cancel()
-            ended = layout.OFF, layout.FAULT
-            stopped = self.rig.wait(lambda: self.rig.state in ended, ANSWER_S) and self.rig.wait_ticks(2)
-            self._rendering.end_recording()
-        if not stopped:
-            raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
-        return self.status()
+        return self.halt("stop").wait()
 
     def estop(self) -> JsonDict:
-        """Zero current in the next tick and a latched fault. Takes no lock."""
-        rig = self._replacement.estop()
-        if not (rig.wait(lambda: rig.state == layout.FAULT, ANSWER_S) and rig.wait_ticks(1)):
-            raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
-        return self.status()
+        """Zero current in the next tick and a latched fault."""
+        return self.halt("estop").wait()
+
+    def halt(self, name: str) -> Halt:
+        """Stop at once, by one store that the tick reads; the answer is asked of what is returned.
+
+        Args:
+            name: ``stop`` or ``estop``.
+        """
+        return Halt(self._rendering, latches=name == "estop", is_tidy=self._is_tidy, status=self.status)
+
+    def log_later(self, write: Callable[[], None]) -> None:
+        """Write to the log from another thread."""
+        self._tidying.ask(write)
+
+    def _is_tidy(self) -> bool:
+        """Whether what a stop has ended is put away: the experiment, the recording of the run."""
+        return not (self._experiments.is_running() or self._rendering.records_revoked())
 
     def clear(self) -> JsonDict:
         """Clear the latched fault; refused when it comes straight back."""
@@ -154,16 +170,24 @@ class Daemon(Endpoints):
             applied, judgement = self._apply_live(config, moves_origin="spring.origin" in settings, force=force)
             return {"applied": applied, "config_digest": config_digest(config), "guard": judgement}
 
-    def release(self, deflection: float, duration_s: float | None = None, force: bool = False) -> JsonDict:
+    def release(
+        self, deflection: float, duration_s: float | None = None, force: bool = False, *, command: Command | None = None
+    ) -> JsonDict:
         """The Fig. 8 experiment."""
+        command = command or self.authority.arrived(PREPARED_MOTION_S)
         with self._lock:
-            return self._experiments.release(deflection, duration_s, force)
+            command.refuse()
+            return self._experiments.release(command, deflection, duration_s, force)
 
-    def excite(self, name: str = "all", *, force: bool = False, **options: Any) -> JsonDict:
+    def excite(
+        self, name: str = "all", *, force: bool = False, command: Command | None = None, **options: Any
+    ) -> JsonDict:
         """Play an identification experiment."""
         given = {key: value for key, value in options.items() if value is not None}
+        command = command or self.authority.arrived(PREPARED_MOTION_S)
         with self._lock:
-            return self._experiments.excite(name, given, force)
+            command.refuse()
+            return self._experiments.excite(command, name, given, force)
 
     def experiment(self) -> JsonDict:
         """The newest experiment."""
@@ -202,7 +226,7 @@ class Daemon(Endpoints):
 
     def disable(self) -> None:
         """Zero current and amplifier off at once, and nobody can start it again: the first step of every end."""
-        self.rig.halt(final=True)
+        self.authority.end()
 
     def shutdown(self) -> None:
         """Zero current, amplifier off, everything released. Safe to call twice."""
@@ -213,6 +237,7 @@ class Daemon(Endpoints):
             self._ending.set()
             self._faults.latch_raised()
             self.rig.close()
+        self.stop_channel.end()
         self._supervisor.join(2.0)
 
     def _supervise(self) -> None:
@@ -221,6 +246,8 @@ class Daemon(Endpoints):
             self._watchdog.look(time.monotonic())
             try:
                 self._faults.latch_raised()
+                if self._rendering.records_revoked() and not self._tidying.busy():
+                    self._tidying.ask(self._tidy)
                 self._recent.look(self.rig.core, time.monotonic())
                 if not self.rig.servo.alive() and not self._ending.is_set() and self._lock.acquire(blocking=False):
                     try:
@@ -229,6 +256,11 @@ class Daemon(Endpoints):
                         self._lock.release()
             except Exception:
                 log.exception("the supervisor goes on after an error")
+
+    def _tidy(self) -> None:
+        """Close the recording of a run that a stop has ended; off the supervisor's thread, since a disk may hang."""
+        if self._rendering.records_revoked():
+            self._rendering.end_recording()
 
     def _apply_live(self, config: Config, *, moves_origin: bool, force: bool) -> tuple[dict[str, Any], JsonDict | None]:
         """Put live settings into force; the changed keys, and what the guard says if the theory sees a change."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from hapticd.record import read_run
 from hapticd.record.schema import FLAG_RUNNING
+from hapticd.service.background import Background
 from hapticd.service.refusals import Refused
 from hapticd.servo import atomics, excitation, faults, layout
 from hapticd.stability.numbers import from_config
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from hapticd.service.fault_manager import FaultManager
     from hapticd.service.rendering import Rendering
     from hapticd.service.rig import Rig
+    from hapticd.servo.authority import Command
 
 
 log = logging.getLogger(__name__)
@@ -55,7 +57,7 @@ class Experiment:
         self.state = "running"
         self.result: dict[str, Any] | None = None
         self.cancelled = threading.Event()
-        self.thread: threading.Thread | None = None
+        self.ended = threading.Event()
         self._began = time.monotonic()
 
     def begin(self) -> None:
@@ -81,11 +83,15 @@ class Experiments:
     Args:
         rendering: the rig in force, and what begins and ends its motion.
         faults: nothing begins while one is latched.
+
+    Raises:
+        RuntimeError: the system gives no thread.
     """
 
     def __init__(self, rendering: Rendering, faults: FaultManager) -> None:
         self._rendering, self._faults = rendering, faults
         self._newest: Experiment | None = None
+        self._background = Background("hapticd-experiment")
 
     def report(self) -> dict[str, Any]:
         """The newest experiment."""
@@ -111,18 +117,25 @@ class Experiments:
     def cancel(self) -> None:
         """End the one that is running, if any, and wait for it."""
         newest = self._newest
-        if newest and newest.thread and newest.state == "running":
+        if newest and newest.state == "running":
             newest.cancelled.set()
-            newest.thread.join(5.0)
+            newest.ended.wait(5.0)
 
-    def release(self, deflection: float, duration_s: float | None, force: bool = False) -> dict[str, Any]:
+    def is_running(self) -> bool:
+        """Whether one is running, or its recording not closed yet."""
+        newest = self._newest
+        return newest is not None and newest.state == "running"
+
+    def release(
+        self, command: Command, deflection: float, duration_s: float | None, force: bool = False
+    ) -> dict[str, Any]:
         """The Fig. 8 experiment: the origin is moved, never the shaft; from rest, at zero current."""
         rig = self._rendering.rig
         decimation = rig.config.encoder.decimation
         refuse_deflection(rig.config, round(deflection * decimation))
         self._admit(round(deflection * decimation) / decimation, release=True, force=force)
-        token = self._rendering.switch_off()
-        counts = wait_for_rest(rig, token)
+        self._rendering.switch_off()
+        counts = wait_for_rest(rig, command)
         origin = counts - round(deflection * decimation)
         achieved = (counts - origin) / decimation
         experiment = Experiment("release", duration_s or RELEASE_DURATION_S)
@@ -134,9 +147,9 @@ class Experiments:
         def conclude(path: Path) -> dict[str, Any]:
             return {"achieved_deflection": achieved, **release_result(path, decimation, origin, rig.fault_number)}
 
-        return {"achieved_deflection": achieved, **self._launch(experiment, "release", token, finished, conclude)}
+        return {"achieved_deflection": achieved, **self._launch(experiment, "release", command, finished, conclude)}
 
-    def excite(self, name: str, options: dict[str, Any], force: bool = False) -> dict[str, Any]:
+    def excite(self, command: Command, name: str, options: dict[str, Any], force: bool = False) -> dict[str, Any]:
         """Play an identification experiment about the shaft's present position."""
         rig = self._rendering.rig
         table = excitation.build(rig.config, name, **options)
@@ -145,8 +158,8 @@ class Experiments:
             longest = rig.core.excitation.shape[1] / rig.config.servo.rate_hz
             raise excitation.ExcitationError(f"{name} would last too long at this rate: at most {longest:.0f} s")
         self._admit(excited_deflection(rig.config, table), release=False, force=force)
-        token = self._rendering.switch_off()
-        counts = wait_for_rest(rig, token)
+        self._rendering.switch_off()
+        counts = wait_for_rest(rig, command)
         experiment = Experiment(f"excite {name}", ticks / rig.config.servo.rate_hz)
         rig.core.excitation[:, :ticks] = table
         rig.ask(origin_counts=counts, excitation_id=experiment.id, excitation_length=ticks)
@@ -155,14 +168,14 @@ class Experiments:
             return rig.core.load(atomics.EXCITATION_DONE) == experiment.id
 
         return self._launch(
-            experiment, f"excite-{name}", token, finished, lambda path: {"excitation": name, "ticks": ticks}
+            experiment, f"excite-{name}", command, finished, lambda path: {"excitation": name, "ticks": ticks}
         )
 
     def _launch(
         self,
         experiment: Experiment,
         label: str,
-        token: int,
+        command: Command,
         finished: Callable[[], bool],
         conclude: Callable[[Path], dict[str, Any]],
     ) -> dict[str, Any]:
@@ -171,16 +184,13 @@ class Experiments:
         rig.recorder.stop()
         path = rig.recorder.start(None, label)
         try:
-            self._rendering.run(token, self._faults.refuse_new)
+            self._rendering.run(command, self._faults.refuse_new)
         except BaseException:
             rig.recorder.stop()
             raise
         experiment.begin()
         self._newest = experiment
-        experiment.thread = threading.Thread(
-            target=run_job, args=(experiment, rig, path, finished, conclude), name="hapticd-experiment", daemon=True
-        )
-        experiment.thread.start()
+        self._background.ask(lambda: run_job(experiment, command, rig, path, finished, conclude))
         return {"experiment": experiment.id, "duration_s": experiment.duration_s, "run": str(path), "guard": rig.guard}
 
 
@@ -221,18 +231,17 @@ def refuse_deflection(config: Config, counts: int) -> None:
         )
 
 
-def wait_for_rest(rig: Rig, token: int, timeout_s: float = REST_TIMEOUT_S) -> int:
+def wait_for_rest(rig: Rig, command: Command, timeout_s: float = REST_TIMEOUT_S) -> int:
     """Counts of a shaft that has not moved for 0.2 s.
 
     Raises:
-        Refused: it keeps moving, or somebody stopped the daemon meanwhile.
+        Refused: it keeps moving. Withdrawn: nobody wants to know any more.
     """
     deadline = time.monotonic() + timeout_s
     last, since = rig.counts, time.monotonic()
     while time.monotonic() < deadline:
         time.sleep(_POLL_S)
-        if rig.is_revoked(token):
-            raise Refused("stopped", "stopped before it began")
+        command.refuse()
         counts = rig.counts
         if counts != last:
             last, since = counts, time.monotonic()
@@ -243,6 +252,7 @@ def wait_for_rest(rig: Rig, token: int, timeout_s: float = REST_TIMEOUT_S) -> in
 
 def run_job(
     experiment: Experiment,
+    command: Command,
     rig: Rig,
     path: Path,
     finished: Callable[[], bool],
@@ -250,11 +260,12 @@ def run_job(
 ) -> None:
     """Wait for the end (or a fault, or a stop), switch off, close the recording, and work out the result."""
     try:
-        while not finished() and rig.state == layout.RUNNING and not experiment.cancelled.wait(_POLL_S):
-            pass
+        while not (finished() or rig.state != layout.RUNNING or command.is_revoked()):
+            if experiment.cancelled.wait(_POLL_S):
+                break
         faulted = rig.state == layout.FAULT
         ended_early = not finished()
-        rig.halt()
+        rig.switch_off()
         rig.wait(lambda: rig.state in (layout.OFF, layout.FAULT), 1.0)
         rig.wait_ticks(2)
         rig.recorder.stop()
@@ -268,6 +279,8 @@ def run_job(
         log.exception("experiment %d failed", experiment.id)
         experiment.result = {"run": str(path), "error": f"{type(error).__name__}: {error}"}
         experiment.state = "aborted"
+    finally:
+        experiment.ended.set()
 
 
 def release_result(path: Path, decimation: int, origin_counts: int, fault_number: int) -> dict[str, Any]:

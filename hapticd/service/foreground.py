@@ -10,6 +10,7 @@ import logging
 import signal
 from pathlib import Path
 from queue import Empty, SimpleQueue
+from socket import SOCK_DGRAM
 from typing import TYPE_CHECKING, Any
 
 from rich.console import Console
@@ -29,7 +30,8 @@ from hapticd.service.journal import JournalHandler, stderr_is_journal
 from hapticd.service.latch import FaultLatch
 from hapticd.service.notify import Notifier
 from hapticd.service.refusals import DriverFailure, Refused
-from hapticd.service.socket import bind, group_id
+from hapticd.service.socket import bind, group_id, stop_path
+from hapticd.servo.authority import Withdrawn
 from hapticd.stability import regions
 
 if TYPE_CHECKING:
@@ -185,16 +187,18 @@ def run_foreground(
             raise DriverConfigError(f"{source}: {error}" if source else str(error)) from error
         server = ApiServer(daemon, bound, rules)
         ending.enter_context(crash_log(config, latch.name))
+        stop_channel = bind(stop_path(path), int(config.api.mode, 8), config.api.group, SOCK_DGRAM)
         # The last of these comes first.
-        for step in (daemon.shutdown, server.stop, daemon.disable, notifier.stopping):
+        for step in (stop_channel.close, daemon.shutdown, server.stop, daemon.disable, notifier.stopping):
             ending.callback(step)
+        daemon.stop_channel.listen(stop_channel.socket)
         server.start()
         for line in banner(daemon, path, source_name(source), starting=autostart):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         if autostart:
             try:
                 daemon.start(force)
-            except (Refused, DriverFailure) as error:
+            except (Refused, Withdrawn, DriverFailure) as error:
                 log.error("cannot start: %s", error)
         notifier.ready()
         _watch(daemon, signals, console, notifier)

@@ -1,4 +1,4 @@
-"""The rig in force, and what begins and ends its motion: the guard, the run token, the recording of a run.
+"""The rig in force, and what begins and ends its motion: the authority, the guard, the recording of a run.
 
 One for one daemon, shared by its commands, its experiments and its fault manager.
 """
@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
+import threading
 from typing import TYPE_CHECKING
 
 from hapticd.record import RecordingError
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.control.endpoints import JsonDict
     from hapticd.service.rig import Rig
+    from hapticd.servo.authority import Authority, Command
 
 log = logging.getLogger(__name__)
 
@@ -32,11 +34,13 @@ class Rendering:
 
     Attributes:
         rig: the rig in force; a reload replaces it.
+        authority: who may set it in motion.
     """
 
-    def __init__(self, rig: Rig) -> None:
-        self.rig = rig
-        self._records = False
+    def __init__(self, rig: Rig, authority: Authority) -> None:
+        self.rig, self.authority = rig, authority
+        self._recorded: Command | None = None
+        self._recording = threading.Lock()
 
     def admit(
         self, config: Config, deflection: float | None, *, release: bool = False, force: bool = False
@@ -49,34 +53,33 @@ class Rendering:
         latency_s = self.rig.driver.latency_s
         return enforce(judge(config, latency_s, deflection=deflection, release=release, force=force))
 
-    def switch_off(self) -> int:
-        """Amplifier off, the recording of a run ended; returns a run token."""
-        token = self.rig.halt()
+    def switch_off(self) -> None:
+        """Amplifier off, the recording of a run ended."""
+        self.rig.switch_off()
         self.rig.wait(lambda: self.rig.state == layout.OFF, ANSWER_S)
         self.end_recording()
-        return token
 
-    def run(self, token: int, refuse_fault: Callable[[], None]) -> None:
-        """Request ``running`` and wait until the loop renders, or reports why it does not.
+    def run(self, command: Command, refuse_fault: Callable[[], None]) -> None:
+        """Begin a command's motion and wait until the loop renders, or reports why it does not.
 
         Args:
-            token: of :meth:`Rig.run_token`, from before the command was looked at.
+            command: that asks for it.
             refuse_fault: raises what a latched fault is refused with.
 
         Raises:
-            Refused: stopped meanwhile, or a fault.
+            Withdrawn: it may not begin any more. Refused: a fault.
             DriverFailure: the loop does not begin to render.
         """
         rig = self.rig
         timeout = (rig.config.safety.enable_timeout_s or 60.0) + ANSWER_S
-        if rig.run(token):
-            rig.wait(lambda: rig.state in (layout.RUNNING, layout.FAULT) or rig.is_revoked(token), timeout)
-        if rig.is_revoked(token):
-            raise Refused("stopped", "stopped before it began")
+        rig.run(command)
+        rig.wait(lambda: rig.state in (layout.RUNNING, layout.FAULT) or command.is_revoked(), timeout)
         if rig.state == layout.FAULT:
             refuse_fault()
+        if command.is_revoked():
+            command.refuse()
         if rig.state != layout.RUNNING:
-            rig.halt()
+            rig.switch_off()
             raise DriverFailure(f"the servo loop did not begin to render within {timeout:g} s")
 
     def refuse_place(self) -> None:
@@ -94,26 +97,34 @@ class Rendering:
                 f"bring it back, or move the origin to it: 'hapticd set spring.origin={here:.4g}'",
             )
 
-    def begin_recording(self, label: str) -> None:
-        """Record this run, if ``record.enabled`` and the disk allow; it is never a reason not to run."""
+    def begin_recording(self, label: str, command: Command) -> None:
+        """Record the run of a command, if ``record.enabled`` and the disk allow; it is never a reason not to run."""
         if not self.rig.config.record.enabled:
             return
-        try:
-            self.rig.recorder.start(None, label)
-            self._records = True
-        except RecordingError as error:
-            log.warning("this run is not recorded: %s", error)
+        self.end_recording()
+        with self._recording:
+            try:
+                self.rig.recorder.start(None, label)
+                self._recorded = command
+            except RecordingError as error:
+                log.warning("this run is not recorded: %s", error)
 
     def end_recording(self) -> None:
         """End what :meth:`begin_recording` began; a recording that was asked for goes on."""
-        if self._records:
-            self._records = False
-            with contextlib.suppress(RecordingError):
-                self.rig.recorder.stop()
+        with self._recording:
+            if self._recorded is not None:
+                with contextlib.suppress(RecordingError):
+                    self.rig.recorder.stop()
+                self._recorded = None
 
     def leave_recording(self) -> None:
         """What is being recorded now was asked for: :meth:`end_recording` leaves it alone."""
-        self._records = False
+        self._recorded = None
+
+    def records_revoked(self) -> bool:
+        """Whether a run is still being recorded that a stop has ended."""
+        recorded = self._recorded
+        return recorded is not None and recorded.is_revoked()
 
 
 def enforce(judgement: Judgement) -> JsonDict:

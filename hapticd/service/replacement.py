@@ -10,7 +10,7 @@ from drivers import DriverError
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.rendering import enforce
 from hapticd.service.rig import Rig
-from hapticd.servo import atomics, faults, layout
+from hapticd.servo import faults, layout
 from hapticd.stability.guard import judge
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ log = logging.getLogger(__name__)
 
 
 class Replacement:
-    """Replaces the rig. Its methods are called with the daemon's lock held, except :meth:`estop`, which needs none.
+    """Replaces the rig. Its methods are called with the daemon's lock held.
 
     Args:
         rendering: holds the rig in force.
@@ -42,15 +42,6 @@ class Replacement:
         self.dead = False
         self._rendering, self._faults, self._experiments = rendering, fault_manager, experiments
         self._live, self._name = live, name
-        self._estops = 0
-
-    def estop(self) -> Rig:
-        """Zero current in the next tick of the rig in force, which is returned, or of the one that is taking its place."""
-        self._estops += 1
-        rig = self._rendering.rig
-        rig.core.store(atomics.ESTOP, self._estops)
-        rig.halt()
-        return rig
 
     def with_config(self, config: Config, fixed: list[str], force: bool) -> JsonDict:
         """A rig for a config in which the keys ``fixed`` differ; what the guard says of it.
@@ -72,7 +63,7 @@ class Replacement:
         except DriverError as error:
             raise Refused("driver", f"{error}; the configuration in force stays") from error
         judgement = enforce(judge(config, latency_s, force=force))
-        old, estops = self._rendering.rig, self._estops
+        old = self._rendering.rig
         old.close()
         try:
             self._put(config, old.fault_number, known=old.position_known)
@@ -86,12 +77,10 @@ class Replacement:
                     log.critical("the old configuration failed too; the daemon ends", exc_info=True)
                     self.dead = True
             raise DriverFailure(f"reload failed: {error}") from error
-        self._estop_again(estops)
         return judgement
 
     def on_device(self, lost: Rig, driver: Driver) -> None:
         """The lost device is open again: a new rig on it, with the fault still latched."""
-        estops = self._estops
         self._experiments.cancel()
         lost.close()
         try:
@@ -101,15 +90,13 @@ class Replacement:
             driver.close()
             self.dead = True
             return
-        self._estop_again(estops)
         log.info(
             "%s is open again; the fault stays until 'hapticd clear', the origin has to be set anew", driver.describe()
         )
 
     def _put(self, config: Config, fault: int, driver: Driver | None = None, *, known: bool) -> None:
-        self._rendering.rig = Rig(config, fault, self._live, self._name, driver, position_known=known)
-
-    def _estop_again(self, before: int) -> None:
-        """An estop that came while the rig was replaced is for the new one."""
-        if self._estops != before:
-            self._rendering.rig.core.store(atomics.ESTOP, self._estops)
+        # An estop that comes while the rig is replaced is for the new one.
+        obeyed, words = self._rendering.rig.core.estops_obeyed, self._rendering.authority.words
+        self._rendering.rig = Rig(
+            config, fault, self._live, self._name, driver, position_known=known, words=words, estops_obeyed=obeyed
+        )

@@ -19,13 +19,14 @@ from hapticd.config import ConfigError
 from hapticd.control.json_reply import error_reply
 from hapticd.record import RecordingError
 from hapticd.service.refusals import DriverFailure, Refused
+from hapticd.servo.authority import Withdrawn
 from hapticd.servo.excitation import ExcitationError
 
 MAX_BODY_BYTES = 64 * 1024
 UNLIMITED_PATHS = frozenset({"/estop", "/stop"})
 """A stop is never refused for its form; its body is not even read."""
 
-ANSWERS = (Refused, ConfigError, ExcitationError, DriverFailure, RecordingError)
+ANSWERS = (Refused, Withdrawn, ConfigError, ExcitationError, DriverFailure, RecordingError)
 """Exceptions of the daemon that are answers to the request; every other one is a failure inside the daemon."""
 
 LONGEST_QUOTE = 60
@@ -52,6 +53,10 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
     async def refused(_: Request, error: Exception) -> Response:
         assert isinstance(error, Refused)
         return error_reply(409, error.code, error.message)
+
+    async def withdrawn(_: Request, error: Exception) -> Response:
+        assert isinstance(error, Withdrawn)
+        return error_reply(409, error.code, str(error))
 
     async def config(_: Request, error: Exception) -> Response:
         assert isinstance(error, ConfigError)
@@ -80,6 +85,7 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
 
     for kind, handler in (
         (Refused, refused),
+        (Withdrawn, withdrawn),
         (ConfigError, config),
         (ExcitationError, answer(422, "excitation")),
         (DriverFailure, answer(502, "driver")),

@@ -27,10 +27,13 @@ from hapticd.servo.thread import ServoThread
 from hapticd.stability.energy_replay import EnergyEstimate
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from drivers.interface import Driver
     from hapticd.config import Config
     from hapticd.record.flight import FlightRing
     from hapticd.service.live import LiveStream
+    from hapticd.servo.authority import Command
     from hapticd.servo.realtime import Grant
 
 log = logging.getLogger(__name__)
@@ -63,6 +66,8 @@ class Rig:
         name: of this daemon, for its flight recorder; empty: it has none.
         driver: open already; None: it is opened here.
         position_known: False where the encoder may have begun to count anew since somebody said where the origin is.
+        words: of the authority over motion (`hapticd.servo.authority`); None: nobody revokes anything.
+        estops_obeyed: by the rig before this one.
 
     Raises:
         DriverError: the device cannot be opened.
@@ -78,6 +83,8 @@ class Rig:
         driver: Driver | None = None,
         *,
         position_known: bool = True,
+        words: NDArray[np.int64] | None = None,
+        estops_obeyed: int = 0,
     ) -> None:
         self.config = config
         self.request = Request()
@@ -86,11 +93,19 @@ class Rig:
         self.flight_grant: Grant | None = None
         if name:
             self.flight, self.flight_grant = open_ring(config, name)
-        self.servo = ServoThread(config, self.driver, self._parameters(), latched_fault, self.flight)
+        self.servo = ServoThread(
+            config,
+            self.driver,
+            self._parameters(),
+            latched_fault,
+            self.flight,
+            words=words,
+            estops_obeyed=estops_obeyed,
+        )
+        self.closed = False
+        """Whether it has ended: zero current, amplifier off."""
         self.core = self.servo.core
         self._asking = threading.Lock()
-        self._halts = 0
-        self._ended = False
         self._live = live
         self._rows_taken = 0
         self.guard: dict[str, Any] | None = None
@@ -207,36 +222,18 @@ class Rig:
         with self._asking:
             self._publish(config, changes)
 
-    def halt(self, *, final: bool = False) -> int:
-        """Request ``off`` and revoke every pending attempt to run. Does not wait.
+    def switch_off(self) -> None:
+        """Request ``off``, without a word about commands that wait to begin. Does not wait."""
+        self.ask(state=layout.OFF, excitation_id=0, excitation_length=0)
 
-        Args:
-            final: no token is valid any more; the rig is about to be closed.
+    def run(self, command: Command) -> None:
+        """Ask for ``running`` in the name of a command, in the one step in which it begins.
 
-        Returns:
-            A run token, as :meth:`run_token` gives.
+        Raises:
+            Withdrawn: it may not begin any more; nothing is asked.
         """
         with self._asking:
-            self._halts += 1
-            self._ended = self._ended or final
-            self._publish(None, {"state": layout.OFF, "excitation_id": 0, "excitation_length": 0})
-            return self._halts
-
-    def run_token(self) -> int:
-        """A run token, revoked as soon as somebody calls :meth:`halt`."""
-        return self._halts
-
-    def is_revoked(self, token: int) -> bool:
-        """Whether the token is revoked."""
-        return self._ended or self._halts != token
-
-    def run(self, token: int) -> bool:
-        """Ask for ``running``; False, and nothing asked, when the token is revoked."""
-        with self._asking:
-            if self.is_revoked(token):
-                return False
-            self._publish(None, {"state": layout.RUNNING})
-            return True
+            command.begin(lambda ordinal: self._publish(None, {"state": layout.RUNNING, "ordinal": ordinal}))
 
     def _publish(self, config: Config | None, changes: dict[str, Any]) -> None:
         if config is not None or "origin_counts" in changes:
@@ -277,6 +274,7 @@ class Rig:
             self.driver.close()
         except Exception:
             log.exception("closing the driver failed")
+        self.closed = True
         self.recorder.shutdown()
         if self.flight is not None and ended:
             self.flight.remove()

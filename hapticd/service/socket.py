@@ -51,7 +51,12 @@ class BoundSocket:
         self.socket.close()
 
 
-def bind(path: Path, mode: int = 0o660, group: str | None = None) -> BoundSocket:
+def stop_path(path: Path) -> Path:
+    """Where the stop channel of the daemon with this control socket lies."""
+    return path.with_name(f"{path.name}.stop")
+
+
+def bind(path: Path, mode: int = 0o660, group: str | None = None, kind: int = socket.SOCK_STREAM) -> BoundSocket:
     """Create the control socket and listen on it.
 
     Args:
@@ -76,8 +81,8 @@ def bind(path: Path, mode: int = 0o660, group: str | None = None) -> BoundSocket
                 f"cannot create the control socket {path}: {reason}, or choose another socket with --socket"
             )
         with _directory_lock(path.parent):
-            _make_room(path)
-            return _listen(path, mode, owner)
+            _make_room(path, kind)
+            return _listen(path, mode, owner, kind)
     except FileExistsError as error:
         raise SocketError(f"cannot create the control socket {path}: {path.parent} is not a directory") from error
     except PermissionError as error:
@@ -115,17 +120,17 @@ def _directory_lock(directory: Path) -> Iterator[None]:
         os.close(descriptor)
 
 
-def _make_room(path: Path) -> None:
+def _make_room(path: Path, kind: int) -> None:
     """Remove a stale socket; refuse a live one and anything that is no socket."""
     try:
-        kind = path.lstat().st_mode
+        found = path.lstat().st_mode
     except FileNotFoundError:
         return
-    if not stat.S_ISSOCK(kind):
+    if not stat.S_ISSOCK(found):
         raise SocketError(
             f"{path} exists and is not a socket: remove it, or choose another with --socket or api.socket"
         )
-    if _answers(path):
+    if kind == socket.SOCK_STREAM and _answers(path):
         raise SocketError(
             f"another daemon answers on {path}: stop it first, or choose another socket with --socket or api.socket"
         )
@@ -144,8 +149,8 @@ def _answers(path: Path) -> bool:
     return True
 
 
-def _listen(path: Path, mode: int, owner: int | None) -> BoundSocket:
-    server = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+def _listen(path: Path, mode: int, owner: int | None, kind: int) -> BoundSocket:
+    server = socket.socket(socket.AF_UNIX, kind)
     made = False
     try:
         # Nobody can connect before listen(), so owner and mode are right from the first moment that matters, without
@@ -155,7 +160,8 @@ def _listen(path: Path, mode: int, owner: int | None) -> BoundSocket:
         if owner is not None:
             os.chown(path, -1, owner)
         path.chmod(mode)
-        server.listen(BACKLOG)
+        if kind == socket.SOCK_STREAM:
+            server.listen(BACKLOG)
         found = path.lstat()
     except BaseException:
         if made:

@@ -15,8 +15,6 @@ HEARTBEAT_NS: Final = 8
 """CLOCK_MONOTONIC of the supervisor's last sign of life, ns."""
 STOP: Final = 9
 """Not 0: leave the loop, by way of zero current."""
-ESTOP: Final = 10
-"""How many software stops were asked for."""
 
 # Written by the recorder.
 RING_TAIL: Final = 16

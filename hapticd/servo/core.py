@@ -17,7 +17,7 @@ import numpy as np
 from hapticd.jit import atomic_load, atomic_store, fence_release, njit
 from hapticd.plant.amplifier import converter_grid
 from hapticd.record.schema import ROW, joined
-from hapticd.servo import atomics, layout
+from hapticd.servo import atomics, authority, layout
 from hapticd.servo.clock import grid_instant
 from hapticd.servo.layout import PARAMS, SERVO
 from hapticd.servo.loop import run
@@ -61,6 +61,8 @@ class Request:
     """What the supervisor wants besides the config: state, fault clearing, a moved origin, an excitation."""
 
     state: int = layout.OFF
+    ordinal: int = authority.FIRST
+    """Of the command that asked for this state."""
     clear: int = 0
     origin_counts: int | None = None
     """Raw count of the spring's origin; None: the config's."""
@@ -92,6 +94,7 @@ def parameters(config: Config, request: Request, *, safety: bool = True, latency
     amplifier, dither, limits, spring = config.amplifier, config.dither, config.safety, config.spring
     p["period_ns"] = 1e9 / config.servo.rate_hz
     p["request"] = request.state
+    p["ordinal"] = request.ordinal
     p["clear"] = request.clear
     p["force_per_tick"] = spring.stiffness * config.resolution
     p["bias"] = 0.5 if spring.half_tick_bias else 0.0
@@ -141,6 +144,7 @@ class ServoCore:
         flight: a file whose memory is ring and shared atomics, so that they outlive the process; None: memory of our own.
         keep_truth: keep the simulated device's true state beside each row.
         excitation_rows: longest excitation in ticks.
+        words: who may set the motor in motion (`hapticd.servo.authority`); None: nobody revokes anything.
     """
 
     def __init__(
@@ -151,10 +155,12 @@ class ServoCore:
         flight: FlightRing | None = None,
         keep_truth: bool = False,
         excitation_rows: int = 1 << 20,
+        words: NDArray[np.int64] | None = None,
     ) -> None:
         self.driver = driver
         self.memory = np.zeros(1, SERVO)
         self.shared = np.zeros(atomics.SIZE, np.int64) if flight is None else flight.shared
+        self.words = authority.new_words() if words is None else words
         self.ring = np.zeros(ring_rows, ROW) if flight is None else flight.rows
         self.truth = np.zeros((ring_rows if keep_truth else 0, 2))
         self.excitation = np.zeros((2, excitation_rows))
@@ -185,13 +191,24 @@ class ServoCore:
         """A shared atomic of the supervisor's, with release ordering."""
         _store(self.shared, index, value)
 
-    def begin(self, start_ns: int, mode: int = layout.OFF) -> None:
-        """Set the time grid's origin and the first mode, with the first published parameter set in force."""
+    @property
+    def estops_obeyed(self) -> int:
+        """How many software stops the loop has obeyed, of all that were asked for (`authority.ESTOPS`)."""
+        return int(self._state["estops"])
+
+    def begin(self, start_ns: int, mode: int = layout.OFF, estops_obeyed: int = 0) -> None:
+        """Set the time grid's origin and the first mode, with the first published parameter set in force.
+
+        Args:
+            start_ns: of CLOCK_MONOTONIC, or of virtual time. mode: OFF, RUNNING or FAULT.
+            estops_obeyed: by the loop before this one; what was asked for since is obeyed in the first tick.
+        """
         sequence = self.shared[atomics.SEQUENCE]
         self.memory["params"] = self.memory["mailbox"][0, sequence & 1]
         self._state["applied"] = sequence
         self._state["grid_ns"] = self._state["start_ns"] = start_ns
         self._state["mode"] = mode
+        self._state["estops"] = estops_obeyed
         self._state["cleared"] = self.params["clear"]
         self._state["seed"] = self._state["random"] = self.params["dither_seed"]
         self.shared[atomics.MODE] = mode
@@ -199,7 +216,8 @@ class ServoCore:
     def run(self, *, real_time: bool, ticks: int = 0) -> int:
         """Run the compiled loop in the calling thread, without the GIL; returns a RETURN_* reason."""
         self.memory["real_time"] = real_time
-        reason: int = run(self.memory[0], self.shared, self.ring, self.truth, self.excitation, ticks)
+        blocks = (self.memory[0], self.shared, self.words, self.ring, self.truth, self.excitation)
+        reason: int = run(*blocks, ticks)
         return reason
 
     def drain(self) -> NDArray[Any]:

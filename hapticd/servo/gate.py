@@ -12,7 +12,7 @@ import numpy as np
 
 from drivers.interface import STATUS_ENABLED
 from hapticd.jit import atomic_load, atomic_store, njit
-from hapticd.servo import atomics, faults
+from hapticd.servo import atomics, authority, faults
 from hapticd.servo.layout import FAULT, FAULT_ON_OVERRUN, OFF, READY, RUNNING
 from hapticd.servo.passivity import forget_energy
 
@@ -107,8 +107,8 @@ def forget_motion(servo: Any) -> None:
 
 
 @njit(inline=True, counted=False)
-def step_mode(servo: Any, shared: Any) -> None:
-    """One step of the state machine: clear, estop, heartbeat, then what the supervisor requests."""
+def step_mode(servo: Any, shared: Any, words: Any) -> None:
+    """One step of the state machine: clear, estop, heartbeat, then what the supervisor requests and nobody has revoked."""
     params, state, now_ns = servo.params, servo.state, servo.tick.woke_ns
     if params.clear != state.cleared:
         state.cleared = params.clear
@@ -117,7 +117,7 @@ def step_mode(servo: Any, shared: Any) -> None:
             forget_motion(servo)
             atomic_store(shared, atomics.FAULT_CODE, 0)
             atomic_store(shared, atomics.DEVICE_LOST, 0)
-    estops = atomic_load(shared, atomics.ESTOP)
+    estops = atomic_load(words, authority.ESTOPS)
     if estops != state.estops:
         state.estops = estops
         raise_fault(servo, shared, faults.ESTOP, 0.0, 0.0)
@@ -130,7 +130,7 @@ def step_mode(servo: Any, shared: Any) -> None:
         return
     enabled = (servo.exchange.status & STATUS_ENABLED) != 0  # the amplifier's own word, from the last good exchange
     mode = state.mode
-    if params.request == OFF:
+    if params.request == OFF or params.ordinal <= atomic_load(words, authority.REVOKED):
         mode = OFF
     elif mode == OFF:
         mode = READY

@@ -34,6 +34,7 @@ PARAMS = np.dtype(
     [
         ("period_ns", "f8"),  # ns
         ("request", "i8"),  # mode that the supervisor wants: OFF, READY or RUNNING
+        ("ordinal", "i8"),  # of the command that wants it; OFF once it is revoked (`hapticd.servo.authority`)
         ("clear", "i8"),  # a fault is cleared when this number changes
         ("force_per_tick", "f8"),  # K Δ, N m or N
         ("bias", "f8"),  # ½ or 0, ticks

@@ -20,11 +20,11 @@ from hapticd.record.schema import (
     FLAG_RUNNING,
     ROW,
 )
-from hapticd.servo import atomics
+from hapticd.servo import atomics, authority
 from hapticd.servo.clock import grid_instant, now_ns, sleep_until
 from hapticd.servo.command import leave, write_current, write_zero
 from hapticd.servo.gate import check_exchange, check_load, step_mode, take_counts
-from hapticd.servo.layout import FAULT, PASSIVITY_OFF, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
+from hapticd.servo.layout import FAULT, OFF, PASSIVITY_OFF, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
 from hapticd.servo.passivity import show_energy
 from hapticd.servo.render import coarse_ticks, render
 from hapticd.servo.timing import count
@@ -184,13 +184,21 @@ def record(servo: Any, shared: Any, ring: Any, truth: Any, spent_ns: int) -> Non
     atomic_store(shared, atomics.RING_HEAD, head + 1)
 
 
-@njit(numba.int64(_SERVO, _SHARED, _ROWS, _TABLE, _TABLE, numba.int64), counted=False)
-def run(servo: Any, shared: Any, ring: Any, truth: Any, excitation: Any, ticks: int) -> int:
+@njit(inline=True, counted=False)
+def tell(words: Any, mode: int) -> None:
+    """Let whoever waits for a stop see that a tick is done, and in which mode."""
+    atomic_store(words, authority.LOOP_MODE, mode)
+    atomic_store(words, authority.LOOP_TICKS, words[authority.LOOP_TICKS] + 1)
+
+
+@njit(numba.int64(_SERVO, _SHARED, _SHARED, _ROWS, _TABLE, _TABLE, numba.int64), counted=False)
+def run(servo: Any, shared: Any, words: Any, ring: Any, truth: Any, excitation: Any, ticks: int) -> int:
     """Run ``ticks`` ticks (real time: until it is told to stop) and return one of the RETURN_* reasons.
 
     Args:
         servo: a `SERVO` record: parameters, memory, driver, clock; kept between calls in virtual time.
         shared: the atomics that other threads watch or write (`hapticd.servo.atomics`).
+        words: who may set the motor in motion (`hapticd.servo.authority`).
         ring: rows; a power of two.
         truth: (rows of ring, 2) true state for ``simulate``, or (0, 2).
         excitation: (2, n) current in A and displacement of the origin in raw counts.
@@ -203,6 +211,7 @@ def run(servo: Any, shared: Any, ring: Any, truth: Any, excitation: Any, ticks: 
         wake(servo, shared)
         if servo.real_time and atomic_load(shared, atomics.STOP) != 0:
             leave(servo)
+            tell(words, FAULT if state.mode == FAULT else OFF)
             return RETURN_STOPPED
         # After the stop, so that ticks done and missed add up to the tick number also at the end.
         shared[atomics.MISSED_PERIODS] += tick.missed
@@ -210,7 +219,7 @@ def run(servo: Any, shared: Any, ring: Any, truth: Any, excitation: Any, ticks: 
             begin_grid(servo)
 
         read(servo, shared)
-        step_mode(servo, shared)
+        step_mode(servo, shared, words)
         if tick.fresh:
             take_counts(servo, shared)
         check_load(servo, shared)
@@ -237,4 +246,6 @@ def run(servo: Any, shared: Any, ring: Any, truth: Any, excitation: Any, ticks: 
         record(servo, shared, ring, truth, spent_ns)
         state.next_tick = tick.number + 1
         atomic_store(shared, atomics.TICKS, shared[atomics.TICKS] + 1)
+        if servo.real_time:
+            tell(words, state.mode)
     return RETURN_TICKS

@@ -24,6 +24,7 @@ from hapticd.servo.realtime import (
 
 if TYPE_CHECKING:
     import numpy as np
+    from numpy.typing import NDArray
 
     from drivers.interface import Driver
     from hapticd.config import Config
@@ -51,6 +52,7 @@ class ServoThread:
         params: first parameter set.
         latched_fault: fault number from before a restart, or 0.
         flight: as for :class:`ServoCore`.
+        words: as for :class:`ServoCore`. estops_obeyed: by the loop before this one.
     """
 
     def __init__(
@@ -60,8 +62,11 @@ class ServoThread:
         params: np.void,
         latched_fault: int = 0,
         flight: FlightRing | None = None,
+        words: NDArray[np.int64] | None = None,
+        estops_obeyed: int = 0,
     ) -> None:
-        self.core = ServoCore(driver, ring_rows=ring_rows(config.servo.rate_hz), flight=flight)
+        self.core = ServoCore(driver, ring_rows=ring_rows(config.servo.rate_hz), flight=flight, words=words)
+        self._estops_obeyed = estops_obeyed
         self.grants: list[Grant] = []
         self._config = config
         self._params = params
@@ -81,7 +86,8 @@ class ServoThread:
         self.core.publish(self._params)
         self.grants = [lock_memory(), self._cpu_latency.acquire()]
         self.beat()
-        self.core.begin(time.monotonic_ns() + _FIRST_TICK_AFTER_NS, layout.FAULT if self._latched_fault else layout.OFF)
+        mode = layout.FAULT if self._latched_fault else layout.OFF
+        self.core.begin(time.monotonic_ns() + _FIRST_TICK_AFTER_NS, mode, self._estops_obeyed)
         if self._latched_fault:
             self.core.store(atomics.FAULT_CODE, self._latched_fault)
         self._thread.start()

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from hapticd.service.live import LiveStream
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.socket import bind
 from hapticd.servo import excitation
+from hapticd.servo.authority import Authority, Command
 from tests.polling import PATIENCE_S
 
 PERCENTILES = {"p50": 18.0, "p99": 40.0, "p999": 380.0, "max": 500.0}
@@ -46,11 +48,22 @@ FAULT = {
 ADMITTED = {"verdict": "admitted", "reason": "region A: globally stable", "region": "A", "force": False}
 
 
+@dataclass(frozen=True)
+class Halted:
+    """A stop that was obeyed at once."""
+
+    answer: JsonDict
+
+    def poll(self) -> JsonDict:
+        return self.answer
+
+
 class FakeControl(Endpoints):
     """Overrides every endpoint, as the daemon does."""
 
     def __init__(self) -> None:
         self.live = LiveStream()
+        self.authority = Authority()
         self.reset()
 
     def reset(self) -> None:
@@ -120,7 +133,7 @@ class FakeControl(Endpoints):
     def config(self) -> JsonDict:
         return self.resolved.model_dump(mode="json")
 
-    def start(self, force: bool = False) -> JsonDict:
+    def start(self, force: bool = False, *, command: Command | None = None) -> JsonDict:
         self._enter("start", *self._forced(force))
         if self.fault:
             raise Refused("fault", "a fault is latched (over_speed); look at the rig, then 'hapticd clear'")
@@ -138,6 +151,13 @@ class FakeControl(Endpoints):
         self.fault = {"code": "estop", "cause": "software stop", "help": "hapticd help estop", **CIRCUMSTANCES}
         return self.status()
 
+    def halt(self, name: str) -> Halted:
+        self.authority.stop()
+        return Halted(getattr(self, name)())
+
+    def log_later(self, write: Callable[[], None]) -> None:
+        write()
+
     def clear(self) -> JsonDict:
         self._enter("clear")
         self.state, self.fault = "off", None
@@ -154,7 +174,9 @@ class FakeControl(Endpoints):
         self.resolved = changed
         return {"applied": settings, "config_digest": config_digest(changed), "guard": None}
 
-    def release(self, deflection: float, duration_s: float | None = None, force: bool = False) -> JsonDict:
+    def release(
+        self, deflection: float, duration_s: float | None = None, force: bool = False, *, command: Command | None = None
+    ) -> JsonDict:
         self._enter("release", deflection, duration_s, *self._forced(force))
         self._begin("release")
         return {
@@ -165,7 +187,9 @@ class FakeControl(Endpoints):
             "guard": ADMITTED,
         }
 
-    def excite(self, name: str = "all", *, force: bool = False, **options: Any) -> JsonDict:
+    def excite(
+        self, name: str = "all", *, force: bool = False, command: Command | None = None, **options: Any
+    ) -> JsonDict:
         self._enter("excite", name, options, *self._forced(force))
         excitation.build(self.resolved, name, **options)
         self._begin(name)

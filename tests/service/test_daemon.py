@@ -20,6 +20,7 @@ from hapticd.service.daemon import Daemon
 from hapticd.service.latch import FaultLatch
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.servo import thread as servo_thread
+from hapticd.servo.authority import Withdrawn
 from hapticd.servo.excitation import ExcitationError
 from tests.polling import wait_until
 from tests.service.daemons import SOCKET, daemon_on, state_home, undisturbed, wait_for_state
@@ -289,7 +290,7 @@ def test_disable_stops_the_motor_for_good(monkeypatch: pytest.MonkeyPatch, tmp_p
         run_for(daemon, device)
         daemon.disable()
         wait_until(lambda: device.commands[-1] == (0.0, False), "amplifier off")
-        with pytest.raises(Refused):
+        with pytest.raises(Withdrawn):
             daemon.start()
         ends_at_zero(device)
 

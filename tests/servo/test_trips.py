@@ -12,7 +12,7 @@ import pytest
 from drivers import DEVICE_FAULT, LOST
 from drivers.interface import X_DEVICE_CODE
 from hapticd.record.schema import FLAG_CLAMPED, FLAG_FAULT, FLAG_MISSED_EXCHANGE, FLAG_RUNNING
-from hapticd.servo import atomics, faults
+from hapticd.servo import atomics, authority, faults
 from hapticd.servo import layout as w
 from hapticd.servo.core import Request, parameters
 from tests.servo.scripted import Scripted, config, core_for, fault_code, rows_of
@@ -195,14 +195,14 @@ def test_estop_from_running_and_from_off() -> None:
     driver = Scripted(config(), lambda n: 100)
     core = core_for(driver, driver.config)
     rows_of(core, 20)
-    core.store(atomics.ESTOP, 1)
+    authority.estop(core.words)
     rows_of(core, 5)
     assert fault_code(core) == "estop"
     ends_at_zero(driver)
 
     idle = Scripted(config(), lambda n: 100)
     core = core_for(idle, idle.config, state=w.OFF)
-    core.store(atomics.ESTOP, 1)
+    authority.estop(core.words)
     rows_of(core, 5)
     assert fault_code(core) == "estop"
     assert idle.commands == [(0.0, False)] * 5

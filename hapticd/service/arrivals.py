@@ -1,0 +1,85 @@
+"""What becomes of a request when its head arrives, in the event loop, before anything of it is read, checked or queued.
+
+A stop or an estop is carried out here: every command that arrived earlier is revoked by one store that the tick reads. A
+command that asks for motion gets its ordinal (`hapticd.servo.authority`), its deadline, and the connection it dies with.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Mapping
+from contextvars import ContextVar
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final, Protocol
+
+if TYPE_CHECKING:
+    from starlette.types import ASGIApp, Receive, Scope, Send
+
+    from hapticd.control.endpoints import Endpoint, JsonDict
+    from hapticd.service.access import Connection, Rules
+    from hapticd.servo.authority import Authority, Command
+
+DEADLINE: Final = b"request-deadline-ns"
+"""Header: CLOCK_MONOTONIC, in ns, after which its sender no longer wants motion to begin."""
+
+
+class Pending(Protocol):
+    """A stop that has been carried out, and whose answer is waited for."""
+
+    def poll(self) -> JsonDict | None:
+        """The answer; None: ask again."""
+
+
+class Stoppable(Protocol):
+    """The daemon, as an arriving request sees it."""
+
+    authority: Authority
+
+    def halt(self, name: str) -> Pending:
+        """Stop at once."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """What was done with a request on its arrival."""
+
+    command: Command | None = None
+    halt: Pending | None = None
+
+
+ARRIVAL: ContextVar[Arrival] = ContextVar("arrival")
+"""Of the request at hand."""
+
+
+class Arrivals:
+    """The outermost layer of the API."""
+
+    def __init__(self, app: ASGIApp, control: Stoppable, rules: Rules, endpoints: Iterable[Endpoint]) -> None:
+        self.app, self._control, self._rules = app, control, rules
+        posted = [endpoint for endpoint in endpoints if endpoint.method == "POST"]
+        self._stops = {endpoint.path: endpoint.name for endpoint in posted if endpoint.queue in ("stop", "estop")}
+        self._motion_s = {endpoint.path: endpoint.motion_s for endpoint in posted if endpoint.motion_s is not None}
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Carry out a stop, number a command; pass everything on."""
+        if scope["type"] == "http":
+            ARRIVAL.set(self._arrival(scope) if scope["method"] == "POST" else Arrival())
+        await self.app(scope, receive, send)
+
+    def _arrival(self, scope: Scope) -> Arrival:
+        state, path = scope.get("state", {}), scope["path"]
+        if path in self._stops:
+            caller = state.get("caller")
+            may = caller is not None and self._rules.role(caller) == "control"
+            return Arrival(halt=self._control.halt(self._stops[path]) if may else None)
+        if path in self._motion_s:
+            return Arrival(command=self._command(self._motion_s[path], dict(scope["headers"]), state.get("connection")))
+        return Arrival()
+
+    def _command(self, limit_s: float, headers: Mapping[bytes, Any], connection: Connection | None) -> Command:
+        given = headers.get(DEADLINE, b"")
+        if given.isdigit():
+            limit_s = min(limit_s, (int(given) - time.monotonic_ns()) * 1e-9)
+        if connection is None:
+            return self._control.authority.arrived(limit_s)
+        return self._control.authority.arrived(limit_s, connection.is_there)
