@@ -47,6 +47,7 @@ WALL_CLOCK = (
     "service/test_reconnect.py",
     "service/test_release.py",
     "service/test_socket.py",
+    "service/test_stop_means_stop.py",
     "servo/test_heartbeat.py",
     "servo/test_mailbox.py",
 )
