@@ -20,6 +20,7 @@ NAMES = (
     "tick",
     "tick_features",
     "guard",
+    "estop",
     "simulate",
     "plant_propagation",
     "maps",

@@ -51,7 +51,7 @@ class Endpoint:
         errors: HTTP codes that it may answer with, besides 200.
         motion_s: of a command that sets the motor in motion, the time within which it has to begin, s; its method also takes
             ``command`` (`hapticd.servo.authority.Command`), which a stop revokes. None: it sets nothing in motion.
-        asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user. The server says
+        asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user or root. It says
             so, from what the kernel tells it; it is no field of the body.
         signature: of the method, without ``self``: the fields of the body.
         description: the docstring, without ``Args`` and what follows.
@@ -230,7 +230,7 @@ class Endpoints:
             Refused: code ``restart_needed`` or ``unstable``.
         """
 
-    @endpoint("POST", "/reload", "JudgedStatus", device=True)
+    @endpoint("POST", "/reload", "JudgedStatus", device=True, asks_trust=True)
     def reload(
         self,
         path: Annotated[
@@ -240,11 +240,12 @@ class Endpoints:
     ) -> JsonDict:
         """Read the config anew and put it into force.
 
-        A wrong config is refused and the one in force stays; so is one with which theory sees no motion die out.
+        A wrong config is refused and the one in force stays; so is one with which theory sees no motion die out. Another
+        file than the one it was started with is for the daemon's own user and root; others may name a preset.
 
         Raises:
             ConfigError: the config is wrong.
-            Refused: code ``restart_needed`` or ``unstable``.
+            Refused: code ``restart_needed``, ``unstable`` or ``outside``.
         """
 
     @endpoint("POST", "/release", "ReleaseReply", device=True, motion_s=PREPARED_MOTION_S)

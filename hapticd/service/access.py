@@ -43,8 +43,8 @@ class Caller:
 
     @property
     def is_own_user(self) -> bool:
-        """Whether it runs as the daemon's own user."""
-        return self.uid == os.geteuid()
+        """Whether it runs as the daemon's own user, or as root, whom nothing is kept from."""
+        return self.uid in (0, os.geteuid())
 
     def __str__(self) -> str:
         """Who it is, for the log."""
@@ -119,7 +119,7 @@ class Rules:
 
     def role(self, caller: Caller) -> Role | None:
         """Role of a caller; None: it has none. Root and the daemon's own user have every one."""
-        if self.control is None or caller.uid == 0 or caller.is_own_user or self.control in caller.groups:
+        if self.control is None or caller.is_own_user or self.control in caller.groups:
             return "control"
         return "watch" if self.watch in caller.groups else None
 

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, load_config
+from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, load_config, preset_names
 from hapticd.control.endpoints import MOTION_S, PREPARED_MOTION_S, Endpoints, JsonDict
 from hapticd.record import RecordingError
 from hapticd.service import metrics, report
@@ -210,11 +210,15 @@ class Daemon(Endpoints):
                 raise Refused("recording", "nothing is being recorded")
             return {**self.rig.recorder.status(), "path": str(path)}
 
-    def reload(self, path: str | None = None, force: bool = False) -> JsonDict:
+    def reload(self, path: str | None = None, force: bool = False, *, trusted: bool = True) -> JsonDict:
         """Read the config anew. Live keys change at once; others replace the rig, which must be off."""
         source = path or self._source
+        if not trusted:
+            refuse_file(path, self._source)
         config = load_config(source)
         with self._lock:
+            if not trusted and path is not None and path != self._source:
+                config = config.model_copy(update={"record": self.rig.config.record})
             fixed = sorted(key for key in changed_keys(self.rig.config, config) if not is_live(key))
             if not fixed:
                 _, judgement = self._apply_live(config, moves_origin=False, force=force)
@@ -321,6 +325,23 @@ def refuse_outside(path: Path, directory: Path) -> None:
             "outside",
             f"{path} is outside record.directory {directory}; only the daemon's own user may record elsewhere, and nobody "
             "with a daemon that is a service",
+        )
+
+
+def refuse_file(path: str | None, source: str | None) -> None:
+    """Refuse a file that the daemon may read and its caller perhaps may not: an error would quote it.
+
+    Args:
+        path: that the caller named, or the name of a preset. source: of the config in force.
+
+    Raises:
+        Refused: with the path.
+    """
+    if path not in (None, source, *preset_names()):
+        raise Refused(
+            "outside",
+            f"{path}: only the daemon's own user or root may name another file than the one it was started with; "
+            f"others may name a preset: {', '.join(preset_names())}",
         )
 
 

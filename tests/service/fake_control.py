@@ -210,7 +210,7 @@ class FakeControl(Endpoints):
         self._enter("record_stop")
         raise Refused("recording", "nothing is being recorded")
 
-    def reload(self, path: str | None = None, force: bool = False) -> JsonDict:
+    def reload(self, path: str | None = None, force: bool = False, *, trusted: bool = False) -> JsonDict:
         self._enter("reload", path, *self._forced(force))
         if path is not None:
             self.resolved = load_config(path)

@@ -230,6 +230,19 @@ def test_bad_reload_is_refused_and_the_old_config_goes_on(monkeypatch: pytest.Mo
         ends_at_zero(device)
 
 
+def test_only_who_is_trusted_names_another_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """What the daemon may read its caller perhaps may not; an error would quote it."""
+    secret = tmp_path / "secret.yaml"
+    secret.write_text("amplifier: {password: hunter2}")
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, _):
+        directory = daemon.config()["record"]["directory"]
+        with pytest.raises(Refused, match=r"only the daemon's own user or root") as refused:
+            daemon.reload(str(secret), trusted=False)
+        assert "hunter2" not in refused.value.message
+        daemon.reload("re35", trusted=False)
+        assert daemon.config()["record"]["directory"] == directory
+
+
 def test_reload_whose_driver_fails_ends_at_zero_with_a_latched_fault(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
