@@ -176,6 +176,10 @@ class Driver(abc.ABC):
         """
         return None
 
+    def remarks(self) -> list[str]:
+        """What the device's link has shown that stops nothing, in words with counts; also while the loop runs."""
+        return []
+
     def describe(self) -> str:
         """One line for the banner of ``hapticd run``."""
         return self.summary

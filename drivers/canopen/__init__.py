@@ -165,12 +165,15 @@ class CanopenDriver(Driver):
         if drive.ampere_per_demand is not None:
             block[w.READ_BACK] = 1
             floats[w.AMPERE_PER_DEMAND] = drive.ampere_per_demand
+        block[w.MODE] = block[w.MODE_WANTED] = drive.mode_number
 
     def close(self) -> None:
         """Zero current, power stage off, node pre-operational, watchdog off; the bus is closed in any case."""
         if self._network is None:
             return
         self._last_reason = self.error
+        for remark in self.remarks():
+            log.warning("%s", remark)
         network, self._network = self._network, None
         from drivers.canopen.bring_up import release
         from drivers.canopen.bus import listen, stop_listening
@@ -195,6 +198,12 @@ class CanopenDriver(Driver):
             time.sleep(min(self.config.period, _LAST_CALL_S))
             if network.bus is not None:
                 network.bus.shutdown()
+
+    def remarks(self) -> list[str]:
+        """Somebody else's SDO reads, and TPDO 1 that no SYNC asked for."""
+        from drivers.canopen.reasons import remarks
+
+        return remarks(self._block)
 
     def describe(self) -> str:
         """Mode, identity, resolution of the command, and how full the bus is."""

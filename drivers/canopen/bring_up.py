@@ -55,6 +55,8 @@ class Drive:
     ampere_per_actual: float
     ampere_per_demand: float | None
     """Of the demand that comes back in TPDO 2; None: it does not come."""
+    mode_number: int
+    """Mode of operation in force, where TPDO 2 brings the drive's own back behind the demand; 0: it does not."""
     objects: Objects
     echoes: bool
     """The interface gives back the frames that it sends."""
@@ -97,7 +99,7 @@ def bring_up(
     command = rated.command_per_ampere(mode.target.unit, amplifier.peak_current)
     actual = rated.ampere_per_raw(profile.actual.unit)
     objects.set(mode.target.object, 0, 0, f"target of {mode.name}")
-    demand = _demand(objects, options, mode)
+    back = _read_back(objects, options, mode)
     map_pdos(
         objects,
         node_id,
@@ -107,15 +109,16 @@ def bring_up(
             Entry(profile.actual.object, 16, "actual current"),
         ),
         (Entry(profile.controlword, 16, "controlword"), Entry(mode.target.object, 16, f"target of {mode.name}")),
-        demand,
+        back,
         options.watchdog_ms,
     )
     _set_watchdog(objects, profile, options, options.guard_ms)
     _start(network, monitor, node_id)
     if not echoes:
         refuse_other_master(monitor, node_id)
-    read_back = rated.ampere_per_raw(mode.demand.unit) if demand is not None and mode.demand is not None else None
-    return Drive(mode.name, identity, command, actual, read_back, objects, echoes)
+    demand = rated.ampere_per_raw(mode.demand.unit) if back and mode.demand is not None else None
+    number = mode.requires_mode if len(back) > 1 and mode.requires_mode is not None else 0
+    return Drive(mode.name, identity, command, actual, demand, number, objects, echoes)
 
 
 def release(objects: Objects, profile: Profile, options: Options) -> None:
@@ -225,12 +228,17 @@ def _set_mode(objects: Objects, mode: Mode) -> None:
         time.sleep(0.005)
 
 
-def _demand(objects: Objects, options: Options, mode: Mode) -> Entry | None:
-    """The object that shows whether commands arrive, for TPDO 2; None where it is not to be had."""
+def _read_back(objects: Objects, options: Options, mode: Mode) -> tuple[Entry, ...]:
+    """The objects of TPDO 2, each where it is to be had: whether commands arrive, and the mode of operation in force."""
     if mode.demand is None or not options.read_back:
-        return None
-    entry = Entry(mode.demand.object, 16, f"demand of {mode.name}")
-    return entry if can_send(objects, entry) else None
+        return ()
+    demand = Entry(mode.demand.object, 16, f"demand of {mode.name}")
+    if not can_send(objects, demand):
+        return ()
+    if mode.display is None or mode.requires_mode is None:
+        return (demand,)
+    display = Entry(mode.display, 8, "mode of operation display")
+    return (demand, display) if can_send(objects, display) else (demand,)
 
 
 def _rated(objects: Objects, profile: Profile, amplifier: Amplifier) -> Rated:

@@ -28,8 +28,8 @@ def frame_bits(data_bytes: int) -> int:
 
 TICK_BITS: Final = frame_bits(0) + frame_bits(8) + frame_bits(4)
 """SYNC, TPDO 1 and RPDO 1: 285 bits."""
-READ_BACK_BITS: Final = frame_bits(2)
-"""TPDO 2, which brings the demand back: 75 bits."""
+READ_BACK_BITS: Final = frame_bits(3)
+"""TPDO 2, which brings demand and mode of operation back: 85 bits."""
 GUARD_BITS: Final = frame_bits(0) + frame_bits(1)
 """A node guarding request and its reply: 120 bits."""
 

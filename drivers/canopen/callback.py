@@ -13,12 +13,12 @@ import can
 import numpy as np
 
 from drivers.canopen import layout as w
+from drivers.canopen.others import lose
 from drivers.canopen.read_back import stops_node
 from drivers.canopen.supervision import (
     answered,
     asks_error_code,
     command,
-    lose,
     may_sync,
     sign_of_life,
     take_frame,
@@ -61,6 +61,7 @@ class CallbackExchange:
         if s[w.REASON] == 0 and s[w.EVENT] == 0:
             s[w.OUT], s[w.OUT + 1] = w.SYNC, 0
             self._send()
+            s[w.DUE] += 1
             self._listen(deadline)
         return int(verdict(s, x, time.monotonic_ns()))
 

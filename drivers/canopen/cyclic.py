@@ -13,12 +13,12 @@ from numba import types
 from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
+from drivers.canopen.others import lose
 from drivers.canopen.read_back import stops_node
 from drivers.canopen.supervision import (
     answered,
     asks_error_code,
     command,
-    lose,
     may_sync,
     sign_of_life,
     take_frame,
@@ -94,6 +94,7 @@ def read(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
         s[w.OUT] = w.SYNC
         s[w.OUT + 1] = 0
         if _send(s) == OK:
+            s[w.DUE] += 1
             _listen(s, deadline)
     return verdict(s, x, now_ns(scratch))
 

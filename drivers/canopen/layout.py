@@ -29,6 +29,8 @@ READ_BACK: Final = 9
 """1: TPDO 2 brings the demand back on every SYNC."""
 AMPERE_PER_DEMAND: Final = 10
 """f64: A per raw demand."""
+MODE_WANTED: Final = 11
+"""Mode of operation that bring-up has set, where TPDO 2 shows the one in force behind the demand; 0: it does not."""
 
 # What the drive said last.
 STATUSWORD: Final = 16
@@ -98,7 +100,23 @@ DEMAND_SEEN: Final = NODE_STOPPED + 1
 SAMPLED: Final = DEMAND_SEEN + 1
 """1: a TPDO 1 has come since the demand was last looked at."""
 
-SCRATCH: Final = SAMPLED + 1
+MODE: Final = SAMPLED + 1
+"""Mode of operation in the last TPDO 2; MODE_WANTED before the first."""
+DUE: Final = MODE + 1
+"""SYNCs whose TPDO 1 has not come; 0 again once every SYNC of SURPLUS_NS was answered."""
+UNANSWERED_NS: Final = DUE + 1
+"""When a tick last ended without a TPDO 1."""
+SAMPLE: Final = UNANSWERED_NS + 1
+"""The eight bytes of the last TPDO 1."""
+UNASKED: Final = SAMPLE + 1
+"""TPDO 1 that no SYNC had asked for, ever."""
+SURPLUS: Final = UNASKED + 1
+"""The same within SURPLUS_NS: REPEATED for one like that before it, CHANGED for one that says something else."""
+SURPLUS_SINCE_NS: Final = SURPLUS + 1
+SDO_SEEN: Final = SURPLUS_SINCE_NS + 1
+"""SDO frames to and from our drive, reads all of them, that belong to somebody else's questions."""
+
+SCRATCH: Final = SDO_SEEN + 1
 FRAME: Final = SCRATCH + LIBC_SCRATCH
 """Two words: the frame just received. The words after them: the frame to send."""
 OUT: Final = FRAME + 2
@@ -111,11 +129,14 @@ LOST_REBOOTED: Final = 4
 LOST_GUARD: Final = 5
 LOST_STATE: Final = 6
 LOST_DEAF: Final = 7
+LOST_WRITTEN: Final = 8
+LOST_MODE: Final = 9
 
 EVENT_MASTER: Final = 1
 EVENT_LENGTH: Final = 2
 EVENT_TRANSITION: Final = 3
 EVENT_LENGTH_2: Final = 4
+EVENT_SURPLUS: Final = 5
 
 # struct can_frame (linux/can.h) as two little-endian words.
 EXTENDED: Final = 0x80000000
@@ -138,9 +159,15 @@ NMT_OPERATIONAL: Final = 5
 
 TPDO1_BYTES: Final = 8
 TPDO2_BYTES: Final = 2
+"""The demand; one byte more where the mode of operation comes along."""
 RPDO1_BYTES: Final = 4
 UNHEARD_LIMIT: Final = 3
 """So many samples in a row without a trace of the commands, and the drive is stopped by other means."""
+REPEATED: Final = 1
+CHANGED: Final = 3
+SURPLUS_LIMIT: Final = 6
+"""Six equal TPDO 1, or two that say something else, and somebody else sends them."""
+SURPLUS_NS: Final = 1_000_000_000
 GUARD_TRIES: Final = 4
 """Life time factor: so many signs of life may go missing (0x100D)."""
 TRANSITION_NS: Final = 500_000_000

@@ -43,7 +43,8 @@ class Options:
     latency_s: float | None = None
     """Declared sample-to-current latency, s; None: what the wire takes."""
     read_back: bool = True
-    """Have the drive's demand come back on every SYNC (TPDO 2), where the profile names it and the drive has it."""
+    """Have the drive's demand and mode come back on every SYNC (TPDO 2), where the profile names them and the drive has
+    them."""
     bus: dict[str, Any] = field(default_factory=dict)
     """Further arguments for the python-can interface, such as ``port`` of udp_multicast."""
 

@@ -1,4 +1,4 @@
-"""PDO mapping: TPDO 1 (and 2, the demand) on every SYNC, RPDO 1 applied on receipt, all others off; all of it read back.
+"""PDO mapping: TPDO 1 (and 2, what comes back) on every SYNC, RPDO 1 applied on receipt, all others off; all of it verified.
 
 The order is that of CiA 301, 7.5.2.36: switch the PDO off, set the number of mapped objects to 0, write the entries, set
 the number, then the transmission type, then switch it on.
@@ -34,14 +34,14 @@ def map_pdos(
     node_id: int,
     sample: tuple[Entry, ...],
     command: tuple[Entry, ...],
-    demand: Entry | None = None,
+    back: tuple[Entry, ...] = (),
     deadline_ms: int = 0,
 ) -> None:
     """Map the PDOs of the cyclic exchange.
 
     Args:
         objects: the drive. node_id: its number. sample, command: the objects of TPDO 1 and RPDO 1, in order.
-        demand: the object of TPDO 2; None: no TPDO 2.
+        back: the objects of TPDO 2, in order; none: no TPDO 2.
         deadline_ms: within which RPDO 1 must come again (0x1400:5), where the drive watches that.
 
     Raises:
@@ -49,8 +49,7 @@ def map_pdos(
     """
     _check_entries(objects, sample, "TPDO 1")
     _check_entries(objects, command, "RPDO 1")
-    if demand is not None:
-        _check_entries(objects, (demand,), "TPDO 2")
+    _check_entries(objects, back, "TPDO 2")
     for number in range(_PDOS):
         for base, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
             index, what = base + number, f"COB-ID of {name} {number + 1}"
@@ -58,13 +57,13 @@ def map_pdos(
                 cob_id = objects.read(index, 1, what)
                 if not cob_id & _INVALID:
                     objects.set(index, 1, cob_id | _INVALID, what)
-    for index, name in ((0x1800, "TPDO 1"), *(((0x1801, "TPDO 2"),) if demand is not None else ())):
+    for index, name in ((0x1800, "TPDO 1"), *(((0x1801, "TPDO 2"),) if back else ())):
         for sub, what in ((3, "inhibit time"), (5, "event timer")):
             if objects.known(index, sub):
                 objects.set(index, sub, 0, f"{what} of {name}")
     _map(objects, 0x1800, w.TPDO1 + node_id, _ON_EVERY_SYNC, sample, "TPDO 1")
-    if demand is not None:
-        _map(objects, 0x1801, w.TPDO2 + node_id, _ON_EVERY_SYNC, (demand,), "TPDO 2")
+    if back:
+        _map(objects, 0x1801, w.TPDO2 + node_id, _ON_EVERY_SYNC, back, "TPDO 2")
     set_deadline(objects, deadline_ms)
     _map(objects, 0x1400, w.RPDO1 + node_id, _ON_RECEIPT, command, "RPDO 1")
 

@@ -1,4 +1,4 @@
-"""Whether the drive takes its commands: the demand that comes back in TPDO 2 against the latest commands, compiled.
+"""Whether the drive takes its commands: what comes back in TPDO 2 against the latest commands and the mode, compiled.
 
 A drive that hears SYNC and guarding, but no RPDO, keeps its last current, and nothing else would notice. As long as the
 commands do not change that current is the right one; once they do, the demand shows it.
@@ -37,6 +37,12 @@ def _follows(s: NDArray[Any]) -> bool:
     return False
 
 
+@njit("boolean(int64[::1])", counted=False)
+def other_mode(s: NDArray[Any]) -> bool:
+    """Whether the drive, in Operation enabled, is in another mode of operation than the one that bring-up has set."""
+    return bool(s[w.MODE] != s[w.MODE_WANTED] and state_of(s[w.STATUSWORD]) == ENABLED)
+
+
 @njit("int64(int64[::1])", counted=False)
 def heard(s: NDArray[Any]) -> int:
     """Whether the drive takes its commands, by the demand that it sends back: OK, MISSED, or LOST for good.
@@ -59,12 +65,13 @@ def heard(s: NDArray[Any]) -> int:
 
 @njit("boolean(int64[::1])", counted=False)
 def stops_node(s: NDArray[Any]) -> bool:
-    """Whether a drive that takes no commands has to be stopped by NMT; the frame is then in OUT, once.
+    """Whether a drive that may not take its commands has to be stopped by NMT; the frame is then in OUT, once.
 
-    The drive does on that what its abort connection option (0x6007) says. From here on it gets no sign of life either: its
+    So it is where commands are lost, and where somebody else has changed its settings, of which its PDOs are some. The
+    drive does on that what its abort connection option (0x6007) says. From here on it gets no sign of life either: its
     watchdog is the second way to zero current.
     """
-    if s[w.REASON] != w.LOST_DEAF or s[w.NODE_STOPPED] == 1:
+    if s[w.NODE_STOPPED] == 1 or s[w.REASON] not in (w.LOST_DEAF, w.LOST_WRITTEN, w.LOST_MODE):
         return False
     s[w.NODE_STOPPED] = 1
     s[w.OUT] = w.NMT | 2 << 32

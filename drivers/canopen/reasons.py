@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
 from drivers.canopen.bus import describe_command
+from drivers.canopen.others import UNNAMED
 from drivers.canopen.state_machine import FAULT_BIT, name_of, transition
 
 _NMT_STATES: Final = {4: "stopped", 5: "operational", 127: "pre-operational"}
@@ -55,6 +56,28 @@ def _deaf(block: NDArray[Any]) -> str:
     )
 
 
+def _written(node: int, detail: int) -> str:
+    index, sub = detail & 0xFFFF, detail >> 16
+    name = "an object" if detail == UNNAMED else f"object 0x{index:04x}" + (f":{sub}" if sub else "")
+    return (
+        f"somebody else writes {name} of the drive (SDO to node {node}), so what bring-up has set and read back may no "
+        "longer hold; the node was stopped by NMT"
+    )
+
+
+def remarks(block: NDArray[Any]) -> list[str]:
+    """What the bus has shown that stops nothing."""
+    node, found = int(block[w.NODE]), []
+    if block[w.SDO_SEEN]:
+        found.append(
+            f"somebody else reads objects of the drive: {block[w.SDO_SEEN]} SDO frames of node {node} were not for this "
+            "driver"
+        )
+    if block[w.UNASKED]:
+        found.append(f"{block[w.UNASKED]} TPDO 1 of node {node} came without a SYNC before them")
+    return found
+
+
 def explain(block: NDArray[Any]) -> str | None:
     """What stopped the exchange, or None when nothing did."""
     node, detail = int(block[w.NODE]), int(block[w.DETAIL])
@@ -65,6 +88,11 @@ def explain(block: NDArray[Any]) -> str | None:
         w.LOST_REBOOTED: f"node {node} rebooted: it sent its boot-up message and has lost its settings",
         w.LOST_GUARD: f"node {node} left {detail} guarding requests in a row without a valid answer",
         w.LOST_DEAF: _deaf(block),
+        w.LOST_WRITTEN: _written(node, detail),
+        w.LOST_MODE: (
+            f"node {node} is in mode of operation {detail}, no longer in {block[w.MODE_WANTED]}: somebody else has changed "
+            "it; the node was stopped by NMT"
+        ),
         w.LOST_STATE: f"node {node} is {_NMT_STATES.get(detail, f'in NMT state {detail}')}, no longer operational",
     }
     if block[w.REASON] != 0:
@@ -80,7 +108,12 @@ def explain(block: NDArray[Any]) -> str | None:
         return f"node {node}: {named}; statusword 0x{statusword:04x}, {state}"
     if block[w.EVENT_TOLD] == w.EVENT_MASTER:
         return f"another master is on the bus: it sent {describe_command(detail, node)}"
-    mapped = {w.EVENT_LENGTH: (1, w.TPDO1_BYTES), w.EVENT_LENGTH_2: (2, w.TPDO2_BYTES)}
+    if block[w.EVENT_TOLD] == w.EVENT_SURPLUS:
+        return (
+            f"TPDO 1 of node {node} comes more often than SYNC asks for it ({detail} times since the start): another node "
+            "uses its identifier, or the drive sends it by itself, and which of them tells the position is not known"
+        )
+    mapped = {w.EVENT_LENGTH: (1, w.TPDO1_BYTES), w.EVENT_LENGTH_2: (2, w.TPDO2_BYTES + (block[w.MODE_WANTED] != 0))}
     if (event := mapped.get(int(block[w.EVENT_TOLD]))) is not None:
         return (
             f"TPDO {event[0]} of node {node} came with {detail} bytes, {event[1]} are mapped: another node uses its "

@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
-from drivers.canopen.read_back import heard, remember
+from drivers.canopen.others import foreign_answer, foreign_request, lose, note, take_sample, too_many_samples
+from drivers.canopen.read_back import heard, other_mode, remember
 from drivers.canopen.state_machine import (
     DISABLE_VOLTAGE,
     ENABLE_OPERATION,
@@ -41,7 +42,14 @@ from hapticd.jit import njit
 
 _GENERIC_ERROR = 0x1000
 _ERROR_CODE_OBJECT = 0x603F
+_SDO_UPLOADED_2 = 0x4B
+_SDO_ABORTED = 0x80
 _RAW_MAX = 32767.0
+
+
+@njit("int64(int64)", counted=False)
+def _signed8(value: int) -> int:
+    return ((value & 0xFF) ^ 0x80) - 0x80
 
 
 @njit("int64(int64)", counted=False)
@@ -54,20 +62,15 @@ def _signed32(value: int) -> int:
     return ((value & 0xFFFFFFFF) ^ 0x80000000) - 0x80000000
 
 
-@njit("void(int64[::1], int64, int64)", counted=False)
-def lose(s: NDArray[Any], reason: int, detail: int) -> None:
-    """The drive is lost for good; the first reason is kept."""
-    if s[w.REASON] == 0:
-        s[w.REASON] = reason
-        s[w.DETAIL] = detail
-
-
-@njit("void(int64[::1], int64, int64)", counted=False)
-def note(s: NDArray[Any], event: int, detail: int) -> None:
-    """Something went wrong that ends this tick, and may pass; the first is kept."""
-    if s[w.EVENT] == 0 and s[w.REASON] == 0:
-        s[w.EVENT] = event
-        s[w.DETAIL] = detail
+@njit("void(int64[::1], int64)", counted=False)
+def _take_answer(s: NDArray[Any], data: int) -> None:
+    """An SDO answer of our drive: to our one question, for 0x603F, or to somebody else's request."""
+    about = (data >> 8) & 0xFFFFFF
+    if s[w.ERROR_CODE_ASKED] == 1 and about == _ERROR_CODE_OBJECT and data & 0xFF in (_SDO_UPLOADED_2, _SDO_ABORTED):
+        if data & 0xFF == _SDO_UPLOADED_2:
+            s[w.ERROR_CODE] = (data >> 32) & 0xFFFF
+    else:
+        foreign_answer(s, data)
 
 
 @njit("void(int64[::1], int64, int64)", counted=False)
@@ -117,12 +120,13 @@ def take_frame(s: NDArray[Any], low: int, data: int) -> None:
             s[w.STATUSWORD] = data & 0xFFFF
             s[w.POSITION] = _signed32(data >> 16)
             s[w.ACTUAL] = _signed16(data >> 48)
-            s[w.FRESH] += 1
+            take_sample(s, data)
         else:
             note(s, w.EVENT_LENGTH, length)
     elif cob == w.TPDO2 + node and s[w.READ_BACK] == 1:
-        if length == w.TPDO2_BYTES:
+        if length == w.TPDO2_BYTES + (1 if s[w.MODE_WANTED] != 0 else 0):
             s[w.DEMAND] = _signed16(data)
+            s[w.MODE] = _signed8(data >> 16) if s[w.MODE_WANTED] != 0 else 0
             s[w.DEMAND_FRESH] = 1
         else:
             note(s, w.EVENT_LENGTH_2, length)
@@ -136,9 +140,10 @@ def take_frame(s: NDArray[Any], low: int, data: int) -> None:
         _take_guard(s, length, data)
     elif cob == w.SYNC or cob == w.NMT or cob == w.RPDO1 + node:
         note(s, w.EVENT_MASTER, identifier)
-    elif cob == w.SDO_REPLY + node and length == 8 and s[w.ERROR_CODE_ASKED] == 1:
-        if data & 0xFFFFFFFF == 0x4B | _ERROR_CODE_OBJECT << 8:
-            s[w.ERROR_CODE] = (data >> 32) & 0xFFFF
+    elif cob == w.SDO_REPLY + node and length == 8:
+        _take_answer(s, data)
+    elif cob == w.SDO_REQUEST + node and length == 8:
+        foreign_request(s, data)
     else:
         s[w.IGNORED] += 1
 
@@ -189,6 +194,8 @@ def verdict(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
         s[w.STOPPED] = 1
         x[X_STATUS] = 0
         return LOST
+    if too_many_samples(s, now_ns):
+        note(s, w.EVENT_SURPLUS, s[w.UNASKED])
     if s[w.EVENT] != 0:
         s[w.EVENT_TOLD] = s[w.EVENT]
         s[w.EVENT] = 0
@@ -257,6 +264,8 @@ def command(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
         s[w.RESETTING_NS] = 0
     s[w.WANTED] = 1 if enable else 0
 
+    if other_mode(s):
+        lose(s, w.LOST_MODE, s[w.MODE])
     result = int(heard(s))
     if result == LOST:
         lose(s, w.LOST_DEAF, s[w.UNHEARD] if s[w.DEMAND_SEEN] == 1 else -s[w.UNHEARD])

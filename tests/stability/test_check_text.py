@@ -151,7 +151,7 @@ def test_the_rate_is_never_raised_beyond_what_the_bus_can_carry() -> None:
         ({"spring.side": "negative"}, "one-sided wall is outside the theory"),
         ({"spring.half_tick_bias": "false"}, "half_tick_bias is false"),
         ({"spring.stiffness": 0}, "no spring is rendered"),
-        ({"driver.name": "canopen", "servo.rate_hz": 4000}, "classic CAN at 1 Mbit/s ends near 2347 Hz"),
+        ({"driver.name": "canopen", "servo.rate_hz": 4000}, "classic CAN at 1 Mbit/s ends near 2284 Hz"),
         ({"encoder.decimation": 1}, "the real quantum is 2.32 ticks"),
         ({"dither.target": "position", "dither.amplitude": 0.5, "dither.frequency_hz": 100}, "dither is on"),
         ({"encoder.decimation": 300}, "only σ ≥ 1 is proven"),

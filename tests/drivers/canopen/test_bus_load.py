@@ -40,8 +40,8 @@ def test_no_pattern_is_longer_and_the_worst_one_is_met(data_bytes: int) -> None:
 
 def test_known_lengths_and_the_limits_that_follow() -> None:
     assert (bus_load.frame_bits(8), bus_load.TICK_BITS, bus_load.GUARD_BITS) == (135, 285, 120)
-    assert bus_load.READ_BACK_BITS == bus_load.frame_bits(2) == 75
-    assert bus_load.bus_load(1000.0) == pytest.approx((360_000 + 120 * 40) / 1e6)
+    assert bus_load.READ_BACK_BITS == bus_load.frame_bits(3) == 85
+    assert bus_load.bus_load(1000.0) == pytest.approx((370_000 + 120 * 40) / 1e6)
     assert bus_load.bus_load(1000.0, read_back=False) == pytest.approx((285_000 + 120 * 40) / 1e6)
     for bitrate, read_back in itertools.product(bus_load.BITRATES, (True, False)):
         rate = bus_load.fastest_rate_hz(bitrate, read_back=read_back)

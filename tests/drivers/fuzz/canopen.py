@@ -37,6 +37,12 @@ _GENUINE: Final = (
     (0x205, 4, "0f 00 64 00"),
     (0x585, 8, "4b 3f 60 00 10 23 00 00"),
     (0x605, 8, "40 41 60 00 00 00 00 00"),
+    (0x605, 8, "2f 60 60 00 03 00 00 00"),
+    (0x605, 8, "c2 60 60 00 01 00 00 00"),
+    (0x585, 8, "60 72 60 00 00 00 00 00"),
+    (0x585, 8, "a4 72 60 00 7f 00 00 00"),
+    (0x585, 8, "30 00 00 00 00 00 00 00"),
+    (0x585, 8, "80 60 60 00 30 00 09 06"),
     (0x186, 8, "37 02 d2 04 00 00 0a 00"),
     (0x040 | w.ERROR_FRAME, 8, ""),
     (0x185 | w.EXTENDED, 8, "37 02 d2 04 00 00 0a 00"),
@@ -85,11 +91,16 @@ def expected_effects(frames: NDArray[Any]) -> NDArray[np.int64]:
     master = data_frame & np.isin(number, (0x000, 0x080, 0x200 + _NODE))
     master |= plain & remote & (number == 0x700 + _NODE)
     reply = data_frame & (number == 0x580 + _NODE) & (length == 8)
+    written = reply & (
+        np.isin(data[:, 0], (0x60, 0xA0, 0xA4)) | (np.isin(data[:, 0], (0x20, 0x30)) & (data[:, 1:] == 0).all(axis=1))
+    )
+    written |= data_frame & (number == 0x600 + _NODE) & (length == 8) & np.isin(data[:, 0] >> 5, (0, 1, 6))
     reply &= (data[:, :4] == (0x4B, 0x3F, 0x60, 0x00)).all(axis=1)
     effects = np.zeros(len(frames), np.int64)
     effects[ours & (length == 8)] |= _SAMPLE
     effects[data_frame & (number == 0x080 + _NODE) & (length == 8)] |= _EMCY
     effects[(error & (identifier & 0x40 != 0)) | (guard & ((data[:, 0] == 0) | (data[:, 0] & 0x7F != 5)))] |= _LOST
+    effects[written] |= _LOST
     effects[(ours & (length != 8)) | master] |= _EVENT
     effects[reply] |= _ERROR_CODE
     return effects
