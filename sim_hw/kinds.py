@@ -33,6 +33,7 @@ DROP, CORRUPT, DUPLICATE, DELAY, REORDER = range(5)
 GARBAGE, FREEZE_COUNTER, ENCODER_GLITCH, UNPLUG, SILENT = range(5, 10)
 WRONG_VERSION, BUS_OFF, EMERGENCY, LEAVE_OPERATION_ENABLED, REBOOT = range(10, 15)
 ENCODER_FAULT, AMPLIFIER_FAULT, EXTERNAL_STOP = range(15, 18)
+MEASURED_CURRENT, SECOND_NODE, FOREIGN_SDO = range(18, 21)
 LAST_FRAME_FAULT = REORDER
 """Kinds up to this one hit single frames; the others happen at an instant."""
 DROPPED, CORRUPTED, DUPLICATED, DELAYED, REORDERED = (1 << kind for kind in range(LAST_FRAME_FAULT + 1))
@@ -70,6 +71,9 @@ KINDS = {
     "encoder_fault": Kind(ENCODER_FAULT, (*_WHEN, "duration_s"), ("at_s",), ("serial",)),
     "amplifier_fault": Kind(AMPLIFIER_FAULT, (*_WHEN, "duration_s"), ("at_s",), ("serial",)),
     "external_stop": Kind(EXTERNAL_STOP, (*_WHEN, "duration_s"), ("at_s",), ("serial",)),
+    "measured_current": Kind(MEASURED_CURRENT, (*_WHEN, "duration_s", "factor", "current"), ("at_s",), ("canopen",)),
+    "second_node": Kind(SECOND_NODE, (*_WHEN, "counts", "count"), ("at_s", "counts"), ("canopen",)),
+    "foreign_sdo": Kind(FOREIGN_SDO, (*_WHEN, "object", "value", "size"), ("at_s", "object", "value"), ("canopen",)),
 }
 
 
@@ -97,6 +101,10 @@ NUMBERS = {
     "counts": Limit(-(2**31), 2**31, 0, whole=True),
     "version": Limit(0, 255, 0xFF, whole=True),
     "code": Limit(1, 0xFFFF, 1, whole=True),
+    "factor": Limit(-1000, 1000, 1),
+    "current": Limit(-1000, 1000, 0),
+    "value": Limit(-(2**31), 2**32 - 1, 0, whole=True),
+    "size": Limit(1, 4, 1, whole=True),
 }
 
 
@@ -120,7 +128,12 @@ def _row(fault: Mapping[str, Any]) -> list[int]:
     row[w.FAULT_COUNT] = row[w.FAULT_LEFT] = fault.get("count", 1)
     row[w.FAULT_DELAY_NS] = to_ns(fault.get("delay_s", 0.0))
     row[w.FAULT_DURATION_NS] = to_ns(fault.get("duration_s", fault.get("off_s", 0.0)))
-    row[w.FAULT_SIZE] = fault.get("bytes", 0)
+    row[w.FAULT_SIZE] = fault.get("bytes", fault.get("size", 0))
     row[w.FAULT_COUNTS] = fault.get("counts", 0)
     row[w.FAULT_CODE] = fault.get("code", 0)
+    index, subindex = fault.get("object", (0, 0))
+    row[w.FAULT_OBJECT] = index | subindex << 16
+    row[w.FAULT_VALUE] = fault.get("value", 0)
+    row[w.FAULT_FACTOR_PPM] = round(fault.get("factor", 1) * 1e6)
+    row[w.FAULT_CURRENT_UA] = round(fault.get("current", 0) * 1e6)
     return row

@@ -63,14 +63,19 @@ FAULT_DELAY_NS = 5
 FAULT_DURATION_NS = 6
 """FAR_NS: for good."""
 FAULT_SIZE = 7
-"""Bytes of garbage."""
+"""Bytes of garbage, or of an object."""
 FAULT_COUNTS = 8
 FAULT_CODE = 9
 FAULT_STATE = 10
 """WAITING, ACTIVE (frame faults only) or OVER."""
 FAULT_LEFT = 11
 """Frames still to be hit."""
-FAULT_WORDS = 12
+FAULT_OBJECT = 12
+"""Index of an object, and its sub-index times 2^16."""
+FAULT_VALUE = 13
+FAULT_FACTOR_PPM = 14
+FAULT_CURRENT_UA = 15
+FAULT_WORDS = 16
 
 WAITING, ACTIVE, OVER = 0, 1, 2
 

@@ -161,6 +161,8 @@ class _Reader:
             return self._choice(fault, key, name, kinds.ORIGINS, "start")
         if name == "frames":
             return self._choice(fault, key, name, kinds.FRAMES[self._device], "any")
+        if name == "object":
+            return self._object(fault[name], f"{key}.{name}") if name in fault else (0, 0)
         return self._number(fault, key, name)
 
     def _add(self, key: str, value: object, message: str, nearest: str | None = None) -> None:

@@ -52,6 +52,10 @@ UNPLUGGED_UNTIL_NS, SAMPLES, COMMANDS, SDO_COUNT, OUT_COUNT, LOST_FRAMES, FOLDED
 TARGET, DEMAND, HEAT = range(_OWN + 16, _OWN + 19)
 """A: what the master wants, behind limits; the same behind the slope. Then I²t, A² s above the continuous current."""
 
+MEASURED_UNTIL_NS, MEASURED_PPM, MEASURED_UA, SECOND_LEFT, SECOND_COUNTS = range(_OWN + 19, _OWN + 24)
+"""A script's lies: until when the measured current is the true one times MEASURED_PPM plus MEASURED_UA; TPDO 1 still to be
+sent by a second node, which is SECOND_COUNTS further on."""
+
 TIMER = _OWN + 24
 """Instants (ns) at which the drive does something by itself; NEVER when it does not."""
 RAMP_TIMER, HEAT_TIMER, GUARD_TIMER, HEARTBEAT_TIMER = range(4)

@@ -40,6 +40,8 @@ def refresh_inputs(m: Machine, now: int) -> None:
     sign = -1.0 if m.sim.i[kernel.INVERT] else 1.0
     m.d[w.VELOCITY] = rounded(sign * m.sim.f[kernel.VELOCITY] / m.sim.f[kernel.RAW_RESOLUTION], 31)
     current = m.sim.f[kernel.CURRENT]
+    if now < m.d[w.MEASURED_UNTIL_NS]:
+        current = 1e-6 * (float(m.d[w.MEASURED_PPM]) * current + float(m.d[w.MEASURED_UA]))
     m.d[w.ACTUAL_CURRENT] = rounded(current / CURRENT_UNIT, 15)
     m.d[w.TORQUE_ACTUAL] = torque_permille(m, current)
     rated = float(m.d[w.RATED_CURRENT]) * 1e-6
@@ -75,6 +77,18 @@ def _unpack(m: Machine, base: int, data: int) -> bool:
 
 
 @njit((MACHINE, I64, I64), counted=False)
+def _second_node(m: Machine, base: int, now: int) -> None:
+    """A drive with the same number answers the same SYNC, from where its own shaft is."""
+    m.d[w.SECOND_LEFT] -= 1
+    position, internal = m.d[w.POSITION], m.d[w.POSITION_INTERNAL]
+    m.d[w.POSITION] = _int32(position + m.d[w.SECOND_COUNTS])
+    m.d[w.POSITION_INTERNAL] = _int32(internal + m.d[w.SECOND_COUNTS])
+    data = _pack(m, base)
+    m.d[w.POSITION], m.d[w.POSITION_INTERNAL] = position, internal
+    sending.send(m, sending.TPDO, m.d[base + w.PDO_COB_ID], m.d[base + w.PDO_BYTES], data, now)
+
+
+@njit((MACHINE, I64, I64), counted=False)
 def transmit(m: Machine, number: int, now: int) -> None:
     """Send TPDO ``number`` (0…3) if it is valid and its inhibit time is over; otherwise when that ends."""
     base = w.PDO + (4 + number) * w.PDO_WORDS
@@ -92,6 +106,8 @@ def transmit(m: Machine, number: int, now: int) -> None:
     if asynchronous and m.d[base + w.PDO_EVENT_MS]:
         m.d[timer] = now + m.d[base + w.PDO_EVENT_MS] * _NS_PER_MS
     sending.send(m, sending.TPDO, m.d[base + w.PDO_COB_ID], m.d[base + w.PDO_BYTES], data, now)
+    if number == 0 and m.d[w.SECOND_LEFT] > 0:
+        _second_node(m, base, now)
 
 
 @njit((MACHINE, I64), counted=False)

@@ -14,8 +14,21 @@ from sim_hw.faults import begin_fault, next_event_ns, next_fault
 from sim_hw.layout import I64
 from sim_hw.motion import move_to
 
+_SDO_CLIENT = 0x600
 _RPDO_TIMEOUT = 0x8250
 """EMCY: RPDO time-out."""
+
+
+@njit((MACHINE, I64), counted=False)
+def _foreign_write(m: Machine, row: int) -> None:
+    """An expedited SDO write that no client on this socket has sent; its answer is heard by all of them."""
+    if m.d[w.SDO_COUNT] < w.QUEUE:
+        fault = m.sim.faults[row]
+        command = 0x23 | (4 - fault[common.FAULT_SIZE]) << 2
+        about = (fault[common.FAULT_OBJECT] & 0xFFFF) << 8 | (fault[common.FAULT_OBJECT] >> 16) << 24
+        m.sdo[m.d[w.SDO_COUNT], 0] = sending.header(_SDO_CLIENT + m.d[w.NODE_ID], 8)
+        m.sdo[m.d[w.SDO_COUNT], 1] = command | about | fault[common.FAULT_VALUE] << 32
+        m.d[w.SDO_COUNT] += 1
 
 
 @njit((MACHINE,), counted=False)
@@ -33,6 +46,15 @@ def _inject(m: Machine) -> None:
         m.d[w.BUS_OFF_UNTIL_NS] = until
     elif kind == kinds.UNPLUG:
         m.d[w.UNPLUGGED_UNTIL_NS] = until
+    elif kind == kinds.MEASURED_CURRENT:
+        m.d[w.MEASURED_UNTIL_NS] = until
+        m.d[w.MEASURED_PPM] = m.sim.faults[row, common.FAULT_FACTOR_PPM]
+        m.d[w.MEASURED_UA] = m.sim.faults[row, common.FAULT_CURRENT_UA]
+    elif kind == kinds.SECOND_NODE:
+        m.d[w.SECOND_LEFT] = m.sim.faults[row, common.FAULT_COUNT]
+        m.d[w.SECOND_COUNTS] = m.sim.faults[row, common.FAULT_COUNTS]
+    elif kind == kinds.FOREIGN_SDO:
+        _foreign_write(m, row)
 
 
 @njit((MACHINE, I64, I64), counted=False)

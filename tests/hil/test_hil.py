@@ -97,6 +97,8 @@ def test_case_d_grows_although_the_guard_would_refuse_it(tmp_path: Path) -> None
         ("CAN frames over a Unix socket", "sigkill"),
         ("CAN frames over a Unix socket", "drop_replies"),
         ("CAN frames over a Unix socket", "encoder_glitch"),
+        ("CAN frames over a Unix socket", "second_node"),
+        ("CAN frames over a Unix socket", "foreign_write"),
     ],
 )
 def test_a_fault_ends_the_current(transport: str, name: str, tmp_path: Path) -> None:

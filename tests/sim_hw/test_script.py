@@ -1,6 +1,7 @@
 """What the reader of scripts says about wrong ones, and what it makes of right ones."""
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -88,11 +89,40 @@ def test_table_of_faults(tmp_path: Path) -> None:
     assert script.wrong_version == 0xFF
 
 
+def test_table_of_faults_of_a_drive(tmp_path: Path) -> None:
+    path = tmp_path / "script.yaml"
+    path.write_text(
+        "faults:\n"
+        "- {kind: foreign_sdo, at_s: 1, object: '0x1018:2', value: -1, size: 4}\n"
+        "- {kind: measured_current, at_s: 2, factor: -0.5, current: 3.25, duration_s: 0.1}\n"
+        "- {kind: second_node, at_s: 3, counts: -400, count: 7}\n"
+    )
+    written, measured, second = load_script(path, "canopen").faults
+    assert (written[w.FAULT_OBJECT], written[w.FAULT_VALUE], written[w.FAULT_SIZE]) == (0x21018, -1, 4)
+    assert (measured[w.FAULT_FACTOR_PPM], measured[w.FAULT_CURRENT_UA]) == (-500_000, 3_250_000)
+    assert measured[w.FAULT_DURATION_NS] == 100_000_000
+    assert (second[w.FAULT_COUNTS], second[w.FAULT_COUNT]) == (-400, 7)
+    for wrong, message in (
+        ("{kind: foreign_sdo, at_s: 1, value: 1}", "faults[0].object: is missing"),
+        (
+            "{kind: foreign_sdo, at_s: 1, object: 1, value: 1}",
+            "faults[0].object = 1: must be an object of the dictionary",
+        ),
+        (
+            "{kind: foreign_sdo, at_s: 1, object: 0x6060, value: 1, size: 5}",
+            "faults[0].size = 5: must be between 1 and 4",
+        ),
+    ):
+        path.write_text(f"faults: [{wrong}]")
+        with pytest.raises(ConfigError, match=re.escape(message)):
+            load_script(path, "canopen")
+
+
 @pytest.mark.parametrize("device", ["serial", "canopen"])
 def test_every_kind_is_read_with_its_required_keys_alone(tmp_path: Path, device: str) -> None:
     path = tmp_path / "script.yaml"
     for name, kind in kinds.KINDS.items():
-        keys = "".join(f", {key}: 1" for key in kind.required)
+        keys = "".join(f", {key}: {0x6060 if key == 'object' else 1}" for key in kind.required)
         path.write_text(f"faults: [{{kind: {name}{keys}}}]")
         if device in kind.devices:
             script = load_script(path, device)

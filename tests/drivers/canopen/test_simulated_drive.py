@@ -5,6 +5,8 @@ from __future__ import annotations
 import itertools
 import json
 import signal
+import socket
+import struct
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -19,7 +21,19 @@ import yaml
 import drivers
 from drivers import DriverError
 from drivers.canopen import CanopenDriver
-from drivers.interface import DEVICE_FAULT, LOST, OK, STATUS_ENABLED, X_CURRENT, X_DEVICE_CODE, X_ENABLE, X_STATUS
+from drivers.canopen.profile import FOLDER
+from drivers.interface import (
+    DEVICE_FAULT,
+    ERROR,
+    LOST,
+    OK,
+    STATUS_ENABLED,
+    X_CURRENT,
+    X_CURRENT_MEASURED,
+    X_DEVICE_CODE,
+    X_ENABLE,
+    X_STATUS,
+)
 from hapticd.config import Config, parse_config
 from hapticd.jit import call_driver, njit
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_RUNNING
@@ -184,6 +198,16 @@ def test_a_loop_that_hangs_is_noticed_by_the_drive_and_reset_by_the_next_open(tm
     [
         ({"kind": "reboot"}, LOST, "node 1 rebooted"),
         ({"kind": "emcy", "code": 0x2310}, DEVICE_FAULT, "EMCY 0x2310 (continuous over-current)"),
+        (
+            {"kind": "second_node", "counts": 400, "count": 9},
+            ERROR,
+            "TPDO 1 of node 1 comes more often than SYNC asks for it",
+        ),
+        (
+            {"kind": "foreign_sdo", "object": 0x6072, "value": 0x7FFF, "size": 2},
+            LOST,
+            "somebody else writes object 0x6072 of the drive (SDO to node 1)",
+        ),
     ],
 )
 def test_faults_of_the_drive(tmp_path: Path, fault: dict[str, Any], result: int, why: str) -> None:
@@ -198,6 +222,81 @@ def test_faults_of_the_drive(tmp_path: Path, fault: dict[str, Any], result: int,
         wait_until(lambda: steps.tick(1) == result, f"result {result}")
         assert driver.error is not None
         assert why in driver.error
+
+
+@pytest.mark.parametrize(
+    ("write", "why"),
+    [
+        (bytes.fromhex("2f60600003000000"), "object 0x6060"),  # refused by the drive, but somebody tries
+        (bytes.fromhex("2b726000ff7f0000"), "object 0x6072"),
+    ],
+)
+def test_a_second_program_on_the_bus_that_writes(tmp_path: Path, write: bytes, why: str) -> None:
+    bus, log = str(tmp_path / "bus"), tmp_path / "truth.arrow"
+    with (
+        simulated_drive("--socket", bus, "--log", str(log)),
+        opened(config(1000, interface="unix_seqpacket", channel=bus)) as driver,
+        socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET) as other,
+    ):
+        steps = Steps(driver)
+        steps.enable()
+        assert steps.tick(1, 0.3) == OK
+        other.connect(bus)
+        other.send(struct.pack("<IB3x8s", 0x601, 8, bytes.fromhex("4061600000000000")))  # reads, which is no harm
+        wait_until(lambda: steps.tick(1, 0.3) == OK and driver.remarks(), "the read to be counted")
+        other.send(struct.pack("<IB3x8s", 0x601, 8, write))
+        wait_until(lambda: steps.tick(1, 0.3) == LOST, "the write to be noticed")
+        assert driver.error is not None
+        assert driver.error.startswith(f"somebody else writes {why} of the drive")
+        wait_until(lambda: read_log(log)["applied_A"][-1] == 0.0, "zero current")
+    truth = read_log(log)
+    assert truth["applied_A"].max() > 0.2
+
+
+@pytest.mark.parametrize("actual", [(0x221C, "centiampere"), (0x6077, "permille_rated_torque")])
+def test_the_measured_current_is_that_of_the_command_before(tmp_path: Path, actual: tuple[int, str]) -> None:
+    """Of each SYNC: what flowed when it came, in A, with the command's sign."""
+    bus, profile = str(tmp_path / "bus"), tmp_path / "mine.yaml"
+    index, unit = actual
+    stock = yaml.safe_load((FOLDER / "copley.yaml").read_text())
+    profile.write_text(yaml.safe_dump({**stock, "actual": {"object": index, "unit": unit}}))
+    options = {"profile": str(profile), "eds": str(FOLDER / "copley.eds")}
+    with (
+        simulated_drive("--socket", bus),
+        opened(config(1000, interface="unix_seqpacket", channel=bus, **options)) as driver,
+    ):
+        steps = Steps(driver)
+        steps.enable()
+        told = []
+        commands = (0.3, -0.2, 0.1, 0.0)
+        for current in commands:
+            assert steps.tick(1, current) == OK
+            time.sleep(0.005)  # the amplifier's lag is 0.1 ms
+            assert steps.tick(1, current) == OK
+            told.append(float(steps.x.view(np.float64)[X_CURRENT_MEASURED]))
+    assert told == pytest.approx(commands, abs=0.011)
+
+
+@pytest.mark.parametrize(
+    ("lie", "told"),
+    [({"factor": -1}, -0.3), ({"factor": 0}, 0.0), ({"factor": 0, "current": 30.0}, 30.0)],
+)
+def test_a_drive_that_lies_about_its_current_is_passed_on_as_it_says(
+    tmp_path: Path, lie: dict[str, float], told: float
+) -> None:
+    bus, script = str(tmp_path / "bus"), tmp_path / "script.yaml"
+    script.write_text(yaml.safe_dump({"faults": [{"kind": "measured_current", "at_s": 0.1, "from": "enabled", **lie}]}))
+    with (
+        simulated_drive("--socket", bus, "--script", str(script)),
+        opened(config(1000, interface="unix_seqpacket", channel=bus)) as driver,
+    ):
+        steps = Steps(driver)
+        steps.enable()
+        measured = steps.x.view(np.float64)
+        wait_until(
+            lambda: steps.tick(1, 0.3) == OK and abs(measured[X_CURRENT_MEASURED] - told) < 0.011,
+            f"{told} A to be told",
+        )
 
 
 @pytest.mark.parametrize(

@@ -224,3 +224,43 @@ def test_hand_pushes_the_shaft(start_drive):
     assert master.sync()[1] > 0
     rows = drive.stop()
     assert (rows["event"] == log.HAND).sum() == 2
+
+
+@pytest.mark.parametrize(("factor", "current", "told"), [(-1, 0.0, -300), (0, 0.0, 0), (0, 3.0, 1510), (1, 0.1, 350)])
+def test_measured_current_is_not_the_true_one(start_drive, factor, current, told):
+    lie = {"kind": "measured_current", "at_s": 0.3, "from": "enabled", "factor": factor, "current": current}
+    drive, master = start_drive(script={"faults": [lie]})
+    master.bring_up(enable=False)
+    master.enable()
+    master.command(0x0F, 300)
+    wait_until(lambda: abs(master.sync()[2] - 300) <= 1, "the current commanded")
+    wait_until(lambda: abs(master.sync()[2] - told) <= 1, "the current told")
+    master.command(0x0F, 300)
+    assert abs(master.read(0x6077, signed=True) - told) <= 1
+    rows = drive.stop()
+    assert rows["applied_A"][-1] == pytest.approx(0.6, rel=0.02)  # 300 ‰ of 58 mN m at 29.2 mN m/A
+    assert rows["code"][rows["event"] == log.FAULT_INJECTED].tolist() == [kinds.MEASURED_CURRENT]
+
+
+def test_second_node_answers_every_sync_too(start_drive):
+    fault = {"kind": "second_node", "at_s": 0, "from": "enabled", "counts": 400, "count": 2}
+    drive, master = start_drive(script={"faults": [fault]})
+    master.bring_up()
+    for answers in (2, 2, 1):
+        master.send(0x80)
+        told = [struct.unpack("<Hih", data) for cob_id, data in master.settle() if cob_id == 0x181]
+        assert len(told) == answers
+        assert all(second[1] == told[0][1] + 400 for second in told[1:])
+    assert _injected(drive) == [kinds.SECOND_NODE]
+
+
+def test_foreign_sdo_writes_and_is_answered_to_all(start_drive):
+    fault = {"kind": "foreign_sdo", "at_s": 0.1, "from": "enabled", "object": 0x6072, "value": 32767, "size": 2}
+    refused = {"kind": "foreign_sdo", "at_s": 0.2, "from": "enabled", "object": "0x1018:1", "value": -1, "size": 4}
+    drive, master = start_drive(script={"faults": [fault, refused]})
+    master.bring_up(enable=False)
+    master.enable()
+    assert master.wait_for(0x581) == bytes.fromhex("6072600000000000")
+    assert master.wait_for(0x581) == bytes.fromhex("8018100102000106")  # read only
+    assert master.read(0x6072) == 32767
+    assert _injected(drive) == [kinds.FOREIGN_SDO, kinds.FOREIGN_SDO]
