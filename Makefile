@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test compiled compiled-daemon compiled-gap lint types jstypes layers bench soak dist audit versions docs site firmware firmware-test \
+.PHONY: run test attack compiled compiled-daemon compiled-gap lint types jstypes layers bench soak dist audit versions docs site firmware firmware-test \
   firmware-fuzz install uninstall system-test clean help
 
 help:            ## this list
@@ -21,8 +21,11 @@ test: export PYTHONDONTWRITEBYTECODE :=
 # Three processes on two cores, since some of the tests wait; the longer compilation begins before mypy.
 test: $(STAMP)   ## every check and test that needs no special machine
 	@$(MAKE) --no-print-directory -j2 --output-sync=target lint layers compiled-gap types jstypes compiled-daemon
-	$(BIN)/python -m pytest -m 'not realtime and not avr' -n 3 --dist worksteal --durations=15
-	$(BIN)/python -m pytest -m realtime -n 2 --dist loadfile --durations=15
+	$(BIN)/python -m pytest -m 'not realtime and not avr and not attack' -n 3 --dist worksteal --durations=15
+	$(BIN)/python -m pytest -m 'realtime and not attack' -n 2 --dist loadfile --durations=15
+
+attack: compiled ## what tries to break the daemon, all of it; make test has a sample
+	$(BIN)/python -m pytest -m attack -n 2 --dist worksteal --durations=15
 
 compiled: $(STAMP)   ## fill the compile caches of daemon, gap workflow and simulated hardware, side by side
 	@$(MAKE) --no-print-directory -j2 compiled-daemon compiled-gap

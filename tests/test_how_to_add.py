@@ -237,7 +237,7 @@ def test_a_fault(monkeypatch: pytest.MonkeyPatch) -> None:
     core = core_for(driver, driver.config)
     raise_fault(core.memory[0], core.shared, number, 130.0, 120.0)
     assert (core.load(atomics.MODE), core.load(atomics.FAULT_CODE)) == (w.FAULT, number)
-    value, limit = (float(core.snapshot[name]) for name in ("fault_value", "fault_limit"))
+    value, limit = core.fault_numbers
     assert faults.describe(number, value, limit, is_linear=False) == {
         "code": "too_hot",
         "cause": "the motor is at 130 °C, limit 120",

@@ -51,8 +51,8 @@ class Endpoint:
         errors: HTTP codes that it may answer with, besides 200.
         motion_s: of a command that sets the motor in motion, the time within which it has to begin, s; its method also takes
             ``command`` (`hapticd.servo.authority.Command`), which a stop revokes. None: it sets nothing in motion.
-        asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user or root. The server
-            says so, from what the kernel tells it; it is no field of the body.
+        asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user or root. The
+            server says so, from what the kernel tells it; it is no field of the body.
         signature: of the method, without ``self``: the fields of the body.
         description: the docstring, without ``Args`` and what follows.
     """

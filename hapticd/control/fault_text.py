@@ -20,6 +20,8 @@ def fault_lines(fault: Mapping[str, Any]) -> list[str]:
     lines = [f"{fault['code']}: {fault['cause']}"]
     if when or fault.get("from_before"):
         lines.append(since)
+    if lost := fault.get("not_latched"):
+        lines.append(f"ATTENTION: {lost}")
     if remedy := fault.get("remedy"):
         lines.append(f"to do: {remedy}")
     return [*lines, f"more: {fault['help']}"]

@@ -77,6 +77,7 @@ class Fault(Reply):
     time: str | None = Field(description="When it was latched, UTC, ISO 8601; null where that is not known.")
     config: str | None = Field(description="Name of the configuration under which it was latched.")
     config_digest: str | None = Field(description="Digest of that configuration.")
+    not_latched: str | None = Field(description="Why it would not outlive a restart; null: it would.")
     from_before: bool = Field(description="Whether it was latched before the daemon began.")
 
 

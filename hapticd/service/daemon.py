@@ -21,6 +21,7 @@ from hapticd.service.background import Background
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_manager import FaultManager
 from hapticd.service.halting import Halt
+from hapticd.service.heat import Heat
 from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.live import LiveStream
 from hapticd.service.notify import Notifier, TickWatchdog
@@ -68,13 +69,16 @@ class Daemon(Endpoints):
         self._recent = RecentTiming()
         self.authority = Authority()
         self.stop_channel = StopChannel(self.authority.words, max(1, config.servo.priority - 1))
-        rig = Rig(config, latch.number, self.live, latch.name, words=self.authority.words)
+        self._heat = Heat(latch.name)
+        i2t = self._heat.before(config)
+        rig = Rig(config, latch.number, self.live, latch.name, words=self.authority.words, i2t=i2t)
         self._rendering = Rendering(rig, self.authority)
         self._tidying = Background("hapticd-tidy")
         self._faults = FaultManager(latch, self._rendering, lambda: source_name(self._source))
         self._experiments = Experiments(self._rendering, self._faults)
         self._replacement = Replacement(self._rendering, self._faults, self._experiments, self.live, latch.name)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self.rig.core.load(atomics.TICKS))
+        self._heat.follow(lambda: self.rig.core.i2t)
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self._supervisor.start()
         self._reconnector = Reconnector(lambda: self.rig, self._faults.is_latched, self._take_over)
@@ -241,6 +245,8 @@ class Daemon(Endpoints):
             self._ending.set()
             self._faults.latch_raised()
             self.rig.close()
+            self._heat.end()
+            self._faults.close()
         self.stop_channel.end()
         self._supervisor.join(2.0)
 

@@ -1,11 +1,15 @@
-"""A fault from its first tick to its clearing: noticed in the loop, logged once, latched on disk, its history recorded.
+"""A fault from its first tick to its clearing: noticed in the loop, latched on disk, then logged, its history recorded.
 
-It has a lock of its own, so the supervisor notices a fault even while a command holds the daemon's lock.
+The latch comes first and waits for nothing: not for the log, not for a thread, not for a descriptor. What cannot be latched
+is tried again for as long as the fault is there. The manager has a lock of its own, so the supervisor notices a fault even
+while a command holds the daemon's lock.
 """
 
 from __future__ import annotations
 
+import contextlib
 import logging
+import math
 import threading
 import time
 from collections import Counter
@@ -15,6 +19,7 @@ from typing import TYPE_CHECKING
 from hapticd.config import config_digest
 from hapticd.control.endpoints import JsonDict
 from hapticd.record import RecordingError
+from hapticd.service.background import Background
 from hapticd.service.latch import CIRCUMSTANCES
 from hapticd.service.refusals import Refused
 from hapticd.servo import atomics, faults, layout
@@ -28,6 +33,9 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+_AGAIN_S = 1.0
+"""Between two attempts to latch a fault."""
+
 
 class FaultManager:
     """Keeps the daemon's fault.
@@ -40,6 +48,10 @@ class FaultManager:
     Attributes:
         lock: held for as long as fault and rig must agree.
         counts: how often each code was latched since the daemon began.
+        not_latched: why the fault would not outlive a restart; None where it would, or there is none.
+
+    Raises:
+        RuntimeError: the system gives no thread.
     """
 
     def __init__(self, latch: FaultLatch, rendering: Rendering, source: Callable[[], str]) -> None:
@@ -48,6 +60,10 @@ class FaultManager:
         self._latch, self._rendering, self._source = latch, rendering, source
         self._fault = latch.load()
         self._raised_on: Rig | None = None
+        self.not_latched: str | None = None
+        self._tried_s = -math.inf
+        self._history = Background("hapticd-history")
+        self._prepare()
 
     def active(self) -> JsonDict | None:
         """The fault that the loop is in, as `hapticd.control.schemas.Fault`; None when it is in none."""
@@ -59,6 +75,7 @@ class FaultManager:
             **{key: fault[key] for key in ("code", "cause", "help")},
             "remedy": self._remedy(fault["code"]),
             **{key: fault.get(key) for key in CIRCUMSTANCES},
+            "not_latched": self.not_latched,
             "from_before": latched is not None and self._raised_on is None,
         }
 
@@ -90,8 +107,10 @@ class FaultManager:
         self.refuse()
 
     def latch_raised(self) -> None:
-        """Latch a new fault on disk, log it once, record the 10 s before it."""
+        """Latch a new fault on disk, log it once, record the 10 s before it; try again what could not be latched."""
         with self.lock:
+            if self._fault is not None and self.not_latched and time.monotonic() - self._tried_s > _AGAIN_S:
+                self._store(self._fault)
             if self._rendering.rig.state == layout.FAULT and self._fault is None and self._rendering.rig.fault_number:
                 self.latch(self._described())
 
@@ -106,17 +125,37 @@ class FaultManager:
         }
         self._fault, self._raised_on = fault, rig
         self.counts[fault["code"]] += 1
+        self._store(fault)
         fields = {"fault": fault["code"], "cause": fault["cause"], "help": fault["help"]}
         remedy = self._remedy(fault["code"])
         log.error(
             "fault %s: %s; %s (%s)", fault["code"], fault["cause"], remedy, fault["help"], extra={"journal": fields}
         )
+        if self.not_latched:
+            log.error("%s", self.not_latched)
+        # Off the supervisor's thread, which must go on beating while the disk works.
+        self._history.ask(lambda: self._keep_past(fault["code"]))
+
+    def _store(self, fault: JsonDict) -> None:
+        self._tried_s = time.monotonic()
         try:
             self._latch.store(fault)
         except OSError as error:
-            log.error("the fault cannot be latched across a restart: %s: %s", self._latch.path, error.strerror)
-        # Off the supervisor's thread, which must go on beating while the disk works.
-        threading.Thread(target=self._keep_past, args=(fault["code"],), name="hapticd-history", daemon=True).start()
+            self.not_latched = f"the fault would not outlive a restart: {self._latch.path}: {error.strerror}"
+        else:
+            self.not_latched = None
+            self._history.ask(self._prepare)
+
+    def _prepare(self) -> None:
+        """Make the latch ready for the next fault; one that cannot be is made ready when it comes."""
+        with self.lock, contextlib.suppress(OSError):
+            self._latch.prepare()
+
+    def close(self) -> None:
+        """Give up what the latch had prepared."""
+        self._history.end(1.0)
+        with self.lock:
+            self._latch.close()
 
     def confirm_cleared(self, before: int) -> None:
         """The loop was asked to clear: forget the fault, unless it is there again.
@@ -135,7 +174,7 @@ class FaultManager:
                 found = self.active()
                 why = f"{found['cause']}; {found['remedy']}" if found else faults.KINDS[before].code
                 raise Refused("fault_persists", f"the fault is still there: {why}")
-            self._fault = None
+            self._fault = self.not_latched = None
             self._latch.remove()
 
     def servo_died(self) -> None:
@@ -155,7 +194,7 @@ class FaultManager:
     def _described(self) -> JsonDict:
         rig = self._rendering.rig
         number = rig.fault_number or faults.ESTOP
-        value, limit = float(rig.core.snapshot["fault_value"]), float(rig.core.snapshot["fault_limit"])
+        value, limit = rig.core.fault_numbers
         return faults.describe(number, value, limit, is_linear=rig.config.is_linear, detail=rig.driver.error)
 
     def _keep_past(self, code: str) -> None:

@@ -1,4 +1,4 @@
-"""Turn what a dead daemon left into a run file: at the next start, or by ``hapticd recover``."""
+"""What a dead daemon left: its fault is latched, its last rows become a run file; at the next start or by ``recover``."""
 
 from __future__ import annotations
 
@@ -12,12 +12,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hapticd.config import paths
 from hapticd.record import RecordingError, RunFileError
 from hapticd.record.files import open_new_run
 from hapticd.record.flight import PAST_S, SUFFIX, Flight, FlightRing, dead, memory_directory
+from hapticd.service.latch import FaultLatch
 from hapticd.servo import atomics, faults, layout
 from hapticd.servo.realtime import Grant
 from hapticd.servo.thread import ring_rows
@@ -119,16 +120,48 @@ def recover(directory: Path, name: str, out: Path | None = None) -> list[Recover
             with dead(path) as flight:
                 if flight is None:
                     continue
+                _latch(path, flight)
                 crash = _crash_text(path, flight.pid)
                 recovered = _write(flight, out, crash)
                 path.unlink(missing_ok=True)
                 _crash_path(path, flight.pid).unlink(missing_ok=True)
-        except (RecordingError, RunFileError) as error:
+        except (RecordingError, RunFileError, OSError) as error:
             log.error("what a dead daemon left in %s could not be recovered: %s", path, error)
         else:
             if recovered is not None:
                 found.append(recovered)
     return found
+
+
+def fault_of(flight: Flight) -> dict[str, Any] | None:
+    """The fault that a dead daemon was in, as `hapticd.servo.faults.describe` gives it; None: it was in none."""
+    number = int(flight.shared[atomics.FAULT_CODE])
+    if int(flight.shared[atomics.MODE]) != layout.FAULT or number not in faults.KINDS:
+        return None
+    value, limit = atomics.fault_numbers(flight.shared)
+    config = flight.metadata.get("config", {})
+    is_linear = bool(config.get("encoder", {}).get("counts_per_metre"))
+    detail = "the daemon was killed before it had written this down"
+    return {
+        **faults.describe(number, value, limit, is_linear=is_linear, detail=detail),
+        "time": _died(flight),
+        "config": "that of the daemon that was killed",
+        "config_digest": str(flight.metadata.get("config_digest", "")),
+    }
+
+
+def _latch(path: Path, flight: Flight) -> None:
+    """Latch the fault of a dead daemon, unless one is latched: it must not be lost with the process.
+
+    Raises:
+        OSError: it cannot be written; the flight recorder is left for the next time.
+    """
+    latch = FaultLatch(name=re.sub(rf"-{flight.pid}-\d+$", "", path.stem))
+    fault = fault_of(flight)
+    if fault is None or latch.load() is not None:
+        return
+    latch.store(fault)
+    log.warning("the daemon that was killed had a fault: %s: %s", fault["code"], fault["cause"])
 
 
 def _write(flight: Flight, out: Path | None, crash: str) -> Recovered | None:

@@ -96,7 +96,15 @@ class Replacement:
 
     def _put(self, config: Config, fault: int, driver: Driver | None = None, *, known: bool) -> None:
         # An estop that comes while the rig is replaced is for the new one.
-        obeyed, words = self._rendering.rig.core.estops_obeyed, self._rendering.authority.words
+        before, words = self._rendering.rig.core, self._rendering.authority.words
         self._rendering.rig = Rig(
-            config, fault, self._live, self._name, driver, position_known=known, words=words, estops_obeyed=obeyed
+            config,
+            fault,
+            self._live,
+            self._name,
+            driver,
+            position_known=known,
+            words=words,
+            estops_obeyed=before.estops_obeyed,
+            i2t=before.i2t,
         )

@@ -67,7 +67,7 @@ class Rig:
         driver: open already; None: it is opened here.
         position_known: False where the encoder may have begun to count anew since somebody said where the origin is.
         words: of the authority over motion (`hapticd.servo.authority`); None: nobody revokes anything.
-        estops_obeyed: by the rig before this one.
+        estops_obeyed: by the rig before this one. i2t: of the current that has flowed through the motor before, A² s.
 
     Raises:
         DriverError: the device cannot be opened.
@@ -85,6 +85,7 @@ class Rig:
         position_known: bool = True,
         words: NDArray[np.int64] | None = None,
         estops_obeyed: int = 0,
+        i2t: float = 0.0,
     ) -> None:
         self.config = config
         self.request = Request()
@@ -101,6 +102,7 @@ class Rig:
             self.flight,
             words=words,
             estops_obeyed=estops_obeyed,
+            i2t=i2t,
         )
         self.closed = False
         """Whether it has ended: zero current, amplifier off."""

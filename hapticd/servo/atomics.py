@@ -6,7 +6,12 @@ that the loop knows is in its records (`hapticd.servo.layout`).
 
 from __future__ import annotations
 
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 # Written by the supervisor.
 SEQUENCE: Final = 0
@@ -30,7 +35,7 @@ MODE: Final = 26
 APPLIED: Final = 27
 """Number of the parameter set in force."""
 FAULT_CODE: Final = 28
-"""Of `hapticd.servo.faults`; 0 for none. Its value and limit are in the snapshot before it is here."""
+"""Of `hapticd.servo.faults`; 0 for none. Its value and limit are there before it is."""
 FAULT_TICK: Final = 29
 """Tick in which it was raised."""
 TICKS: Final = 30
@@ -49,8 +54,22 @@ EXEC_MAX_NS: Final = 37
 """Longest tick, ns."""
 COUNTS: Final = 39
 """Encoder counts of the last good sample."""
+FAULT_VALUE: Final = 41
+"""Bits of a float64: what tripped the fault. Here, where a dead daemon's flight recorder has it, and not in the snapshot."""
+FAULT_LIMIT: Final = 42
+"""Bits of a float64: the limit that it crossed."""
 DEVICE_LOST: Final = 40
 """1: the driver has said that its device is lost; 0 again when the fault is cleared."""
 
 SIZE: Final = 48
 """Words in all."""
+
+
+def fault_numbers(shared: NDArray[Any]) -> tuple[float, float]:
+    """What tripped the fault, and the limit that it crossed.
+
+    Args:
+        shared: the atomics, shape (SIZE,), int64.
+    """
+    value, limit = shared[FAULT_VALUE : FAULT_LIMIT + 1].view(np.float64)
+    return float(value), float(limit)

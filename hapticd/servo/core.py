@@ -192,16 +192,27 @@ class ServoCore:
         _store(self.shared, index, value)
 
     @property
+    def fault_numbers(self) -> tuple[float, float]:
+        """What tripped the fault, and the limit that it crossed, in the units of `hapticd.servo.faults`."""
+        return atomics.fault_numbers(self.shared)
+
+    @property
+    def i2t(self) -> float:
+        """I²t above the continuous current by now, A² s."""
+        return float(self._state["i2t"])
+
+    @property
     def estops_obeyed(self) -> int:
         """How many software stops the loop has obeyed, of all that were asked for (`authority.ESTOPS`)."""
         return int(self._state["estops"])
 
-    def begin(self, start_ns: int, mode: int = layout.OFF, estops_obeyed: int = 0) -> None:
+    def begin(self, start_ns: int, mode: int = layout.OFF, estops_obeyed: int = 0, i2t: float = 0.0) -> None:
         """Set the time grid's origin and the first mode, with the first published parameter set in force.
 
         Args:
             start_ns: of CLOCK_MONOTONIC, or of virtual time. mode: OFF, RUNNING or FAULT.
             estops_obeyed: by the loop before this one; what was asked for since is obeyed in the first tick.
+            i2t: of the current that has flowed before, A² s.
         """
         sequence = self.shared[atomics.SEQUENCE]
         self.memory["params"] = self.memory["mailbox"][0, sequence & 1]
@@ -209,6 +220,7 @@ class ServoCore:
         self._state["grid_ns"] = self._state["start_ns"] = start_ns
         self._state["mode"] = mode
         self._state["estops"] = estops_obeyed
+        self._state["i2t"] = self.snapshot["i2t"] = i2t
         self._state["cleared"] = self.params["clear"]
         self._state["seed"] = self._state["random"] = self.params["dither_seed"]
         self.shared[atomics.MODE] = mode

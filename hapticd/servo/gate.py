@@ -23,8 +23,9 @@ def raise_fault(servo: Any, shared: Any, code: int, value: float, limit: float) 
     if servo.state.mode == FAULT:
         return
     servo.state.mode = FAULT
-    servo.snapshot.fault_value = value
-    servo.snapshot.fault_limit = limit
+    numbers = shared.view(np.float64)
+    numbers[atomics.FAULT_VALUE] = value
+    numbers[atomics.FAULT_LIMIT] = limit
     shared[atomics.FAULT_TICK] = servo.tick.number
     atomic_store(shared, atomics.FAULT_CODE, code)
     atomic_store(shared, atomics.MODE, FAULT)

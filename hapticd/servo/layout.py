@@ -165,8 +165,6 @@ SNAPSHOT = np.dtype(
         ("excess", "f8"),  # of that what is still to be dissipated,
         ("dissipated", "f8"),  # by the passivity controller
         ("passivity_current", "f8"),  # that it adds, A
-        ("fault_value", "f8"),  # what tripped the fault
-        ("fault_limit", "f8"),  # and the limit that it crossed
     ],
     align=True,
 )

@@ -208,6 +208,6 @@ def simulate(
 
 
 def _fault(core: ServoCore, config: Config, number: int) -> dict[str, Any]:
-    value, limit = float(core.snapshot["fault_value"]), float(core.snapshot["fault_limit"])
+    value, limit = core.fault_numbers
     described = faults.describe(number, value, limit, is_linear=config.is_linear)
     return {**described, "tick": core.load(atomics.FAULT_TICK)}

@@ -52,7 +52,7 @@ class ServoThread:
         params: first parameter set.
         latched_fault: fault number from before a restart, or 0.
         flight: as for :class:`ServoCore`.
-        words: as for :class:`ServoCore`. estops_obeyed: by the loop before this one.
+        words: as for :class:`ServoCore`. estops_obeyed, i2t: as for :meth:`ServoCore.begin`.
     """
 
     def __init__(
@@ -64,9 +64,10 @@ class ServoThread:
         flight: FlightRing | None = None,
         words: NDArray[np.int64] | None = None,
         estops_obeyed: int = 0,
+        i2t: float = 0.0,
     ) -> None:
         self.core = ServoCore(driver, ring_rows=ring_rows(config.servo.rate_hz), flight=flight, words=words)
-        self._estops_obeyed = estops_obeyed
+        self._estops_obeyed, self._i2t = estops_obeyed, i2t
         self.grants: list[Grant] = []
         self._config = config
         self._params = params
@@ -87,7 +88,7 @@ class ServoThread:
         self.grants = [lock_memory(), self._cpu_latency.acquire()]
         self.beat()
         mode = layout.FAULT if self._latched_fault else layout.OFF
-        self.core.begin(time.monotonic_ns() + _FIRST_TICK_AFTER_NS, mode, self._estops_obeyed)
+        self.core.begin(time.monotonic_ns() + _FIRST_TICK_AFTER_NS, mode, self._estops_obeyed, self._i2t)
         if self._latched_fault:
             self.core.store(atomics.FAULT_CODE, self._latched_fault)
         self._thread.start()

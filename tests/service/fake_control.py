@@ -36,6 +36,7 @@ CIRCUMSTANCES = {
     "time": "2026-01-02T03:04:05.678+00:00",
     "config": "rig.yaml",
     "config_digest": "0123456789ab",
+    "not_latched": None,
     "from_before": True,
 }
 FAULT = {

@@ -32,15 +32,19 @@ CONFIG: dict[str, Any] = {
 
 
 class Rig:
-    """One daemon process on the witness driver, in a folder of its own."""
+    """One daemon process on the witness driver, in a folder of its own.
 
-    def __init__(self, folder: Path) -> None:
+    Args:
+        folder: of everything. sections: of the config, in the place of those of `CONFIG`.
+    """
+
+    def __init__(self, folder: Path, **sections: Any) -> None:
         self.folder = folder
         self.socket = folder / "h.sock"
         self.log = folder / "witness.log"
         self.output = folder / "output.txt"
         self.config = folder / "rig.yaml"
-        self.config.write_text(yaml.safe_dump({**CONFIG, "record": {"directory": str(folder / "runs")}}))
+        self.config.write_text(yaml.safe_dump({**CONFIG, **sections, "record": {"directory": str(folder / "runs")}}))
         plugin = folder / "plugin" / "witness-1.dist-info"
         plugin.mkdir(parents=True)
         (plugin / "METADATA").write_text("Metadata-Version: 2.1\nName: witness\nVersion: 1\n")

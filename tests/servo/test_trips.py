@@ -56,7 +56,7 @@ def test_trip_latches_and_ends_at_zero(code: str, sections: dict[str, Any], scri
     assert tripped.any()
     assert (rows["current_command_A"][tripped] == 0.0).all()
     assert not (rows["flags"][tripped] & FLAG_RUNNING).any()
-    value, limit = core.snapshot["fault_value"], core.snapshot["fault_limit"]
+    value, limit = core.fault_numbers
     described = faults.describe(faults.NUMBERS[code], float(value), float(limit), is_linear=False, detail=driver.error)
     if code == "driver_error":
         assert "bit rot in the counter" in described["cause"]
@@ -92,7 +92,7 @@ def test_device_that_goes_or_complains(result: int, code: str, text: str) -> Non
     rows_of(core, 5)
     assert fault_code(core) == code
     ends_at_zero(driver)
-    value, limit = float(core.snapshot["fault_value"]), float(core.snapshot["fault_limit"])
+    value, limit = core.fault_numbers
     assert text in faults.describe(faults.NUMBERS[code], value, limit, is_linear=False)["cause"]
 
 

@@ -1,0 +1,132 @@
+"""What the motor's winding has taken, kept over a reload, a lost device and a restart: I²t above the continuous current.
+
+The loop adds it up in every tick (`hapticd.servo.gate.check_load`), in A² s. Once a second, and at a clean end, it is
+written beside the latch. A start credits the cooling of the time between, continuous_current² a second as the loop does,
+only after a clean end and only where that time is known: by the boot clock within one boot, by the calendar over a reboot
+if it has not gone backwards. After any other end it begins with what was written last. A file that cannot be understood
+counts as a winding at its limit: it was written by a motor that ran.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import threading
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from hapticd.figures.files import atomic_write
+from hapticd.service.latch import state_directory
+from hapticd.servo.core import i2t_limit
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from hapticd.config import Config
+
+log = logging.getLogger(__name__)
+
+_EVERY_S: Final = 1.0
+_BOOT = Path("/proc/sys/kernel/random/boot_id")
+
+
+class Heat:
+    """The I²t of one daemon's motor, on disk.
+
+    Args:
+        name: of the daemon, `hapticd.service.latch.daemon_name`.
+    """
+
+    def __init__(self, name: str) -> None:
+        self.path = state_directory() / f"heat-{name}.json"
+        self._current: Callable[[], float] | None = None
+        self._ending = threading.Event()
+        self._thread: threading.Thread | None = None
+        self._written: float | None = None
+        self._failed = ""
+
+    def before(self, config: Config) -> float:
+        """I²t with which a daemon begins, A² s; at most what trips ``over_current``.
+
+        Args:
+            config: for the continuous current and the limit.
+        """
+        limit = i2t_limit(config)
+        continuous = config.amplifier.continuous_current
+        if not continuous:
+            return 0.0
+        try:
+            kept = json.loads(self.path.read_text())
+            i2t = float(kept["i2t"])
+            if not 0.0 <= i2t < math.inf:
+                raise ValueError(f"i2t = {i2t}")
+            cooled = continuous**2 * _known_span_s(kept) if kept["clean"] is True else 0.0
+        except FileNotFoundError:
+            return 0.0
+        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            log.warning("%s: %s; the motor is taken to be as hot as it may be", self.path, error)
+            return limit
+        return min(max(0.0, i2t - cooled), limit)
+
+    def follow(self, current: Callable[[], float]) -> None:
+        """Write it down from now on, once a second.
+
+        Args:
+            current: gives it, A² s.
+
+        Raises:
+            RuntimeError: the system gives no thread.
+        """
+        self._current = current
+        self._thread = threading.Thread(target=self._run, name="hapticd-heat", daemon=True)
+        self._thread.start()
+
+    def end(self) -> None:
+        """A clean end: the motor is off, and cools from now on."""
+        self._ending.set()
+        if self._thread is not None and self._current is not None:
+            self._thread.join(2.0)
+            self._write(self._current(), clean=True)
+
+    def _run(self) -> None:
+        while not self._ending.wait(_EVERY_S):
+            assert self._current is not None
+            i2t = self._current()
+            if i2t != self._written:  # a motor that stays cold costs the disk nothing
+                self._write(i2t, clean=False)
+
+    def _write(self, i2t: float, *, clean: bool) -> None:
+        kept = {
+            "i2t": i2t,
+            "clean": clean,
+            "time_s": time.time(),
+            "boot_s": time.clock_gettime(time.CLOCK_BOOTTIME),
+            "boot": _boot(),
+        }
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            with atomic_write(self.path) as part:
+                part.write_text(json.dumps(kept) + "\n")
+        except OSError as error:
+            if str(error) != self._failed:
+                self._failed = str(error)
+                log.error("what the motor has taken would not outlive a restart: %s: %s", self.path, error.strerror)
+        else:
+            self._written, self._failed = i2t, ""
+
+
+def _boot() -> str:
+    try:
+        return _BOOT.read_text().strip()
+    except OSError:
+        return ""
+
+
+def _known_span_s(kept: dict[str, Any]) -> float:
+    """Time since it was written, s; 0 where that is not known."""
+    boot = _boot()
+    if boot and kept["boot"] == boot:
+        return max(0.0, time.clock_gettime(time.CLOCK_BOOTTIME) - float(kept["boot_s"]))
+    return max(0.0, time.time() - float(kept["time_s"]))
