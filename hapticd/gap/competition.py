@@ -311,7 +311,8 @@ def finished(contender: Contender, before: CrossValidated) -> Contender:
 def _polished(fit: Fit) -> tuple[Fit, float]:
     """The fit climbed to the end, and the penalty for more discrete choices in it.
 
-    A grip, or orders of a ripple, that were found beside what was still missing are looked for again. What a device
+    A grip, or orders of a ripple, that were found beside what was still missing are looked for again; the edges of a grip
+    once more whenever all else has moved, since a climb from edges that are off ends beside the maximum. What a device
     remembers was climbed in a part of the record, and fitted by slopes that a rough likelihood does not have; nor has the
     spike of a converter's step, which holds up all others in a common climb.
     """
@@ -319,7 +320,7 @@ def _polished(fit: Fit) -> tuple[Fit, float]:
     for number, item in enumerate(fit.terms):
         acts_on = CATALOGUE[item.slug].acts_on if item.slug in CATALOGUE else ""
         if item.slug == grip.SLUG:
-            fit = grip.with_close_edges(grip.settled(fit, number, scale_of(fit)), number)
+            fit = grip.climbed(fit, number, scale_of(fit))
         elif item.slug == ripple.SLUG:
             fit, more = ripple.settled(fit, number, scale_of(fit))
             added_penalty += more
