@@ -7,7 +7,7 @@ BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 export PYTHONUNBUFFERED := 1
 
-.PHONY: run test attack compiled compiled-daemon compiled-gap lint types jstypes layers bench soak dist audit versions docs site firmware firmware-test \
+.PHONY: run test attack test-old compiled compiled-daemon compiled-gap lint types jstypes layers bench soak dist audit versions docs site firmware firmware-test \
   firmware-fuzz install uninstall system-test clean help
 
 help:            ## this list
@@ -26,6 +26,9 @@ test: $(STAMP)   ## every check and test that needs no special machine
 
 attack: compiled ## what tries to break the daemon, all of it; make test has a sample
 	$(BIN)/python -m pytest -m attack -n 2 --dist worksteal --durations=15
+
+test-old: $(STAMP)  ## the gap's tests without wide vectors and fused products, as an old x86-64 computes
+	$(BIN)/python -m tests.old_processor
 
 compiled: $(STAMP)   ## fill the compile caches of daemon, gap workflow and simulated hardware, side by side
 	@$(MAKE) --no-print-directory -j2 compiled-daemon compiled-gap
