@@ -52,6 +52,7 @@ def test_the_cogging_motor_is_imported_in_the_drive_s_own_steps(tmp_path: Path) 
 
 
 @needs_data
+@pytest.mark.timeout(1200)  # the longest search of all; minutes where others compute beside it
 def test_the_cogging_motor_s_ripple_is_named_from_a_poor_guess(tmp_path: Path) -> None:
     """Its inertia is some forty times the guess, and its current was filtered before it was recorded."""
     model = odrive.guessed_model()
