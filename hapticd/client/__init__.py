@@ -10,6 +10,7 @@ from hapticd.client.client import (
     Client,
     DaemonUnreachable,
     RequestRefused,
+    StoppedUnanswered,
     settings_for_a_while,
     stop_on_interrupt,
 )
@@ -19,6 +20,7 @@ __all__ = [
     "Client",
     "DaemonUnreachable",
     "RequestRefused",
+    "StoppedUnanswered",
     "find_run",
     "recording_folders",
     "settings_for_a_while",

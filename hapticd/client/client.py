@@ -1,11 +1,12 @@
 """Client of the control API: sends `Endpoints` to the daemon's socket, and helps to run experiments.
 
 Each request is a connection of its own: on a Unix socket that costs microseconds, nothing goes stale while nobody asks,
-and one client may be used from several threads.
+and one client may be used from several threads. A stop goes through the stop channel first (`hapticd.client.stop_channel`).
 """
 
 from __future__ import annotations
 
+import contextlib
 import http.client
 import json
 import os
@@ -16,17 +17,35 @@ from contextlib import contextmanager
 from functools import reduce
 from operator import getitem
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
+from hapticd.client import stop_channel
 from hapticd.config.paths import find_socket
 from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict
 
 ANSWER_TIMEOUT_S = 30.0
 """Opening a device or reading a new config can take seconds; everything else is answered in milliseconds."""
+STOPPED_TIMEOUT_S = 5.0
+"""The same for a stop that has been obeyed: what is missing then is the report alone."""
+DEADLINE = "Request-Deadline-Ns"
+"""Header of a command: CLOCK_MONOTONIC, which both sides share, in ns, after which nobody waits for it any more."""
+_QUEUE_POLL_S = 0.01
 
 
 class DaemonUnreachable(Exception):  # noqa: N818 - named as the public exit code is: "daemon not reachable"
-    """Nobody answers on the socket, or not in time; the text says where and how to start a daemon."""
+    """Nobody answers on the socket, or not in time; the text says where, why, and what to do."""
+
+
+class StoppedUnanswered(DaemonUnreachable):
+    """A stop was obeyed, as the stop channel says, and the API did not answer; the text says both.
+
+    Attributes:
+        state: ``off`` or ``fault``, both at zero current.
+    """
+
+    def __init__(self, state: str, reason: str) -> None:
+        super().__init__(f"{state}: zero current; the API did not answer: {reason}")
+        self.state = state
 
 
 class RequestRefused(Exception):  # noqa: N818 - an answer, not an error of the program
@@ -56,7 +75,8 @@ class Client(Endpoints):
         timeout_s: how long to wait for an answer, s.
 
     Raises:
-        DaemonUnreachable: from every method, when nobody answers.
+        DaemonUnreachable: from every method, when nobody answers; from `stop` and `estop` its kind `StoppedUnanswered`, when
+            the current is zero and only the report is missing.
         RequestRefused: from every method, when the daemon says no.
     """
 
@@ -91,16 +111,39 @@ class Client(Endpoints):
 
     def send(self, endpoint: Endpoint, fields: JsonDict) -> Any:
         """Ask for an endpoint and return its reply: a dict, or text."""
+        if endpoint.queue in ("stop", "estop"):
+            return self._halt(endpoint)
+        return self._request(endpoint, fields, self.timeout_s)
+
+    def _halt(self, endpoint: Endpoint) -> Any:
+        """A stop: the stop channel first, then the request for the full answer."""
+        state = stop_channel.ask(self.socket_path, cast(stop_channel.Word, endpoint.queue))
+        obeyed = state in ("off", "fault")
+        try:
+            return self._request(endpoint, {}, min(self.timeout_s, STOPPED_TIMEOUT_S) if obeyed else self.timeout_s)
+        except DaemonUnreachable as error:
+            if state is None and isinstance(error, _NotAsked):
+                raise
+            if state is not None and obeyed:
+                raise StoppedUnanswered(state, str(error)) from error
+            late = state == stop_channel.LATE
+            told = "the servo loop does not obey" if late else "the stop channel does not answer either"
+            raise DaemonUnreachable(f"{error}; {told}: to be sure, cut the power of the amplifier") from error
+
+    def _request(self, endpoint: Endpoint, fields: JsonDict, timeout_s: float) -> Any:
+        headers = {"Content-Type": "application/json", "Connection": "close"}
+        if endpoint.method == "POST":
+            headers[DEADLINE] = str(time.monotonic_ns() + round(timeout_s * 1e9))
         body = json.dumps(fields, allow_nan=False, default=os.fspath) if endpoint.signature.parameters else None
-        connection = _UnixConnection(self.socket_path, self.timeout_s)
+        connection = _UnixConnection(self.socket_path, timeout_s)
         try:
             connection.connect()
         except OSError as error:
-            raise DaemonUnreachable(self._why_unreachable()) from error
+            raise self._unreachable(error, timeout_s) from error
         try:
-            connection.request(
-                endpoint.method, endpoint.path, body, {"Content-Type": "application/json", "Connection": "close"}
-            )
+            # Who is turned away at the door is told why, though nobody reads what he asks for.
+            with contextlib.suppress(BrokenPipeError):
+                connection.request(endpoint.method, endpoint.path, body, headers)
             reply = connection.getresponse()
             if endpoint.reply == TEXT and reply.status == 200:
                 return reply.read().decode()
@@ -125,13 +168,29 @@ class Client(Endpoints):
             raise RequestRefused(status, error["code"], error["message"], error.get("problems"))
         return answer
 
-    def _why_unreachable(self) -> str:
+    def _unreachable(self, error: OSError, timeout_s: float) -> DaemonUnreachable:
+        """Why no connection can be had."""
         path = self.socket_path
-        if path.is_socket() and not os.access(path, os.W_OK):
-            found = path.stat()
-            owner = f"owner {found.st_uid}, group {found.st_gid}, mode {found.st_mode & 0o777:04o}"
-            return f"no permission to talk to the daemon on {path} ({owner}); ask to be taken into its group"
-        return f"no daemon answers on {path}; start one with 'hapticd run'"
+        if isinstance(error, FileNotFoundError):
+            return _NotAsked(f"no daemon answers on {path}; start one with 'hapticd run'")
+        if isinstance(error, ConnectionRefusedError):
+            left = "is left of one that has ended" if path.is_socket() else "is no socket"
+            return _NotAsked(f"no daemon answers on {path}, which {left}; start one with 'hapticd run'")
+        if isinstance(error, PermissionError):
+            owner = "one of its folders may not be entered"
+            with contextlib.suppress(OSError):
+                found = path.stat()
+                owner = f"owner {found.st_uid}, group {found.st_gid}, mode {found.st_mode & 0o777:04o}"
+            return _NotAsked(f"no permission to talk to the daemon on {path} ({owner}); ask to be taken into its group")
+        if isinstance(error, BlockingIOError | TimeoutError):
+            return DaemonUnreachable(
+                f"the daemon on {path} runs and has taken no connection for {timeout_s:g} s: it hangs, or is flooded"
+            )
+        return DaemonUnreachable(f"the daemon on {path} cannot be asked: {error.strerror or error}")
+
+
+class _NotAsked(DaemonUnreachable):
+    """There is no daemon on that socket, or none that we may talk to."""
 
 
 @contextmanager
@@ -164,8 +223,11 @@ def stop_on_interrupt(client: Client, say: Callable[[str], None]) -> Iterator[No
     try:
         yield
     except KeyboardInterrupt:
-        client.stop()
-        say("the daemon was told to stop")
+        try:
+            client.stop()
+            say("the daemon was told to stop")
+        except StoppedUnanswered as stopped:
+            say(str(stopped))
         raise
 
 
@@ -174,14 +236,26 @@ class _UnixConnection(http.client.HTTPConnection):
 
     def __init__(self, path: Path, timeout_s: float) -> None:
         super().__init__("hapticd", timeout=timeout_s)
-        self.path = path
+        self.path, self._timeout_s = path, timeout_s
 
     def connect(self) -> None:
-        """Connect to the socket file instead of a host."""
-        self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
-        try:
-            self.sock.settimeout(self.timeout)
-            self.sock.connect(os.fspath(self.path))
-        except BaseException:
-            self.sock.close()
-            raise
+        """Connect to the socket file instead of a host.
+
+        Raises:
+            BlockingIOError: the queue of those who want to connect has been full all the time.
+        """
+        deadline = time.monotonic() + self._timeout_s
+        while True:
+            self.sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+            try:
+                self.sock.settimeout(self._timeout_s)
+                self.sock.connect(os.fspath(self.path))
+                return
+            except BlockingIOError:  # a Unix socket does not wait for a place in the queue
+                self.sock.close()
+                if time.monotonic() > deadline:
+                    raise
+            except BaseException:
+                self.sock.close()
+                raise
+            time.sleep(_QUEUE_POLL_S)
