@@ -142,7 +142,7 @@ class Client(Endpoints):
             raise self._unreachable(error, timeout_s) from error
         try:
             # Who is turned away at the door is told why, though nobody reads what he asks for.
-            with contextlib.suppress(BrokenPipeError):
+            with contextlib.suppress(BrokenPipeError, ConnectionResetError):
                 connection.request(endpoint.method, endpoint.path, body, headers)
             reply = connection.getresponse()
             if endpoint.reply == TEXT and reply.status == 200:

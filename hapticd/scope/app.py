@@ -7,7 +7,7 @@ of a stop.
 from __future__ import annotations
 
 import asyncio
-import json
+import contextlib
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -23,17 +23,18 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from hapticd.client import Client, DaemonUnreachable, RequestRefused
+from hapticd.client import Client, DaemonUnreachable, RequestRefused, StoppedUnanswered
 from hapticd.config import ConfigError
 from hapticd.control.json_reply import JsonReply, error_reply, to_json
 from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
 from hapticd.scope import runs, theory
 from hapticd.scope.access import Access, Guard, Names, Role
-from hapticd.scope.forms import CLIENT, BadRequest, body_of, client_of, fields_of
+from hapticd.scope.forms import CLIENT, BadRequest, body_of, client_of, fields_of, read_json
 from hapticd.scope.hub import Hub
 from hapticd.scope.lease import Lease
 from hapticd.scope.runs import RunError
+from hapticd.scope.strangers import has_token
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
@@ -156,18 +157,19 @@ class ScopeServer:
         await self._serve(socket, self._send_state)
 
     async def _serve(self, socket: WebSocket, serve: Callable[[WebSocket, Role, str], Awaitable[None]]) -> None:
-        if self.connections >= MAX_CONNECTIONS:
-            await socket.close(CLOSE_FULL)
-            return
-        self.connections += 1
-        try:
+        with contextlib.suppress(WebSocketDisconnect):
             hello = await self._greet(socket)
-            if hello is not None:
+            if hello is None:
+                return
+            has_token(socket)
+            if self.connections >= MAX_CONNECTIONS:
+                await socket.close(CLOSE_FULL)
+                return
+            self.connections += 1
+            try:
                 await serve(socket, *hello)
-        except WebSocketDisconnect:
-            pass
-        finally:
-            self.connections -= 1
+            finally:
+                self.connections -= 1
 
     async def _greet(self, socket: WebSocket) -> tuple[Role, str] | None:
         """Role and client of a WebSocket whose first message carries a token; any other is closed."""
@@ -255,6 +257,7 @@ def _endpoint(server: ScopeServer, handler: Callable[[Request], Awaitable[Any]],
         found = server.access.bearer(request.headers)
         if found is None:
             return error_reply(401, "token", "an Authorization header with a token of this start is needed")
+        has_token(request)
         if role == "command" and found != "command":
             return error_reply(403, "view_only", "this token may only look")
         if lease and not server.lease.held_by(request.headers.get("x-client")):
@@ -265,6 +268,8 @@ def _endpoint(server: ScopeServer, handler: Callable[[Request], Awaitable[Any]],
             return error_reply(error.status, error.code, error.message)
         except RequestRefused as error:
             return error_reply(error.status, error.code, error.message, problems=error.problems)
+        except StoppedUnanswered as stopped:
+            result = {"state": stopped.state, "unanswered": str(stopped)}
         except DaemonUnreachable as error:
             return error_reply(502, "unreachable", str(error))
         except ConfigError as error:
@@ -285,7 +290,7 @@ async def _hello(socket: WebSocket) -> dict[str, Any]:
     """The first message; an empty one when it does not come in time or is no JSON object."""
     try:
         async with asyncio.timeout(HELLO_TIMEOUT_S):
-            found = json.loads(await socket.receive_text())
+            found = read_json(await socket.receive_text())
     except (TimeoutError, ValueError, KeyError):
         return {}
     return found if isinstance(found, dict) else {}

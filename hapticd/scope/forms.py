@@ -11,6 +11,9 @@ from starlette.requests import Request
 MAX_BODY_BYTES = 64 * 1024
 JSON_TYPE = "application/json"
 CLIENT = re.compile(r"[A-Za-z0-9_-]{8,64}")
+DEEPEST = 16
+_NESTING = re.compile(r"""[\[\]{}]|"(?:[^"\\]|\\.)*+"?""", re.DOTALL)
+"""A bracket, or a text as a whole, ended or not: brackets in it are none. Possessive, so that nothing is read twice."""
 
 
 class BadRequest(Exception):  # noqa: N818 - becomes an answer
@@ -38,6 +41,21 @@ async def body_of(request: Request, media_type: str, limit: int) -> bytes:
     return bytes(body)
 
 
+def read_json(text: str) -> Any:
+    """What a page says, in JSON.
+
+    Raises:
+        ValueError: it is none, or lists and objects lie in each other more than `DEEPEST` deep: the parser calls itself for
+            each, and would end in a RecursionError.
+    """
+    depth = 0
+    for found in _NESTING.finditer(text):
+        depth += {"[": 1, "{": 1, "]": -1, "}": -1}.get(found[0], 0)
+        if depth > DEEPEST:
+            raise ValueError(f"lists and objects lie in each other more than {DEEPEST} deep")
+    return json.loads(text, parse_constant=_no_constant)
+
+
 async def fields_of(request: Request, **kinds: type) -> dict[str, Any]:
     """The request's JSON object, with exactly these fields.
 
@@ -45,7 +63,7 @@ async def fields_of(request: Request, **kinds: type) -> dict[str, Any]:
         BadRequest: it is none, or a field is missing, unknown or of another type.
     """
     try:
-        found = json.loads(await body_of(request, JSON_TYPE, MAX_BODY_BYTES), parse_constant=_no_constant)
+        found = read_json((await body_of(request, JSON_TYPE, MAX_BODY_BYTES)).decode())
     except ValueError as error:
         raise BadRequest(400, "json", f"the body is not valid JSON: {error}") from error
     if not isinstance(found, dict) or found.keys() != kinds.keys():

@@ -17,9 +17,13 @@ from pathlib import Path
 import uvicorn
 from starlette.types import ASGIApp
 
+from hapticd.control import descriptors
 from hapticd.scope.access import Access, Names
 from hapticd.scope.app import ScopeServer, create_app
+from hapticd.scope.strangers import strangers
 
+BACKLOG = 1024
+"""Connections that the kernel keeps until they are accepted: where it keeps no more, who connects is a second late."""
 MAX_MESSAGE_BYTES = 4096
 """What a page may say over a WebSocket: its token, no more."""
 
@@ -72,6 +76,7 @@ def serve(
         ScopeError: the address cannot be had.
         ValueError: an origin is none.
     """
+    descriptors.prepare()
     with contextlib.closing(_bind(host, port)) as listening:
         port = listening.getsockname()[1]
         names = Names.of(host, port, origins)
@@ -91,12 +96,13 @@ def web_settings(app: ASGIApp) -> uvicorn.Config:
     """How the page is served: no compression of what is noise, and nothing believed that a proxy might have said."""
     return uvicorn.Config(
         app,
-        http="h11",
+        http=strangers(),
         ws="websockets-sansio",
         ws_per_message_deflate=False,
         ws_max_size=MAX_MESSAGE_BYTES,
         lifespan="off",
         loop="asyncio",
+        backlog=BACKLOG,
         log_config=None,
         log_level="warning",
         access_log=False,
@@ -113,7 +119,7 @@ def _bind(host: str, port: int) -> socket.socket:
         try:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             found.bind(address)
-            found.listen()  # a page that is asked for at once waits for the answer
+            found.listen(BACKLOG)  # a page that is asked for at once waits for the answer
         except BaseException:
             found.close()
             raise

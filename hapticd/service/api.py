@@ -26,8 +26,9 @@ from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict, Queue
 from hapticd.control.json_reply import JsonReply
 from hapticd.control.schemas import ErrorReply, body_of, reply_of
 from hapticd.service import replies, socket
-from hapticd.service.access import CALLER, Access, Caller, CallerProtocol, Rules
+from hapticd.service.access import CALLER, Access, Caller, Rules
 from hapticd.service.arrivals import ARRIVAL, Arrivals, Pending, Stoppable
+from hapticd.service.guests import guests
 from hapticd.service.halting import POLL_S
 from hapticd.service.live import LiveStream
 from hapticd.service.metrics import CONTENT_TYPE
@@ -216,7 +217,7 @@ class ApiServer:
         self._pools = _pools()
         settings = uvicorn.Config(
             create_app(control, self._pools, rules),
-            http=CallerProtocol,
+            http=guests(rules or Rules()),
             ws="none",
             lifespan="off",
             loop="asyncio",

@@ -20,6 +20,7 @@ from rich.text import Text
 
 from drivers import DriverConfigError
 from hapticd.config import ConfigError
+from hapticd.control import descriptors
 from hapticd.control.fault_text import fault_lines
 from hapticd.record.files import why_unwritable
 from hapticd.service.access import Rules
@@ -161,6 +162,7 @@ def run_foreground(
     """
     console = console or Console(stderr=True)
     _log_to(console)
+    descriptors.prepare()
     notifier = Notifier.from_environment()
     path = socket or Path(config.api.socket)
     signals: SimpleQueue[int] = SimpleQueue()

@@ -1,0 +1,61 @@
+"""Enough descriptors for a server, and few words where there are none left or where somebody sends nonsense."""
+
+from __future__ import annotations
+
+import logging
+import resource
+import time
+from collections.abc import Callable
+from typing import Final
+
+MOST: Final = 65_536
+"""More than any limit on connections lets in; a table of descriptors costs memory."""
+EVERY_S: Final = 10.0
+_SERVERS: Final = ("asyncio", "uvicorn.error")
+
+
+class Seldom(logging.Filter):
+    """Lets the same message of a logger pass once in a while, with how many were left out before it.
+
+    asyncio writes a traceback for each connection that it cannot accept, a hundred in a row: the log would be the next thing
+    that runs full.
+
+    Args:
+        every_s: from one to the next, s. clock: s.
+    """
+
+    def __init__(self, every_s: float = EVERY_S, clock: Callable[[], float] = time.monotonic) -> None:
+        super().__init__()
+        self._every_s, self._clock = every_s, clock
+        self._passed: dict[str, float] = {}
+        self._left_out: dict[str, int] = {}
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether it passes."""
+        kind = f"{record.module}:{record.lineno}: {record.exc_info[0] if record.exc_info else ''}"
+        now = self._clock()
+        if now - self._passed.get(kind, float("-inf")) < self._every_s:
+            self._left_out[kind] = self._left_out.get(kind, 0) + 1
+            return False
+        self._passed[kind] = now
+        if count := self._left_out.pop(kind, 0):
+            record.msg, record.args = f"{record.getMessage()}\n({count} more like this before it)", None
+        return True
+
+
+def prepare(most: int = MOST) -> None:
+    """Raise this process's soft limit of descriptors to the hard one, and have the servers' loggers say things seldom.
+
+    A soft limit of 1024 is there for programs that use select(2).
+
+    Args:
+        most: no more than so many.
+    """
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    wanted = most if hard == resource.RLIM_INFINITY else min(hard, most)
+    if soft != resource.RLIM_INFINITY and soft < wanted:
+        resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
+    for name in _SERVERS:
+        logger = logging.getLogger(name)
+        if not any(isinstance(found, Seldom) for found in logger.filters):
+            logger.addFilter(Seldom())
