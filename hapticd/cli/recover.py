@@ -40,5 +40,5 @@ def recover(folder: FolderArgument = None, out: Path | None = None) -> None:
 
     folders = [folder] if folder else [memory_directory(), paths.service_socket().parent]
     found = [run for place in dict.fromkeys(folders) if place is not None for run in flight.recover(place, "", out)]
-    lines = [f"{run.run}: {run.rows} rows\n  {run.reason}" for run in found]
+    lines = [f"{output.name(run.run)}: {run.rows} rows\n  {run.reason}" for run in found]
     output.emit({"recovered": [asdict(run) for run in found]}, "\n".join(lines) or "nothing to recover")

@@ -13,7 +13,7 @@ from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Count, SocketOption
-from hapticd.cli.output import number
+from hapticd.cli.output import name, number
 
 if TYPE_CHECKING:
     from hapticd.record.listing import Listed
@@ -63,21 +63,21 @@ def runs(
 def describe(found: Sequence[Listed], names: Mapping[Path, str], places: Sequence[Path], total: int) -> str:
     """A line for each recording, under the folder that it is in."""
     if not found:
-        return f"no recordings in {' or '.join(map(str, places))}"
+        return f"no recordings in {' or '.join(map(name, places))}"
     lines = [_line(names.get(each.path, ""), each) for each in found]
     if total > len(found):
         lines.append(f"and {total - len(found)} more; --all lists them")
     several = dict.fromkeys(each.path.parent for each in found)
-    return "\n".join([*lines, f"in {' and '.join(map(str, several))}"])
+    return "\n".join([*lines, f"in {' and '.join(map(name, several))}"])
 
 
-def _line(name: str, each: Listed) -> str:
+def _line(place: str, each: Listed) -> str:
     when = f"{each.modified.astimezone():%Y-%m-%d %H:%M:%S}"
     if each.error is not None:
-        return f"{name:9} {when}  {each.path.name}  ({each.error})"
+        return f"{place:9} {when}  {name(each.path.name)}  ({name(each.error)})"
     length = "-" if each.duration_s is None else f"{number(each.duration_s)} s"
     cut = "" if each.whole else "  (not ended properly, or still being written)"
-    return f"{name:9} {when}  {length:>10} {each.rows:>9} rows {_size(each.size):>8}  {each.path.name}{cut}"
+    return f"{place:9} {when}  {length:>10} {each.rows:>9} rows {_size(each.size):>8}  {name(each.path.name)}{cut}"
 
 
 def _size(size: int) -> str:

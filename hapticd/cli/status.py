@@ -122,22 +122,22 @@ def _percentiles(found: dict[str, Any]) -> str:
 
 def _recorder(recorder: dict[str, Any]) -> str:
     if error := recorder.get("error"):
-        return f"stopped: {error}"
+        return f"stopped: {output.name(error)}"
     if not recorder["path"]:
         return "off"
-    return f"{recorder['path']}, {recorder['rows']} rows, {recorder['dropped']} dropped"
+    return f"{output.name(recorder['path'])}, {recorder['rows']} rows, {recorder['dropped']} dropped"
 
 
 def _watch(client: Client, interval: float) -> None:
     """Redraw until Ctrl-C; in a pipe, one block a look."""
     if not sys.stdout.isatty():
         while True:
-            print(describe(client.status(), client.socket_path), end="\n\n", flush=True)
+            print(output.printable(describe(client.status(), client.socket_path)), end="\n\n", flush=True)
             time.sleep(interval)
     from rich.live import Live
     from rich.text import Text
 
     with Live(auto_refresh=False) as live:
         while True:
-            live.update(Text(describe(client.status(), client.socket_path)), refresh=True)
+            live.update(Text(output.printable(describe(client.status(), client.socket_path))), refresh=True)
             time.sleep(interval)

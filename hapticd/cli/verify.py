@@ -41,14 +41,15 @@ def verify(run: RunArgument) -> int:
 
 
 def _text(verdict: Verdict) -> str:
-    lines = [f"{verdict.path} is damaged: {text}" for text in verdict.damage_text]
+    name = output.name(verdict.path)
+    lines = [f"{name} is damaged: {text}" for text in verdict.damage_text]
     if lines:
-        lines.append(f"{verdict.rows} rows are left: 'hapticd export {verdict.path} --to parquet --salvage' keeps them")
+        lines.append(f"{verdict.rows} rows are left: 'hapticd export {name} --to parquet --salvage' keeps them")
     elif verdict.checked:
-        lines.append(f"{verdict.path}: {verdict.rows} rows, all as they were written")
+        lines.append(f"{name}: {verdict.rows} rows, all as they were written")
     else:
         without = f"a file of version {verdict.version} has no checksums"
-        lines.append(f"{verdict.path}: {verdict.rows} rows can be read; {without}")
+        lines.append(f"{name}: {verdict.rows} rows can be read; {without}")
     if verdict.truncated:
         lines.append("the recording was not ended properly; its rows end with the last whole batch")
     return "\n".join(lines)

@@ -31,7 +31,7 @@
       });
       const answer = await reply.json();
       if (reply.ok) {
-        say(number, `${label}: the daemon says ${answer.state}`, false);
+        say(number, `${label}: ${answer.unanswered ?? `the daemon says ${answer.state}`}`, false);
       } else {
         say(number, `${label} REFUSED: ${answer.error.message}`, true);
       }
