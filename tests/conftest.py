@@ -53,6 +53,7 @@ WALL_CLOCK = (
     "service/test_stop_means_stop.py",
     "servo/test_heartbeat.py",
     "servo/test_mailbox.py",
+    "servo/test_overrun.py",
 )
 PATIENT = (
     "docs/test_notebooks.py",

@@ -73,16 +73,25 @@ def take_counts(servo: Any, shared: Any) -> None:
 
 
 @njit(inline=True, counted=False)
+def count_late(servo: Any) -> None:
+    """Periods missed since the last tick in time: one long freeze weighs as much as many late ticks in a row.
+
+    Before the state machine: what was missed before ``running`` began is then forgotten with the rest.
+    """
+    missed = servo.tick.missed
+    servo.state.late_periods = servo.state.late_periods + missed if missed > 0 else 0
+
+
+@njit(inline=True, counted=False)
 def check_load(servo: Any, shared: Any) -> None:
-    """Late ticks, missed exchanges, and the I²t of the current that flowed since the last tick."""
+    """Missed periods, missed exchanges, and the I²t of the current that flowed since the last tick."""
     params, state, missed = servo.params, servo.state, servo.tick.missed
-    state.overruns_in_a_row = state.overruns_in_a_row + 1 if missed > 0 else 0
     if not params.safety:
         return
     if state.mode == RUNNING:
         allowed = 1.0 if params.overrun_policy == FAULT_ON_OVERRUN else params.overrun_fault_after
-        if state.overruns_in_a_row >= allowed:
-            raise_fault(servo, shared, faults.OVERRUN, state.overruns_in_a_row, allowed)
+        if state.late_periods >= allowed:
+            raise_fault(servo, shared, faults.OVERRUN, state.late_periods, allowed)
     if state.missed_in_a_row > params.missed_exchanges:
         raise_fault(servo, shared, faults.MISSED_EXCHANGES, state.missed_in_a_row, params.missed_exchanges)
     if np.isfinite(params.continuous_current):
@@ -99,7 +108,7 @@ def forget_motion(servo: Any) -> None:
     state = servo.state
     state.have_counts = False
     state.missed_in_a_row = 0
-    state.overruns_in_a_row = 0
+    state.late_periods = 0
     state.delayed_head = 0
     state.delayed_tail = 0
     state.speed = 0.0

@@ -69,7 +69,7 @@ PARAMS = np.dtype(
         ("encoder_jump", "f8"),  # counts a period
         ("missed_exchanges", "f8"),  # in a row
         ("overrun_policy", "i8"),  # SKIP, HOLD, FAULT_ON_OVERRUN
-        ("overrun_fault_after", "f8"),  # late ticks in a row
+        ("overrun_fault_after", "f8"),  # periods of one stretch of late ticks
         ("heartbeat_ns", "f8"),  # longest silence of the supervisor, ns; 0 for any
         ("enable_timeout_ns", "f8"),  # ns
         ("excitation_id", "i8"),  # a new one, not 0, starts the table in the excitation buffer
@@ -114,7 +114,7 @@ STATE = np.dtype(
         ("dissipated", "f8"),  # by the controller, J
         ("passivity_current", "f8"),  # that the controller added, A
         ("missed_in_a_row", "i8"),  # exchanges
-        ("overruns_in_a_row", "i8"),  # late ticks
+        ("late_periods", "i8"),  # missed since the last tick in time
         ("i2t", "f8"),  # A² s above the continuous current
         ("force", "f8"),  # of the last rendered tick, N m or N
         ("requested", "f8"),  # current of the last rendered tick, before T_V and the converter, A

@@ -23,7 +23,7 @@ from hapticd.record.schema import (
 from hapticd.servo import atomics, authority
 from hapticd.servo.clock import grid_instant, now_ns, sleep_until
 from hapticd.servo.command import leave, write_current, write_zero
-from hapticd.servo.gate import check_exchange, check_load, step_mode, take_counts
+from hapticd.servo.gate import check_exchange, check_load, count_late, step_mode, take_counts
 from hapticd.servo.layout import FAULT, OFF, PASSIVITY_OFF, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
 from hapticd.servo.passivity import show_energy
 from hapticd.servo.render import coarse_ticks, render
@@ -219,6 +219,7 @@ def run(servo: Any, shared: Any, words: Any, ring: Any, truth: Any, excitation: 
             begin_grid(servo)
 
         read(servo, shared)
+        count_late(servo)
         step_mode(servo, shared, words)
         if tick.fresh:
             take_counts(servo, shared)

@@ -25,7 +25,7 @@ WRONG = [
     ("servo: {cpu: -1}", "servo.cpu = -1: must be at least 0"),
     (
         "servo: {overrun: {fault_after: 1.5}}",
-        "servo.overrun.fault_after = 1.5: must be a whole number of ticks",
+        "servo.overrun.fault_after = 1.5: must be a whole number of periods",
     ),
     ("spring: {stiffness: -1}", "spring.stiffness = -1: must be at least 0 N m/rad"),
     ("encoder: {decimation: 217.5}", "encoder.decimation = 217.5: must be a whole number of counts"),

@@ -36,7 +36,7 @@ def test_re35_preset_is_the_default() -> None:
 
 def test_every_key_of_the_interface_has_its_default() -> None:
     text = """
-servo:      {rate_hz: 1000, priority: 80, cpu: null, require_realtime: false, overrun: {policy: skip, fault_after: 10}}
+servo:      {rate_hz: 1000, priority: 80, cpu: null, require_realtime: false, overrun: {policy: skip, fault_after: 50}}
 spring:     {stiffness: 0.012, origin: 0.0, half_tick_bias: true, side: both}
 encoder:    {counts_per_rev: 8192, decimation: 1, invert: false}
 dither:     {target: none, waveform: sine, amplitude: 0.0, frequency_hz: 0.0, seed: 0}

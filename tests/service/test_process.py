@@ -16,6 +16,7 @@ import pytest
 import yaml
 
 from hapticd.client import Client, DaemonUnreachable
+from hapticd.config import Config
 from hapticd.record import read_run
 from tests.forked import Forked
 from tests.polling import PATIENCE_S, wait_until
@@ -216,6 +217,20 @@ def test_a_frozen_daemon_faults_when_it_thaws(rig: Rig) -> None:
     status = rig.client.status()
     assert status["fault"]["code"] == "heartbeat_lost"
     assert status["timing"]["missed"] > 500
+
+
+def test_a_freeze_below_the_heartbeats_timeout_is_a_fault_too(rig: Rig) -> None:
+    process = rig.launch()
+    rig.render()
+    rig.client.set({"servo.overrun.fault_after": Config().servo.overrun.fault_after})
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGCONT)
+    wait_until(lambda: rig.client.status()["state"] == "fault", "a fault")
+    assert rig.client.status()["fault"]["code"] == "overrun"
+    process.terminate()
+    process.wait(PATIENCE_S)
+    rig.check_end()
 
 
 @pytest.mark.parametrize(
