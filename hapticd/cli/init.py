@@ -59,9 +59,18 @@ def init(
     from hapticd.figures.files import write_text
 
     write_text(out, text)
-    document = {"config": out, "answers": values, "warnings": warnings, "linear": config.is_linear}
+    document = {
+        "config": out,
+        "answers": values,
+        "warnings": warnings,
+        "linear": config.is_linear,
+        "count_speed": config.count_speed,
+    }
+    limit, unit = config.safety.max_velocity, "m/s" if config.is_linear else "rad/s"
     said = [
         f"written: {out}",
+        f"one count of the encoder in a period: {config.count_speed:.3g} {unit}"
+        + (f" (safety.max_velocity = {limit:g} {unit})" if limit else ""),
         f"next: hapticd check {out}; then hapticd run {out}, and hapticd identify --live --model {out} -o {out}",
     ]
     output.emit(document, "\n".join(said))

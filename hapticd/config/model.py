@@ -63,6 +63,11 @@ class Config(Section):
         return self.encoder.decimation * self.encoder.raw_resolution
 
     @property
+    def count_speed(self) -> float:
+        """One raw count a period, in rad/s or m/s: a speed is known no finer from two successive samples."""
+        return self.encoder.raw_resolution * self.servo.rate_hz
+
+    @property
     def is_linear(self) -> bool:
         """True for a linear device (m, N), False for a rotary one (rad, N m)."""
         return self.encoder.counts_per_metre is not None

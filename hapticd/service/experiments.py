@@ -287,8 +287,8 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     """What a release did, from its recording.
 
     Returns:
-        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``), ``held_by_friction`` (it never
-        moved by a raw count), ``final`` position in coarse ticks
+        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``; None: a trip of the limits came
+        before it could be told), ``held_by_friction`` (it never moved by a raw count), ``final`` position in coarse ticks
         (true to one raw count), ``rest`` (after how many periods and s, None while moving) and ``oscillation`` of the last
         quarter (peak to peak in ticks and raw counts, frequency in Hz).
     """
@@ -304,8 +304,11 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     last_move = int(moving[-1]) + 1 if len(moving) else 0
     at_rest = time_s[-1] - time_s[last_move] >= max(REST_S, 0.1 * (time_s[-1] - time_s[0]))
     tail = counts[-(len(counts) // 4) :]
+    outcome: str | None
     if fault_number in _RUNAWAY:
-        outcome: str = "growing"
+        # It began at rest: farther out than that, by more than a reading's error, it has gained energy.
+        away = np.abs(counts - origin_counts)
+        outcome = "growing" if away.max() > away[0] + 1 else None
     else:
         # The rules of `simulate`, on the squared swing of each stretch in place of its energy. What the encoder shows
         # cannot tell a monotone fall of energy from one with rises.

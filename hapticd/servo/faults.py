@@ -56,12 +56,12 @@ KINDS: Final[dict[int, FaultKind]] = {
     ),
     OVER_SPEED: FaultKind(
         "over_speed",
-        "speed {value:.4g} {speed_unit} is above safety.max_velocity = {limit:.4g} {speed_unit}",
+        "speed of at least {value:.4g} {speed_unit} is above safety.max_velocity = {limit:.4g} {speed_unit}",
         "hold the handle until the shaft is still, then 'hapticd clear'",
     ),
     EXCURSION: FaultKind(
         "excursion",
-        "{value:.4g} {unit} from the spring's origin is beyond safety.max_excursion = {limit:.4g} {unit}",
+        "at least {value:.4g} {unit} from the spring's origin is beyond safety.max_excursion = {limit:.4g} {unit}",
         "bring the shaft back within the limit, then 'hapticd clear'",
     ),
     ENCODER_JUMP: FaultKind(

@@ -45,6 +45,15 @@ def check_exchange(servo: Any, shared: Any, result: int) -> None:
 
 
 @njit(inline=True, counted=False)
+def proven(counts: float) -> float:
+    """The way that a difference of readings proves, counts: one less, since either may be anywhere within its count.
+
+    Every trip that an encoder's reading decides goes by this. What two counts in a period prove is one count in a period.
+    """
+    return max(abs(counts) - 1.0, 0.0)
+
+
+@njit(inline=True, counted=False)
 def take_counts(servo: Any, shared: Any) -> None:
     """Accept a fresh sample: speed from the time that really passed, then jump, over-speed and excursion."""
     params, state, tick = servo.params, servo.state, servo.tick
@@ -58,15 +67,19 @@ def take_counts(servo: Any, shared: Any) -> None:
             # A later sample may have moved further: the limit is per period that passed.
             periods = 1 + tick.missed + state.missed_in_a_row
             scale = params.raw_resolution
-            if abs(moved) > params.encoder_jump * periods:
+            fastest = proven(moved) * 1e9
+            if proven(moved) > params.encoder_jump * periods:
                 raise_fault(servo, shared, faults.ENCODER_JUMP, moved, params.encoder_jump)
-            elif abs(state.speed) > params.max_speed:
-                raise_fault(servo, shared, faults.OVER_SPEED, state.speed * scale, params.max_speed * scale)
+            elif fastest > params.max_speed * elapsed:
+                fastest = np.copysign(fastest / elapsed, moved)
+                raise_fault(servo, shared, faults.OVER_SPEED, fastest * scale, params.max_speed * scale)
     if watching:
         excursion = float(counts) - float(params.origin)
-        if abs(excursion) > params.max_excursion:
+        farthest = proven(excursion)
+        if farthest > params.max_excursion:
             scale = params.raw_resolution
-            raise_fault(servo, shared, faults.EXCURSION, excursion * scale, params.max_excursion * scale)
+            farthest = np.copysign(farthest, excursion)
+            raise_fault(servo, shared, faults.EXCURSION, farthest * scale, params.max_excursion * scale)
     state.counts = counts
     state.counts_ns = tick.woke_ns
     state.have_counts = True

@@ -106,6 +106,7 @@ class Assessment:
             "proven": self.proven,
             "xi_dot_max": self.xi_dot_max,
             "velocity_limit": self.velocity_limit,
+            "count_speed": self.config.count_speed,
             "criterion_margin": {
                 criterion: criterion_margin(n, self.xi_dot_max, criterion) for criterion in get_args(Criterion)
             },

@@ -12,6 +12,9 @@ from hapticd.stability.criterion import QUANTUM, criterion_margin, sampling_boun
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 
+FEW_COUNTS = 4.0
+"""A speed limit of fewer counts a period is one that the encoder hardly tells."""
+
 
 def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: float | None) -> tuple[str, ...]:
     """Warnings, each a sentence with the numbers behind it.
@@ -63,6 +66,13 @@ def _interface(config: Config, loop: Loop) -> Iterator[str]:
     limit, reason = max_rate(config)
     if config.servo.rate_hz > limit:
         yield f"servo.rate_hz is {config.servo.rate_hz:g} Hz, but {reason}"
+    speed, unit = config.safety.max_velocity, "m/s" if config.is_linear else "rad/s"
+    if speed and speed < FEW_COUNTS * config.count_speed:
+        yield (
+            f"safety.max_velocity = {speed:g} {unit} is {speed / config.count_speed:.3g} counts a period, and one count a "
+            f"period is {config.count_speed:.3g} {unit}: the trip allows for one count, so it comes late or not at all near "
+            "the limit; take a finer encoder, a slower servo or a higher limit"
+        )
     amplifier = config.amplifier
     if amplifier.dac_bits and amplifier.dac_full_scale and loop.stiffness > 0.0:
         step = math.ldexp(amplifier.dac_full_scale, 1 - amplifier.dac_bits) * amplifier.torque_constant

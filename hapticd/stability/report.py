@@ -160,6 +160,7 @@ def _numbers(found: Assessment) -> Iterator[str]:
     if found.xi_dot_max is not None:
         yield f"top speed         {speed(found.xi_dot_max)}"
     yield f"speed limit       {speed(found.velocity_limit)}"
+    yield f"one count         a period is {number(found.config.count_speed)} {speed_unit}"
     margins = [
         f"{criterion} {number(criterion_margin(n, found.xi_dot_max, criterion), 2)}"
         for criterion in ("paper", "corrected", "sharp")

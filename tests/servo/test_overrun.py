@@ -1,4 +1,4 @@
-"""`servo.overrun.fault_after` counts the periods of a stretch of late ticks: one freeze weighs as much as many late ticks."""
+"""`servo.overrun.fault_after` counts the periods of a stretch of late ticks: a freeze weighs as much as many late ticks."""
 
 from __future__ import annotations
 
@@ -13,7 +13,9 @@ from hapticd.servo.core import ServoCore
 from tests.servo.scripted import Scripted, config, core_for, fault_code
 
 
-def after_freezes(rate_hz: float, fault_after: int | None, freezes: dict[int, float], state: int = w.RUNNING) -> ServoCore:
+def after_freezes(
+    rate_hz: float, fault_after: int | None, freezes: dict[int, float], state: int = w.RUNNING
+) -> ServoCore:
     """The loop on the real clock; at the samples that are named the whole thread stands still for so many seconds."""
     last = max(freezes) + 20
     overrun = {} if fault_after is None else {"overrun": {"fault_after": fault_after}}

@@ -37,7 +37,7 @@ CASES: list[tuple[str, dict[str, Any], Script]] = [
         lambda n: 100 if n < 20 else 100 + 80 * (n - 20),
     ),
     ("excursion", {"safety": {"max_excursion": 1.0}}, lambda n: 100 + 20 * n),
-    ("encoder_jump", {"safety": {"encoder_jump": 50}}, lambda n: 100 if n < 20 else 151),
+    ("encoder_jump", {"safety": {"encoder_jump": 50}}, lambda n: 100 if n < 20 else 152),
     ("missed_exchanges", {"safety": {"missed_exchanges": 3}}, lambda n: 100 if n < 20 else None),
     ("driver_error", {}, lambda n: 100 if n < 20 else RuntimeError("bit rot in the counter")),
     ("over_current", {"spring": {"stiffness": 0.08}, "amplifier": {"peak_time_s": 0.01}}, lambda n: 1600),
@@ -141,7 +141,7 @@ def test_clamp_at_a_peak_off_the_dac_grid_never_exceeds_it() -> None:
 
 
 def test_trip_that_just_does_not_happen() -> None:
-    driver = Scripted(config(safety={"encoder_jump": 50}), lambda n: 100 if n < 20 else 150)
+    driver = Scripted(config(safety={"encoder_jump": 50}), lambda n: 100 if n < 20 else 151)
     core = core_for(driver, driver.config)
     rows_of(core, 100)
     assert fault_code(core) is None
