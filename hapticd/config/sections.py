@@ -287,6 +287,29 @@ class Safety(Section):
     heartbeat_timeout_s: Number = quantity(
         0.5, "Silence of the supervisor after which the loop faults", "s", ge=0.2, le=10
     )
+    current_mismatch: Limit = quantity(
+        0.3,
+        "Largest difference between the current that the device measures, where it does, and the one commanded, as the "
+        "amplifier's model makes it; 10 % of that current are allowed besides",
+        "A",
+        zero="not compared",
+        ge=0,
+    )
+    current_mismatch_s: Number = quantity(
+        0.1,
+        "Time for which every sample must be beyond that until it is a fault; three samples at least",
+        "s",
+        gt=0,
+        le=10,
+    )
+    soft_start_s: Number = quantity(
+        0.25,
+        "Time over which the force comes in where running begins, and passes over where the spring changes while it is "
+        "rendered; 0: at once. A release and an excitation begin at once",
+        "s",
+        ge=0,
+        le=10,
+    )
     guard: Annotated[Literal["refuse", "warn", "off"], Off] = quantity(
         "refuse",
         "What becomes of a spring whose motion, says the theory, does not die out: refuse: not rendered unless forced; "

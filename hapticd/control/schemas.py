@@ -226,3 +226,6 @@ class ReleaseReply(JobReply):
     """A release has started."""
 
     achieved_deflection: float = Field(description="Deflection really achieved, coarse ticks, exact to one raw count.")
+    soft_start_s: float = Field(
+        description="0: a release begins with the whole force, whatever safety.soft_start_s says."
+    )

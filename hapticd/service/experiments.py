@@ -139,7 +139,7 @@ class Experiments:
         origin = counts - round(deflection * decimation)
         achieved = (counts - origin) / decimation
         experiment = Experiment("release", duration_s or RELEASE_DURATION_S)
-        rig.ask(origin_counts=origin)
+        rig.ask(origin_counts=origin, exact=True)
 
         def finished() -> bool:
             return experiment.elapsed_s() >= experiment.duration_s
@@ -147,7 +147,8 @@ class Experiments:
         def conclude(path: Path) -> dict[str, Any]:
             return {"achieved_deflection": achieved, **release_result(path, decimation, origin, rig.fault_number)}
 
-        return {"achieved_deflection": achieved, **self._launch(experiment, "release", command, finished, conclude)}
+        launched = self._launch(experiment, "release", command, finished, conclude)
+        return {"achieved_deflection": achieved, "soft_start_s": 0.0, **launched}
 
     def excite(self, command: Command, name: str, options: dict[str, Any], force: bool = False) -> dict[str, Any]:
         """Play an identification experiment about the shaft's present position."""

@@ -226,7 +226,7 @@ class Rig:
 
     def switch_off(self) -> None:
         """Request ``off``, without a word about commands that wait to begin. Does not wait."""
-        self.ask(state=layout.OFF, excitation_id=0, excitation_length=0)
+        self.ask(state=layout.OFF, excitation_id=0, excitation_length=0, exact=False)
 
     def run(self, command: Command) -> None:
         """Ask for ``running`` in the name of a command, in the one step in which it begins.

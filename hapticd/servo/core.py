@@ -19,7 +19,8 @@ from hapticd.plant.amplifier import converter_grid
 from hapticd.record.schema import ROW, joined
 from hapticd.servo import atomics, authority, layout
 from hapticd.servo.clock import grid_instant
-from hapticd.servo.layout import PARAMS, SERVO
+from hapticd.servo.follow import follow_parameters
+from hapticd.servo.layout import LAW, PARAMS, SERVO
 from hapticd.servo.loop import run
 from hapticd.servo.timing import quantiles_us
 from hapticd.stability.damping import passive_viscous, velocity_filter
@@ -68,6 +69,8 @@ class Request:
     """Raw count of the spring's origin; None: the config's."""
     excitation_id: int = 0
     excitation_length: int = 0
+    exact: bool = False
+    """Running begins without a soft start, as a release does; an excitation has none either."""
 
 
 def i2t_limit(config: Config) -> float:
@@ -87,7 +90,8 @@ def parameters(config: Config, request: Request, *, safety: bool = True, latency
 
     Args:
         config: the configuration in force. request: what the supervisor wants besides.
-        safety: False for no trips and no clamp. latency_s: the driver's declared latency, for the passivity controller.
+        safety: False for no trips, no clamp and no soft start. latency_s: the driver's declared latency, for the passivity
+            controller and the current that is expected to be measured.
     """
     p: np.void = np.zeros(1, PARAMS)[0]
     raw = config.raw_resolution
@@ -126,6 +130,10 @@ def parameters(config: Config, request: Request, *, safety: bool = True, latency
     p["max_excursion"] = (limits.max_excursion or math.inf) / raw
     p["encoder_jump"] = limits.encoder_jump or math.inf
     p["missed_exchanges"] = limits.missed_exchanges or math.inf
+    for name, value in follow_parameters(config, latency_s).items():
+        p[name] = value
+    p["soft_step"] = config.period / limits.soft_start_s if safety and limits.soft_start_s else 0.0
+    p["abrupt"] = request.exact or request.excitation_id != 0
     p["overrun_policy"] = layout.OVERRUN_POLICIES[config.servo.overrun.policy]
     p["overrun_fault_after"] = config.servo.overrun.fault_after or math.inf
     p["heartbeat_ns"] = (limits.heartbeat_timeout_s or 0.0) * 1e9
@@ -216,6 +224,8 @@ class ServoCore:
         """
         sequence = self.shared[atomics.SEQUENCE]
         self.memory["params"] = self.memory["mailbox"][0, sequence & 1]
+        for name in LAW.names or ():
+            self.memory["law"][name] = self.params[name]
         self._state["applied"] = sequence
         self._state["grid_ns"] = self._state["start_ns"] = start_ns
         self._state["mode"] = mode

@@ -24,6 +24,7 @@ ESTOP: Final = 12
 ENABLE_TIMEOUT: Final = 13
 AMPLIFIER_DROPPED: Final = 14
 RELOAD_FAILED: Final = 15
+CURRENT_MISMATCH: Final = 16
 
 CLEAR: Final = "when the rig is safe, 'hapticd clear'"
 REPLUG: Final = (
@@ -123,6 +124,12 @@ KINDS: Final[dict[int, FaultKind]] = {
         "reload_failed",
         "the new configuration could not be put into force",
         "go on with the old configuration: 'hapticd clear'; or correct the new one, and then 'hapticd reload' again",
+    ),
+    CURRENT_MISMATCH: FaultKind(
+        "current_mismatch",
+        "the device measures {value:.4g} A, beyond the {limit:.4g} A up to which the current commanded, the amplifier's model "
+        "and safety.current_mismatch explain it",
+        "find out which of both is wrong (the drive's scale, the motor's leads, its supply), then 'hapticd clear'",
     ),
 }
 

@@ -13,6 +13,7 @@ import numpy as np
 from drivers.interface import STATUS_ENABLED
 from hapticd.jit import atomic_load, atomic_store, njit
 from hapticd.servo import atomics, authority, faults
+from hapticd.servo.law import begin_softly
 from hapticd.servo.layout import FAULT, FAULT_ON_OVERRUN, OFF, READY, RUNNING
 from hapticd.servo.passivity import forget_energy
 
@@ -127,6 +128,7 @@ def forget_motion(servo: Any) -> None:
     state.speed = 0.0
     state.velocity_samples = 0
     forget_energy(servo)
+    begin_softly(servo)
 
 
 @njit(inline=True, counted=False)

@@ -68,6 +68,16 @@ PARAMS = np.dtype(
         ("max_excursion", "f8"),  # counts from the origin
         ("encoder_jump", "f8"),  # counts a period
         ("missed_exchanges", "f8"),  # in a row
+        ("soft_step", "f8"),  # part of a soft start or change that a period is; 0 for none
+        ("abrupt", "?"),  # running begins without one: a release, an excitation
+        ("mismatch", "f8"),  # A between the current measured and the one commanded; infinite for none
+        ("mismatch_ticks", "i8"),  # samples in a row for which it may last
+        ("mismatch_block", "i8"),  # periods of commands, and of as many before them, that a sample may be of
+        ("current_limit", "f8"),  # A that the amplifier gives at most, whatever is commanded; infinite for none
+        ("follow_ii", "f8"),  # what a period leaves of the amplifier's distance from its command, A:
+        ("follow_ir", "f8"),  # of the distance itself, and of its rate over ω_A
+        ("follow_ri", "f8"),  # and the same
+        ("follow_rr", "f8"),  # of the rate over ω_A
         ("overrun_policy", "i8"),  # SKIP, HOLD, FAULT_ON_OVERRUN
         ("overrun_fault_after", "f8"),  # periods of one stretch of late ticks
         ("heartbeat_ns", "f8"),  # longest silence of the supervisor, ns; 0 for any
@@ -78,6 +88,19 @@ PARAMS = np.dtype(
     align=True,
 )
 """Parameters, applied whole between two ticks."""
+
+LAW = np.dtype(
+    [
+        ("force_per_tick", "f8"),  # as in PARAMS, like the others
+        ("bias", "f8"),
+        ("damping", "f8"),
+        ("side", "i8"),
+        ("origin", "i8"),
+        ("decimation", "i8"),
+    ],
+    align=True,
+)
+"""What of the parameters makes the rendered spring; a change of it while it is rendered is a soft one."""
 
 DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT = 0, 1, 2
 
@@ -126,6 +149,17 @@ STATE = np.dtype(
         ("excitation_start", "i8"),  # tick
         ("delayed_head", "i8"),  # commands put into T_V
         ("delayed_tail", "i8"),  # commands taken out
+        ("held_share", "f8"),  # of the spring before in what is rendered, from 1 to 0; 0: nothing changed lately
+        ("held_offset", "f8"),  # force beside the spring before, with which it is what was rendered last, N m or N
+        ("softened", "f8"),  # force rendered less that of the spring in force, N m or N
+        ("followed", "f8"),  # current of the amplifier's model, A
+        ("follow_rate", "f8"),  # and its rate over ω_A, A
+        ("current_low", "f8"),  # least current that it may have had in this block of periods, A
+        ("current_high", "f8"),  # and largest
+        ("block_low", "f8"),  # in the block before
+        ("block_high", "f8"),
+        ("block_ticks", "i8"),  # of this block so far
+        ("mismatched", "i8"),  # samples in a row that are none of these
         ("dropped", "i8"),  # rows that had found no room when the last row was recorded
     ],
     align=True,
@@ -204,6 +238,8 @@ SERVO = np.dtype(
     [
         ("real_time", "?"),  # the monotonic clock, or virtual time
         ("params", PARAMS),  # in force
+        ("law", LAW),  # the spring in force
+        ("held_law", LAW),  # and the one before it
         ("state", STATE),
         ("tick", TICK),
         ("snapshot", SNAPSHOT),

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 import numba
+import numpy as np
 
 from hapticd.jit import atomic_load, atomic_store, call_driver, fence_acquire, njit
 from hapticd.record.schema import (
@@ -23,10 +24,12 @@ from hapticd.record.schema import (
 from hapticd.servo import atomics, authority
 from hapticd.servo.clock import grid_instant, now_ns, sleep_until
 from hapticd.servo.command import leave, write_current, write_zero
+from hapticd.servo.follow import follow_current
 from hapticd.servo.gate import check_exchange, check_load, count_late, step_mode, take_counts
+from hapticd.servo.law import coarse_ticks, renew_law
 from hapticd.servo.layout import FAULT, OFF, PASSIVITY_OFF, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
 from hapticd.servo.passivity import show_energy
-from hapticd.servo.render import coarse_ticks, render
+from hapticd.servo.render import render
 from hapticd.servo.timing import count
 
 _RUNAWAY_TICKS = 1_000_000_000
@@ -217,6 +220,7 @@ def run(servo: Any, shared: Any, words: Any, ring: Any, truth: Any, excitation: 
         shared[atomics.MISSED_PERIODS] += tick.missed
         if take_parameters(servo, shared):
             begin_grid(servo)
+            renew_law(servo)
 
         read(servo, shared)
         count_late(servo)
@@ -224,6 +228,8 @@ def run(servo: Any, shared: Any, words: Any, ring: Any, truth: Any, excitation: 
         if tick.fresh:
             take_counts(servo, shared)
         check_load(servo, shared)
+        if servo.params.safety and servo.params.mismatch < np.inf:
+            follow_current(servo, shared)
         locate(servo)
         if not servo.real_time and abs(tick.position) > _RUNAWAY_TICKS:
             return RETURN_RUNAWAY

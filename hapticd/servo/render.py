@@ -1,10 +1,4 @@
-"""What one tick computes: decimated position, dither, the quantised bidirectional spring (eq. 2), damping, excitation.
-
-    F_V = −K Δ (⌊x/Δ⌋ + ½) − B v,   ⌊x/Δ⌋ = ⌊(raw − origin) / N⌋
-
-with Δ = N raw counts and v as `hapticd.servo.damping` estimates it. The floor of the raw encoder nests,
-⌊⌊x/δ⌋/N⌋ = ⌊x/(N δ)⌋, so decimation is exact, also below zero.
-"""
+"""What one tick computes: dither, the force of the spring (`hapticd.servo.law`), excitation, the current for both."""
 
 from __future__ import annotations
 
@@ -22,20 +16,12 @@ from hapticd.servo.gate import raise_fault
 from hapticd.servo.layout import (
     DITHER_CURRENT,
     DITHER_NONE,
-    DITHER_POSITION,
     HOLD,
-    NEGATIVE_SIDE,
     PASSIVITY_OFF,
-    POSITIVE_SIDE,
     UNIFORM,
 )
+from hapticd.servo.law import soften, spring
 from hapticd.servo.passivity import control, observe
-
-
-@njit(inline=True, counted=False)
-def coarse_ticks(relative: int, decimation: int) -> int:
-    """⌊relative / N⌋, towards minus infinity for negative counts too."""
-    return relative // decimation
 
 
 @njit(inline=True, counted=False)
@@ -55,29 +41,6 @@ def dither(servo: Any, periods: int) -> float:
         phase = state.dither_phase + params.dither_frequency * params.period_ns * 1e-9 * periods
         state.dither_phase = phase - np.floor(phase)
     return params.dither_amplitude * value
-
-
-@njit(inline=True, counted=False)
-def spring(
-    params: Any, relative: int, dither_value: float, excitation_current: float, velocity: float
-) -> tuple[float, float]:
-    """Force of the virtual spring and damping (N m or N) and the current that is asked for (A).
-
-    A wall (``side``) ends where it would pull: damping alone never holds the shaft back on its way out.
-    """
-    if params.dither_target == DITHER_POSITION:
-        quantised = np.floor(relative / params.decimation + dither_value)
-    else:
-        quantised = float(coarse_ticks(relative, params.decimation))
-    force = -params.force_per_tick * (quantised + params.bias) - params.damping * velocity
-    if (params.side == POSITIVE_SIDE and (quantised < 0.0 or force > 0.0)) or (
-        params.side == NEGATIVE_SIDE and (quantised >= 0.0 or force < 0.0)
-    ):
-        force = 0.0
-    current = force / params.torque_constant + excitation_current
-    if params.dither_target == DITHER_CURRENT:
-        current += dither_value
-    return force, current
 
 
 @njit(inline=True, counted=False)
@@ -103,13 +66,19 @@ def render(servo: Any, shared: Any, excitation: Any) -> None:
     params, state, tick = servo.params, servo.state, servo.tick
     if params.passivity != PASSIVITY_OFF:
         observe(servo)
-    velocity = estimate_velocity(servo) if params.damping > 0.0 else 0.0
+    is_soft = state.held_share > 0.0
+    velocity = estimate_velocity(servo) if params.damping > 0.0 or is_soft else 0.0
     if tick.missed > 0 and params.overrun_policy == HOLD:
         tick.flags |= FLAG_HELD
         return
     extra_current, shift = excite(servo, shared, excitation)
     dither_value = dither(servo, 1 + tick.missed)
-    force, current = spring(params, tick.relative - shift, dither_value, extra_current, velocity)
+    force = spring(params, params, tick.relative - shift, dither_value, velocity)
+    if is_soft:
+        force = soften(servo, force, shift, dither_value, velocity)
+    current = force / params.torque_constant + extra_current
+    if params.dither_target == DITHER_CURRENT:
+        current += dither_value
     if not np.isfinite(current):
         raise_fault(servo, shared, faults.NON_FINITE, current, 0.0)
         return

@@ -16,8 +16,8 @@ from hapticd.servo.core import Request, ServoCore, parameters
 
 
 def config(**sections: Any) -> Config:
-    """An ideal amplifier on an 8192-count encoder, with whatever else a test needs."""
-    base: dict[str, Any] = {"amplifier": {"bandwidth_hz": 0, "dac_bits": 0}}
+    """An ideal amplifier on an 8192-count encoder, at full force from the start, with whatever else a test needs."""
+    base: dict[str, Any] = {"amplifier": {"bandwidth_hz": 0, "dac_bits": 0}, "safety": {"soft_start_s": 0}}
     for name, values in sections.items():
         base[name] = {**base.get(name, {}), **values}
     return parse_config(base, "test")

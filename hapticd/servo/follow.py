@@ -1,0 +1,112 @@
+"""Does the current that the device measures follow the one that is commanded? The trip `current_mismatch`.
+
+The amplifier is a current loop of second order, i'' = ω² (u − i) − 2 δ ω i' with ω = 2π `bandwidth_hz` and δ = `damping_ratio`.
+With the command held for a period T its distance e = i − u and r = i'/ω move by the exact transition exp(A ω T),
+A = [[0, 1], [−1, −2δ]], which Python works out with each parameter set. Until the next command e² + r² never grows, so that
+the current stays within u ± (|e| + |r|), whenever in the period it is sampled.
+
+A sample may be a few periods old: a command changes within a period (T_V), a link takes its time, and the theory's amplifier
+is a pure delay. So the measured current is compared with all that the current may have been in the last one to two blocks of
+periods, each as long as twice the lag and three periods.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from hapticd.jit import njit
+from hapticd.servo import faults
+from hapticd.servo.gate import raise_fault
+from hapticd.servo.layout import READY, RUNNING
+from hapticd.stability.numbers import loop_from_config
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+
+SHARE = 0.1
+"""Of the current, allowed beside `safety.current_mismatch`: what a drive's own scale and its sensor are wrong by."""
+_FEWEST_SAMPLES = 3
+
+
+def follow_parameters(config: Config, latency_s: float) -> dict[str, float]:
+    """The fields of `hapticd.servo.layout.PARAMS` that this module goes by.
+
+    Args:
+        config: the configuration in force. latency_s: the driver's declared latency.
+    """
+    period, limits, amplifier = config.period, config.safety, config.amplifier
+    lag = loop_from_config(config, latency_s).delay - config.delay.computation_s
+    most = [
+        float(effect.model_extra["i_max"]) for effect in config.plant.effects if effect.name == "current_saturation"
+    ]
+    ii, ir, ri, rr = transition(2.0 * math.pi * amplifier.bandwidth_hz * period, amplifier.damping_ratio)
+    return {
+        "mismatch": limits.current_mismatch or math.inf,
+        "mismatch_ticks": max(_FEWEST_SAMPLES, math.ceil(limits.current_mismatch_s / period)),
+        "mismatch_block": math.ceil(2.0 * lag / period) + 3,
+        "current_limit": min(most, default=math.inf),
+        "follow_ii": ii,
+        "follow_ir": ir,
+        "follow_ri": ri,
+        "follow_rr": rr,
+    }
+
+
+def transition(turned: float, damping: float) -> tuple[float, float, float, float]:
+    """exp(A ωT) by rows, for `turned` = ωT; all zero for 0, an amplifier without lag.
+
+    Args:
+        turned: ωT, rad. damping: δ.
+    """
+    if turned == 0.0:
+        return 0.0, 0.0, 0.0, 0.0
+    # A has the eigenvalues −δ ± √(δ² − 1); for equal ones the limit sin(x)/x of either form is taken.
+    root = damping * damping - 1.0
+    step = math.sqrt(abs(root)) * turned
+    if step < 1e-6:
+        fade = math.exp(-damping * turned)
+        even, odd = fade, fade * turned
+    elif root < 0.0:
+        fade = math.exp(-damping * turned)
+        even, odd = fade * math.cos(step), fade * math.sin(step) / math.sqrt(-root)
+    else:
+        slow, fast = math.exp(step - damping * turned), math.exp(-step - damping * turned)
+        even, odd = 0.5 * (slow + fast), 0.5 * (slow - fast) / math.sqrt(root)
+    return even + damping * odd, odd, -odd, even - damping * odd
+
+
+@njit(inline=True, counted=False)
+def follow_current(servo: Any, shared: Any) -> None:
+    """Move the amplifier's model on by the period that ends with this tick, and compare the sample with it."""
+    params, state, tick, measured = servo.params, servo.state, servo.tick, servo.exchange.current_measured
+    command = max(-params.current_limit, min(params.current_limit, state.current))
+    away, rate = state.followed - command, state.follow_rate
+    if tick.missed > 0:
+        away, rate = 0.0, 0.0  # it has had the time
+    reach = abs(away) + abs(rate)
+    state.followed = command + params.follow_ii * away + params.follow_ir * rate
+    state.follow_rate = params.follow_ri * away + params.follow_rr * rate
+    state.block_ticks += 1
+    if state.block_ticks > params.mismatch_block:
+        state.block_ticks = 1
+        state.block_low, state.block_high = state.current_low, state.current_high
+        state.current_low, state.current_high = command - reach, command + reach
+    else:
+        state.current_low = min(state.current_low, command - reach)
+        state.current_high = max(state.current_high, command + reach)
+    if state.mode != RUNNING and state.mode != READY:
+        state.mismatched = 0
+        return
+    if not tick.fresh:
+        return
+    low, high = min(state.current_low, state.block_low), max(state.current_high, state.block_high)
+    low -= params.mismatch + SHARE * abs(low)
+    high += params.mismatch + SHARE * abs(high)
+    # Where nothing is measured it is not a number, and neither.
+    if measured > high or measured < low:
+        state.mismatched += 1
+        if state.mismatched >= params.mismatch_ticks:
+            raise_fault(servo, shared, faults.CURRENT_MISMATCH, measured, high if measured > high else low)
+    else:
+        state.mismatched = 0
