@@ -91,7 +91,7 @@ class LimitedProtocol(H11Protocol):
         if self._crowd is not None:
             self._crowd.join(self)
             self.app_state = {**self.app_state, LEAVE: self._leave}
-            self._expect_head()
+            self._expect_head(HEAD_S)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Leave room for another."""
@@ -103,7 +103,7 @@ class LimitedProtocol(H11Protocol):
         """Wait for the rest of a further request's head, too."""
         super().data_received(data)
         if self._head_due is None and not self._is_answering() and self.transport.get_protocol() is self:
-            self._expect_head()
+            self._expect_head(HEAD_S)
 
     def handle_events(self) -> None:
         """See when a head is complete."""
@@ -134,7 +134,7 @@ class LimitedProtocol(H11Protocol):
         except (OSError, ValueError):
             return False
 
-    def _expect_head(self, within_s: float = HEAD_S) -> None:
+    def _expect_head(self, within_s: float) -> None:
         self._head_due = self.loop.call_later(within_s, self._no_head)
 
     def _head_came(self) -> None:

@@ -6,10 +6,8 @@ import contextlib
 import json
 import os
 import socket
-import tempfile
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +17,7 @@ from hapticd.client import Client, DaemonUnreachable, StoppedUnanswered, stop_ch
 from tests.service.fake_control import FakeControl, serve
 from tests.service.stop_listener import mute_api
 from tests.service.stop_listener import stop_channel as channel_at
+from tests.service.strangers import as_nobody, needs_root, open_folder
 
 PATH = "h.sock"
 
@@ -149,36 +148,22 @@ def test_a_full_queue_is_asked_again(path: Path) -> None:
         thread.join()
 
 
-@pytest.fixture
-def open_folder() -> Iterator[Path]:
-    """A folder that every user may enter; pytest's own may not be."""
-    with tempfile.TemporaryDirectory(prefix="hd-") as name:
-        Path(name).chmod(0o755)
-        yield Path(name)
+@needs_root
+def test_who_may_not_is_told_who_may() -> None:
+    with open_folder() as folder:
+        place = folder / PATH
 
+        def ask() -> str:
+            with pytest.raises(DaemonUnreachable) as told:
+                Client(place, timeout_s=0.1).stop()
+            return str(told.value)
 
-@pytest.mark.skipif(os.geteuid() != 0, reason="another user is needed")
-def test_who_may_not_is_told_who_may(open_folder: Path) -> None:
-    path = open_folder / PATH
-    with mute_api(path):
-        path.chmod(0o660)
-        reader, writer = os.pipe()
-        child = os.fork()
-        if child == 0:
-            os.setgroups([])
-            os.setgid(65534)
-            os.setuid(65534)
-            try:
-                Client(path, timeout_s=0.1).stop()
-            except DaemonUnreachable as error:
-                os.write(writer, str(error).encode())
-            os._exit(0)
-        os.close(writer)
-        with os.fdopen(reader) as said:
-            text = said.read()
-        os.waitpid(child, 0)
-    owner = f"(owner 0, group {os.getegid()}, mode 0660)"
-    assert text == f"no permission to talk to the daemon on {path} {owner}; ask to be taken into its group"
+        with mute_api(place):
+            place.chmod(0o660)
+            with as_nobody(ask) as said:
+                owner = f"(owner 0, group {os.getegid()}, mode 0660)"
+                told = f"no permission to talk to the daemon on {place} {owner}; ask to be taken into its group"
+                assert said.decode() == told
 
 
 def test_a_command_carries_its_deadline_and_a_query_none(path: Path) -> None:
