@@ -1,54 +1,86 @@
-"""The daemon's Unix socket: bound once, with group and mode set before anybody can connect, removed only if still ours.
+"""The daemon's Unix sockets: bound once, with group and mode set before anybody can connect, removed only if still ours.
 
-Two daemons started at the same moment must not both win, and a file left by a killed daemon must not stop the next one.
-So the check ("does anybody answer there?") and the bind happen under an ``flock`` on the directory itself, which leaves
-no lock file behind and is released by the kernel whatever happens to us.
+Two daemons on one path must not both win, and a file left by a killed daemon must not stop the next one. So "does anybody
+answer there?" and the bind happen under the daemon's lock (`hapticd.service.lock`), which is held for as long as the control
+socket is. What is removed while the daemon runs is bound anew (`BoundSocket.rebind`; `hapticd.service.self_check` looks).
 """
 
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import grp
+import logging
 import os
 import socket
 import stat
-import time
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from hapticd.config import paths
+from hapticd.service.lock import DaemonLock, HeldError
 
 MAX_PATH_BYTES = 107
 """``sun_path`` holds 108 bytes, the last one a zero."""
 
 BACKLOG = 128
 PROBE_TIMEOUT_S = 1.0
-LOCK_TIMEOUT_S = 5.0
-"""Any user may lock a shared directory such as /tmp; that must not hang the daemon."""
+
+log = logging.getLogger(__name__)
 
 
 class SocketError(Exception):
     """The control socket cannot be created; the text says where, why and what to do."""
 
 
-@dataclass(frozen=True)
 class BoundSocket:
-    """A listening socket and the identity of the file that stands for it."""
+    """A socket and the file that stands for it.
 
-    socket: socket.socket
-    path: Path
-    device: int
-    inode: int
+    Attributes:
+        path: the file.
+        socket: the socket; of a stream, another one after `rebind`.
+        lock: the daemon's lock, released with the socket; None where there is none.
+    """
+
+    def __init__(self, path: Path, mode: int, owner: int | None, kind: int, lock: DaemonLock | None) -> None:
+        self.path, self.lock = path, lock
+        self._mode, self._owner, self._kind = mode, owner, kind
+        self.socket, self._file = _listen(path, mode, owner, kind)
+
+    def intact(self) -> bool:
+        """Whether the file at the path is ours. While the socket is open its inode is not used again."""
+        try:
+            return os.path.samestat(self.path.lstat(), self._file)
+        except OSError:
+            return False
+
+    def rebind(self) -> socket.socket:
+        """Bind anew in the place, the folder made again.
+
+        Returns:
+            The socket that listens from now on. Of datagrams it is the same object with the same descriptor, so that who
+            waits on the number goes on. Of a stream it is another one; who accepted on the old one closes that.
+
+        Raises:
+            SocketError: another daemon answers there, something else is in the way, or the system refuses.
+        """
+        with _as_socket_error(self.path):
+            _prepare(self.path, self._kind)
+            new, self._file = _listen(self.path, self._mode, self._owner, self._kind)
+        if self._kind == socket.SOCK_STREAM:
+            self.socket = new
+        else:
+            with new:
+                os.dup2(new.fileno(), self.socket.fileno(), inheritable=False)
+        return self.socket
 
     def close(self) -> None:
-        """Close the socket and remove its file, unless another daemon has put its own there since."""
-        with contextlib.suppress(OSError), _directory_lock(self.path.parent):
-            found = self.path.lstat()
-            if (found.st_dev, found.st_ino) == (self.device, self.inode):
+        """Close the socket and remove its file, unless another has been put there since; then let go of the lock."""
+        with contextlib.suppress(OSError):
+            if self.intact():
                 self.path.unlink()
         self.socket.close()
+        if self.lock is not None:
+            self.lock.release()
 
 
 def stop_path(path: Path) -> Path:
@@ -57,15 +89,16 @@ def stop_path(path: Path) -> Path:
 
 
 def bind(path: Path, mode: int = 0o660, group: str | None = None, kind: int = socket.SOCK_STREAM) -> BoundSocket:
-    """Create the control socket and listen on it.
+    """Create a socket of the daemon's and, of a stream, listen on it and hold the daemon's lock.
 
     Args:
         path: where; a missing directory is made with mode 0755, a stale socket file is replaced.
         mode: permission bits of the socket; who may write to it may command the motor.
         group: owning group by name or number, None for the process's own.
+        kind: ``SOCK_STREAM`` for the control socket; ``SOCK_DGRAM`` for one beside it, of the daemon that has that.
 
     Raises:
-        SocketError: another daemon answers there, something else is in the way, or the system refuses.
+        SocketError: another daemon is there, something else is in the way, or the system refuses.
     """
     path = path.absolute()
     if len(os.fsencode(path)) > MAX_PATH_BYTES:
@@ -74,15 +107,48 @@ def bind(path: Path, mode: int = 0o660, group: str | None = None, kind: int = so
             f"{MAX_PATH_BYTES} bytes: choose a shorter one with --socket or api.socket"
         )
     owner = group_id(group, "api.group") if group is not None else None
+    lock = _take_lock(path) if kind == socket.SOCK_STREAM else None
     try:
-        path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
-        if reason := paths.foreign(path.parent):
-            raise SocketError(
-                f"cannot create the control socket {path}: {reason}, or choose another socket with --socket"
-            )
-        with _directory_lock(path.parent):
-            _make_room(path, kind)
-            return _listen(path, mode, owner, kind)
+        with _as_socket_error(path):
+            _prepare(path, kind)
+            return BoundSocket(path, mode, owner, kind, lock)
+    except BaseException:
+        if lock is not None:
+            lock.release()
+        raise
+
+
+def _take_lock(path: Path) -> DaemonLock | None:
+    """The daemon's lock; None, and a word about it, where there can be none."""
+    try:
+        return DaemonLock.take(path)
+    except HeldError as held:
+        who = f"another daemon (process {held.pid})" if held.pid else "another daemon"
+        raise SocketError(
+            f"{who} runs on {path}: stop it first, or choose another socket with --socket or api.socket"
+        ) from None
+    except OSError as error:
+        log.warning(
+            "no lock against a second daemon on %s (%s: %s): it is found only while it answers there",
+            path,
+            error.filename or "state directory",
+            error.strerror or error,
+        )
+        return None
+
+
+def _prepare(path: Path, kind: int) -> None:
+    """Make the folder, and room in it."""
+    path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+    if reason := paths.foreign(path.parent):
+        raise SocketError(f"cannot create the control socket {path}: {reason}, or choose another socket with --socket")
+    _make_room(path, kind)
+
+
+@contextlib.contextmanager
+def _as_socket_error(path: Path) -> Iterator[None]:
+    try:
+        yield
     except FileExistsError as error:
         raise SocketError(f"cannot create the control socket {path}: {path.parent} is not a directory") from error
     except PermissionError as error:
@@ -100,24 +166,6 @@ def _permission(path: Path, error: PermissionError) -> str:
         f"{error.strerror}: uid {os.geteuid()} may not {what} {path.parent}; choose another socket with --socket or "
         "api.socket, or start the service, whose folder systemd makes ('systemctl start hapticd')"
     )
-
-
-@contextlib.contextmanager
-def _directory_lock(directory: Path) -> Iterator[None]:
-    descriptor = os.open(directory, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        deadline = time.monotonic() + LOCK_TIMEOUT_S
-        while True:
-            try:
-                fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-                break
-            except BlockingIOError:
-                if time.monotonic() > deadline:
-                    raise TimeoutError(None, f"another process keeps {directory} locked") from None
-                time.sleep(0.01)
-        yield
-    finally:
-        os.close(descriptor)
 
 
 def _make_room(path: Path, kind: int) -> None:
@@ -149,7 +197,8 @@ def _answers(path: Path) -> bool:
     return True
 
 
-def _listen(path: Path, mode: int, owner: int | None, kind: int) -> BoundSocket:
+def _listen(path: Path, mode: int, owner: int | None, kind: int) -> tuple[socket.socket, os.stat_result]:
+    """The socket and its file."""
     server = socket.socket(socket.AF_UNIX, kind)
     made = False
     try:
@@ -168,7 +217,7 @@ def _listen(path: Path, mode: int, owner: int | None, kind: int) -> BoundSocket:
             path.unlink(missing_ok=True)
         server.close()
         raise
-    return BoundSocket(server, path, found.st_dev, found.st_ino)
+    return server, found
 
 
 def group_id(group: str | None, key: str) -> int:

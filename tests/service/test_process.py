@@ -188,7 +188,7 @@ def test_second_daemon_is_refused_before_it_touches_the_device(rig: Rig) -> None
     opened = len(rig.commands())
     second = rig.command("run", str(rig.config), "--socket", str(rig.socket))
     assert second.returncode == 2
-    assert f"another daemon answers on {rig.socket}" in second.stderr
+    assert f"another daemon (process {rig.processes[0].pid}) runs on {rig.socket}" in second.stderr
     assert "closed" not in rig.commands()[opened:]
     assert rig.answers()
 

@@ -3,6 +3,7 @@
 import fcntl
 import grp
 import os
+import shutil
 import socket as stdlib_socket
 import stat
 import subprocess
@@ -13,6 +14,14 @@ from pathlib import Path
 import pytest
 
 from hapticd.service.socket import MAX_PATH_BYTES, BoundSocket, SocketError, bind
+
+
+@pytest.fixture(autouse=True)
+def state_home(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch) -> Path:
+    folder = tmp_path_factory.mktemp("state")
+    monkeypatch.setenv("XDG_STATE_HOME", str(folder))
+    monkeypatch.delenv("STATE_DIRECTORY", raising=False)
+    return folder
 
 
 @pytest.fixture
@@ -57,6 +66,19 @@ def test_umask_does_not_change_the_mode(path: Path) -> None:
 
 def test_second_daemon_is_refused_and_does_no_harm(path: Path) -> None:
     first = bind(path)
+    with pytest.raises(SocketError) as refusal:
+        bind(path)
+    assert str(refusal.value) == (
+        f"another daemon (process {os.getpid()}) runs on {path}: stop it first, or choose another socket with --socket or "
+        "api.socket"
+    )
+    assert connects(path)
+    first.close()
+
+
+def test_daemon_that_is_under_no_lock_is_found_because_it_answers(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = bind(path)
+    monkeypatch.setenv("XDG_STATE_HOME", str(path.parent / "another"))
     with pytest.raises(SocketError) as refusal:
         bind(path)
     assert str(refusal.value) == (
@@ -158,9 +180,10 @@ def test_failure_after_the_bind_leaves_nothing_behind(path: Path, monkeypatch: p
     assert list(path.parent.iterdir()) == []
 
 
-def test_close_leaves_the_socket_of_another_daemon(path: Path) -> None:
+def test_close_leaves_the_socket_of_another_daemon(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     first = bind(path)
     path.unlink()
+    monkeypatch.setenv("XDG_STATE_HOME", str(path.parent / "another"))
     second = bind(path)
     first.close()
     assert connects(path)
@@ -198,13 +221,106 @@ def test_of_many_that_start_at_once_exactly_one_wins(path: Path) -> None:
     assert list(path.parent.iterdir()) == []
 
 
-def test_directory_kept_locked_by_somebody_is_an_error(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapticd.service.socket.LOCK_TIMEOUT_S", 0.05)
+def test_a_lock_on_the_socket_s_folder_is_nobody_s_business(path: Path) -> None:
+    """Who may read a folder may lock it: another user kept a daemon from starting, and from ending."""
     holder = os.open(path.parent, os.O_RDONLY)
     fcntl.flock(holder, fcntl.LOCK_EX)
-    with pytest.raises(SocketError) as refusal:
-        bind(path)
+    bound = bind(path)
+    assert connects(path)
+    bound.close()
     os.close(holder)
-    assert str(refusal.value) == (
-        f"cannot create the control socket {path}: another process keeps {path.parent} locked"
+    assert not path.exists()
+
+
+def test_the_second_is_refused_though_socket_and_folder_are_gone(tmp_path: Path) -> None:
+    first = bind(tmp_path / "run" / "h.sock")
+    shutil.rmtree(tmp_path / "run")
+    with pytest.raises(SocketError, match=rf"another daemon \(process {os.getpid()}\) runs on"):
+        bind(first.path)
+    assert not first.path.exists()
+    first.close()
+    bind(first.path).close()
+
+
+def test_lock_is_one_s_own_and_leaves_nothing_behind(path: Path, state_home: Path) -> None:
+    bound = bind(path)
+    (lock,) = (state_home / "hapticd").iterdir()
+    assert stat.S_IMODE(lock.stat().st_mode) == 0o600
+    assert lock.read_text() == f"{os.getpid()}\n"
+    bound.close()
+    assert list(state_home.iterdir()) == []
+
+
+def test_lock_of_a_killed_daemon_is_none(path: Path, state_home: Path) -> None:
+    code = (
+        "import os; from pathlib import Path; from hapticd.service.socket import bind; "
+        f"bind(Path({str(path)!r})); os._exit(9)"
     )
+    subprocess.run([sys.executable, "-c", code], check=False)
+    assert len(list((state_home / "hapticd").iterdir())) == 1
+    bind(path).close()
+
+
+def test_without_a_state_folder_there_is_a_word_and_no_lock(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    bound = bind(path)
+    assert bound.lock is None
+    assert f"no lock against a second daemon on {path}" in caplog.text
+    with pytest.raises(SocketError, match="another daemon answers"):
+        bind(path)
+    bound.close()
+
+
+def test_a_removed_lock_is_taken_anew(path: Path, state_home: Path) -> None:
+    bound = bind(path)
+    assert bound.lock is not None
+    assert not bound.lock.mend()
+    shutil.rmtree(state_home)
+    assert bound.lock.mend()
+    with pytest.raises(SocketError, match="another daemon"):
+        bind(path)
+    bound.close()
+    assert not bound.lock.path.exists()
+
+
+def test_a_removed_socket_is_bound_anew_with_its_mode(tmp_path: Path) -> None:
+    bound = bind(tmp_path / "run" / "h.sock", mode=0o620)
+    assert bound.intact()
+    shutil.rmtree(tmp_path / "run")
+    assert not bound.intact()
+    with bound.socket:
+        bound.rebind()
+    assert bound.intact()
+    assert connects(bound.path)
+    assert stat.S_IMODE(bound.path.stat().st_mode) == 0o620
+    bound.close()
+    assert list((tmp_path / "run").iterdir()) == []
+
+
+def test_a_replaced_socket_is_not_ours_and_one_that_answers_is_left(path: Path) -> None:
+    bound = bind(path)
+    path.unlink()
+    with stdlib_socket.socket(stdlib_socket.AF_UNIX) as other:
+        other.bind(str(path))
+        assert not bound.intact()
+        other.listen()
+        with pytest.raises(SocketError, match="another daemon answers"):
+            bound.rebind()
+    bound.close()
+    assert path.exists()
+
+
+def test_who_waits_on_the_number_of_a_datagram_socket_hears_what_comes_to_the_new_one(tmp_path: Path) -> None:
+    bound = bind(tmp_path / "run" / "h.sock.stop", kind=stdlib_socket.SOCK_DGRAM)
+    number = bound.socket.fileno()
+    shutil.rmtree(tmp_path / "run")
+    assert bound.rebind().fileno() == number
+    with stdlib_socket.socket(stdlib_socket.AF_UNIX, stdlib_socket.SOCK_DGRAM) as client:
+        client.sendto(b"stop", str(bound.path))
+    assert os.read(number, 8) == b"stop"
+    assert not os.get_inheritable(number)
+    bound.close()
+    assert list((tmp_path / "run").iterdir()) == []
