@@ -1,4 +1,4 @@
-"""Names of run files and the folder they go to."""
+"""Names of run files, the folder they go to, and how many of them stay there."""
 
 from __future__ import annotations
 
@@ -6,7 +6,9 @@ import contextlib
 import itertools
 import os
 import re
+import time
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,9 @@ from hapticd.record.metadata import utc_now
 from hapticd.record.writer import RunWriter
 
 _LABEL_LENGTH = 64
+_RUN_NAME = re.compile(r"(run|fault|crash)-\d{8}T\d{6}\.\d{3}Z(?:-[A-Za-z0-9_-]+)?\.arrow")
+_KEPT_RUN_S, _KEPT_FAULT_S = 60.0, 86400.0
+"""Since it was written last, a run file is not removed."""
 
 
 def safe_label(label: str) -> str:
@@ -68,7 +73,7 @@ def written(target: Path) -> Iterator[Path]:
 
 def why_unwritable(directory: Path) -> str | None:
     """Why no run can be written to a folder that may not be there yet; None where one can. Nothing is made."""
-    existing = next(place for place in (directory, *directory.parents) if place.exists())
+    existing = existing_place(directory)
     if not existing.is_dir():
         return f"{existing} is not a folder"
     return None if os.access(existing, os.W_OK | os.X_OK) else f"this user cannot write to {existing}"
@@ -90,3 +95,55 @@ def open_new_run(directory: Path, kind: str, label: str, metadata: Mapping[str, 
         with contextlib.suppress(RunExistsError):
             return RunWriter(directory / name, metadata)
     raise AssertionError("the names do not end")
+
+
+def existing_place(directory: Path) -> Path:
+    """The folder, or, where it is not there yet, the nearest one above it that is."""
+    return next(place for place in (directory, *directory.parents) if place.exists())
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What is left of the run files in a folder.
+
+    Attributes:
+        size: of what is left, bytes.
+        removed: what is gone, oldest first.
+    """
+
+    size: int
+    removed: list[Path]
+
+
+def remove_oldest(directory: Path, most: int, recording: Path | None, now: float | None = None) -> Kept:
+    """Remove the oldest run files that a daemon of this user has made, until the rest is not larger than ``most``.
+
+    A run file is a regular file of this user's with a name of `run_names`. Never removed: the one being recorded, one that
+    was written to in the last minute (another daemon's may be), and what a fault or crash of the last day has left.
+
+    Args:
+        directory: where; no folder below it is looked at.
+        most: bytes that may stay.
+        recording: the file being written.
+        now: seconds since the epoch, None for the clock's.
+    """
+    now = time.time() if now is None else now
+    found = []
+    with contextlib.suppress(FileNotFoundError), os.scandir(directory) as entries:
+        for entry in entries:
+            if (named := _RUN_NAME.fullmatch(entry.name)) and entry.is_file(follow_symlinks=False):
+                with contextlib.suppress(FileNotFoundError):
+                    found.append((entry.stat(follow_symlinks=False), named[1], directory / entry.name))
+    found.sort(key=lambda run: (run[0].st_mtime, run[2].name))
+    size, removed = sum(run[0].st_size for run in found), []
+    for stat, kind, path in found:
+        if size <= most:
+            break
+        untouched_s = _KEPT_FAULT_S if kind in ("fault", "crash") else _KEPT_RUN_S
+        if path == recording or stat.st_uid != os.geteuid() or now - stat.st_mtime < untouched_s:
+            continue
+        with contextlib.suppress(OSError):
+            path.unlink()
+            size -= stat.st_size
+            removed.append(path)
+    return Kept(size, removed)

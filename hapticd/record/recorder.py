@@ -4,6 +4,9 @@ The servo thread never waits for it: all it shares with the servo is the ring be
 and the writer is under one lock, so the ring keeps a single consumer also when a request starts or stops a recording.
 `status` and `dump_past` take no lock: they answer while the disk hangs. What comes meanwhile waits in the ring; rows that
 find no room there are lost, and the run says which. A second thread has the disk take the run every second.
+
+Before rows are written the file is looked at: where somebody has deleted, moved or changed it the recording goes on in a
+new one, in the same folder, which is made again; where it cannot, it has failed, and says why.
 """
 
 from __future__ import annotations
@@ -31,6 +34,8 @@ SYNC_S = 1.0
 _STALL_S = 1.0
 _LOCK_TIMEOUT_S = 5.0
 _DUMP_ROWS = 4096
+_MOST_FILES = 100
+"""Of one recording: whatever takes them away would go on."""
 
 log = logging.getLogger(__name__)
 
@@ -61,6 +66,9 @@ class Recorder:
         self._path: Path | None = None
         self._state = "off"
         self._error: str | None = None
+        self._label = ""
+        self._files = 0
+        self._continued: str | None = None
         self._rows = 0
         self._rows_before = 0
         self._dropped_before = 0
@@ -95,6 +103,7 @@ class Recorder:
             self._dropped_before, self._dropped_here = self._dropped(), 0
             self._rows_before += self._rows
             self._last_tick = None
+            self._label, self._files, self._continued = label, 1, None
             self._error, self._rows, self._path, self._state = None, 0, writer.path, "recording"
             self._writer = writer
             return writer.path
@@ -140,21 +149,31 @@ class Recorder:
         """The recorder now, without waiting for it.
 
         Returns:
-            ``state`` (``off``, ``recording``, ``failed``), ``path`` (None when off), ``rows`` and ``dropped`` (of this
-            or the last recording), ``dropped_total`` (since the servo loop began), ``stalled_s`` (how long the disk has
-            not answered, s), ``error`` (None or text).
+            ``state`` (``off``, ``recording``, ``failed``), ``path`` (None when off), ``rows`` (in that file, or the last),
+            ``rows_total`` and ``dropped_total`` (since the servo loop began), ``dropped`` (of this or the last recording),
+            ``stalled_s`` (how long the disk has not answered, s), ``error`` (None or text), ``continued`` (what became of
+            the file that this recording, or the last, was in before, None or text), ``bytes_per_row`` (as written, None
+            before the first).
         """
-        since = self._writing_since
+        since, writer = self._writing_since, self._writer
+        ended = not (self._thread.is_alive() or self._ending.is_set())
+        error = "the recorder's thread has ended: no row is written any more; restart the daemon" if ended else None
         return {
-            "state": self._state,
+            "state": "failed" if ended else self._state,
             "path": None if self._state == "off" else str(self._path),
             "rows": self._rows,
             "rows_total": self._rows_before + self._rows,
             "dropped": self._dropped_here,
             "dropped_total": self._dropped(),
             "stalled_s": 0.0 if since is None else time.monotonic() - since,
-            "error": self._error,
+            "error": error or self._error,
+            "continued": self._continued,
+            "bytes_per_row": writer.size / writer.rows_written if writer and writer.rows_written else None,
         }
+
+    def alive(self) -> dict[str, bool]:
+        """Names of its threads, and whether each still runs."""
+        return {thread.name: thread.is_alive() for thread in (self._thread, self._syncing)}
 
     def shutdown(self) -> Path | None:
         """Stop the recording, if any, and end the thread; the recorder cannot be used afterwards.
@@ -201,6 +220,8 @@ class Recorder:
         self._dropped_here = self._dropped() - self._dropped_before
         self._writing_since = began = time.monotonic()
         try:
+            if (what := self._writer.lost()) is not None:
+                self._go_on(what)
             written = 0
             for first in np.flatnonzero(rows["flags"] & FLAG_DROPPED).tolist():
                 self._writer.write(rows[written:first])
@@ -218,6 +239,32 @@ class Recorder:
             self._fail(str(error))
         finally:
             self._writing_since = None
+
+    def _go_on(self, what: str) -> None:
+        """Go on in a new file; what was accepted and is not in the old one comes first.
+
+        Raises:
+            RecordingError: there can be none.
+        """
+        old = self._writer
+        assert old is not None
+        lost = f"{old.path} {what}; {old.rows_written} rows were in it"
+        if self._files >= _MOST_FILES:
+            raise RecordingError(f"recording stopped: {lost}; it was the file number {self._files} of this recording")
+        try:
+            new = open_new_run(old.path.parent, "run", self._label, self._described("run", self._label))
+        except RecordingError as error:
+            raise RecordingError(f"recording stopped: {lost}; {error}") from error
+        self._rows_before += old.rows_written
+        self._files += 1
+        self._writer, self._path, self._rows = new, new.path, 0
+        self._continued = f"{lost}; the recording goes on in {new.path}"
+        log.error("%s", self._continued)
+        rows, events = old.abandon()
+        before = {"file": str(old.path), "what": what, "rows": old.rows_written}
+        for event in ({"event": "continued", "utc": utc_now(), **before}, *events):
+            new.annotate(event)
+        new.write(rows)
 
     def _note_lost(self, rows: Rows, first: int) -> None:
         """Say between which ticks rows found no room in the ring."""

@@ -2,11 +2,13 @@
 
 Batches are encoded in memory and handed to the kernel whole, at least every `FLUSH_S` seconds: what the kernel has, a
 SIGKILL cannot take back, and `RunWriter.sync` has the disk take it. A batch that does not fit on the disk is cut off again,
-so the file ends on a whole batch. Checksums: `hapticd.record.stream`.
+so the file ends on a whole batch. All is appended: a file that somebody has cut stays shorter than what was written, and
+`RunWriter.lost` sees it. Checksums: `hapticd.record.stream`.
 """
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import io
 import json
@@ -66,15 +68,18 @@ class RunWriter:
         self._events: list[Any] = []
         self._last_flush = time.monotonic()
         self._size = 0
-        self._open = True
+        self._open = self._has_identity = True
         self._failure: RecordingError | None = None
         self._sync_error: OSError | None = None
         try:
-            self._fd = os.open(self.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o666)
+            flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_APPEND | os.O_CLOEXEC
+            self._fd = os.open(self.path, flags, 0o666)
         except FileExistsError:
             raise RunExistsError(f"{self.path} exists: a recording never overwrites a file") from None
         except OSError as error:
             raise RecordingError(f"cannot create {self.path}: {error.strerror}") from error
+        # Some network file systems number a path and an open file differently.
+        self._has_identity = self.lost() is None
         import pyarrow as pa
 
         self._staging = io.BytesIO()
@@ -92,6 +97,37 @@ class RunWriter:
     def rows(self) -> int:
         """Rows accepted so far, on disk or waiting for the next batch."""
         return self.rows_written + self._pending_rows
+
+    @property
+    def size(self) -> int:
+        """Bytes handed to the kernel so far."""
+        return self._size
+
+    def lost(self) -> str | None:
+        """What somebody has done to the file behind our back; None where it is at its path, as it was written."""
+        here = os.fstat(self._fd)
+        if here.st_nlink == 0:
+            return "was deleted"
+        if here.st_size < self._size:
+            return f"was cut to {here.st_size} of {self._size} bytes"
+        if here.st_size > self._size:
+            return f"was written to by somebody else: {here.st_size} bytes instead of {self._size}"
+        try:
+            there = self.path.stat()
+        except OSError as error:
+            return f"cannot be reached at its path any more ({error.strerror})"
+        return (
+            "is not the file at its path any more" if self._has_identity and not os.path.samestat(here, there) else None
+        )
+
+    def abandon(self) -> tuple[Rows, list[dict[str, Any]]]:
+        """Close the file as it is, without an end mark; the rows and events that were accepted and are not in it."""
+        rows = np.concatenate(self._pending) if self._pending else empty_rows()
+        events = [{key: value for key, value in event.items() if key != "row"} for event in self._events]
+        self._failure = self._failure or RecordingError(f"{self.path} was given up")
+        with contextlib.suppress(RecordingError):
+            self.close()
+        return rows, events
 
     def write(self, rows: Rows) -> None:
         """Append rows (copied) and write a batch when one is due; call it with no rows, too, to keep time.

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import re
+import shutil
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -212,3 +214,143 @@ def test_the_thread_is_named_and_ends_with_shutdown(ring: Ring, tmp_path: Path) 
     assert made.shutdown() is None
     assert read_run(path).rows == 3
     assert "hapticd-recorder" not in {thread.name for thread in threading.enumerate()}
+
+
+def _delete(path: Path) -> None:
+    path.unlink()
+
+
+def _delete_folder(path: Path) -> None:
+    shutil.rmtree(path.parent)
+
+
+def _move_folder(path: Path) -> None:
+    path.parent.rename(path.parent.with_name("moved"))
+
+
+def _cut(path: Path) -> None:
+    path.write_bytes(b"")
+
+
+def _append(path: Path) -> None:
+    with path.open("ab") as file:
+        file.write(b"garbage")
+
+
+def _replace(path: Path) -> None:
+    other = path.with_name("other")
+    other.write_bytes(path.read_bytes())
+    other.rename(path)
+
+
+@pytest.mark.parametrize(
+    ("harm", "what"),
+    [
+        (_delete, "was deleted"),
+        (_delete_folder, "was deleted"),
+        (_move_folder, "cannot be reached at its path any more (No such file or directory)"),
+        (_cut, "was cut to "),
+        (_append, "was written to by somebody else: "),
+        (_replace, "was deleted"),
+    ],
+)
+def test_a_run_file_that_somebody_takes_away_is_gone_on_with_in_a_new_one(
+    harm: Callable[[Path], None], what: str, recorder: Recorder, ring: Ring, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = recorder.start(label="release")
+    ring.push(400)
+    recorder.annotate({"event": "set", "changed": {}})
+    wait_until(lambda: recorder._writer is not None and recorder._writer.rows_written == 400)
+    harm(path)
+    ring.push(300)
+    wait_until(lambda: recorder.status()["continued"] is not None)
+    ring.push(200)
+    wait_until(lambda: recorder.status()["rows"] == 500)
+    status = recorder.status()
+    assert (status["state"], status["error"], status["rows_total"]) == ("recording", None, 900)
+    new = recorder.stop()
+    assert new is not None
+    assert new != path
+    assert (str(new), new.parent) == (status["path"], path.parent)
+    run = read_run(new)
+    assert np.array_equal(run.columns["tick"], np.arange(400, 900))
+    assert not run.truncated
+    assert run.metadata["label"] == "release"
+    noted = run.events[0]
+    assert (noted["event"], noted["row"], noted["file"], noted["rows"]) == ("continued", 0, str(path), 400)
+    assert noted["what"].startswith(what)
+    assert status["continued"].startswith(f"{path} {what}")
+    assert caplog.text.count("the recording goes on in") == 1
+    recorder.start()
+    assert recorder.status()["continued"] is None
+
+
+def test_what_was_accepted_and_not_yet_written_is_in_the_new_file(recorder: Recorder, ring: Ring) -> None:
+    path = recorder.start()
+    with recorder._lock:
+        assert recorder._writer is not None
+        ring.push(50)
+        recorder._pull()
+        recorder._writer.flush()
+        ring.push(60)
+        recorder._pull()
+        assert (recorder._writer.rows_written, recorder._writer.rows) == (50, 110)
+        recorder._writer.annotate({"event": "set", "changed": {"a": 1}})
+        path.unlink()
+        recorder._pull()
+    new = recorder.stop()
+    assert new is not None
+    run = read_run(new)
+    assert np.array_equal(run.columns["tick"], np.arange(50, 110))
+    assert [event["event"] for event in run.events] == ["continued", "set", "end"]
+
+
+def test_where_there_can_be_no_new_file_the_recording_has_failed_and_says_why(
+    recorder: Recorder, ring: Ring, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = recorder.start()
+    ring.push(40)
+    wait_until(lambda: recorder.status()["rows"] == 40)
+    shutil.rmtree(path.parent)
+    path.parent.write_text("in the way")
+    wait_until(lambda: recorder.status()["state"] == "failed")
+    error = recorder.status()["error"]
+    assert error.startswith(f"recording stopped: {path} was deleted; ")
+    assert error.endswith(f"record.directory {path.parent} is not a folder")
+    assert caplog.text.count("recording stopped") == 1
+    assert recorder.stop() == path
+
+
+def test_a_file_that_is_always_taken_away_ends_the_recording(
+    recorder: Recorder, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hapticd.record.recorder._MOST_FILES", 3)
+    recorder.start()
+    for _ in range(3):
+        (path,) = recorder.directory.iterdir()
+        path.unlink()
+        wait_until(lambda path=path: recorder.status()["path"] != str(path) or recorder.status()["state"] == "failed")
+    wait_until(lambda: recorder.status()["state"] == "failed")
+    assert "it was the file number 3 of this recording" in recorder.status()["error"]
+    assert list(recorder.directory.iterdir()) == []
+
+
+def test_a_thread_that_has_ended_is_an_error(recorder: Recorder, monkeypatch: pytest.MonkeyPatch) -> None:
+    recorder.start()
+    assert recorder.alive() == {"hapticd-recorder": True, "hapticd-sync": True}
+
+    class Ended(BaseException):
+        pass
+
+    def end() -> None:
+        raise Ended
+
+    monkeypatch.setattr(threading, "excepthook", lambda _: None)
+    monkeypatch.setattr(recorder, "_pull", end)
+    wait_until(lambda: not recorder.alive()["hapticd-recorder"])
+    monkeypatch.undo()
+    status = recorder.status()
+    assert (status["state"], status["error"]) == (
+        "failed",
+        "the recorder's thread has ended: no row is written any more; restart the daemon",
+    )
