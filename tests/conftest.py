@@ -51,6 +51,7 @@ WALL_CLOCK = (
     "service/test_release.py",
     "service/test_socket.py",
     "service/test_stop_means_stop.py",
+    "service/test_things_taken_away.py",
     "servo/test_heartbeat.py",
     "servo/test_mailbox.py",
     "servo/test_overrun.py",

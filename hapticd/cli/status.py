@@ -76,6 +76,7 @@ def describe(report: dict[str, Any], socket: Path) -> str:
         rows.insert(-2, ("", unknown))
     if (passivity := report["passivity"])["mode"] != "off":
         rows.insert(-1, ("passivity", _passivity(passivity)))
+    rows += [("attention", _attention(entry)) for entry in report.get("self_check", ()) if not entry["ok"]]
     experiment = report.get("experiment") or {"state": "idle"}
     if experiment["state"] != "idle":
         rows.append(
@@ -126,6 +127,11 @@ def _recorder(recorder: dict[str, Any]) -> str:
     if not recorder["path"]:
         return "off"
     return f"{output.name(recorder['path'])}, {recorder['rows']} rows, {recorder['dropped']} dropped"
+
+
+def _attention(entry: dict[str, Any]) -> str:
+    """What the daemon has found of itself and not mended."""
+    return f"{entry['found']}; {entry['done']}" if entry["done"] else entry["found"]
 
 
 def _watch(client: Client, interval: float) -> None:

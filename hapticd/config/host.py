@@ -11,7 +11,7 @@ from typing import Annotated, Any
 from pydantic import AfterValidator, BeforeValidator, ConfigDict, model_validator
 from pydantic_core import PydanticCustomError
 
-from hapticd.config.fields import Flag, Section, Text, findings_error, quantity
+from hapticd.config.fields import Flag, Section, Text, WholeLimit, findings_error, quantity
 from hapticd.config.nearest import nearest_name
 from hapticd.config.paths import default_directory, default_socket
 from hapticd.config.problems import NO_VALUE, Finding
@@ -120,6 +120,15 @@ class Record(Section):
     )
     enabled: Flag = quantity(
         True, "Record every run from start to stop; false: only on request (`hapticd record start`), and on a fault"
+    )
+    keep: WholeLimit = quantity(
+        None,
+        "Largest size of all run files in the directory together; beyond it the oldest are removed, never one that is being "
+        "recorded or that a fault of the last day has left",
+        "bytes",
+        zero="all are kept",
+        ge=0,
+        le=10**15,
     )
 
 

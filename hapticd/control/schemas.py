@@ -131,6 +131,26 @@ class RecorderStatus(Reply):
     path: str | None = Field(description="File being written, or the one just finished; null when there is none.")
     rows: int = Field(description="Rows written.")
     dropped: int = Field(description="Rows lost because the writer fell behind.")
+    error: str | None = Field(description="Why nothing is written any more; null where all is well.")
+    continued: str | None = Field(
+        description="What became of the file that this recording was in before, and where it goes on; null: nothing."
+    )
+
+
+class SelfCheck(Reply):
+    """What the daemon found when it looked at one thing, which it does once a second."""
+
+    what: str = Field(description="What was looked at: socket, threads, run_file, room or another.")
+    ok: bool = Field(description="Whether all was well, or was mended, at the last look.")
+    found: str | None = Field(
+        description="What was not as it should be when something was last; null where it never was."
+    )
+    done: str | None = Field(description="What was done about it, or what a person can do.")
+    time: str | None = Field(description="When that was found, UTC, ISO 8601.")
+    age_s: float = Field(description="Time since the last look ended, s; large where it hangs.")
+    figures: dict[str, float | None] = Field(
+        description="Numbers of the last look, their unit in the name: minutes_left (of recording, until the disk is full)."
+    )
 
 
 class Experiment(Reply):
@@ -197,6 +217,7 @@ class Status(Reply):
     passivity: Passivity
     recorder: RecorderStatus
     experiment: Experiment | None
+    self_check: list[SelfCheck]
 
 
 class JudgedStatus(Status):

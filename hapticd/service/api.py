@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import socket as stdlib_socket
 import threading
 import time
 from collections.abc import Awaitable, Callable, Mapping
@@ -53,6 +54,7 @@ ERRORS: dict[int | str, dict[str, Any]] = {
 }
 
 STREAM_TYPE = "application/vnd.hapticd.frames"
+_MOVE_S = 1.0
 
 
 THREADS: Final[dict[Queue, int]] = {"query": 2, "command": 1}
@@ -247,6 +249,24 @@ class ApiServer:
                 self.stop()
                 raise socket.SocketError(f"the control API did not start on {self._bound.path}; its log says why")
             time.sleep(0.005)
+
+    def listen_on(self, listening: stdlib_socket.socket) -> None:
+        """Take connections from another socket in the place of the one before; those at hand go on. From any thread.
+
+        Raises:
+            TimeoutError: the event loop has not done it within a second; it will as soon as it goes on.
+        """
+        loop = self._server.servers[0].get_loop()
+        asyncio.run_coroutine_threadsafe(self._move_to(listening), loop).result(_MOVE_S)
+
+    async def _move_to(self, listening: stdlib_socket.socket) -> None:
+        for server in self._server.servers:
+            server.close()
+        await self._server.startup(sockets=[listening])
+
+    def alive(self) -> bool:
+        """Whether its thread still runs."""
+        return self._thread is not None and self._thread.is_alive()
 
     def stop(self) -> None:
         """Stop answering and remove the socket. Safe to call twice and without a start."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, load_config, preset_names
 from hapticd.control.endpoints import MOTION_S, PREPARED_MOTION_S, Endpoints, JsonDict
 from hapticd.record import RecordingError
-from hapticd.service import metrics, report
+from hapticd.service import checks, metrics, report
 from hapticd.service.background import Background
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_manager import FaultManager
@@ -31,6 +31,7 @@ from hapticd.service.refusals import Refused
 from hapticd.service.rendering import ANSWER_S, Rendering
 from hapticd.service.replacement import Replacement
 from hapticd.service.rig import Rig
+from hapticd.service.self_check import SelfCheck
 from hapticd.servo import atomics, layout
 from hapticd.servo.authority import Authority, Command
 from hapticd.servo.stop_channel import StopChannel
@@ -79,6 +80,10 @@ class Daemon(Endpoints):
         self._replacement = Replacement(self._rendering, self._faults, self._experiments, self.live, latch.name)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self.rig.core.load(atomics.TICKS))
         self._heat.follow(lambda: self.rig.core.i2t)
+        self.self_check = SelfCheck()
+        self.self_check.add("threads", checks.threads(self._threads))
+        self.self_check.add("run_file", checks.run_file(lambda: self.rig.recorder))
+        self.self_check.add("room", checks.RoomCheck(lambda: self.rig.config, lambda: self.rig.recorder), slow=True)
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self._supervisor.start()
         self._reconnector = Reconnector(lambda: self.rig, self._faults.is_latched, self._take_over)
@@ -95,7 +100,8 @@ class Daemon(Endpoints):
 
     def status(self) -> JsonDict:
         """State, fault, timing, operating point, motion, energies, recorder, experiment."""
-        return report.status(self.rig, self._faults.active(), self.experiment(), self._recent)
+        status = report.status(self.rig, self._faults.active(), self.experiment(), self._recent)
+        return {**status, "self_check": self.self_check.document()}
 
     def config(self) -> JsonDict:
         """The config in force."""
@@ -239,6 +245,7 @@ class Daemon(Endpoints):
     def shutdown(self) -> None:
         """Zero current, amplifier off, everything released. Safe to call twice."""
         self.disable()
+        self.self_check.end()
         self._reconnector.end()
         with self._lock:
             self._experiments.cancel()
@@ -249,6 +256,16 @@ class Daemon(Endpoints):
             self._faults.close()
         self.stop_channel.end()
         self._supervisor.join(2.0)
+
+    def _threads(self) -> dict[str, bool]:
+        """Names of the daemon's threads, and whether each lives; the servo thread's end is a fault."""
+        return {
+            **self.rig.recorder.alive(),
+            **self.self_check.alive(),
+            self._supervisor.name: self._supervisor.is_alive(),
+            "hapticd-stop": self.stop_channel.alive(),
+            "hapticd-tidy": self._tidying.alive(),
+        }
 
     def _supervise(self) -> None:
         while not self._ending.wait(_BEAT_S):

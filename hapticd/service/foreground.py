@@ -23,6 +23,7 @@ from hapticd.config import ConfigError
 from hapticd.control import descriptors
 from hapticd.control.fault_text import fault_lines
 from hapticd.record.files import why_unwritable
+from hapticd.service import checks
 from hapticd.service.access import Rules
 from hapticd.service.api import ApiServer
 from hapticd.service.daemon import Daemon, source_name
@@ -195,6 +196,8 @@ def run_foreground(
             ending.callback(step)
         daemon.stop_channel.listen(stop_channel.socket)
         server.start()
+        daemon.self_check.add("api", checks.threads(lambda: {"hapticd-api": server.alive()}))
+        daemon.self_check.add("socket", checks.SocketCheck([(bound, server.listen_on)], lambda: daemon.rig.halt()))
         for line in banner(daemon, path, source_name(source), starting=autostart):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         if autostart:

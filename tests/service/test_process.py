@@ -36,12 +36,12 @@ class Rig:
     """One daemon process on the witness driver, in a folder of its own.
 
     Args:
-        folder: of everything. sections: of the config, in the place of those of `CONFIG`.
+        folder: of everything. socket: of the daemon, by default in there. sections: of the config, in the place of those of `CONFIG`.
     """
 
-    def __init__(self, folder: Path, **sections: Any) -> None:
+    def __init__(self, folder: Path, socket: Path | None = None, **sections: Any) -> None:
         self.folder = folder
-        self.socket = folder / "h.sock"
+        self.socket = socket or folder / "h.sock"
         self.log = folder / "witness.log"
         self.output = folder / "output.txt"
         self.config = folder / "rig.yaml"
