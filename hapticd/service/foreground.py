@@ -197,7 +197,8 @@ def run_foreground(
         daemon.stop_channel.listen(stop_channel.socket)
         server.start()
         daemon.self_check.add("api", checks.threads(lambda: {"hapticd-api": server.alive()}))
-        daemon.self_check.add("socket", checks.SocketCheck([(bound, server.listen_on)], lambda: daemon.rig.halt()))
+        sockets = [(bound, server.listen_on), (stop_channel, daemon.stop_channel.listen)]
+        daemon.self_check.add("socket", checks.SocketCheck(sockets, daemon.authority.stop))
         for line in banner(daemon, path, source_name(source), starting=autostart):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
         if autostart:

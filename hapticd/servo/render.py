@@ -13,6 +13,7 @@ from hapticd.servo import atomics, faults
 from hapticd.servo.damping import estimate_velocity
 from hapticd.servo.dither import periodic
 from hapticd.servo.gate import raise_fault
+from hapticd.servo.law import soften, spring
 from hapticd.servo.layout import (
     DITHER_CURRENT,
     DITHER_NONE,
@@ -20,7 +21,6 @@ from hapticd.servo.layout import (
     PASSIVITY_OFF,
     UNIFORM,
 )
-from hapticd.servo.law import soften, spring
 from hapticd.servo.passivity import control, observe
 
 

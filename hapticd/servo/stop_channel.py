@@ -7,6 +7,7 @@ send is decided by the kernel: whoever may write to the socket's file.
 
 from __future__ import annotations
 
+import os
 import threading
 from typing import TYPE_CHECKING, Any, Final
 
@@ -106,18 +107,21 @@ class StopChannel:
         self._words, self._priority = words, priority
         self._memory, self._scratch = np.zeros(_MEMORY, np.int64), np.zeros(SCRATCH, np.int64)
         self._has_socket = threading.Event()
-        self._socket: socket.socket | None = None
+        self._descriptor = -1
         self._thread = threading.Thread(target=self._run, name="hapticd-stop", daemon=True)
         self._thread.start()
 
     def listen(self, bound: socket.socket) -> None:
-        """Begin to obey.
+        """Begin to obey, or go on with another socket in the place of one whose file is gone.
 
         Args:
-            bound: a bound datagram socket; stays the caller's, who closes it after `end`.
+            bound: a bound datagram socket; stays the caller's.
         """
-        self._socket = bound
-        self._has_socket.set()
+        if self._descriptor < 0:
+            self._descriptor = os.dup(bound.fileno())
+            self._has_socket.set()
+        else:
+            os.dup2(bound.fileno(), self._descriptor, inheritable=False)
 
     def alive(self) -> bool:
         """Whether the thread still runs."""
@@ -128,11 +132,14 @@ class StopChannel:
         _quit(self._memory)
         self._has_socket.set()
         self._thread.join(1.0)
+        if self._descriptor >= 0 and not self._thread.is_alive():
+            os.close(self._descriptor)
+            self._descriptor = -1
 
     def _run(self) -> None:
         name_thread("hapticd-stop")
         block_signals()
         set_scheduler(self._priority)
         self._has_socket.wait()
-        if self._socket is not None:
-            _listen(self._socket.fileno(), self._words, self._memory, self._scratch)
+        if self._descriptor >= 0:
+            _listen(self._descriptor, self._words, self._memory, self._scratch)

@@ -36,7 +36,8 @@ class Rig:
     """One daemon process on the witness driver, in a folder of its own.
 
     Args:
-        folder: of everything. socket: of the daemon, by default in there. sections: of the config, in the place of those of `CONFIG`.
+        folder: of everything. socket: of the daemon, by default in there.
+        sections: of the config, in the place of those of `CONFIG`.
     """
 
     def __init__(self, folder: Path, socket: Path | None = None, **sections: Any) -> None:
