@@ -241,11 +241,11 @@ class Daemon(Endpoints):
     def disable(self) -> None:
         """Zero current and amplifier off at once, and nobody can start it again: the first step of every end."""
         self.authority.end()
+        self.self_check.end()  # before the sockets are removed: they are not to be bound anew
 
     def shutdown(self) -> None:
         """Zero current, amplifier off, everything released. Safe to call twice."""
         self.disable()
-        self.self_check.end()
         self._reconnector.end()
         with self._lock:
             self._experiments.cancel()

@@ -56,7 +56,7 @@ class DaemonLock:
 
     def mend(self) -> bool:
         """Take it anew where somebody has removed its file; whether that was so. Raises as `take`."""
-        if self._is_ours():
+        if self._descriptor < 0 or self._is_ours():
             return False
         old = self._descriptor
         self._take()

@@ -118,7 +118,9 @@ class SelfCheck:
         """One round, in the calling thread."""
         for name, entry in self._entries.items():
             if entry.slow == slow and not self._ending.is_set():
-                self._entries[name] = _after(name, entry)
+                look = _asked(entry.check)
+                if not self._ending.is_set():  # else what it saw is the end itself
+                    self._entries[name] = _after(name, entry, look)
 
     def _run(self, slow: bool) -> None:
         while not self._ending.wait(self._period_s):
@@ -135,12 +137,15 @@ class SelfCheck:
         )
 
 
-def _after(name: str, entry: _Entry) -> _Entry:
-    """The entry after one more look."""
+def _asked(check: Check) -> Look:
     try:
-        look = entry.check()
+        return check()
     except Exception as error:  # whatever broke, the others are looked at
-        look = Look(f"the look at it failed: {type(error).__name__}: {error}")
+        return Look(f"the look at it failed: {type(error).__name__}: {error}")
+
+
+def _after(name: str, entry: _Entry, look: Look) -> _Entry:
+    """The entry after one more look; the log has what is new."""
     entry = replace(entry, answered=time.monotonic(), figures=look.figures, ok=look.found is None or look.mended)
     if look.found is None:
         return replace(entry, last=None)

@@ -13,6 +13,7 @@ import logging
 import os
 import socket
 import stat
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -24,6 +25,8 @@ MAX_PATH_BYTES = 107
 
 BACKLOG = 128
 PROBE_TIMEOUT_S = 1.0
+_CHANGE_S = 2.0
+"""Longest wait of an end for a file system that hangs under `BoundSocket.rebind`."""
 
 log = logging.getLogger(__name__)
 
@@ -44,6 +47,8 @@ class BoundSocket:
     def __init__(self, path: Path, mode: int, owner: int | None, kind: int, lock: DaemonLock | None) -> None:
         self.path, self.lock = path, lock
         self._mode, self._owner, self._kind = mode, owner, kind
+        self._changing = threading.Lock()
+        self._closed = False
         self.socket, self._file = _listen(path, mode, owner, kind)
 
     def intact(self) -> bool:
@@ -61,26 +66,34 @@ class BoundSocket:
             waits on the number goes on. Of a stream it is another one; who accepted on the old one closes that.
 
         Raises:
-            SocketError: another daemon answers there, something else is in the way, or the system refuses.
+            SocketError: another daemon answers there, something else is in the way, or the system refuses; or it is closed.
         """
-        with _as_socket_error(self.path):
+        with self._changing, _as_socket_error(self.path):
+            if self._closed:
+                raise SocketError(f"{self.path} is closed")
             _prepare(self.path, self._kind)
             new, self._file = _listen(self.path, self._mode, self._owner, self._kind)
-        if self._kind == socket.SOCK_STREAM:
-            self.socket = new
-        else:
-            with new:
-                os.dup2(new.fileno(), self.socket.fileno(), inheritable=False)
-        return self.socket
+            if self._kind == socket.SOCK_STREAM:
+                self.socket = new
+            else:
+                with new:
+                    os.dup2(new.fileno(), self.socket.fileno(), inheritable=False)
+            return self.socket
 
     def close(self) -> None:
         """Close the socket and remove its file, unless another has been put there since; then let go of the lock."""
-        with contextlib.suppress(OSError):
-            if self.intact():
-                self.path.unlink()
-        self.socket.close()
-        if self.lock is not None:
-            self.lock.release()
+        free = self._changing.acquire(timeout=_CHANGE_S)
+        self._closed = True
+        try:
+            with contextlib.suppress(OSError):
+                if self.intact():
+                    self.path.unlink()
+            self.socket.close()
+            if self.lock is not None:
+                self.lock.release()
+        finally:
+            if free:
+                self._changing.release()
 
 
 def stop_path(path: Path) -> Path:

@@ -81,6 +81,16 @@ def test_a_check_that_breaks_keeps_no_other_from_looking(checked: SelfCheck, cap
     assert caplog.text.count("bad inode") == 1
 
 
+def test_what_is_seen_of_an_end_is_not_said(checked: SelfCheck, caplog: pytest.LogCaptureFixture) -> None:
+    def ended_meanwhile() -> Look:
+        checked.end()
+        return Look("gone")
+
+    checked.add("thing", ended_meanwhile)
+    checked.look(slow=False)
+    assert (entry(checked, "thing")["found"], caplog.records) == (None, [])
+
+
 def test_a_check_that_hangs_on_a_disk_is_seen_by_the_others(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("hapticd.service.self_check.HANGS_S", 0.1)
     hung, looks = threading.Event(), []

@@ -324,3 +324,12 @@ def test_who_waits_on_the_number_of_a_datagram_socket_hears_what_comes_to_the_ne
     assert not os.get_inheritable(number)
     bound.close()
     assert list((tmp_path / "run").iterdir()) == []
+
+
+def test_a_socket_that_is_closed_is_not_bound_anew(path: Path) -> None:
+    """The daemon may look at itself while it ends."""
+    bound = bind(path)
+    bound.close()
+    with pytest.raises(SocketError, match="is closed"):
+        bound.rebind()
+    assert not path.exists()

@@ -130,4 +130,6 @@ def test_a_recording_that_cannot_go_on_says_so_and_the_spring_stays(rig: Rig) ->
     wait_until(lambda: recorded(rig)["error"] is not None, "the error")
     assert recorded(rig)["error"].endswith(f"record.directory {runs} is not a folder")
     wait_until(lambda: not found(rig, "run_file")["ok"], "it in the document")
+    shown = rig.command("status", "--socket", str(rig.socket)).stdout
+    assert f"attention     {recorded(rig)['error']}; the servo loop goes on, unrecorded" in shown
     assert rig.client.status()["state"] == "running"
