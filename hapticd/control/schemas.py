@@ -186,6 +186,16 @@ class Passivity(Reply):
     current: float | None = Field(description="That the controller adds now, A.")
 
 
+class Predicted(Reply):
+    """What the loop, run ahead on the config's own plant, does in the soft start and a second more."""
+
+    stored_energy_J: float = Field(description="Largest energy of the whole spring on the way, J.")
+    peak_current_A: float
+    peak_speed: float = Field(description="rad/s or m/s; against safety.max_velocity.")
+    excursion: float = Field(description="Farthest from the spring's origin, rad or m; against safety.max_excursion.")
+    fault: str | None = Field(description="The trip that would end it; null for none.")
+
+
 class Guard(Reply):
     """What the stability guard says."""
 
@@ -193,6 +203,9 @@ class Guard(Reply):
     reason: str = Field(description="The sentence behind it, with the region and its limit.")
     region: str | None
     force: bool = Field(description="Whether a refusal was overridden.")
+    predicted: Predicted | None = Field(
+        description="null where the loop was not run ahead: for a release or an excitation, and with nothing rendered."
+    )
 
 
 class Status(Reply):

@@ -124,7 +124,10 @@ class Daemon(Endpoints):
             if self.rig.state != layout.RUNNING:
                 config = self.rig.config
                 judgement = self._rendering.admit(
-                    config, deflection_of(self.rig, config, self.rig.origin_counts), force=force
+                    config,
+                    deflection_of(self.rig, config, self.rig.origin_counts),
+                    origin_counts=self.rig.origin_counts,
+                    force=force,
                 )
                 self.rig.guard = judgement
                 self._rendering.begin_recording("run", command)
@@ -320,7 +323,12 @@ class Daemon(Endpoints):
         if same_loop(rig.config, config, latency_s) and not (rendered and moves_origin):
             return None
         origin = config.origin_counts if moves_origin else rig.origin_counts
-        rig.guard = self._rendering.admit(config, deflection_of(rig, config, origin) if rendered else None, force=force)
+        rig.guard = self._rendering.admit(
+            config,
+            deflection_of(rig, config, origin) if rendered else None,
+            origin_counts=origin if rendered else None,
+            force=force,
+        )
         return rig.guard
 
     def _take_over(self, lost: Rig, driver: Driver) -> None:

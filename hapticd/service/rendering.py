@@ -11,6 +11,7 @@ import threading
 from typing import TYPE_CHECKING
 
 from hapticd.record import RecordingError
+from hapticd.service.prediction import motion_of, predict, weigh
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.servo import layout
 from hapticd.stability.guard import Judgement, judge
@@ -43,15 +44,28 @@ class Rendering:
         self._recording = threading.Lock()
 
     def admit(
-        self, config: Config, deflection: float | None, *, release: bool = False, force: bool = False
+        self,
+        config: Config,
+        deflection: float | None,
+        *,
+        origin_counts: int | None = None,
+        release: bool = False,
+        force: bool = False,
     ) -> JsonDict:
         """Ask the guard about a config, and a motion from rest at a deflection in coarse ticks; its answer as data.
 
+        Args:
+            config: to be put into force. deflection: None where no motion begins.
+            origin_counts: of the spring that is rendered from now on: the loop is run ahead. None: it is not.
+            release: whether a smaller deflection can be asked for. force: go on all the same.
+
         Raises:
-            Refused: the motion would not die out.
+            Refused: the motion would not die out, or pass a limit.
         """
-        latency_s = self.rig.driver.latency_s
-        return enforce(judge(config, latency_s, deflection=deflection, release=release, force=force))
+        judgement = judge(config, self.rig.driver.latency_s, deflection=deflection, release=release, force=force)
+        if origin_counts is not None and judgement.verdict != "off":
+            judgement = weigh(judgement, predict(config, origin_counts, motion_of(self.rig)), config, force)
+        return enforce(judgement)
 
     def switch_off(self) -> None:
         """Amplifier off, the recording of a run ended."""
@@ -135,7 +149,7 @@ def enforce(judgement: Judgement) -> JsonDict:
     """
     if judgement.verdict == "refused":
         raise Refused(
-            "unstable",
+            "limits" if judgement.trips else "unstable",
             f"{judgement.reason}; nothing is started or changed\n{judgement.help}\n"
             "Render it all the same: --force (API: force)",
         )

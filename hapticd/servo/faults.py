@@ -127,8 +127,8 @@ KINDS: Final[dict[int, FaultKind]] = {
     ),
     CURRENT_MISMATCH: FaultKind(
         "current_mismatch",
-        "the device measures {value:.4g} A, beyond the {limit:.4g} A up to which the current commanded, the amplifier's model "
-        "and safety.current_mismatch explain it",
+        "the device measures {value:.4g} A, beyond the {limit:.4g} A that the current commanded, the amplifier's model and "
+        "safety.current_mismatch explain",
         "find out which of both is wrong (the drive's scale, the motor's leads, its supply), then 'hapticd clear'",
     ),
 }

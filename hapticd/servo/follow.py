@@ -1,6 +1,6 @@
 """Does the current that the device measures follow the one that is commanded? The trip `current_mismatch`.
 
-The amplifier is a current loop of second order, i'' = ω² (u − i) − 2 δ ω i' with ω = 2π `bandwidth_hz` and δ = `damping_ratio`.
+The amplifier is a current loop of second order, i'' = ω² (u − i) − 2 δ ω i' with ω = 2π `bandwidth_hz`, δ = `damping_ratio`.
 With the command held for a period T its distance e = i − u and r = i'/ω move by the exact transition exp(A ω T),
 A = [[0, 1], [−1, −2δ]], which Python works out with each parameter set. Until the next command e² + r² never grows, so that
 the current stays within u ± (|e| + |r|), whenever in the period it is sampled.
@@ -37,9 +37,8 @@ def follow_parameters(config: Config, latency_s: float) -> dict[str, float]:
     """
     period, limits, amplifier = config.period, config.safety, config.amplifier
     lag = loop_from_config(config, latency_s).delay - config.delay.computation_s
-    most = [
-        float(effect.model_extra["i_max"]) for effect in config.plant.effects if effect.name == "current_saturation"
-    ]
+    saturations = [effect.model_extra or {} for effect in config.plant.effects if effect.name == "current_saturation"]
+    most = [float(values.get("i_max", math.inf)) for values in saturations]
     ii, ir, ri, rr = transition(2.0 * math.pi * amplifier.bandwidth_hz * period, amplifier.damping_ratio)
     return {
         "mismatch": limits.current_mismatch or math.inf,

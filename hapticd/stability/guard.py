@@ -51,12 +51,16 @@ class Judgement:
             ``off``: the guard does not look.
         reason: one sentence. region: of Fig. 3 or 5; None where nothing was worked out.
         help: what would make it stable, as ``hapticd check`` prints it; empty where it is admitted.
+        predicted: what the loop would do, for replies and runs; None where it was not run ahead.
+        trips: whether it is a trip of its limits there that decides, and not theory.
     """
 
     verdict: Verdict
     reason: str
     region: str | None = None
     help: str = ""
+    predicted: dict[str, Any] | None = None
+    trips: bool = False
 
     @property
     def document(self) -> dict[str, Any]:
@@ -66,6 +70,7 @@ class Judgement:
             "reason": self.reason,
             "region": self.region,
             "force": self.verdict == "forced",
+            "predicted": self.predicted,
         }
 
 

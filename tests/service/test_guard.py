@@ -165,3 +165,41 @@ def test_an_excitation_is_judged_by_its_steps_and_by_its_speed() -> None:
     slow[1] = np.linspace(0.0, 217 * 40.0, 4000)
     # 40 ticks of way at 0.01 tick a period: as slow as a release from √μ of that
     assert excited_deflection(rig, slow) < 1.0 < 0.1 * 40.0
+
+
+def test_a_start_or_a_change_that_would_pass_a_limit_is_refused_with_both_numbers(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    with daemon_on(monkeypatch, tmp_path, safety={"soft_start_s": 0.25}) as (daemon, _devices):
+        daemon.set({"spring.origin": 9.9})
+        with pytest.raises(
+            Refused, match=r"(?s)over_speed.* rad/s is above safety.max_velocity = 400 rad/s.*--force"
+        ) as no:
+            daemon.start()
+        assert no.value.code == "limits"
+        assert daemon.status()["state"] == "off"
+        daemon.set({"spring.origin": 1.0})
+        guard = daemon.start()["guard"]
+        assert guard["verdict"] == "admitted"
+        assert guard["predicted"]["fault"] is None
+        assert guard["predicted"]["peak_current_A"] == pytest.approx(0.41, rel=0.01)
+        with pytest.raises(Refused, match="safety.max_excursion = 10 rad"):
+            daemon.set({"spring.origin": 14})
+        assert daemon.status()["state"] == "running"
+        assert daemon.set({"spring.origin": 14, "safety.guard": "off"})["guard"]["predicted"] is None
+        wait_until(lambda: daemon.status()["state"] == "fault", "the fault that nobody wanted to hear of")
+        assert daemon.status()["fault"]["code"] == "excursion"
+
+
+def test_a_release_is_exact_and_says_so(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    with daemon_on(monkeypatch, tmp_path, lambda n: 0, safety={"soft_start_s": 5.0}) as (daemon, (device,)):
+        answer = daemon.release(1000.0, 0.5)
+        assert answer["soft_start_s"] == 0.0
+        assert answer["guard"]["predicted"] is None
+        wait_until(lambda: any(current for current, _ in device.commands), "a current")
+        first = next(current for current, _ in device.commands if current)
+        assert first == pytest.approx(-0.012 * 1000.5 * config().raw_resolution / 0.0292, rel=1e-3)
+        wait_until(lambda: daemon.experiment()["state"] != "running", "its end")
+        daemon.start()
+        wait_until(lambda: daemon.status()["current"] != 0.0, "a soft start's first currents")
+        assert abs(daemon.status()["current"]) < abs(first)

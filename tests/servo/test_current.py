@@ -1,4 +1,4 @@
-"""The trip `current_mismatch`: a device whose current is not the commanded one is found out, and no honest one is accused."""
+"""The trip `current_mismatch`: a current that is not the commanded one is found, and no honest device is accused."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ def test_the_transition_is_the_exponential_of_the_amplifiers_matrix(turned: floa
 
 
 def storm(rate_hz: float, bandwidth_hz: float, damping: float, is_delay: bool, seed: int, seconds: float) -> ServoCore:
-    """Starts, stops, releases into saturation, dither, T_V and rates that change all the time, on a device that does as told.
+    """Starts, stops, releases into saturation, dither and T_V that change all the time, on a device that does as told.
 
     Args:
         rate_hz: servo rate. bandwidth_hz: of the amplifier, Hz. damping: its damping ratio.
