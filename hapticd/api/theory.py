@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from hapticd.config.limits import limits_off, limits_text
 from hapticd.config.loading import ConfigSource, config_of
 from hapticd.config.units import deflection_ticks, velocity_ticks
 from hapticd.stability.advice import Change, advise
@@ -21,7 +22,7 @@ class Check:
 
     Attributes:
         assessment: operating point, bounds, margins, limit cycle. changes: each alone makes an unstable motion stable.
-        guard: what the daemon's stability guard would do. warnings: what the theory leaves out here.
+        guard: what the daemon's stability guard would do. warnings: what the theory leaves out here, limits that are off.
         confidence: how sure the answer is, by ``plant.uncertainty``; None where the config has none.
     """
 
@@ -84,5 +85,6 @@ def check(
     latency, doubt = declared_latency(resolved)
     found = assess(resolved, deflection=ticks, velocity=speed, latency_s=latency)
     judgement = judge(resolved, latency, deflection=ticks, velocity=speed, release=True)
-    warnings = (*found.warnings, doubt) if doubt else found.warnings
+    off = limits_off(resolved)
+    warnings = (*found.warnings, *([doubt] if doubt else []), *([f"limits that are {limits_text(off)}"] if off else []))
     return Check(found, tuple(advise(found)), judgement, warnings, confidence(found))

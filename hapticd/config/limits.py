@@ -1,0 +1,26 @@
+"""Which limits of a configuration are none: 0, -0 and null all mean that."""
+
+from __future__ import annotations
+
+from functools import reduce
+from typing import TYPE_CHECKING
+
+from hapticd.config.keys import extra_text, leaf_fields
+
+if TYPE_CHECKING:
+    from hapticd.config.model import Config
+
+
+def limits_off(config: Config) -> list[str]:
+    """Dotted keys of the limits that are off, in the order of the schema."""
+    # What is ideal at 0 (no lag, no quantisation) holds 0, a limit that is none holds None.
+    return [
+        key
+        for key, field in leaf_fields().items()
+        if extra_text(field, "zero_or_null") and reduce(getattr, key.split("."), config) is None
+    ]
+
+
+def limits_text(off: list[str]) -> str:
+    """A sentence about them."""
+    return f"off, since 0 and null mean none: {', '.join(off)}"
