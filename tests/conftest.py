@@ -52,6 +52,7 @@ WALL_CLOCK = (
     "service/test_socket.py",
     "service/test_stop_means_stop.py",
     "service/test_things_taken_away.py",
+    "service/test_unread.py",
     "servo/test_heartbeat.py",
     "servo/test_mailbox.py",
     "servo/test_overrun.py",

@@ -115,7 +115,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     Returns:
         The exit code.
     """
-    line = list(sys.argv[1:] if arguments is None else arguments)
+    try:
+        return _run(list(sys.argv[1:] if arguments is None else arguments))
+    finally:
+        output.last.get()()
+
+
+def _run(line: list[str]) -> int:
     command = typer.main.get_command(build_app())
     try:
         code = command.main(line, prog_name="hapticd", standalone_mode=False)

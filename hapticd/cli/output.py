@@ -56,6 +56,9 @@ quiet: ContextVar[bool] = ContextVar("quiet", default=False)
 as_json: ContextVar[bool] = ContextVar("as_json", default=False)
 """Whether the command was asked for its answer as data."""
 
+last: ContextVar[Callable[[], object]] = ContextVar("last", default=lambda: None)
+"""What is done after the command's last word: `hapticd run` gives a slow terminal a moment to take it."""
+
 
 def emit(document: Mapping[str, Any], text: str) -> None:
     """Print the answer of a command: as data where that is wanted, else as text."""

@@ -27,8 +27,8 @@ def run(
     """Run the daemon in the foreground until Ctrl-C.
 
     Says which device, rate and resolution it uses, what the theory says of the operating point, what real-time rights
-    the machine granted, and where its socket and recordings are. Ctrl-C and SIGTERM end with zero current, then disable
-    the amplifier, then print a summary.
+    the machine granted, and where its socket and recordings are. Ctrl-C, SIGTERM, SIGQUIT and a closed terminal end with
+    zero current, then disable the amplifier, then print a summary. Ctrl-Z stops the motor and suspends nothing.
 
     Args:
         start: Begin to render at once, without waiting for 'hapticd start'.
@@ -36,11 +36,15 @@ def run(
     if force and not start:
         raise UsageError("--force is for --start: without it nothing is rendered")
     resolved = resolve_config(config, assignments)
-    from rich.console import Console
-
     from hapticd.service.foreground import run_foreground
+    from hapticd.service.sink import Sink
 
+    # Before anything that could have to be stopped: from here on nobody waits for a terminal.
+    sink = Sink()
+    sink.take_stderr()
+    output.last.set(sink.end)
     # A reload reads the same file wherever the daemon's working directory is by then; a preset has no path.
     source = str(Path(config).absolute()) if config is not None and Path(config).is_file() else config
-    console = Console(stderr=True, quiet=output.quiet.get())
-    return run_foreground(resolved, source=source, socket=socket, autostart=start, force=force, console=console)
+    return run_foreground(
+        resolved, sink, source=source, socket=socket, autostart=start, force=force, quiet=output.quiet.get()
+    )

@@ -228,6 +228,8 @@ class Status(Reply):
     units: dict[str, str] = Field(description="Units of position, velocity, current and force.")
     energy: Energy
     passivity: Passivity
+    limits_off: list[str] = Field(description="Keys of the limits that are 0 or null, which means none.")
+    log_lines_dropped: int = Field(description="Lines of the log that were lost because nobody read them in time.")
     recorder: RecorderStatus
     experiment: Experiment | None
     self_check: list[SelfCheck]

@@ -33,6 +33,10 @@ class Background:
         """Have it done after what waits already; returns at once, needs no lock and no memory to speak of."""
         self._waiting.put(function)
 
+    def waiting(self) -> int:
+        """How many wait to be done, the one at work not counted."""
+        return self._waiting.qsize()
+
     def alive(self) -> bool:
         """Whether the thread still runs."""
         return self._thread.is_alive()

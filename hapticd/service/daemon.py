@@ -55,6 +55,7 @@ class Daemon(Endpoints):
         source: where it came from, for a reload; None: the built-in testbed.
         latch: the fault that survives a restart.
         notifier: the service manager whose watchdog wants to be fed.
+        lines_dropped: how many lines of the log are lost so far.
 
     Raises:
         DriverError: the device cannot be opened.
@@ -62,8 +63,16 @@ class Daemon(Endpoints):
         RuntimeError: the system gives no thread; all that it ever needs are made here.
     """
 
-    def __init__(self, config: Config, source: str | None, latch: FaultLatch, notifier: Notifier | None = None) -> None:
+    def __init__(
+        self,
+        config: Config,
+        source: str | None,
+        latch: FaultLatch,
+        notifier: Notifier | None = None,
+        lines_dropped: Callable[[], int] = int,
+    ) -> None:
         self._source = source
+        self._lines_dropped = lines_dropped
         self._lock = threading.RLock()
         self._ending = threading.Event()
         self.live = LiveStream()
@@ -100,7 +109,7 @@ class Daemon(Endpoints):
 
     def status(self) -> JsonDict:
         """State, fault, timing, operating point, motion, energies, recorder, experiment."""
-        status = report.status(self.rig, self._faults.active(), self.experiment(), self._recent)
+        status = report.status(self.rig, self._faults.active(), self.experiment(), self._recent, self._lines_dropped())
         return {**status, "self_check": self.self_check.document()}
 
     def config(self) -> JsonDict:

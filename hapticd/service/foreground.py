@@ -7,9 +7,7 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import signal
 from pathlib import Path
-from queue import Empty, SimpleQueue
 from socket import SOCK_DGRAM
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +18,7 @@ from rich.text import Text
 
 from drivers import DriverConfigError
 from hapticd.config import ConfigError
+from hapticd.config.limits import limits_text
 from hapticd.control import descriptors
 from hapticd.control.fault_text import fault_lines
 from hapticd.record.files import why_unwritable
@@ -29,15 +28,17 @@ from hapticd.service.api import ApiServer
 from hapticd.service.daemon import Daemon, source_name
 from hapticd.service.flight import crash_log, flight_directory, recover
 from hapticd.service.journal import JournalHandler, stderr_is_journal
-from hapticd.service.latch import FaultLatch
+from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.notify import Notifier
 from hapticd.service.refusals import DriverFailure, Refused
+from hapticd.service.signals import Signals
 from hapticd.service.socket import bind, group_id, stop_path
 from hapticd.servo.authority import Withdrawn
 from hapticd.stability import regions
 
 if TYPE_CHECKING:
     from hapticd.config import Config
+    from hapticd.service.sink import Sink
 
 log = logging.getLogger(__name__)
 
@@ -82,6 +83,10 @@ def banner(daemon: Daemon, socket: Path, source: str, *, starting: bool = False)
     lines.append(f"recordings  {rig.recorder.directory}" + ("" if config.record.enabled else " (only on request)"))
     if why := why_unwritable(rig.recorder.directory):
         lines.append(f"WARNING     no run can be recorded: {why}; record.directory names the folder")
+    if why := latch_unwritable(FaultLatch(socket).path):
+        lines.append(f"WARNING     {why}")
+    if status["limits_off"]:
+        lines.append(f"WARNING     limits that are {limits_text(status['limits_off'])}")
     if status["fault"]:
         lines += [f"FAULT       {line}" for line in fault_lines(status["fault"])]
     elif starting:
@@ -91,6 +96,18 @@ def banner(daemon: Daemon, socket: Path, source: str, *, starting: bool = False)
             "motor       off, zero current; 'hapticd start' renders the spring, 'hapticd release' runs Fig. 8; Ctrl-C ends"
         )
     return lines
+
+
+def latch_unwritable(path: Path) -> str | None:
+    """Why a fault would not outlive a restart, and what to do; None where it would.
+
+    Args:
+        path: of the file that the latched fault is kept in.
+    """
+    if why := why_unwritable(path.parent):
+        mend = "make that folder writable" + ("" if is_service() else ", or name another one in $XDG_STATE_HOME")
+        return f"a fault would not outlive a restart: {path} cannot be written, {why}; {mend}"
+    return None
 
 
 def _number(value: float | None) -> str:
@@ -146,14 +163,21 @@ def _state_line(status: dict[str, Any]) -> str:
 
 def run_foreground(
     config: Config,
+    sink: Sink,
     *,
     source: str | None = None,
     socket: Path | None = None,
     autostart: bool = False,
     force: bool = False,
-    console: Console | None = None,
+    quiet: bool = False,
 ) -> int:
-    """Run the daemon until SIGINT or SIGTERM; the motor ends at zero current, switched off.
+    """Run the daemon until a signal ends it; the motor ends at zero current, switched off.
+
+    Args:
+        sink: what writes all that is said.
+        source: what the config came from, for a reload. socket: in place of the config's.
+        autostart: begin to render at once. force: also what the guard refuses.
+        quiet: no banner, no live line, no summary; warnings only.
 
     Returns:
         0, or 5 when it ended with a latched fault.
@@ -161,14 +185,11 @@ def run_foreground(
     Raises:
         DriverError, RealtimeError: the rig cannot be started. SocketError: the socket cannot be had.
     """
-    console = console or Console(stderr=True)
-    _log_to(console)
+    console = Console(file=sink.stream, quiet=quiet)
+    _log_to(console, sink)
+    signals = Signals()
     descriptors.prepare()
-    notifier = Notifier.from_environment()
     path = socket or Path(config.api.socket)
-    signals: SimpleQueue[int] = SimpleQueue()
-    for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-        signal.signal(number, lambda number, frame: signals.put(number))
     console.print(
         "starting (the first start compiles the servo loop, about ten seconds) …", style="dim", highlight=False
     )
@@ -180,12 +201,14 @@ def run_foreground(
         watch = group_id(config.api.watch_group, "api.watch_group")
         rules, mode = Rules(group_id(config.api.group, "api.group"), watch), 0o666
     with contextlib.ExitStack() as ending:
+        notifier = Notifier.from_environment()
+        ending.callback(notifier.close)
         bound = bind(path, mode, config.api.group)
         ending.callback(bound.close)
         latch = FaultLatch(path)
         _recover(config, latch.name)
         try:
-            daemon = Daemon(config, source, latch, notifier)
+            daemon = Daemon(config, source, latch, notifier, lambda: sink.dropped)
         except DriverConfigError as error:
             raise DriverConfigError(f"{source}: {error}" if source else str(error)) from error
         server = ApiServer(daemon, bound, rules)
@@ -195,19 +218,22 @@ def run_foreground(
         for step in (stop_channel.close, daemon.shutdown, server.stop, daemon.disable, notifier.stopping):
             ending.callback(step)
         daemon.stop_channel.listen(stop_channel.socket)
+        signals.halt_with(daemon.authority.end, daemon.authority.stop)
         server.start()
         daemon.self_check.add("api", checks.threads(lambda: {"hapticd-api": server.alive()}))
         sockets = [(bound, server.listen_on), (stop_channel, daemon.stop_channel.listen)]
         daemon.self_check.add("socket", checks.SocketCheck(sockets, daemon.authority.stop))
         for line in banner(daemon, path, source_name(source), starting=autostart):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
-        if autostart:
+        if why := latch_unwritable(latch.path):
+            log.warning("%s", why)
+        if autostart and not signals.ending:
             try:
                 daemon.start(force)
             except (Refused, Withdrawn, DriverFailure) as error:
                 log.error("cannot start: %s", error)
         notifier.ready()
-        _watch(daemon, signals, console, notifier)
+        _watch(daemon, signals, console, notifier, sink)
     status = daemon.status()
     for line in summary(status):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
@@ -221,28 +247,27 @@ def _recover(config: Config, name: str) -> None:
         log.warning("%s; its last %d rows are in %s", found.reason, found.rows, found.run)
 
 
-def _log_to(console: Console) -> None:
+def _log_to(console: Console, sink: Sink) -> None:
     level = logging.WARNING if console.quiet else logging.INFO
-    handler: logging.Handler = logging.StreamHandler()
+    handler: logging.Handler = logging.StreamHandler(sink.stream)
     text = "%(levelname)s %(message)s"
     if console.is_terminal:
         # A console that prints nothing still says what is logged.
-        console = Console(stderr=True) if console.quiet else console
+        console = Console(file=sink.stream) if console.quiet else console
         handler, text = RichHandler(console=console, show_path=False, markup=False), "%(message)s"
     elif stderr_is_journal():
-        handler, text = JournalHandler(), "%(message)s"
+        handler, text = JournalHandler(sink), "%(message)s"
     logging.basicConfig(level=level, format=text, handlers=[handler])
 
 
-def _watch(daemon: Daemon, signals: SimpleQueue[int], console: Console, notifier: Notifier) -> None:
-    """Show the state until a signal ends the daemon (SIGTERM, SIGINT); SIGHUP reloads its config."""
-    shown = number = None
+def _watch(daemon: Daemon, signals: Signals, console: Console, notifier: Notifier, sink: Sink) -> None:
+    """Show the state until a signal ends the daemon; one without a terminal reads its config anew at SIGHUP."""
+    shown = asked = None
+    off: list[str] = []
     with Live(console=console, auto_refresh=False, transient=True) as live:
-        while number not in (signal.SIGTERM, signal.SIGINT) and not daemon.dead:
-            number = None
-            with contextlib.suppress(Empty):
-                number = signals.get(timeout=0.2)
-            if number == signal.SIGHUP:
+        while asked != "end" and not daemon.dead:
+            asked = signals.wait(0.2)
+            if asked == "reload":
                 notifier.reloading()
                 try:
                     daemon.reload(None)
@@ -252,7 +277,11 @@ def _watch(daemon: Daemon, signals: SimpleQueue[int], console: Console, notifier
             status = daemon.status()
             notifier.status(_state_line(status))
             if console.is_terminal:
-                live.update(Text(live_line(status), overflow="ellipsis", no_wrap=True), refresh=True)
+                # A frame is of the moment: none is drawn for a terminal that has not taken what was said before.
+                if not sink.behind:
+                    live.update(Text(live_line(status), overflow="ellipsis", no_wrap=True), refresh=True)
             elif status["state"] != shown:
                 log.info("state %s", status["state"])
+            if status["limits_off"] != off and (off := status["limits_off"]):
+                log.warning("limits that are %s", limits_text(off))
             shown = status["state"]

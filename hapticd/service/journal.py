@@ -11,6 +11,13 @@ import os
 import socket
 import struct
 import sys
+from functools import partial
+from typing import TYPE_CHECKING
+
+from hapticd.service.sink import cut
+
+if TYPE_CHECKING:
+    from hapticd.service.sink import Sink
 
 ADDRESS = "/run/systemd/journal/socket"
 FIELDS = "journal"
@@ -34,26 +41,35 @@ class JournalHandler(logging.Handler):
     """Sends records to the journal; one that cannot be sent goes to standard error, where the journal finds it, too.
 
     Args:
+        sink: what sends them, so that nobody waits for a journal that hangs.
         address: the journal's datagram socket.
     """
 
-    def __init__(self, address: str = ADDRESS) -> None:
+    def __init__(self, sink: Sink, address: str = ADDRESS) -> None:
         super().__init__()
-        self._address = address
+        self._sink, self._address = sink, address
         self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
         self._socket.setblocking(False)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Send one record."""
+        """Have one record sent."""
         try:
-            self._socket.sendto(encode(self.format(record), record), self._address)
-        except OSError:
-            print(record.getMessage(), file=sys.stderr)
+            message = cut(self.format(record))
+            self._sink.put(partial(self._send, encode(message, record), message))
+        except Exception:
+            self.handleError(record)
 
     def close(self) -> None:
         """Close the socket."""
         self._socket.close()
         super().close()
+
+    def _send(self, datagram: bytes, message: str) -> None:
+        """In the sink's thread."""
+        try:
+            self._socket.sendto(datagram, self._address)
+        except OSError:
+            self._sink.write_now(f"{message}\n")
 
 
 def encode(message: str, record: logging.LogRecord) -> bytes:

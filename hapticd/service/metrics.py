@@ -65,6 +65,9 @@ class RigCollector(Collector):
         yield Gauge("hapticd_position", "Position from the spring's origin, rad or m", status["position"])
         yield Counter("hapticd_recorder_rows", "Rows recorded", recorder["rows_total"])
         yield Counter("hapticd_recorder_dropped_rows", "Rows that the recorder lost", recorder["dropped_total"])
+        yield Counter(
+            "hapticd_log_dropped_lines", "Lines of the log that nobody took in time", status["log_lines_dropped"]
+        )
         joules = Gauge(
             "hapticd_energy_joules", "Energies since the last start, estimated through the model", labels=["kind"]
         )

@@ -27,6 +27,17 @@ class Notifier:
         self._address = f"\0{address[1:]}" if address and address.startswith("@") else address
         self.watchdog_s = watchdog_s if address else None
         self._said: str | None = None
+        self._owes_ready = False
+        self._socket: socket.socket | None = None
+        if self._address is not None:
+            # Made once: a message needs no descriptor. A manager that does not listen must not stop us.
+            self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
+            self._socket.setblocking(False)
+
+    def close(self) -> None:
+        """Close the socket; what is said afterwards is not sent."""
+        if self._socket is not None:
+            self._socket.close()
 
     @classmethod
     def from_environment(cls) -> Notifier:
@@ -38,7 +49,7 @@ class Notifier:
 
     def ready(self) -> None:
         """The device is open, the servo loop ticks, the socket answers."""
-        self._send("READY=1")
+        self._owes_ready = not self._send("READY=1")
 
     def reloading(self) -> None:
         """A reload has begun; :meth:`ready` ends it."""
@@ -49,25 +60,26 @@ class Notifier:
         self._send("STOPPING=1")
 
     def status(self, text: str) -> None:
-        """One line for ``systemctl status``; the same one twice is sent once."""
-        if text != self._said:
+        """One line for ``systemctl status``; the same one twice is sent once. A READY that was not taken is sent again."""
+        if self._owes_ready:
+            self.ready()
+        if text != self._said and self._send(f"STATUS={text}"):
             self._said = text
-            self._send(f"STATUS={text}")
 
     def feed(self) -> None:
         """Tell the watchdog that we live."""
         self._send("WATCHDOG=1")
 
-    def _send(self, message: str) -> None:
-        if self._address is None:
-            return
+    def _send(self, message: str) -> bool:
+        """Whether the manager took it; without a manager there is nobody to be told again."""
+        if self._socket is None or self._address is None:
+            return True
         try:
-            with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as connection:
-                connection.setblocking(False)  # a manager that does not listen must not stop us
-                connection.connect(self._address)
-                connection.send(message.encode())
+            self._socket.sendto(message.encode(), self._address)
         except OSError as error:
             log.debug("systemd was not told %r: %s", message, error)
+            return False
+        return True
 
 
 class TickWatchdog:

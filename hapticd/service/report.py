@@ -8,6 +8,7 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from hapticd.config import Config, config_digest
+from hapticd.config.limits import limits_off
 from hapticd.control.endpoints import JsonDict
 from hapticd.servo import atomics, layout
 from hapticd.stability import numbers, regions
@@ -17,7 +18,9 @@ if TYPE_CHECKING:
     from hapticd.service.rig import Rig
 
 
-def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict, recent: RecentTiming) -> JsonDict:
+def status(
+    rig: Rig, fault: JsonDict | None, experiment: JsonDict, recent: RecentTiming, lines_dropped: int
+) -> JsonDict:
     """The daemon's state as JSON-ready values; waits for nothing."""
     config = rig.config
     snapshot = rig.core.snapshot
@@ -44,6 +47,8 @@ def status(rig: Rig, fault: JsonDict | None, experiment: JsonDict, recent: Recen
         "passivity": _passivity(rig),
         "exchanges_missed": rig.core.load(atomics.MISSED_EXCHANGES),
         "commands_clamped": rig.core.load(atomics.CLAMPED),
+        "limits_off": limits_off(config),
+        "log_lines_dropped": lines_dropped,
         "realtime": [asdict(grant) for grant in rig.grants],
         "recorder": recorder,
         "experiment": experiment,

@@ -11,6 +11,9 @@ import pytest
 from rich.console import Console
 
 from hapticd.service.foreground import _log_to, banner, live_line
+from hapticd.service.latch import FaultLatch
+from hapticd.service.sink import Sink
+from tests.polling import PATIENCE_S
 from tests.service.daemons import SOCKET, daemon_on, state_home
 
 __all__ = ["state_home"]
@@ -41,20 +44,44 @@ def test_a_folder_that_takes_no_recordings_is_said_at_the_start(
         assert not any("no run can be recorded" in line for line in banner(daemon, SOCKET, "rig.yaml"))
         assert not (tmp_path / "runs").exists()
         (tmp_path / "runs").write_text("in the way")
-        (line,) = (line for line in banner(daemon, SOCKET, "rig.yaml") if line.startswith("WARNING"))
+        (line,) = (line for line in banner(daemon, SOCKET, "rig.yaml") if "no run can be recorded" in line)
+    assert line.startswith("WARNING")
     assert f"no run can be recorded: {tmp_path / 'runs'} is not a folder" in line
 
 
+def test_a_folder_that_keeps_no_fault_is_said_at_the_start(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, state_home: Path
+) -> None:
+    with daemon_on(monkeypatch, tmp_path) as (daemon, _devices):
+        assert not any("outlive a restart" in line for line in banner(daemon, SOCKET, "rig.yaml"))
+        (state_home / "hapticd").write_text("in the way")
+        (line,) = (line for line in banner(daemon, SOCKET, "rig.yaml") if "outlive a restart" in line)
+        (state_home / "hapticd").unlink()
+    assert line.startswith("WARNING     a fault would not outlive a restart: ")
+    assert f"{FaultLatch(SOCKET).path} cannot be written, {state_home / 'hapticd'} is not a folder" in line
+    assert "$XDG_STATE_HOME" in line
+
+
+def test_limits_that_are_off_are_said_at_the_start(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    safety = {"max_velocity": 0, "max_excursion": -0.0, "encoder_jump": None}
+    with daemon_on(monkeypatch, tmp_path, safety=safety, servo={"overrun": {"fault_after": 10}}) as (daemon, _devices):
+        (line,) = (line for line in banner(daemon, SOCKET, "rig.yaml") if "limits that are off" in line)
+        assert daemon.status()["limits_off"] == [f"safety.{key}" for key in safety]
+    assert line.startswith("WARNING")
+    assert line.endswith("safety.max_velocity, safety.max_excursion, safety.encoder_jump")
+
+
 def test_a_log_line_on_a_terminal_says_its_level_once() -> None:
-    root = logging.getLogger()
+    root, sink = logging.getLogger(), Sink()
     before, root.handlers = root.handlers, []
     try:
         written = io.StringIO()
-        _log_to(Console(file=written, force_terminal=True, no_color=True, width=100))
+        _log_to(Console(file=written, force_terminal=True, no_color=True, width=100), sink)
         (handler,) = root.handlers
         handler.handle(logging.LogRecord("hapticd", logging.WARNING, "", 0, "the disk is nearly full", None, None))
     finally:
         root.handlers = before
+        sink.end(PATIENCE_S)
     assert written.getvalue().count("WARNING") == 1
     assert "the disk is nearly full" in written.getvalue()
 

@@ -11,7 +11,7 @@ from hapticd.client import DaemonUnreachable, RequestRefused
 from tests.forked import Forked
 from tests.polling import PATIENCE_S, wait_until
 from tests.service.crashing_daemon import STEPS
-from tests.service.test_process import Rig
+from tests.service.processes import Rig
 
 pytestmark = pytest.mark.realtime
 

@@ -8,6 +8,8 @@ import struct
 from pathlib import Path
 
 from hapticd.service.journal import JournalHandler, stderr_is_journal
+from hapticd.service.sink import Sink
+from tests.polling import PATIENCE_S
 
 
 def decode(datagram: bytes) -> dict[str, str]:
@@ -26,11 +28,13 @@ def decode(datagram: bytes) -> dict[str, str]:
 def test_a_fault_is_a_field(tmp_path: Path) -> None:
     with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as journal:
         journal.bind(str(tmp_path / "journal"))
-        handler = JournalHandler(str(tmp_path / "journal"))
+        sink = Sink()
+        handler = JournalHandler(sink, str(tmp_path / "journal"))
         record = logging.LogRecord("hapticd.service.daemon", logging.ERROR, "", 0, "fault %s", ("over_speed",), None)
         record.journal = {"fault": "over_speed", "cause": "speed 500 rad/s\nis above 400 rad/s"}
         handler.emit(record)
         fields = decode(journal.recv(4096))
+        assert sink.end(PATIENCE_S)
         handler.close()
     assert fields["MESSAGE"] == "fault over_speed"
     assert fields["PRIORITY"] == "3"
@@ -39,8 +43,10 @@ def test_a_fault_is_a_field(tmp_path: Path) -> None:
 
 
 def test_without_a_journal_standard_error_has_the_words(tmp_path: Path, capsys) -> None:  # type: ignore[no-untyped-def]
-    handler = JournalHandler(str(tmp_path / "nobody"))
+    sink = Sink()
+    handler = JournalHandler(sink, str(tmp_path / "nobody"))
     handler.emit(logging.LogRecord("x", logging.INFO, "", 0, "state %s", ("off",), None))
+    assert sink.end(PATIENCE_S)
     handler.close()
     assert capsys.readouterr().err == "state off\n"
     assert not stderr_is_journal()

@@ -3,120 +3,23 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import socket
-import subprocess
 import time
-from collections.abc import Iterator
-from pathlib import Path
-from typing import Any
 
 import pytest
-import yaml
 
-from hapticd.client import Client, DaemonUnreachable
 from hapticd.config import Config
 from hapticd.record import read_run
-from tests.forked import Forked
 from tests.polling import PATIENCE_S, wait_until
+from tests.service.processes import Rig, rig
+
+__all__ = ["rig"]
 
 pytestmark = pytest.mark.realtime
 
-HAPTICD = "hapticd.cli.main:main"
-CONFIG: dict[str, Any] = {
-    "driver": {"name": "witness"},
-    "safety": {"heartbeat_timeout_s": 2},
-    "servo": {"overrun": {"fault_after": None}},
-    "amplifier": {"bandwidth_hz": 0, "dac_bits": 0},
-}
 
-
-class Rig:
-    """One daemon process on the witness driver, in a folder of its own.
-
-    Args:
-        folder: of everything. socket: of the daemon, by default in there.
-        sections: of the config, in the place of those of `CONFIG`.
-    """
-
-    def __init__(self, folder: Path, socket: Path | None = None, **sections: Any) -> None:
-        self.folder = folder
-        self.socket = socket or folder / "h.sock"
-        self.log = folder / "witness.log"
-        self.output = folder / "output.txt"
-        self.config = folder / "rig.yaml"
-        self.config.write_text(yaml.safe_dump({**CONFIG, **sections, "record": {"directory": str(folder / "runs")}}))
-        plugin = folder / "plugin" / "witness-1.dist-info"
-        plugin.mkdir(parents=True)
-        (plugin / "METADATA").write_text("Metadata-Version: 2.1\nName: witness\nVersion: 1\n")
-        (plugin / "entry_points.txt").write_text("[hapticd.drivers]\nwitness = tests.service.witness:Witness\n")
-        root = Path(__file__).parents[2]
-        self.environment = {
-            **os.environ,
-            "PYTHONPATH": f"{folder / 'plugin'}:{root}",
-            "XDG_STATE_HOME": str(folder / "state"),
-            "WITNESS": str(self.log),
-        }
-        self.environment.pop("HAPTICD_SOCKET", None)
-        self.client = Client(self.socket)
-        self.processes: list[Forked] = []
-
-    def command(self, *words: str) -> subprocess.CompletedProcess[str]:
-        """A command line against this daemon."""
-        process = Forked(HAPTICD, words, self.folder, self.environment)
-        output, errors = process.communicate(PATIENCE_S)
-        assert process.returncode is not None
-        return subprocess.CompletedProcess(words, process.returncode, output, errors)
-
-    def launch(self) -> Forked:
-        """Start the daemon and wait until it answers."""
-        words = ["run", str(self.config), "--socket", str(self.socket)]
-        process = Forked(HAPTICD, words, self.folder, self.environment, self.output)
-        self.processes.append(process)
-        wait_until(lambda: process.poll() is not None or self.answers(), "an answering daemon", 250)
-        if process.poll() is not None:
-            pytest.fail(f"the daemon ended: {self.output.read_text()}")
-        return process
-
-    def answers(self) -> bool:
-        """Whether somebody answers on the socket."""
-        try:
-            self.client.status()
-        except DaemonUnreachable:
-            return False
-        return True
-
-    def commands(self) -> list[str]:
-        """What the device was told, one line each."""
-        return self.log.read_text().splitlines()
-
-    def render(self) -> None:
-        """Start the spring and wait for currents."""
-        self.client.start()
-        wait_until(lambda: sum(line[0] == "-" for line in self.commands()) > 20, "currents at the device")
-
-    def check_end(self) -> None:
-        """After the last current: zero with the amplifier on, zero with it off, closed."""
-        lines = self.commands()
-        last = max(index for index, line in enumerate(lines) if line[0] == "-")
-        after = lines[last + 1 :]
-        on = after.index("0.0 0")
-        assert on >= 1, after[:5]
-        assert set(after[:on]) == {"0.0 1"}, after[:5]
-        assert set(after[on:-1]) == {"0.0 0"}, after[:5]
-        assert after[-1] == "closed", after[-5:]
-
-
-@pytest.fixture
-def rig(tmp_path: Path) -> Iterator[Rig]:
-    made = Rig(tmp_path)
-    yield made
-    for process in made.processes:
-        process.close()
-
-
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT, signal.SIGQUIT])
 def test_signal_ends_at_zero_current(rig: Rig, number: int) -> None:
     process = rig.launch()
     rig.render()
@@ -208,18 +111,6 @@ def test_after_sigkill_the_socket_is_taken_over_and_the_recording_reads(rig: Rig
     assert rig.client.status()["state"] == "off"
 
 
-def test_a_frozen_daemon_faults_when_it_thaws(rig: Rig) -> None:
-    process = rig.launch()
-    rig.render()
-    process.send_signal(signal.SIGSTOP)
-    time.sleep(3.0)
-    process.send_signal(signal.SIGCONT)
-    wait_until(lambda: rig.client.status()["state"] == "fault", "a fault")
-    status = rig.client.status()
-    assert status["fault"]["code"] == "heartbeat_lost"
-    assert status["timing"]["missed"] > 500
-
-
 def test_a_freeze_below_the_heartbeats_timeout_is_a_fault_too(rig: Rig) -> None:
     process = rig.launch()
     rig.render()
@@ -232,6 +123,18 @@ def test_a_freeze_below_the_heartbeats_timeout_is_a_fault_too(rig: Rig) -> None:
     process.terminate()
     process.wait(PATIENCE_S)
     rig.check_end()
+
+
+def test_a_frozen_daemon_faults_when_it_thaws(rig: Rig) -> None:
+    process = rig.launch()
+    rig.render()
+    process.send_signal(signal.SIGSTOP)
+    time.sleep(3.0)
+    process.send_signal(signal.SIGCONT)
+    wait_until(lambda: rig.client.status()["state"] == "fault", "a fault")
+    status = rig.client.status()
+    assert status["fault"]["code"] == "heartbeat_lost"
+    assert status["timing"]["missed"] > 500
 
 
 @pytest.mark.parametrize(

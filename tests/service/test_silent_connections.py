@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from tests.service.processes import Rig
 from tests.service.strangers import NOBODY, as_nobody, connect_often, many_descriptors, needs_root, open_folder
-from tests.service.test_process import Rig
 
 pytestmark = [pytest.mark.realtime, needs_root]
 HELD = 1139

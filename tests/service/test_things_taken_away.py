@@ -14,7 +14,7 @@ import pytest
 
 from hapticd.record import read_run
 from tests.polling import PATIENCE_S, wait_until
-from tests.service.test_process import Rig
+from tests.service.processes import Rig
 
 pytestmark = pytest.mark.realtime
 

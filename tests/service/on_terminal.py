@@ -1,0 +1,24 @@
+"""A command line with a controlling terminal: the one that is its standard error."""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import signal
+import termios
+from collections.abc import Sequence
+
+from hapticd.cli.main import main as hapticd
+
+
+def main(arguments: Sequence[str]) -> int:
+    """What ``hapticd`` does in a window of its own."""
+    os.setsid()
+    fcntl.ioctl(2, termios.TIOCSCTTY, 0)
+    return hapticd(arguments)
+
+
+def nohup(arguments: Sequence[str]) -> int:
+    """The same behind ``nohup``."""
+    signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    return main(arguments)
