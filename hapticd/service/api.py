@@ -202,18 +202,21 @@ def _documented(endpoint: Endpoint) -> dict[str, Any]:
 
 
 class ApiServer:
-    """The API on its socket, in the thread ``hapticd-api``.
+    """The API on its socket, in the thread ``hapticd-api``, which exists, and waits, from here on.
 
     Args:
         control: the daemon.
-        bound: the socket from :func:`hapticd.service.socket.bind`; bound before the device is opened, so that the daemon
-            that has the socket is alone with the device. Closed by :meth:`stop`.
+        bound: the socket from :func:`hapticd.service.socket.bind`, closed by :meth:`stop`; None: it is bound later, once all
+            threads of the daemon exist, and given to :meth:`start`.
         rules: who may ask for what.
+
+    Raises:
+        RuntimeError: the system gives no thread.
     """
 
     STOP_TIMEOUT_S = 5.0
 
-    def __init__(self, control: Control, bound: socket.BoundSocket, rules: Rules | None = None) -> None:
+    def __init__(self, control: Control, bound: socket.BoundSocket | None = None, rules: Rules | None = None) -> None:
         self._bound = bound
         self._control = control
         self._pools = _pools()
@@ -231,24 +234,33 @@ class ApiServer:
             timeout_graceful_shutdown=1,
         )
         self._server = uvicorn.Server(settings)
-        self._thread: threading.Thread | None = None
+        self._may_start = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="hapticd-api", daemon=True)
+        self._thread.start()
 
-    def start(self) -> None:
+    def start(self, bound: socket.BoundSocket | None = None) -> None:
         """Begin to answer.
+
+        Args:
+            bound: the socket, where it was not given before.
 
         Raises:
             SocketError: the server does not start; nothing is left behind.
         """
-        # uvicorn takes over signal handlers only in the main thread, and this is not it.
-        self._thread = threading.Thread(
-            target=self._server.run, kwargs={"sockets": [self._bound.socket]}, name="hapticd-api", daemon=True
-        )
-        self._thread.start()
+        self._bound = bound or self._bound
+        assert self._bound is not None
+        self._may_start.set()
         while not self._server.started:
             if not self._thread.is_alive():
                 self.stop()
                 raise socket.SocketError(f"the control API did not start on {self._bound.path}; its log says why")
             time.sleep(0.005)
+
+    def _run(self) -> None:
+        # uvicorn takes over signal handlers only in the main thread, and this is not it.
+        self._may_start.wait()
+        if self._bound is not None and not self._server.should_exit:
+            self._server.run(sockets=[self._bound.socket])
 
     def listen_on(self, listening: stdlib_socket.socket) -> None:
         """Take connections from another socket in the place of the one before; those at hand go on. From any thread.
@@ -266,15 +278,15 @@ class ApiServer:
 
     def alive(self) -> bool:
         """Whether its thread still runs."""
-        return self._thread is not None and self._thread.is_alive()
+        return self._thread.is_alive()
 
     def stop(self) -> None:
         """Stop answering and remove the socket. Safe to call twice and without a start."""
         self._control.live.close()
         self._server.should_exit = True
-        if self._thread is not None:
-            self._thread.join(self.STOP_TIMEOUT_S)
-            self._thread = None
-        self._bound.close()
+        self._may_start.set()
+        self._thread.join(self.STOP_TIMEOUT_S)
+        if self._bound is not None:
+            self._bound.close()
         for pool in self._pools.values():
             pool.shutdown(wait=False, cancel_futures=True)  # what waits is dropped, what runs is not waited for

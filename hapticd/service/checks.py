@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
     from hapticd.config import Config
     from hapticd.record import Recorder
+
+log = logging.getLogger(__name__)
 
 OUT_OF_REACH_S = 5.0
 """How long nobody may reach the daemon before its motor is switched off."""
@@ -113,6 +116,25 @@ def limits(off: Callable[[], Iterable[str]]) -> Check:
     def look() -> Look:
         keys = list(off())
         return Look(f"no limit is set by {', '.join(keys)}" if keys else None)
+
+    return look
+
+
+def link(remarks: Callable[[], Sequence[str]]) -> Check:
+    """What the device's link has shown that stops nothing. Each kind of it is logged once; the counts are in the status.
+
+    Args:
+        remarks: of the driver in force.
+    """
+    kinds = 0
+
+    def look() -> Look:
+        nonlocal kinds
+        texts = list(remarks())
+        for text in texts[kinds:]:
+            log.warning("%s", text)
+        kinds = len(texts)
+        return Look("; ".join(texts) or None, "goes on", mended=True, said=True)
 
     return look
 

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hapticd.config import LIVE_KEYS, Config, apply_settings, config_digest, load_config, preset_names
+from hapticd.config.limits import limits_off
 from hapticd.control.endpoints import MOTION_S, PREPARED_MOTION_S, Endpoints, JsonDict
 from hapticd.record import RecordingError
 from hapticd.service import checks, metrics, report
@@ -89,13 +90,15 @@ class Daemon(Endpoints):
         self._replacement = Replacement(self._rendering, self._faults, self._experiments, self.live, latch.name)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self.rig.core.load(atomics.TICKS))
         self._heat.follow(lambda: self.rig.core.i2t)
+        self._reconnector = Reconnector(lambda: self.rig, self._faults.is_latched, self._take_over)
+        self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self.self_check = SelfCheck()
         self.self_check.add("threads", checks.threads(self._threads))
         self.self_check.add("run_file", checks.run_file(lambda: self.rig.recorder))
         self.self_check.add("room", checks.RoomCheck(lambda: self.rig.config, lambda: self.rig.recorder), slow=True)
-        self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
+        self.self_check.add("limits", checks.limits(lambda: limits_off(self.rig.config)))
+        self.self_check.add("link", checks.link(lambda: self.rig.driver.remarks()))
         self._supervisor.start()
-        self._reconnector = Reconnector(lambda: self.rig, self._faults.is_latched, self._take_over)
 
     @property
     def rig(self) -> Rig:
@@ -276,6 +279,10 @@ class Daemon(Endpoints):
             **self.self_check.alive(),
             self._supervisor.name: self._supervisor.is_alive(),
             "hapticd-stop": self.stop_channel.alive(),
+            "hapticd-heat": self._heat.alive(),
+            "hapticd-reconnect": self._reconnector.alive(),
+            **self._faults.alive(),
+            **self._experiments.alive(),
             "hapticd-tidy": self._tidying.alive(),
         }
 

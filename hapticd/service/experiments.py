@@ -121,6 +121,10 @@ class Experiments:
             newest.cancelled.set()
             newest.ended.wait(5.0)
 
+    def alive(self) -> dict[str, bool]:
+        """Name of its thread, and whether it still runs."""
+        return {"hapticd-experiment": self._background.alive()}
+
     def is_running(self) -> bool:
         """Whether one is running, or its recording not closed yet."""
         newest = self._newest

@@ -151,6 +151,10 @@ class FaultManager:
         with self.lock, contextlib.suppress(OSError):
             self._latch.prepare()
 
+    def alive(self) -> dict[str, bool]:
+        """Name of its thread, and whether it still runs."""
+        return {"hapticd-history": self._history.alive()}
+
     def close(self) -> None:
         """Give up what the latch had prepared."""
         self._history.end(1.0)

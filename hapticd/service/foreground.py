@@ -32,7 +32,7 @@ from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.notify import Notifier
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.signals import Signals
-from hapticd.service.socket import bind, group_id, stop_path
+from hapticd.service.socket import bind, claim, group_id, stop_path
 from hapticd.servo.authority import Withdrawn
 from hapticd.stability import regions
 
@@ -193,7 +193,7 @@ def run_foreground(
     console.print(
         "starting (the first start compiles the servo loop, about ten seconds) …", style="dim", highlight=False
     )
-    # The socket first: whoever has it is alone with the device.
+    # The claim first: whoever has it is alone with the device. The sockets last, once all threads exist.
     rules = Rules()
     mode = int(config.api.mode, 8)
     if config.api.watch_group is not None:
@@ -203,24 +203,30 @@ def run_foreground(
     with contextlib.ExitStack() as ending:
         notifier = Notifier.from_environment()
         ending.callback(notifier.close)
-        bound = bind(path, mode, config.api.group)
-        ending.callback(bound.close)
+        lock = claim(path)
+        if lock is not None:
+            ending.callback(lock.release)
         latch = FaultLatch(path)
         _recover(config, latch.name)
         try:
             daemon = Daemon(config, source, latch, notifier, lambda: sink.dropped)
         except DriverConfigError as error:
             raise DriverConfigError(f"{source}: {error}" if source else str(error)) from error
-        server = ApiServer(daemon, bound, rules)
+        ending.callback(daemon.shutdown)
+        signals.halt_with(daemon.authority.end, daemon.authority.stop)
+        server = ApiServer(daemon, rules=rules)
+        ending.callback(server.stop)
         ending.enter_context(crash_log(config, latch.name))
         stop_channel = bind(stop_path(path), int(config.api.mode, 8), config.api.group, SOCK_DGRAM)
+        ending.callback(stop_channel.close)
+        bound = bind(path, mode, config.api.group, lock=lock)
         # The last of these comes first.
-        for step in (stop_channel.close, daemon.shutdown, server.stop, daemon.disable, notifier.stopping):
+        for step in (bound.close, server.stop, daemon.disable, notifier.stopping):
             ending.callback(step)
         daemon.stop_channel.listen(stop_channel.socket)
-        signals.halt_with(daemon.authority.end, daemon.authority.stop)
-        server.start()
-        daemon.self_check.add("api", checks.threads(lambda: {"hapticd-api": server.alive()}))
+        server.start(bound)
+        alive = {"hapticd-api": server.alive, "hapticd-sink": sink.alive}
+        daemon.self_check.add("service_threads", checks.threads(lambda: {name: ask() for name, ask in alive.items()}))
         sockets = [(bound, server.listen_on), (stop_channel, daemon.stop_channel.listen)]
         daemon.self_check.add("socket", checks.SocketCheck(sockets, daemon.authority.stop))
         for line in banner(daemon, path, source_name(source), starting=autostart):

@@ -83,6 +83,10 @@ class Heat:
         self._thread = threading.Thread(target=self._run, name="hapticd-heat", daemon=True)
         self._thread.start()
 
+    def alive(self) -> bool:
+        """Whether it is being written down."""
+        return self._thread is not None and self._thread.is_alive()
+
     def end(self) -> None:
         """A clean end: the motor is off, and cools from now on."""
         self._ending.set()

@@ -157,15 +157,15 @@ def _run(config: Config, request: Request, motion: Motion, seconds: float) -> Pr
             speed = max(speed, float(np.abs(core.truth[taken, 1]).max()))
             current = max(current, float(np.abs(core.ring["current_command_A"][taken]).max()))
         left -= done
-    number, snapshot = core.load(atomics.FAULT_CODE), core.snapshot
+    number, (value, limit) = core.load(atomics.FAULT_CODE), core.fault_numbers
     return Prediction(
         stored_energy=max(stored, _potential(config, nearest), _potential(config, farthest)),
         peak_current=current,
         peak_speed=speed,
         excursion=max(abs(nearest), abs(farthest)),
         fault=number,
-        value=float(snapshot["fault_value"]) if number else 0.0,
-        limit=float(snapshot["fault_limit"]) if number else 0.0,
+        value=value if number else 0.0,
+        limit=limit if number else 0.0,
         after_s=core.load(atomics.FAULT_TICK) * config.period if number else 0.0,
     )
 

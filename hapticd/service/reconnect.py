@@ -45,6 +45,10 @@ class Reconnector:
         self._thread = threading.Thread(target=self._run, name="hapticd-reconnect", daemon=True)
         self._thread.start()
 
+    def alive(self) -> bool:
+        """Whether its thread still runs."""
+        return self._thread.is_alive()
+
     def end(self) -> None:
         """No further attempt. Does not wait for one that is under way: what it opens is closed at once."""
         self._ending.set()

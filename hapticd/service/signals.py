@@ -54,8 +54,8 @@ class Signals:
         """A daemon is there; a signal that ends it has come already, perhaps.
 
         Args:
-            disable: zero current at once, and no start any more. stop: the same, and it may be started again. Both are called
-                in the signal's handler, so that they may wait for nothing.
+            disable: zero current at once, and no start any more. stop: the same, and it may be started again. Both are
+                called in the signal's handler, so that they may wait for nothing.
         """
         self._disable, self._stop = disable, stop
         if self.ending:

@@ -101,7 +101,44 @@ def stop_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.stop")
 
 
-def bind(path: Path, mode: int = 0o660, group: str | None = None, kind: int = socket.SOCK_STREAM) -> BoundSocket:
+def claim(path: Path) -> DaemonLock | None:
+    """Be the one daemon for this socket, before the device is opened and the socket bound.
+
+    Returns:
+        The lock, for `bind`; None where there can be none.
+
+    Raises:
+        SocketError: another daemon is there, something else is in the way, or the system refuses.
+    """
+    path = _short(path)
+    lock = _take_lock(path)
+    try:
+        with _as_socket_error(path):
+            _prepare(path, socket.SOCK_STREAM)
+    except BaseException:
+        if lock is not None:
+            lock.release()
+        raise
+    return lock
+
+
+def _short(path: Path) -> Path:
+    path = path.absolute()
+    if len(os.fsencode(path)) > MAX_PATH_BYTES:
+        raise SocketError(
+            f"socket path {path} is {len(os.fsencode(path))} bytes long; a Unix socket's path is at most "
+            f"{MAX_PATH_BYTES} bytes: choose a shorter one with --socket or api.socket"
+        )
+    return path
+
+
+def bind(
+    path: Path,
+    mode: int = 0o660,
+    group: str | None = None,
+    kind: int = socket.SOCK_STREAM,
+    lock: DaemonLock | None = None,
+) -> BoundSocket:
     """Create a socket of the daemon's and, of a stream, listen on it and hold the daemon's lock.
 
     Args:
@@ -109,18 +146,15 @@ def bind(path: Path, mode: int = 0o660, group: str | None = None, kind: int = so
         mode: permission bits of the socket; who may write to it may command the motor.
         group: owning group by name or number, None for the process's own.
         kind: ``SOCK_STREAM`` for the control socket; ``SOCK_DGRAM`` for one beside it, of the daemon that has that.
+        lock: of `claim`, released with the socket; None: the lock is taken here.
 
     Raises:
         SocketError: another daemon is there, something else is in the way, or the system refuses.
     """
-    path = path.absolute()
-    if len(os.fsencode(path)) > MAX_PATH_BYTES:
-        raise SocketError(
-            f"socket path {path} is {len(os.fsencode(path))} bytes long; a Unix socket's path is at most "
-            f"{MAX_PATH_BYTES} bytes: choose a shorter one with --socket or api.socket"
-        )
+    path = _short(path)
     owner = group_id(group, "api.group") if group is not None else None
-    lock = _take_lock(path) if kind == socket.SOCK_STREAM else None
+    if lock is None and kind == socket.SOCK_STREAM:
+        lock = _take_lock(path)
     try:
         with _as_socket_error(path):
             _prepare(path, kind)

@@ -183,7 +183,7 @@ def test_a_start_or_a_change_that_would_pass_a_limit_is_refused_with_both_number
         assert guard["verdict"] == "admitted"
         assert guard["predicted"]["fault"] is None
         assert guard["predicted"]["peak_current_A"] == pytest.approx(0.41, rel=0.01)
-        with pytest.raises(Refused, match="safety.max_excursion = 10 rad"):
+        with pytest.raises(Refused, match=r"safety.max_excursion = 10 rad"):
             daemon.set({"spring.origin": 14})
         assert daemon.status()["state"] == "running"
         assert daemon.set({"spring.origin": 14, "safety.guard": "off"})["guard"]["predicted"] is None
