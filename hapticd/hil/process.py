@@ -53,7 +53,8 @@ class Child:
                 stdout=out,
                 stderr=out,
                 env=self._environment,
-                process_group=0,  # Ctrl-C at a terminal is for us alone: we end our processes, in our order
+                # Ctrl-C and the end of a terminal are for us alone: we end our processes, in our order.
+                start_new_session=True,
             )
         return self
 
