@@ -46,5 +46,5 @@ def run(
     # A reload reads the same file wherever the daemon's working directory is by then; a preset has no path.
     source = str(Path(config).absolute()) if config is not None and Path(config).is_file() else config
     return run_foreground(
-        resolved, sink, source=source, socket=socket, autostart=start, force=force, quiet=output.quiet.get()
+        resolved, sink=sink, source=source, socket=socket, autostart=start, force=force, quiet=output.quiet.get()
     )

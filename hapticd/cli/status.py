@@ -13,7 +13,6 @@ from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Positive, SocketOption, connect
 from hapticd.cli.output import number
-from hapticd.config.limits import limits_text
 from hapticd.control.endpoints import Endpoints
 from hapticd.control.fault_text import fault_lines
 
@@ -79,6 +78,8 @@ def describe(report: dict[str, Any], socket: Path) -> str:
         rows.insert(-1, ("passivity", _passivity(passivity)))
     rows += [("attention", _attention(entry)) for entry in report.get("self_check", ()) if not entry["ok"]]
     if off := report["limits_off"]:
+        from hapticd.config.limits import limits_text
+
         rows.insert(-2, ("limits", limits_text(off)))
     if lost := report["log_lines_dropped"]:
         rows.append(("log", f"{lost} lines lost: nobody read them in time"))

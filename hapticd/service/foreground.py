@@ -163,8 +163,8 @@ def _state_line(status: dict[str, Any]) -> str:
 
 def run_foreground(
     config: Config,
-    sink: Sink,
     *,
+    sink: Sink,
     source: str | None = None,
     socket: Path | None = None,
     autostart: bool = False,

@@ -108,6 +108,8 @@ class FakeControl(Endpoints):
             "operating_point": {"mu": 523.3, "beta": 0.75, "sigma": 1.0, "tau_d": 0.0, "region": "A"},
             "position": 0.0155,
             "position_unknown": None,
+            "limits_off": [],
+            "log_lines_dropped": 0,
             "position_ticks": 20.25,
             "velocity": self.velocity,
             "current": 0.5,

@@ -1,4 +1,4 @@
-"""A command line with a controlling terminal: the one that is its standard error."""
+"""A command line with a controlling terminal of its own, or with none, whatever the tests run on."""
 
 from __future__ import annotations
 
@@ -12,9 +12,15 @@ from hapticd.cli.main import main as hapticd
 
 
 def main(arguments: Sequence[str]) -> int:
-    """What ``hapticd`` does in a window of its own."""
+    """What ``hapticd`` does in a window of its own, which is its standard error."""
     os.setsid()
     fcntl.ioctl(2, termios.TIOCSCTTY, 0)
+    return hapticd(arguments)
+
+
+def detached(arguments: Sequence[str]) -> int:
+    """The same as a service: without a terminal."""
+    os.setsid()
     return hapticd(arguments)
 
 

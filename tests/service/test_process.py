@@ -69,7 +69,7 @@ def test_a_latched_fault_ends_in_5_and_outlives_the_process(rig: Rig) -> None:
 
 
 def test_hangup_reloads_and_refuses_a_bad_config_while_it_keeps_rendering(rig: Rig) -> None:
-    process = rig.launch()
+    process = rig.launch("tests.service.on_terminal:detached")
     rig.render()
     good = rig.config.read_text()
     rig.config.write_text(good + "spring: {stiffness: 0.02}\n")

@@ -67,7 +67,7 @@ def test_a_current_that_is_not_the_commanded_one_is_a_fault(lie: str, rate_hz: f
     lasted = int(np.argmax(rows["flags"] & FLAG_FAULT != 0)) / rate_hz
     assert lasted == pytest.approx(cfg.safety.current_mismatch_s, abs=0.02 + 3 / rate_hz)
     assert driver.commands[-1] == (0.0, False)
-    value, limit = float(core.snapshot["fault_value"]), float(core.snapshot["fault_limit"])
+    value, limit = core.fault_numbers
     text = faults.describe(faults.CURRENT_MISMATCH, value, limit, is_linear=False)["cause"]
     assert f"measures {value:.4g} A" in text
 

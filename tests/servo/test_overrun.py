@@ -42,7 +42,7 @@ def after_freezes(
 def test_a_freeze_of_a_tenth_of_a_second_is_a_fault_by_default() -> None:
     core = after_freezes(1000.0, None, {20: 0.1})
     assert fault_code(core) == "overrun"
-    value, limit = float(core.snapshot["fault_value"]), float(core.snapshot["fault_limit"])
+    value, limit = core.fault_numbers
     assert limit == Config().servo.overrun.fault_after
     assert value >= 90.0
     assert value <= core.load(atomics.MISSED_PERIODS)

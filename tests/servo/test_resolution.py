@@ -55,7 +55,7 @@ def test_every_such_trip_allows_the_same_count(safety: dict[str, float], quiet: 
             rows_of(core, 40)
             assert fault_code(core) == expected
             if expected:
-                value, limit = float(core.snapshot["fault_value"]), float(core.snapshot["fault_limit"])
+                value, limit = core.fault_numbers
                 assert abs(value) > limit
                 assert value * sign > 0.0
 
