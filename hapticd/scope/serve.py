@@ -22,8 +22,10 @@ from hapticd.scope.access import Access, Names
 from hapticd.scope.app import ScopeServer, create_app
 from hapticd.scope.strangers import strangers
 
-BACKLOG = 1024
-"""Connections that the kernel keeps until they are accepted: where it keeps no more, who connects is a second late."""
+AT_ONCE = 128
+"""Connections that asyncio accepts in a row before it looks at any of them: each takes a descriptor."""
+QUEUE = 1024
+"""Connections that the kernel keeps until then; where it keeps no more, who connects is a second late."""
 MAX_MESSAGE_BYTES = 4096
 """What a page may say over a WebSocket: its token, no more."""
 
@@ -87,9 +89,19 @@ def serve(
         announce(Addresses(control, f"{base}{access.view_token}"))
         server = ScopeServer(socket_path, access)
         try:
-            asyncio.run(uvicorn.Server(web_settings(create_app(server, names))).serve(sockets=[listening]))
+            asyncio.run(PageServer(web_settings(create_app(server, names))).serve(sockets=[listening]))
         finally:
             server.close()
+
+
+class PageServer(uvicorn.Server):
+    """uvicorn, which knows one number for what is accepted in a row and what is kept waiting, with two."""
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        """Begin to listen."""
+        await super().startup(sockets)
+        for listening in sockets or ():
+            listening.listen(QUEUE)
 
 
 def web_settings(app: ASGIApp) -> uvicorn.Config:
@@ -102,7 +114,7 @@ def web_settings(app: ASGIApp) -> uvicorn.Config:
         ws_max_size=MAX_MESSAGE_BYTES,
         lifespan="off",
         loop="asyncio",
-        backlog=BACKLOG,
+        backlog=AT_ONCE,
         log_config=None,
         log_level="warning",
         access_log=False,
@@ -119,7 +131,7 @@ def _bind(host: str, port: int) -> socket.socket:
         try:
             found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             found.bind(address)
-            found.listen(BACKLOG)  # a page that is asked for at once waits for the answer
+            found.listen(QUEUE)  # a page that is asked for at once waits for the answer
         except BaseException:
             found.close()
             raise

@@ -12,11 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import httpx
-import uvicorn
 
 from hapticd.scope.access import Access, Names
 from hapticd.scope.app import ScopeServer, create_app
-from hapticd.scope.serve import web_settings
+from hapticd.scope.serve import PageServer, web_settings
 
 CLIENT = "a-page-of-the-tests"
 
@@ -63,7 +62,7 @@ def serve(socket_path: Path, port: int = 0, access: Access | None = None) -> Ite
     listening = socket.create_server(("127.0.0.1", port))
     port = listening.getsockname()[1]
     server = ScopeServer(socket_path, access)
-    runner = uvicorn.Server(web_settings(create_app(server, Names.of("127.0.0.1", port))))
+    runner = PageServer(web_settings(create_app(server, Names.of("127.0.0.1", port))))
     thread = threading.Thread(target=runner.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
     while not runner.started:

@@ -46,8 +46,8 @@ def client(tmp_path: Path) -> Iterator[Client]:
 
 def connected(client: Client) -> socket.socket:
     connection = socket.socket(socket.AF_UNIX)
+    connection.connect(str(client.socket_path))  # one that has a time-out would not wait for a place in the queue
     connection.settimeout(PATIENCE_S)
-    connection.connect(str(client.socket_path))
     return connection
 
 
