@@ -132,6 +132,7 @@ def parameters(config: Config, request: Request, *, safety: bool = True, latency
     p["missed_exchanges"] = limits.missed_exchanges or math.inf
     for name, value in follow_parameters(config, latency_s).items():
         p[name] = value
+    p["mismatch"] = limits.current_mismatch or math.inf if safety else math.inf
     p["soft_step"] = config.period / limits.soft_start_s if safety and limits.soft_start_s else 0.0
     p["abrupt"] = request.exact or request.excitation_id != 0
     p["overrun_policy"] = layout.OVERRUN_POLICIES[config.servo.overrun.policy]

