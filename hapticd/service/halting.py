@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from hapticd.service.refusals import DriverFailure
 from hapticd.servo import atomics, layout
+from hapticd.servo.authority import ESTOPS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -44,11 +45,10 @@ class Halt:
     ) -> None:
         authority = rendering.authority
         (authority.estop if latches else authority.stop)()
+        self._revoked, self._estops = authority.revoked, authority.load(ESTOPS)
         self._rendering, self._latches, self._is_tidy, self._status = rendering, latches, is_tidy, status
-        self._since = time.monotonic()
         self._obeyed_s: float | None = None
-        self._seen: Rig | None = None
-        self._ticks = 0
+        self._watch(rendering.rig)
 
     def poll(self) -> JsonDict | None:
         """The answer; None: ask again.
@@ -78,12 +78,19 @@ class Halt:
             time.sleep(POLL_S)
         return answer
 
+    def _watch(self, rig: Rig) -> None:
+        """Count from here: the tick at hand may have begun before the stop, and whoever polls may be frozen."""
+        self._watched, self._ticks, self._since = rig, rig.core.load(atomics.TICKS), time.monotonic()
+
     def _obeys(self) -> bool:
         rig = self._rendering.rig
         if rig.closed:
             return not self._latches  # it ended by way of zero current, and the next one has to be told first
-        ticks = rig.core.load(atomics.TICKS)
-        if rig is not self._seen:
-            self._seen, self._ticks = rig, ticks
-        ended = (layout.FAULT,) if self._latches else (layout.OFF, layout.FAULT)
-        return rig.state in ended and ticks >= self._ticks + _TICKS
+        if rig is not self._watched:
+            self._watch(rig)
+        if rig.core.load(atomics.TICKS) < self._ticks + _TICKS:
+            return False
+        # A command that arrived later may have begun, and a clear that did may have come, since the loop obeyed.
+        if self._latches:
+            return rig.core.estops_obeyed >= self._estops
+        return rig.state in (layout.OFF, layout.FAULT) or rig.core.ordinal > self._revoked

@@ -215,6 +215,11 @@ class ServoCore:
         """How many software stops the loop has obeyed, of all that were asked for (`authority.ESTOPS`)."""
         return int(self._state["estops"])
 
+    @property
+    def ordinal(self) -> int:
+        """Of the command whose request is in force."""
+        return int(self.params["ordinal"])
+
     def begin(self, start_ns: int, mode: int = layout.OFF, estops_obeyed: int = 0, i2t: float = 0.0) -> None:
         """Set the time grid's origin and the first mode, with the first published parameter set in force.
 
