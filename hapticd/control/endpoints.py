@@ -49,8 +49,8 @@ class Endpoint:
         queue: who answers it: threads for queries, one thread for commands. A stop and an estop are carried out when they
             arrive and answered where they arrive; they are in no queue.
         errors: HTTP codes that it may answer with, besides 200.
-        motion_s: of a command that sets the motor in motion, the time within which it has to begin, s; its method also takes
-            ``command`` (`hapticd.servo.authority.Command`), which a stop revokes. None: it sets nothing in motion.
+        motion_s: of a command that sets the motor in motion or clears a fault, the time within which it has to begin, s; its
+            method also takes ``command`` (`hapticd.servo.authority.Command`), which a stop revokes. None: of any other.
         asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user or root. The
             server says so, from what the kernel tells it; it is no field of the body.
         signature: of the method, without ``self``: the fields of the body.
@@ -197,14 +197,15 @@ class Endpoints:
         This is a software stop, not a safety-rated one. 'hapticd clear' releases it.
         """
 
-    @endpoint("POST", "/clear", "Status", device=True)
+    @endpoint("POST", "/clear", "Status", device=True, motion_s=MOTION_S)
     def clear(self) -> JsonDict:
         """Clear a latched fault.
 
-        A fault stays latched, also across a restart of the daemon, until it is cleared here.
+        A fault stays latched, also across a restart of the daemon, until it is cleared here. One that was raised after the
+        command came is not cleared by it: nobody has seen it yet.
 
         Raises:
-            Refused: its cause is still there.
+            Refused: its cause is still there, or it is a later fault.
         """
 
     @endpoint("POST", "/set", "SetReply")

@@ -1,12 +1,13 @@
 """What becomes of a request when its head arrives, in the event loop, before anything of it is read, checked or queued.
 
-A stop or an estop is carried out here: every command that arrived earlier is revoked by one store that the tick reads. A
-command that asks for motion gets its ordinal (`hapticd.servo.authority`), its deadline, and the connection it dies with.
+A stop or an estop is carried out here: every command that arrived earlier is revoked by one store that the tick reads. One
+that asks for motion, or clears a fault, gets its ordinal (`hapticd.servo.authority`), its deadline, and the connection it
+dies with.
 """
 
 from __future__ import annotations
 
-import time
+import math
 from collections.abc import Iterable, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -21,6 +22,9 @@ if TYPE_CHECKING:
 
 DEADLINE: Final = b"request-deadline-ns"
 """Header: CLOCK_MONOTONIC, in ns, after which its sender no longer wants motion to begin."""
+
+_DIGITS: Final = 19
+"""Of a number of ns; a longer one is after every clock's end."""
 
 
 class Pending(Protocol):
@@ -78,8 +82,6 @@ class Arrivals:
 
     def _command(self, limit_s: float, headers: Mapping[bytes, Any], connection: Connection | None) -> Command:
         given = headers.get(DEADLINE, b"")
-        if given.isdigit():
-            limit_s = min(limit_s, (int(given) - time.monotonic_ns()) * 1e-9)
-        if connection is None:
-            return self._control.authority.arrived(limit_s)
-        return self._control.authority.arrived(limit_s, connection.is_there)
+        not_after_s = int(given) * 1e-9 if given.isdigit() and len(given) <= _DIGITS else math.inf
+        is_there = connection.is_there if connection is not None else lambda: True
+        return self._control.authority.arrived(limit_s, is_there, not_after_s)

@@ -174,14 +174,16 @@ class Daemon(Endpoints):
         """Whether what a stop has ended is put away: the experiment, the recording of the run."""
         return not (self._experiments.is_running() or self._rendering.records_revoked())
 
-    def clear(self) -> JsonDict:
-        """Clear the latched fault; refused when it comes straight back."""
+    def clear(self, *, command: Command | None = None) -> JsonDict:
+        """Clear the latched fault; refused when it comes straight back, or was raised after the command came."""
+        command = command or self.authority.arrived(MOTION_S)
         with self._lock:
+            command.refuse()
             if self.rig.state != layout.FAULT:
                 return self.status()
             self._experiments.cancel()
             before = self.rig.fault_number
-            self.rig.ask(state=layout.OFF, clear=self.rig.request.clear + 1, excitation_id=0, excitation_length=0)
+            self.rig.clear(command)
             self.rig.wait(self.rig.applied, ANSWER_S)
             self.rig.wait_ticks(int(self.rig.config.safety.missed_exchanges or 0) + 3)
             self._faults.confirm_cleared(before)

@@ -70,6 +70,7 @@ class Replacement:
         except Exception as error:
             log.error("the new configuration failed (%s); going back to the old one, with a latched fault", error)
             with self._faults.lock:
+                self._rendering.authority.faulted()
                 self._faults.latch(faults.describe(faults.RELOAD_FAILED, 0.0, 0.0, is_linear=False, detail=str(error)))
                 try:
                     self._put(old.config, faults.RELOAD_FAILED, known=old.position_known)

@@ -237,6 +237,16 @@ class Rig:
         with self._asking:
             command.begin(lambda ordinal: self._publish(None, {"state": layout.RUNNING, "ordinal": ordinal}))
 
+    def clear(self, command: Command) -> None:
+        """Ask for ``off`` and the end of the fault, in the one step in which the command begins. Does not wait.
+
+        Raises:
+            Withdrawn: it may not begin any more; nothing is asked.
+        """
+        off = {"state": layout.OFF, "excitation_id": 0, "excitation_length": 0}
+        with self._asking:
+            command.begin(lambda ordinal: self._publish(None, {**off, "clear": ordinal}))
+
     def _publish(self, config: Config | None, changes: dict[str, Any]) -> None:
         if config is not None or "origin_counts" in changes:
             self.settings_epoch += 1

@@ -1,8 +1,10 @@
 """Who may set the motor in motion: the one authority, shared with the tick.
 
-Every command that asks for motion gets an ordinal when it arrives. A stop is one atomic store: it revokes every ordinal that
-was given before. A command begins by publishing its ordinal to the loop, and the tick renders for as long as that ordinal is
-above the last revoked one, so that nothing that waits in a queue, a thread or the mailbox can outlive a stop.
+Every command that asks for motion, or clears a fault, gets an ordinal when it arrives. A stop is one atomic store: it
+revokes every ordinal that was given before. A command begins by publishing its ordinal to the loop, and the tick renders for
+as long as that ordinal is above the last revoked one, so that nothing that waits in a queue, a thread or the mailbox can
+outlive a stop. In the same way a clear ends the faults that were there when it arrived, and no later one: nobody has seen
+that yet.
 
 A command, its states and what moves it on:
 
@@ -13,13 +15,14 @@ A command, its states and what moves it on:
 | waiting | expired | its deadline passed |
 | waiting | gone | its client hung up |
 | waiting | answered | it was answered already (with an error) |
-| begun | revoked | a stop or an estop arrived: zero current in the next tick |
+| begun | revoked | a stop or an estop arrived: zero current in the next tick; a clear: a fault was raised after it |
 
 The words outlive any servo loop, so that a stop that comes while a rig is replaced counts for the new one as well.
 """
 
 from __future__ import annotations
 
+import math
 import threading
 import time
 from typing import TYPE_CHECKING, Any, Final
@@ -44,6 +47,8 @@ LOOP_TICKS: Final = 24
 """Ticks that real-time loops have done, over all rigs; written by the loop."""
 LOOP_MODE: Final = 25
 """Mode after the last tick; written by the loop."""
+FAULTED: Final = 26
+"""The last ordinal that had been given when the newest fault was raised: a clear counts if it arrived later; by the loop."""
 SIZE: Final = 32
 
 FIRST: Final = 1
@@ -75,6 +80,11 @@ def _end(words: NDArray[Any]) -> None:
     atomic_store(words, REVOKED, FOREVER)
 
 
+@njit("void(int64[::1])", counted=False)
+def _faulted(words: NDArray[Any]) -> None:
+    atomic_store(words, FAULTED, atomic_load(words, ORDINAL))
+
+
 @njit("int64(int64[::1], int64)", counted=False)
 def _load(words: NDArray[Any], index: int) -> int:
     return int(atomic_load(words, index))
@@ -100,7 +110,7 @@ class Withdrawn(Exception):  # noqa: N818 - an answer, not an error of the progr
 
 
 class Command:
-    """One command that asks for motion, from its arrival on.
+    """One command that asks for motion, or clears a fault, from its arrival on.
 
     Args:
         authority: that gave the ordinal.
@@ -170,14 +180,17 @@ class Authority:
         """Last revoked ordinal."""
         return int(_load(self.words, REVOKED))
 
-    def arrived(self, limit_s: float, is_there: Callable[[], bool] = lambda: True) -> Command:
-        """A command that asks for motion has arrived.
+    def arrived(
+        self, limit_s: float, is_there: Callable[[], bool] = lambda: True, not_after_s: float = math.inf
+    ) -> Command:
+        """A command that asks for motion, or clears a fault, has arrived.
 
         Args:
             limit_s: time within which it has to begin, s.
             is_there: whether its client still waits.
+            not_after_s: `time.monotonic` at which its client gives up.
         """
-        return Command(self, int(_next(self.words)), time.monotonic() + limit_s, is_there)
+        return Command(self, int(_next(self.words)), min(time.monotonic() + limit_s, not_after_s), is_there)
 
     def stop(self) -> None:
         """Revoke every command that has arrived. Takes no lock, no thread, no descriptor; cannot fail."""
@@ -186,6 +199,10 @@ class Authority:
     def estop(self) -> None:
         """The same, and a latched fault."""
         estop(self.words)
+
+    def faulted(self) -> None:
+        """A fault is raised where no loop runs that could say so: no clear that has arrived counts for it."""
+        _faulted(self.words)
 
     def end(self) -> None:
         """Revoke every command for ever."""

@@ -135,14 +135,16 @@ def forget_motion(servo: Any) -> None:
 def step_mode(servo: Any, shared: Any, words: Any) -> None:
     """One step of the state machine: clear, estop, heartbeat, then what the supervisor requests and nobody has revoked."""
     params, state, now_ns = servo.params, servo.state, servo.tick.woke_ns
+    given, estops = atomic_load(words, authority.ORDINAL), atomic_load(words, authority.ESTOPS)
     if params.clear != state.cleared:
         state.cleared = params.clear
-        if state.mode == FAULT:
+        if state.mode == FAULT and params.clear > words[authority.FAULTED]:
             state.mode = OFF
             forget_motion(servo)
             atomic_store(shared, atomics.FAULT_CODE, 0)
             atomic_store(shared, atomics.DEVICE_LOST, 0)
-    estops = atomic_load(words, authority.ESTOPS)
+    if state.mode != FAULT or estops != state.estops:
+        words[authority.FAULTED] = given
     if estops != state.estops:
         state.estops = estops
         raise_fault(servo, shared, faults.ESTOP, 0.0, 0.0)

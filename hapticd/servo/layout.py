@@ -35,7 +35,7 @@ PARAMS = np.dtype(
         ("period_ns", "f8"),  # ns
         ("request", "i8"),  # mode that the supervisor wants: OFF, READY or RUNNING
         ("ordinal", "i8"),  # of the command that wants it; OFF once it is revoked (`hapticd.servo.authority`)
-        ("clear", "i8"),  # a fault is cleared when this number changes
+        ("clear", "i8"),  # ordinal of the newest clear: a fault that was raised before it came is cleared
         ("force_per_tick", "f8"),  # K Δ, N m or N
         ("bias", "f8"),  # ½ or 0, ticks
         ("damping", "f8"),  # B a count, N m or N for one count/s
@@ -114,7 +114,7 @@ STATE = np.dtype(
         ("grid_frac", "f8"),  # and the fraction of a ns
         ("start_ns", "i8"),  # origin of time_s, ns
         ("applied", "i8"),  # number of the parameter set in force
-        ("cleared", "i8"),  # last PARAMS.clear that was obeyed
+        ("cleared", "i8"),  # last PARAMS.clear that was looked at
         ("estops", "i8"),  # software stops that were obeyed
         ("enable_ns", "i8"),  # when the amplifier was asked to switch on, ns
         ("have_counts", "?"),  # whether there is a sample since running began

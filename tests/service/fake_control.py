@@ -161,7 +161,7 @@ class FakeControl(Endpoints):
     def log_later(self, write: Callable[[], None]) -> None:
         write()
 
-    def clear(self) -> JsonDict:
+    def clear(self, *, command: Command | None = None) -> JsonDict:
         self._enter("clear")
         self.state, self.fault = "off", None
         return self.status()

@@ -17,6 +17,8 @@ from hapticd.servo import layout as w
 from hapticd.servo.core import Request, parameters
 from tests.servo.scripted import Scripted, config, core_for, fault_code, rows_of
 
+CLEAR = authority.FIRST + 1
+"""It came after what nobody asked for."""
 Script = Callable[[int], Any]
 
 
@@ -112,9 +114,9 @@ def test_clearing_does_not_forget_the_heat_of_the_winding() -> None:
     core = core_for(driver, driver.config)
     core.run(real_time=False, ticks=1100)
     assert fault_code(core) == "over_current"
-    core.publish(parameters(driver.config, Request(state=w.OFF, clear=1)))
+    core.publish(parameters(driver.config, Request(state=w.OFF, clear=CLEAR)))
     rows_of(core, 2)
-    core.publish(parameters(driver.config, Request(state=w.RUNNING, clear=1)))
+    core.publish(parameters(driver.config, Request(state=w.RUNNING, clear=CLEAR)))
     core.run(real_time=False, ticks=50)
     assert fault_code(core) == "over_current"
 
@@ -245,12 +247,12 @@ def test_a_fault_stays_until_cleared_and_the_motor_does_not_rearm() -> None:
     core.publish(parameters(driver.config, Request(state=w.RUNNING)))
     rows_of(core, 5)
     assert core.load(atomics.MODE) == w.FAULT
-    core.publish(parameters(driver.config, Request(state=w.OFF, clear=1)))
+    core.publish(parameters(driver.config, Request(state=w.OFF, clear=CLEAR)))
     rows_of(core, 5)
     assert core.load(atomics.MODE) == w.OFF
     assert fault_code(core) is None
     assert driver.commands[-1] == (0.0, False)
-    core.publish(parameters(driver.config, Request(state=w.RUNNING, clear=1)))
+    core.publish(parameters(driver.config, Request(state=w.RUNNING, clear=CLEAR)))
     rows_of(core, 5)
     assert core.load(atomics.MODE) == w.RUNNING
 
