@@ -56,6 +56,7 @@ WALL_CLOCK = (
     "servo/test_heartbeat.py",
     "servo/test_mailbox.py",
     "servo/test_overrun.py",
+    "servo/test_stop_channel.py",
 )
 PATIENT = (
     "docs/test_notebooks.py",
