@@ -30,7 +30,6 @@ attack: compiled ## what tries to break the daemon, all of it; make test has a s
 test-old: $(STAMP)  ## the gap's tests without wide vectors and fused products, as an old x86-64 computes
 	$(BIN)/python -m tests.old_processor
 
-
 compiled: $(STAMP)   ## fill the compile caches of daemon, gap workflow and simulated hardware, side by side
 	@$(MAKE) --no-print-directory -j2 compiled-daemon compiled-gap
 
