@@ -12,31 +12,29 @@ from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
 from typing import Any
 
-_UNPRINTABLE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
-"""Control characters but tab and line feed, what turns the direction of a line, and bytes that are no UTF-8."""
-
 
 def printable(text: str) -> str:
-    """Text for a terminal: what would be obeyed there instead of shown is escaped, as Python writes it."""
-    return _UNPRINTABLE.sub(_escaped, text)
+    """Text for a terminal: what would be obeyed there instead of shown is escaped."""
+    if all(line.isprintable() for line in text.split("\n")):
+        return text
+    from hapticd.config.text import legible
+
+    return legible(text, len(text))
 
 
 def name(path: str | os.PathLike[str]) -> str:
     """A file's name or path in one line: whoever made it has chosen it."""
-    return printable(os.fspath(path)).replace("\n", "\\n").replace("\t", "\\t")
-
-
-def _escaped(found: re.Match[str]) -> str:
-    code = ord(found[0])
-    if 0xDC80 <= code <= 0xDCFF:  # a byte that is no UTF-8, as Python carries it
-        code -= 0xDC00
-    return f"\\x{code:02x}" if code < 0x100 else f"\\u{code:04x}"
+    return printable(os.fspath(path)).replace("\n", "\\n")
 
 
 def to_json(document: Any) -> str:
-    """JSON text; non-finite numbers become ``null``, numpy scalars numbers, paths text; what is not printable is escaped."""
+    """JSON text; non-finite numbers become ``null``, numpy scalars numbers, paths text; a terminal obeys nothing in it."""
     text = json.dumps(_plain(document), indent=2, ensure_ascii=False, allow_nan=False)
-    return _UNPRINTABLE.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+    return _IN_JSON.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
+_IN_JSON = re.compile("[\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069\ud800-\udfff]")
+"""What JSON itself leaves as it is: control characters, what turns the direction of a line, bytes that are no UTF-8."""
 
 
 def _plain(value: Any) -> Any:

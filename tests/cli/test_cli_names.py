@@ -16,9 +16,9 @@ NASTY = {
     f"a{TITLE}.arrow": r"a\x1b]0;owned\x07.arrow",
     "b\x9b2J.arrow": r"b\x9b2J.arrow",
     "c\nhapticd: all is well.arrow": r"c\nhapticd: all is well.arrow",
-    "d\rgone.arrow": r"d\x0dgone.arrow",
+    "d\rgone.arrow": r"d\rgone.arrow",
     "e\u202eworra.arrow": r"e\u202eworra.arrow",
-    "f\udc80.arrow": r"f\x80.arrow",
+    "f\udc80.arrow": r"f\udc80.arrow",
     "gut µ 末.arrow": "gut µ 末.arrow",
 }
 
@@ -62,6 +62,7 @@ def test_a_whole_file_of_such_a_name_is_verified_in_one_line(hapticd: Run, tmp_p
     assert r"a\x1b]0;owned\x07\n.arrow: " in outcome.out
 
 
-def test_text_keeps_its_lines_and_tabs() -> None:
-    assert output.printable("one\n\ttwo") == "one\n\ttwo"
+def test_text_keeps_its_lines_and_a_name_is_one() -> None:
+    assert output.printable("one\ntwo µ 末") == "one\ntwo µ 末"
     assert output.name(Path("one\n\ttwo")) == r"one\n\ttwo"
+    assert len(output.printable("long\x07" * 10_000)) == 80_000

@@ -41,7 +41,7 @@ def _flood(path: Path, says: bytes) -> Callable[[], int]:
 def test_stop_and_estop_come_through(rig: Rig, says: bytes) -> None:
     rig.render()
     with many_descriptors(), as_nobody(_flood(rig.socket, says)) as held:
-        assert int(held) == HELD
+        assert int(held) > SOFT
         for word, state in (("stop", "off"), ("estop", "fault")):
             found = rig.command(word, "--json", "--socket", str(rig.socket))
             assert (found.returncode, json.loads(found.stdout)["state"]) == (0, state), found.stderr
