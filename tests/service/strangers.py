@@ -66,7 +66,7 @@ def as_nobody(act: Callable[[], object]) -> Iterator[bytes]:
 
 
 def connect_often(path: Path, count: int, says: bytes = b"") -> list[socket.socket]:
-    """So many connections, each of which says so much, or as many as there can be: where the queue is full it tries again."""
+    """So many connections, each of which says so much, or as many as can be had: it tries again where the queue is full."""
     made: list[socket.socket] = []
     deadline = time.monotonic() + PATIENCE_S / 3
     while len(made) < count and time.monotonic() < deadline:
