@@ -65,11 +65,18 @@ def as_nobody(act: Callable[[], object]) -> Iterator[bytes]:
         os.waitpid(child, 0)
 
 
-def connect_often(path: Path, count: int, says: bytes = b"") -> list[socket.socket]:
-    """So many connections, each of which says so much, or as many as can be had: it tries again where the queue is full."""
-    made: list[socket.socket] = []
+_HELD: list[socket.socket] = []
+"""Of this process, until it ends."""
+
+
+def connect_often(path: Path, count: int, says: bytes = b"") -> int:
+    """So many connections, each of which says so much, or as many as can be had: it tries again where the queue is full.
+
+    Returns:
+        How many there are; they stay until the process ends.
+    """
     deadline = time.monotonic() + PATIENCE_S / 3
-    while len(made) < count and time.monotonic() < deadline:
+    while len(_HELD) < count and time.monotonic() < deadline:
         connection = socket.socket(socket.AF_UNIX)
         connection.setblocking(False)
         try:
@@ -78,7 +85,7 @@ def connect_often(path: Path, count: int, says: bytes = b"") -> list[socket.sock
             connection.close()
             time.sleep(0.005)
             continue
-        made.append(connection)
+        _HELD.append(connection)
         with contextlib.suppress(OSError):
             connection.send(says)
-    return made
+    return len(_HELD)
