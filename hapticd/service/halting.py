@@ -28,6 +28,8 @@ _REPLACED_S: Final = 10.0
 _TIDY_S: Final = 2.0
 """How long the answer may wait for the end of the recording, once the current is zero."""
 _TICKS: Final = 2
+_LONGEST_LOOK_S: Final = 0.1
+"""What lies between two looks counts as waiting up to this: who was frozen has not seen whether the loop obeys."""
 
 
 class Halt:
@@ -48,6 +50,7 @@ class Halt:
         self._revoked, self._estops = authority.revoked, authority.load(ESTOPS)
         self._rendering, self._latches, self._is_tidy, self._status = rendering, latches, is_tidy, status
         self._obeyed_s: float | None = None
+        self._polled_s = time.monotonic()
         self._watch(rendering.rig)
 
     def poll(self) -> JsonDict | None:
@@ -57,10 +60,12 @@ class Halt:
             DriverFailure: the loop does not answer.
         """
         now = time.monotonic()
+        self._waited_s += min(now - self._polled_s, _LONGEST_LOOK_S)
+        self._polled_s = now
         if self._obeyed_s is None:
             if self._obeys():
                 self._obeyed_s = now
-            elif now - self._since > (_REPLACED_S if self._rendering.rig.closed else _OBEYED_S):
+            elif self._waited_s > (_REPLACED_S if self._rendering.rig.closed else _OBEYED_S):
                 raise DriverFailure("the servo loop does not answer; cut the power of the amplifier")
             else:
                 return None
@@ -79,8 +84,8 @@ class Halt:
         return answer
 
     def _watch(self, rig: Rig) -> None:
-        """Count from here: the tick at hand may have begun before the stop, and whoever polls may be frozen."""
-        self._watched, self._ticks, self._since = rig, rig.core.load(atomics.TICKS), time.monotonic()
+        """Count from here: the tick at hand may have begun before the stop."""
+        self._watched, self._ticks, self._waited_s = rig, rig.core.load(atomics.TICKS), 0.0
 
     def _obeys(self) -> bool:
         rig = self._rendering.rig

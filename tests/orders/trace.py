@@ -32,8 +32,6 @@ class Asked:
     error: str | None = None
     published: bool = False
     gone: bool = False
-    may_fail: bool = False
-    """Of a stop: nobody can obey it in time."""
     deadline_ns: int | None = None
     """That its client gave, and from its arrival on the earlier of that and the endpoint's own."""
     limit_ns: int = 0
