@@ -12,12 +12,14 @@ if TYPE_CHECKING:
 
 
 def limits_off(config: Config) -> list[str]:
-    """Dotted keys of the limits that are off, in the order of the schema."""
+    """Dotted keys of the limits on motor and motion that are off, in the order of the schema."""
     # What is ideal at 0 (no lag, no quantisation) holds 0, a limit that is none holds None.
     return [
         key
         for key, field in leaf_fields().items()
-        if extra_text(field, "zero_or_null") and reduce(getattr, key.split("."), config) is None
+        if not key.startswith("record.")
+        and extra_text(field, "zero_or_null")
+        and reduce(getattr, key.split("."), config) is None
     ]
 
 

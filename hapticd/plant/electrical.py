@@ -13,7 +13,11 @@ from hapticd.plant.layout import index_of
 from hapticd.plant.spring import spring_functions
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from numpy.typing import NDArray
+
+    from hapticd.config.effects import Effect
 
 _f8 = types.float64
 _a = types.Array(_f8, 1, "C")
@@ -26,6 +30,16 @@ _LIMIT = index_of("current_saturation.i_max")
 _GRID = index_of("dac_quantization.q")
 _on_grid = effect_term(dac_quantization.on_grid)
 _saturate = effect_term(current_saturation.saturate)
+
+
+def largest_current(effects: Iterable[Effect]) -> float:
+    """What the amplifier can deliver at most by a model's effects, A; infinite where none limits it."""
+    limits = [
+        float((effect.model_extra or {})["i_max"])
+        for effect in effects
+        if effect.name == current_saturation.EFFECT.slug
+    ]
+    return min(limits, default=math.inf)
 
 
 @njit(_f8(_a, _f8), counted=False, inline=True)

@@ -16,6 +16,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from hapticd.jit import njit
+from hapticd.plant.electrical import largest_current
 from hapticd.servo import faults
 from hapticd.servo.gate import raise_fault
 from hapticd.servo.layout import READY, RUNNING
@@ -37,13 +38,11 @@ def follow_parameters(config: Config, latency_s: float) -> dict[str, float]:
     """
     period, limits, amplifier = config.period, config.safety, config.amplifier
     lag = loop_from_config(config, latency_s).delay - config.delay.computation_s
-    saturations = [effect.model_extra or {} for effect in config.plant.effects if effect.name == "current_saturation"]
-    most = [float(values.get("i_max", math.inf)) for values in saturations]
     ii, ir, ri, rr = transition(2.0 * math.pi * amplifier.bandwidth_hz * period, amplifier.damping_ratio)
     return {
         "mismatch_ticks": max(_FEWEST_SAMPLES, math.ceil(limits.current_mismatch_s / period)),
         "mismatch_block": math.ceil(2.0 * lag / period) + 3,
-        "current_limit": min(most, default=math.inf),
+        "current_limit": largest_current(config.plant.effects),
         "follow_ii": ii,
         "follow_ir": ir,
         "follow_ri": ri,

@@ -257,7 +257,7 @@ def test_refusals_keep_their_words_and_have_their_exit_code(
 
 
 def test_start_that_ends_in_a_fault_exits_5(daemon: Run, control: FakeControl, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(control, "start", control.estop)
+    monkeypatch.setattr(control, "start", lambda **_: control.estop())
     outcome = daemon("start")
     assert outcome.code == 5
     first, *_, last = outcome.out.splitlines()

@@ -38,6 +38,7 @@ def config(**options: Any) -> Config:
             "driver": {"name": "toy_board", **options},
             "amplifier": {"bandwidth_hz": 0, "dac_bits": 0},
             "encoder": {"decimation": 7},
+            "safety": {"soft_start_s": 0},
         },
         "test",
     )

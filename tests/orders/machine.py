@@ -176,6 +176,12 @@ class MemoryLatch:
     def load(self) -> None:
         return None
 
+    def prepare(self) -> None:
+        self._scheduler.perhaps()
+
+    def close(self) -> None:
+        pass
+
     def store(self, fault: dict[str, Any]) -> None:
         self._scheduler.sleep(self._scheduler.random.choice((0.0, 0.002, 0.02)))
         self.stored = fault
@@ -183,6 +189,35 @@ class MemoryLatch:
     def remove(self) -> None:
         self._scheduler.perhaps()
         self.stored = None
+
+
+class NoHeat:
+    """The motor's heat is no affair of orders."""
+
+    def __init__(self, *_: Any) -> None:
+        pass
+
+    def before(self, *_: Any) -> float:
+        return 0.0
+
+    def follow(self, *_: Any) -> None:
+        pass
+
+    def end(self) -> None:
+        pass
+
+
+class NoSelfCheck:
+    """Nothing is taken away from the daemon here."""
+
+    def add(self, *_: Any, **__: Any) -> None:
+        pass
+
+    def document(self) -> list[Any]:
+        return []
+
+    def end(self) -> None:
+        pass
 
 
 class NoStopChannel:

@@ -35,7 +35,7 @@ from hapticd.service import (
 )
 from hapticd.service.access import CALLER, Caller, Rules
 from hapticd.servo import atomics, authority, layout
-from tests.orders.machine import Machine, MemoryLatch, NoStopChannel
+from tests.orders.machine import Machine, MemoryLatch, NoHeat, NoSelfCheck, NoStopChannel
 from tests.orders.scheduler import PERIOD_NS, Stuck
 from tests.orders.standins import Event, Queue, Threading, Time
 from tests.orders.trace import Asked, Violation
@@ -440,6 +440,8 @@ class Run:
             (api, "asyncio", self.api),
             (background, "SimpleQueue", lambda: Queue(scheduler)),
             (daemon, "StopChannel", NoStopChannel),
+            (daemon, "Heat", NoHeat),
+            (daemon, "SelfCheck", NoSelfCheck),
             (daemon, "load_config", self._loaded),
             (experiments, "release_result", lambda *_: {}),
             (rig, "Recorder", self.machine.recorder),

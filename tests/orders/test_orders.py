@@ -160,7 +160,7 @@ def test_a_planted_fault_is_found_and_its_shortest_order_can_be_played_again(
     _, found = explore.explore(scripts, plant.__name__)
     assert found is not None
     assert found.why.startswith(rule), found
-    assert len(found.script) <= 3
+    assert len(found.script) <= explore.EXHAUSTIVE
     assert takes_part & set(found.script)
     assert f"again: python -m tests.orders {found.seed} {' '.join(found.script)}\n" in str(found)
     again = explore.attempt(found.script, found.seed)

@@ -46,7 +46,13 @@ FAULT = {
     **CIRCUMSTANCES,
 }
 
-ADMITTED = {"verdict": "admitted", "reason": "region A: globally stable", "region": "A", "force": False}
+ADMITTED = {
+    "verdict": "admitted",
+    "reason": "region A: globally stable",
+    "region": "A",
+    "force": False,
+    "predicted": None,
+}
 
 
 @dataclass(frozen=True)
@@ -129,7 +135,8 @@ class FakeControl(Endpoints):
                     for name in ("stored", "stored_at_start", "dissipated", "generated", "settings", "unexplained")
                 },
             },
-            "recorder": {"path": None, "rows": 0, "dropped": 0, "state": "off", "error": None},
+            "recorder": {"path": None, "rows": 0, "dropped": 0, "state": "off", "error": None, "continued": None},
+            "self_check": [],
             "experiment": self.job,
         }
 
@@ -185,6 +192,7 @@ class FakeControl(Endpoints):
         return {
             "experiment": 1,
             "achieved_deflection": deflection,
+            "soft_start_s": 0.0,
             "duration_s": duration_s or 3.0,
             "run": "/r/release.arrow",
             "guard": ADMITTED,
@@ -207,7 +215,7 @@ class FakeControl(Endpoints):
 
     def record_start(self, path: str | None = None, *, trusted: bool = False) -> JsonDict:
         self._enter("record_start", path, *(("trusted",) if trusted else ()))
-        return {"path": path or "/r/run.arrow", "rows": 0, "dropped": 0}
+        return {"path": path or "/r/run.arrow", "rows": 0, "dropped": 0, "error": None, "continued": None}
 
     def record_stop(self) -> JsonDict:
         self._enter("record_stop")
