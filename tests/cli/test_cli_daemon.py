@@ -33,7 +33,7 @@ def test_json_is_one_document_and_all_of_stdout(daemon: Run, words: tuple[str, .
     outcome = daemon(*words, "--json")
     assert (outcome.code, outcome.err) == (0, "")
     assert isinstance(outcome.document, dict)
-    assert "error" not in outcome.document
+    assert outcome.document.get("error") is None
 
 
 def test_status_fits_one_screen_and_has_units(daemon: Run) -> None:
@@ -140,6 +140,7 @@ def test_release_takes_a_negative_deflection_and_reports_the_result(daemon: Run,
     assert outcome.document == {
         "experiment": 1,
         "achieved_deflection": -20.3,
+        "soft_start_s": 0.0,
         "duration_s": 2.0,
         "run": "/r/release.arrow",
         "state": "done",
