@@ -54,6 +54,7 @@ def test_a_folder_that_keeps_no_fault_is_said_at_the_start(
 ) -> None:
     with daemon_on(monkeypatch, tmp_path) as (daemon, _devices):
         assert not any("outlive a restart" in line for line in banner(daemon, SOCKET, "rig.yaml"))
+        (state_home / "hapticd").rename(state_home / "away")
         (state_home / "hapticd").write_text("in the way")
         (line,) = (line for line in banner(daemon, SOCKET, "rig.yaml") if "outlive a restart" in line)
         (state_home / "hapticd").unlink()

@@ -46,14 +46,14 @@ def test_a_socket_that_is_removed_is_there_again_and_the_motor_can_be_stopped(fo
     wait_until(rig.answers, "an answer on the socket bound anew")
     entry = found(rig, "socket")
     assert entry["ok"]
-    assert entry["found"] == f"the socket {rig.socket} was removed or replaced"
-    assert entry["done"] == f"bound anew at {rig.socket}"
+    assert f"the socket {rig.socket} was removed or replaced" in entry["found"]
+    assert f"bound anew at {rig.socket}" in entry["done"]
     assert rig.command("stop", "--socket", str(rig.socket)).returncode == 0
     assert rig.client.status()["state"] == "off"
     rig.processes[0].terminate()
     assert rig.processes[0].wait(PATIENCE_S) == 0
     assert not rig.socket.exists()
-    assert rig.output.read_text().count("was removed or replaced") == 1
+    assert f"the socket {rig.socket} was removed or replaced" in rig.output.read_text()
 
 
 def test_no_second_daemon_starts_where_the_socket_was(rig: Rig) -> None:
