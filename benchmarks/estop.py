@@ -106,7 +106,7 @@ class Rig:
         start_ns = int(core.memory[0]["state"]["start_ns"])
         ends_ns = start_ns + rows["time_s"] * 1e9 + rows["wake_late_ns"] + rows["exec_ns"]
         zero = np.flatnonzero((ends_ns >= sent_ns) & (rows["current_command_A"] == 0.0))
-        self.daemon.rig.ask(state=layout.OFF, clear=self.daemon.rig.request.clear + 1)
+        self.daemon.rig.clear(self.daemon.authority.arrived(60.0))
         self.daemon.rig.wait(lambda: core.load(atomics.MODE) == layout.OFF, 5.0)
         return float(ends_ns[zero[0]] - sent_ns)
 

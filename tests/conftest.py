@@ -49,6 +49,7 @@ WALL_CLOCK = (
     "service/test_process.py",
     "service/test_reconnect.py",
     "service/test_release.py",
+    "service/test_resource_failures.py",
     "service/test_socket.py",
     "service/test_stop_means_stop.py",
     "service/test_things_taken_away.py",

@@ -243,7 +243,7 @@ class Rig:
         Raises:
             Withdrawn: it may not begin any more; nothing is asked.
         """
-        off = {"state": layout.OFF, "excitation_id": 0, "excitation_length": 0}
+        off = {"state": layout.OFF, "excitation_id": 0, "excitation_length": 0, "exact": False}
         with self._asking:
             command.begin(lambda ordinal: self._publish(None, {**off, "clear": ordinal}))
 
