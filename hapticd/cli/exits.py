@@ -58,6 +58,8 @@ def explain(error: Exception) -> Failure | None:
         kind = getattr(sys.modules.get(module), name, None)
         if kind is not None and isinstance(error, kind):
             return make(error)
+    if isinstance(error, RuntimeError) and str(error) == "can't start new thread":
+        return Failure(DEVICE, "threads", "the system gives no further thread: raise its limit (TasksMax, ulimit -u)")
     if isinstance(error, OSError):
         where = f"{error.filename}: " if error.filename else ""
         return Failure(USAGE, "file", f"{where}{error.strerror or error}")
