@@ -64,6 +64,7 @@ class Replacement:
             raise Refused("driver", f"{error}; the configuration in force stays") from error
         judgement = enforce(judge(config, latency_s, force=force))
         old = self._rendering.rig
+        self._faults.latch_raised()  # with its numbers, which go with the rig
         old.close()
         try:
             self._put(config, old.fault_number, known=old.position_known)

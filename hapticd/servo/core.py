@@ -232,6 +232,7 @@ class ServoCore:
         self.memory["params"] = self.memory["mailbox"][0, sequence & 1]
         for name in LAW.names or ():
             self.memory["law"][name] = self.params[name]
+        self._state["held_share"] = layout.NO_RAMP
         self._state["applied"] = sequence
         self._state["grid_ns"] = self._state["start_ns"] = start_ns
         self._state["mode"] = mode

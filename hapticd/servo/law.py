@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from hapticd.jit import njit
-from hapticd.servo.layout import DITHER_POSITION, NEGATIVE_SIDE, POSITIVE_SIDE, RUNNING
+from hapticd.servo.layout import DITHER_POSITION, NEGATIVE_SIDE, NO_RAMP, POSITIVE_SIDE, RUNNING
 
 
 @njit(inline=True, counted=False)
@@ -62,12 +62,11 @@ def soften(servo: Any, force: float, shift: int, dither_value: float, velocity: 
     before = spring(params, law, state.counts - law.origin - shift, dither_value, velocity)
     held = within(within(before, largest) + state.held_offset, largest)
     state.softened = state.held_share * (held - new)
-    state.held_share -= params.soft_step * (1 + servo.tick.missed)
-    if state.held_share <= 0.0:
-        state.held_share = 0.0
-        softened = state.softened
-        state.softened = 0.0
-        return new + softened
+    # Down to a share of 0 and one tick with it: a change that comes right after the last step goes on from there.
+    if state.held_share > 0.0:
+        state.held_share = max(state.held_share - params.soft_step * (1 + servo.tick.missed), 0.0)
+    else:
+        state.held_share = NO_RAMP
     return new + state.softened
 
 
@@ -80,7 +79,7 @@ def begin_softly(servo: Any) -> None:
     law.decimation = 1
     state.held_offset = 0.0
     state.softened = 0.0
-    state.held_share = 1.0 if params.soft_step > 0.0 and not params.abrupt else 0.0
+    state.held_share = 1.0 if params.soft_step > 0.0 and not params.abrupt else NO_RAMP
 
 
 @njit(inline=True, counted=False)
@@ -96,7 +95,7 @@ def renew_law(servo: Any) -> None:
         or law.decimation != params.decimation
     )
     if params.soft_step == 0.0:
-        state.held_share = 0.0
+        state.held_share = NO_RAMP
         state.softened = 0.0
     elif changed and state.mode == RUNNING:
         servo.held_law = law

@@ -102,6 +102,9 @@ LAW = np.dtype(
 )
 """What of the parameters makes the rendered spring; a change of it while it is rendered is a soft one."""
 
+NO_RAMP = -1.0
+"""`STATE.held_share` where no spring fades."""
+
 DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT = 0, 1, 2
 
 STATE = np.dtype(
@@ -149,7 +152,7 @@ STATE = np.dtype(
         ("excitation_start", "i8"),  # tick
         ("delayed_head", "i8"),  # commands put into T_V
         ("delayed_tail", "i8"),  # commands taken out
-        ("held_share", "f8"),  # of the spring before in what is rendered, from 1 to 0; 0: nothing changed lately
+        ("held_share", "f8"),  # of the spring before in what is rendered, from 1 to 0; NO_RAMP: nothing changed lately
         ("held_offset", "f8"),  # force beside the spring before, with which it is what was rendered last, N m or N
         ("softened", "f8"),  # force rendered less that of the spring in force, N m or N
         ("followed", "f8"),  # current of the amplifier's model, A

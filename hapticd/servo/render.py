@@ -66,7 +66,7 @@ def render(servo: Any, shared: Any, excitation: Any) -> None:
     params, state, tick = servo.params, servo.state, servo.tick
     if params.passivity != PASSIVITY_OFF:
         observe(servo)
-    is_soft = state.held_share > 0.0
+    is_soft = state.held_share >= 0.0
     velocity = estimate_velocity(servo) if params.damping > 0.0 or is_soft else 0.0
     if tick.missed > 0 and params.overrun_policy == HOLD:
         tick.flags |= FLAG_HELD

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
@@ -77,6 +77,19 @@ def test_a_change_in_the_middle_of_another_goes_on_from_there() -> None:
     assert after[0] == pytest.approx(before[-1], abs=1.01 * abs(FULL) / TICKS)
     assert after[-1] == pytest.approx(4.0 * FULL, rel=1e-12)
     assert steps.max() <= 4.0 * abs(FULL) / TICKS * (1.0 + 1e-9)
+
+
+@pytest.mark.parametrize("ticks_before_the_end", [0, 1, 2])
+def test_a_change_that_meets_the_last_step_of_another_goes_on_from_there(ticks_before_the_end: int) -> None:
+    """The tick that would have taken the last step takes the change's first one, and not both."""
+    cfg = soft()
+    core = core_for(Scripted(cfg, lambda n: HELD), cfg)
+    before = running(rows_of(core, TICKS + 2 - ticks_before_the_end))
+    changed = apply_settings(cfg, {"spring.stiffness": 0.006}, source="test")
+    core.publish(parameters(changed, Request(state=w.RUNNING)))
+    after = running(rows_of(core, 400))
+    assert abs(after[0] - before[-1]) <= 1e-9 * abs(FULL)
+    assert after[-1] == pytest.approx(0.5 * FULL, rel=1e-12)
 
 
 def test_what_is_no_spring_changes_nothing_and_none_is_none() -> None:
@@ -192,6 +205,15 @@ SPRINGS = st.fixed_dictionaries(
     place=st.floats(-5.0, 5.0),
     push=st.floats(-0.02, 0.02),
     after=st.floats(0.01, 0.5),
+)
+@example(
+    first={"spring.stiffness": 0.0003, "spring.origin": 0.12, "spring.side": "positive", "encoder.decimation": 217},
+    second={"spring.stiffness": 0.0001, "spring.origin": 0.123, "spring.side": "positive", "encoder.decimation": 217},
+    rate_hz=200.0,
+    soft_start_s=0.02,
+    place=5.0,
+    push=0.0,
+    after=0.015625,
 )
 def test_no_jump_at_a_start_or_at_a_live_change(
     first: dict[str, Any],
