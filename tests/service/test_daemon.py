@@ -243,6 +243,21 @@ def test_only_who_is_trusted_names_another_file(monkeypatch: pytest.MonkeyPatch,
         assert daemon.config()["record"]["directory"] == directory
 
 
+def test_a_fault_that_nobody_has_noticed_yet_keeps_its_numbers_over_a_reload(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    other = tmp_path / "other.yaml"
+    other.write_text("plant: {inertia: 7.0e-6}\n")
+    monkeypatch.setattr("hapticd.service.daemon._BEAT_S", 3.0)  # the supervisor looks, but late
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100, safety={"max_excursion": 1.0, "guard": "off"}) as (daemon, _):
+        daemon.start()
+        daemon.set({"spring.origin": 3.0})
+        wait_for_state(daemon, "fault")
+        daemon.reload(str(other))
+        cause = daemon.status()["fault"]["cause"]
+    assert "is beyond safety.max_excursion = 1 rad" in cause
+
+
 def test_reload_whose_driver_fails_ends_at_zero_with_a_latched_fault(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
