@@ -105,7 +105,7 @@ class Rig:
             i2t=i2t,
         )
         self.closed = False
-        """Whether it has ended: zero current, amplifier off."""
+        """Whether its loop has ended, by way of zero current and amplifier off."""
         self.core = self.servo.core
         self._asking = threading.Lock()
         self._live = live
@@ -286,7 +286,7 @@ class Rig:
             self.driver.close()
         except Exception:
             log.exception("closing the driver failed")
-        self.closed = True
+        self.closed = ended
         self.recorder.shutdown()
         if self.flight is not None and ended:
             self.flight.remove()
