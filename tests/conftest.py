@@ -99,11 +99,15 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark what runs against the wall clock ``realtime``, and have it and what waits repeated when it fails."""
+    """Mark what runs against the wall clock ``realtime``, and have it and what waits repeated when it fails.
+
+    What an attack finds once is found: nothing of it is repeated.
+    """
     for item in items:
         if _is_among(item.path, WALL_CLOCK):
             item.add_marker(pytest.mark.realtime)
-        if _is_among(item.path, PATIENT) or item.get_closest_marker("realtime"):
+        waits = _is_among(item.path, PATIENT) or item.get_closest_marker("realtime")
+        if waits and not item.get_closest_marker("attack"):
             item.add_marker(pytest.mark.flaky(reruns=REPEATS))
 
 
