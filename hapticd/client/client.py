@@ -27,7 +27,7 @@ ANSWER_TIMEOUT_S = 30.0
 """Opening a device or reading a new config can take seconds; everything else is answered in milliseconds."""
 STOPPED_TIMEOUT_S = 5.0
 """The same for a stop that has been obeyed: what is missing then is the report alone."""
-DEADLINE = "Request-Deadline-Ns"
+DEADLINE, SENT = "Request-Deadline-Ns", "Request-Sent-Ns"
 """Header of a command: CLOCK_MONOTONIC, which both sides share, in ns, after which nobody waits for it any more."""
 _QUEUE_POLL_S = 0.01
 
@@ -133,7 +133,8 @@ class Client(Endpoints):
     def _request(self, endpoint: Endpoint, fields: JsonDict, timeout_s: float) -> Any:
         headers = {"Content-Type": "application/json", "Connection": "close"}
         if endpoint.method == "POST":
-            headers[DEADLINE] = str(time.monotonic_ns() + round(timeout_s * 1e9))
+            now_ns = time.monotonic_ns()
+            headers[SENT], headers[DEADLINE] = str(now_ns), str(now_ns + round(timeout_s * 1e9))
         body = json.dumps(fields, allow_nan=False, default=os.fspath) if endpoint.signature.parameters else None
         connection = _UnixConnection(self.socket_path, timeout_s)
         try:

@@ -49,8 +49,9 @@ class Endpoint:
         queue: who answers it: threads for queries, one thread for commands. A stop and an estop are carried out when they
             arrive and answered where they arrive; they are in no queue.
         errors: HTTP codes that it may answer with, besides 200.
-        motion_s: of a command that sets the motor in motion or clears a fault, the time within which it has to begin, s; its
-            method also takes ``command`` (`hapticd.servo.authority.Command`), which a stop revokes. None: of any other.
+        motion_s: of a command that sets the motor in motion, changes what it renders or clears a fault, the time within
+            which it has to begin, s; its method also takes ``command`` (`hapticd.servo.authority.Command`), which a stop
+            revokes. None: of any other.
         asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user or root. The
             server says so, from what the kernel tells it; it is no field of the body.
         signature: of the method, without ``self``: the fields of the body.
@@ -208,7 +209,7 @@ class Endpoints:
             Refused: its cause is still there, or it is a later fault.
         """
 
-    @endpoint("POST", "/set", "SetReply")
+    @endpoint("POST", "/set", "SetReply", motion_s=MOTION_S)
     def set(
         self,
         settings: Annotated[
@@ -231,7 +232,7 @@ class Endpoints:
             Refused: code ``restart_needed`` or ``unstable``.
         """
 
-    @endpoint("POST", "/reload", "JudgedStatus", device=True, asks_trust=True)
+    @endpoint("POST", "/reload", "JudgedStatus", device=True, motion_s=PREPARED_MOTION_S, asks_trust=True)
     def reload(
         self,
         path: Annotated[

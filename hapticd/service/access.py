@@ -15,6 +15,8 @@ import pwd
 import select
 import socket
 import struct
+import time
+from collections import deque
 from contextvars import ContextVar
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -31,6 +33,11 @@ _UCRED = struct.Struct("3i")
 _LONGEST_OPTION = 1024
 """Bytes that Python takes from getsockopt."""
 _LOOKING = frozenset({"GET", "HEAD", "OPTIONS"})
+_TURNS = 6
+"""One more than from the turn before a connection is accepted to that in which it has its protocol."""
+_LOOK_S = 0.05
+_BLIND_NS = 2_000_000_000
+"""After a failed accept, longer than asyncio waits before the next."""
 
 
 @dataclass(frozen=True)
@@ -63,11 +70,20 @@ class Connection:
 
     Args:
         transport: of the server's end.
+        since_ns: `time.monotonic_ns` at which nothing of it was there yet.
+
+    Attributes:
+        sent_ns: `time.monotonic_ns` at which the end of what was read last had not been sent yet.
     """
 
-    def __init__(self, transport: asyncio.Transport) -> None:
+    def __init__(self, transport: asyncio.Transport, since_ns: int) -> None:
         self._socket = transport.get_extra_info("socket")
         self._lost = False
+        self.sent_ns = self._read_ns = since_ns
+
+    def read(self) -> None:
+        """The server has read all that was there."""
+        self.sent_ns, self._read_ns = self._read_ns, time.monotonic_ns()
 
     def lost(self) -> None:
         """The server has closed its end."""
@@ -124,16 +140,60 @@ class Rules:
         return "watch" if self.watch in caller.groups else None
 
 
+class Turns:
+    """When the event loop went round: it bounds how long a request can have waited unseen, also while the loop was frozen.
+
+    A connection is accepted in the first turn that looks after it was made, and has its protocol two turns later. So it was
+    made, and all that it brings was sent, after the third turn before that had looked. Made before the socket is bound.
+    """
+
+    def __init__(self) -> None:
+        self._ended_ns: deque[int] = deque([time.monotonic_ns()] * _TURNS, maxlen=_TURNS)
+        self._blind_until_ns = 0
+
+    def before_ns(self) -> int:
+        """`time.monotonic_ns` before which nothing was sent that is met now for the first time."""
+        return self._ended_ns[0]
+
+    def begin(self, loop: asyncio.AbstractEventLoop) -> None:
+        """Follow a loop, from within it."""
+        loop.set_exception_handler(self._failed)
+        self._look(loop)
+
+    def _look(self, loop: asyncio.AbstractEventLoop, left: int = _TURNS) -> None:
+        """Some turns in a row, every 50 ms."""
+        now_ns = time.monotonic_ns()
+        if now_ns >= self._blind_until_ns:
+            self._ended_ns.append(now_ns)
+        if left > 1:
+            loop.call_soon(self._look, loop, left - 1)
+        else:
+            loop.call_later(_LOOK_S, self._look, loop)
+
+    def _failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
+        """Where a connection cannot be accepted, asyncio looks again a second later."""
+        if "accept" in context.get("message", ""):
+            self._blind_until_ns = time.monotonic_ns() + _BLIND_NS
+        loop.default_exception_handler(context)
+
+
 class CallerProtocol(H11Protocol):
     """HTTP on a Unix socket, with the caller in every request's state."""
+
+    turns: Turns
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
         """Ask the kernel who it is."""
         super().connection_made(transport)
-        self._connection = Connection(transport)
+        self._connection = Connection(transport, self.turns.before_ns())
         self.app_state = {**self.app_state, "connection": self._connection}
         with contextlib.suppress(OSError, KeyError):
             self.app_state["caller"] = caller_of(transport.get_extra_info("socket"))
+
+    def data_received(self, data: bytes) -> None:
+        """Note when."""
+        self._connection.read()
+        super().data_received(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """What its client asked for does not begin any more."""

@@ -27,7 +27,7 @@ from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict, Queue
 from hapticd.control.json_reply import JsonReply
 from hapticd.control.schemas import ErrorReply, body_of, reply_of
 from hapticd.service import replies, socket
-from hapticd.service.access import CALLER, Access, Caller, Rules
+from hapticd.service.access import CALLER, Access, Caller, Rules, Turns
 from hapticd.service.arrivals import ARRIVAL, Arrivals, Pending, Stoppable
 from hapticd.service.guests import guests
 from hapticd.service.halting import POLL_S
@@ -42,6 +42,10 @@ DESCRIPTION = """Control of a running hapticd daemon over its Unix socket.
 Everyone who may write to the socket may command the motor, unless `api.watch_group` is set: then members of `api.group` may,
 and members of `api.watch_group` may use the GET methods alone. The kernel says who a caller is.
 `/estop` is a software stop, not a safety-rated one.
+
+A stop revokes every command that was sent before it. The header `Request-Sent-Ns` says when that was, CLOCK_MONOTONIC in ns;
+without it a command counts as sent when its connection was last read before, or, on a new one, some 50 ms before it is met.
+`Request-Deadline-Ns` says until when it may begin.
 """
 
 ERRORS: dict[int | str, dict[str, Any]] = {
@@ -220,9 +224,10 @@ class ApiServer:
         self._bound = bound
         self._control = control
         self._pools = _pools()
+        self._turns = Turns()
         settings = uvicorn.Config(
             create_app(control, self._pools, rules),
-            http=guests(rules or Rules()),
+            http=guests(rules or Rules(), self._turns),
             ws="none",
             lifespan="off",
             loop="asyncio",
@@ -260,7 +265,11 @@ class ApiServer:
         # uvicorn takes over signal handlers only in the main thread, and this is not it.
         self._may_start.wait()
         if self._bound is not None and not self._server.should_exit:
-            self._server.run(sockets=[self._bound.socket])
+            asyncio.run(self._serve(self._bound.socket))
+
+    async def _serve(self, listening: stdlib_socket.socket) -> None:
+        self._turns.begin(asyncio.get_running_loop())
+        await self._server.serve(sockets=[listening])
 
     def listen_on(self, listening: stdlib_socket.socket) -> None:
         """Take connections from another socket in the place of the one before; those at hand go on. From any thread.

@@ -1,8 +1,9 @@
 """What becomes of a request when its head arrives, in the event loop, before anything of it is read, checked or queued.
 
-A stop or an estop is carried out here: every command that arrived earlier is revoked by one store that the tick reads. One
+A stop or an estop is carried out here: every command that was sent earlier is revoked by one store that the tick reads. One
 that asks for motion, or clears a fault, gets its ordinal (`hapticd.servo.authority`), its deadline, and the connection it
-dies with.
+dies with. Its ordinal is the time at which its sender says that it was sent; where it does not say, the last time at which
+it is known not to have been there yet (`hapticd.service.access.Connection.sent_ns`).
 """
 
 from __future__ import annotations
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 DEADLINE: Final = b"request-deadline-ns"
 """Header: CLOCK_MONOTONIC, in ns, after which its sender no longer wants motion to begin."""
+SENT: Final = b"request-sent-ns"
+"""Header: CLOCK_MONOTONIC, in ns, at which it was sent."""
 
 _DIGITS: Final = 19
 """Of a number of ns; a longer one is after every clock's end."""
@@ -81,7 +84,14 @@ class Arrivals:
         return Arrival()
 
     def _command(self, limit_s: float, headers: Mapping[bytes, Any], connection: Connection | None) -> Command:
-        given = headers.get(DEADLINE, b"")
-        not_after_s = int(given) * 1e-9 if given.isdigit() and len(given) <= _DIGITS else math.inf
-        is_there = connection.is_there if connection is not None else lambda: True
-        return self._control.authority.arrived(limit_s, is_there, not_after_s)
+        not_after_ns, sent_ns = _nanoseconds(headers, DEADLINE), _nanoseconds(headers, SENT)
+        not_after_s = math.inf if not_after_ns is None else not_after_ns * 1e-9
+        if connection is None:
+            return self._control.authority.arrived(limit_s, not_after_s=not_after_s, sent_ns=sent_ns)
+        sent_ns = connection.sent_ns if sent_ns is None else sent_ns
+        return self._control.authority.arrived(limit_s, connection.is_there, not_after_s, sent_ns)
+
+
+def _nanoseconds(headers: Mapping[bytes, Any], name: bytes) -> int | None:
+    given = headers.get(name, b"")
+    return int(given) if given.isdigit() and len(given) <= _DIGITS else None

@@ -190,11 +190,15 @@ class Daemon(Endpoints):
             log.info("fault cleared")
         return self.status()
 
-    def set(self, settings: dict[str, Any], force: bool = False) -> JsonDict:
+    def set(self, settings: dict[str, Any], force: bool = False, *, command: Command | None = None) -> JsonDict:
         """Change live settings, all together between two ticks."""
+        command = command or self.authority.arrived(MOTION_S)
         with self._lock:
+            command.refuse()
             config = apply_settings(self.rig.config, settings, source="settings")
-            applied, judgement = self._apply_live(config, moves_origin="spring.origin" in settings, force=force)
+            applied, judgement = self._apply_live(
+                config, command, moves_origin="spring.origin" in settings, force=force
+            )
             return {"applied": applied, "config_digest": config_digest(config), "guard": judgement}
 
     def release(
@@ -237,19 +241,24 @@ class Daemon(Endpoints):
                 raise Refused("recording", "nothing is being recorded")
             return {**self.rig.recorder.status(), "path": str(path)}
 
-    def reload(self, path: str | None = None, force: bool = False, *, trusted: bool = True) -> JsonDict:
+    def reload(
+        self, path: str | None = None, force: bool = False, *, trusted: bool = True, command: Command | None = None
+    ) -> JsonDict:
         """Read the config anew. Live keys change at once; others replace the rig, which must be off."""
+        command = command or self.authority.arrived(PREPARED_MOTION_S)
         source = path or self._source
         if not trusted:
             refuse_file(path, self._source)
         config = load_config(source)
         with self._lock:
+            command.refuse()
             if not trusted and path is not None and path != self._source:
                 config = config.model_copy(update={"record": self.rig.config.record})
             fixed = sorted(key for key in changed_keys(self.rig.config, config) if not is_live(key))
             if not fixed:
-                _, judgement = self._apply_live(config, moves_origin=False, force=force)
+                _, judgement = self._apply_live(config, command, moves_origin=False, force=force)
             else:
+                command.begin(lambda _: None)
                 judgement = self._replacement.with_config(config, fixed, force)
             self._source = source
         log.info("configuration %s reloaded", source_name(source))
@@ -310,7 +319,9 @@ class Daemon(Endpoints):
         if self._rendering.records_revoked():
             self._rendering.end_recording()
 
-    def _apply_live(self, config: Config, *, moves_origin: bool, force: bool) -> tuple[dict[str, Any], JsonDict | None]:
+    def _apply_live(
+        self, config: Config, command: Command, *, moves_origin: bool, force: bool
+    ) -> tuple[dict[str, Any], JsonDict | None]:
         """Put live settings into force; the changed keys, and what the guard says if the theory sees a change."""
         changed = changed_keys(self.rig.config, config)
         fixed = sorted(key for key in changed if not is_live(key))
@@ -325,7 +336,7 @@ class Daemon(Endpoints):
             raise Refused("driver", f"servo.rate_hz = {config.servo.rate_hz:g} Hz: {reason}; the rate in force stays")
         moves_origin = moves_origin or "spring.origin" in changed
         judgement = self._admit_change(config, moves_origin, force)
-        self.rig.ask(config, **({"origin_counts": None} if moves_origin else {}))
+        self.rig.change(command, config, **({"origin_counts": None} if moves_origin else {}))
         self.rig.wait(self.rig.applied, ANSWER_S)
         if changed:
             with contextlib.suppress(RecordingError):

@@ -143,7 +143,6 @@ class Experiments:
         origin = counts - round(deflection * decimation)
         achieved = (counts - origin) / decimation
         experiment = Experiment("release", duration_s or RELEASE_DURATION_S)
-        rig.ask(origin_counts=origin, exact=True)
 
         def finished() -> bool:
             return experiment.elapsed_s() >= experiment.duration_s
@@ -151,7 +150,8 @@ class Experiments:
         def conclude(path: Path) -> dict[str, Any]:
             return {"achieved_deflection": achieved, **release_result(path, decimation, origin, rig.fault_number)}
 
-        launched = self._launch(experiment, "release", command, finished, conclude)
+        with rig.origin_at(origin):
+            launched = self._launch(experiment, "release", command, finished, conclude, exact=True)
         return {"achieved_deflection": achieved, "soft_start_s": 0.0, **launched}
 
     def excite(self, command: Command, name: str, options: dict[str, Any], force: bool = False) -> dict[str, Any]:
@@ -167,14 +167,16 @@ class Experiments:
         counts = wait_for_rest(rig, command)
         experiment = Experiment(f"excite {name}", ticks / rig.config.servo.rate_hz)
         rig.core.excitation[:, :ticks] = table
-        rig.ask(origin_counts=counts, excitation_id=experiment.id, excitation_length=ticks)
 
         def finished() -> bool:
             return rig.core.load(atomics.EXCITATION_DONE) == experiment.id
 
-        return self._launch(
-            experiment, f"excite-{name}", command, finished, lambda path: {"excitation": name, "ticks": ticks}
-        )
+        def conclude(path: Path) -> dict[str, Any]:
+            return {"excitation": name, "ticks": ticks}
+
+        played = {"excitation_id": experiment.id, "excitation_length": ticks}
+        with rig.origin_at(counts):
+            return self._launch(experiment, f"excite-{name}", command, finished, conclude, **played)
 
     def _launch(
         self,
@@ -183,13 +185,14 @@ class Experiments:
         command: Command,
         finished: Callable[[], bool],
         conclude: Callable[[Path], dict[str, Any]],
+        **rendered: Any,
     ) -> dict[str, Any]:
         """Begin an experiment, in a recording of its own; one that is on is ended first."""
         rig = self._rendering.rig
         rig.recorder.stop()
         path = rig.recorder.start(None, label)
         try:
-            self._rendering.run(command, self._faults.refuse_new)
+            self._rendering.run(command, self._faults.refuse_new, **rendered)
         except BaseException:
             rig.recorder.stop()
             raise

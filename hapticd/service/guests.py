@@ -6,7 +6,7 @@ from typing import Final, cast
 
 from hapticd.control.connections import Crowd, Crowds, LimitedProtocol
 from hapticd.control.json_reply import error_reply
-from hapticd.service.access import Caller, CallerProtocol, Rules
+from hapticd.service.access import Caller, CallerProtocol, Rules, Turns
 
 OTHERS: Final = 32
 """Connections of a user at a time."""
@@ -36,6 +36,7 @@ class GuestProtocol(LimitedProtocol, CallerProtocol):
         self.transport.close()
 
 
-def guests(rules: Rules) -> type[GuestProtocol]:
-    """The protocol of a server with these rules."""
-    return cast(type[GuestProtocol], type("GuestProtocol", (GuestProtocol,), {"rules": rules, "crowds": Crowds()}))
+def guests(rules: Rules, turns: Turns) -> type[GuestProtocol]:
+    """The protocol of a server with these rules, on a loop that goes round in these turns."""
+    own = {"rules": rules, "crowds": Crowds(), "turns": turns}
+    return cast(type[GuestProtocol], type("GuestProtocol", (GuestProtocol,), own))

@@ -8,7 +8,7 @@ from __future__ import annotations
 import contextlib
 import logging
 import threading
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hapticd.record import RecordingError
 from hapticd.service.prediction import motion_of, predict, weigh
@@ -73,12 +73,13 @@ class Rendering:
         self.rig.wait(lambda: self.rig.state == layout.OFF, ANSWER_S)
         self.end_recording()
 
-    def run(self, command: Command, refuse_fault: Callable[[], None]) -> None:
+    def run(self, command: Command, refuse_fault: Callable[[], None], **rendered: Any) -> None:
         """Begin a command's motion and wait until the loop renders, or reports why it does not.
 
         Args:
             command: that asks for it.
             refuse_fault: raises what a latched fault is refused with.
+            rendered: what is rendered beside the spring (`Rig.run`).
 
         Raises:
             Withdrawn: it may not begin any more. Refused: a fault.
@@ -86,7 +87,7 @@ class Rendering:
         """
         rig = self.rig
         timeout = (rig.config.safety.enable_timeout_s or 60.0) + ANSWER_S
-        rig.run(command)
+        rig.run(command, **rendered)
         rig.wait(lambda: rig.state in (layout.RUNNING, layout.FAULT) or command.is_revoked(), timeout)
         if rig.state == layout.FAULT:
             refuse_fault()

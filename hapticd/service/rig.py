@@ -5,6 +5,7 @@ A rig is what a reload with another driver replaces as a whole. It knows nothing
 
 from __future__ import annotations
 
+import contextlib
 import logging
 import threading
 import time
@@ -228,14 +229,43 @@ class Rig:
         """Request ``off``, without a word about commands that wait to begin. Does not wait."""
         self.ask(state=layout.OFF, excitation_id=0, excitation_length=0, exact=False)
 
-    def run(self, command: Command) -> None:
+    def run(self, command: Command, **rendered: Any) -> None:
         """Ask for ``running`` in the name of a command, in the one step in which it begins.
+
+        Args:
+            command: that asks for it.
+            rendered: what of the request (`hapticd.servo.core.Request`) is rendered beside the spring; nothing of what any
+                command before has asked for.
+
+        Raises:
+            Withdrawn: it may not begin any more; nothing is asked.
+        """
+        alone = {"excitation_id": 0, "excitation_length": 0, "exact": False}
+        with self._asking:
+            command.begin(
+                lambda ordinal: self._publish(None, {**alone, **rendered, "state": layout.RUNNING, "ordinal": ordinal})
+            )
+
+    def change(self, command: Command, config: Config, **changes: Any) -> None:
+        """Put another config into force in the name of a command, in the one step in which it begins.
 
         Raises:
             Withdrawn: it may not begin any more; nothing is asked.
         """
         with self._asking:
-            command.begin(lambda ordinal: self._publish(None, {"state": layout.RUNNING, "ordinal": ordinal}))
+            command.begin(lambda _: self._publish(config, changes))
+
+    @contextlib.contextmanager
+    def origin_at(self, counts: int) -> Iterator[None]:
+        """Move the origin, and back again where what follows fails."""
+        before, known = self.request.origin_counts, self.position_known
+        self.ask(origin_counts=counts)
+        try:
+            yield
+        except BaseException:
+            self.ask(origin_counts=before)
+            self.position_known = known
+            raise
 
     def clear(self, command: Command) -> None:
         """Ask for ``off`` and the end of the fault, in the one step in which the command begins. Does not wait.

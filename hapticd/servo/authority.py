@@ -1,21 +1,21 @@
 """Who may set the motor in motion: the one authority, shared with the tick.
 
-Every command that asks for motion, or clears a fault, gets an ordinal when it arrives. A stop is one atomic store: it
-revokes every ordinal that was given before. A command begins by publishing its ordinal to the loop, and the tick renders for
-as long as that ordinal is above the last revoked one, so that nothing that waits in a queue, a thread or the mailbox can
-outlive a stop. In the same way a clear ends the faults that were there when it arrived, and no later one: nobody has seen
-that yet.
+The ordinal of a command is the time at which it was sent, CLOCK_MONOTONIC in ns. A stop is one atomic store of the time at
+hand: it revokes every command that was sent before, whether it has been read or still lies in a socket's buffer because
+nobody could read it. A command begins by publishing its ordinal to the loop, and the tick renders for as long as that
+ordinal is above the last revoked one, so that nothing that waits in a buffer, a queue, a thread or the mailbox can outlive a
+stop. In the same way a clear ends the faults that were there when it was sent, and no later one: nobody has seen that yet.
 
 A command, its states and what moves it on:
 
 | state | becomes | when |
 |---|---|---|
 | waiting | begun | its thread publishes it: not revoked, in time, its client still there |
-| waiting | revoked | a stop or an estop arrived after it |
+| waiting | revoked | a stop or an estop came after it was sent |
 | waiting | expired | its deadline passed |
 | waiting | gone | its client hung up |
 | waiting | answered | it was answered already (with an error) |
-| begun | revoked | a stop or an estop arrived: zero current in the next tick; a clear: a fault was raised after it |
+| begun | revoked | a stop or an estop came: zero current in the next tick; a clear: a fault was raised after it |
 
 The words outlive any servo loop, so that a stop that comes while a rig is replaced counts for the new one as well.
 """
@@ -37,19 +37,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 # Words of the authority, each on a cache line of its own but for those of the loop.
-ORDINAL: Final = 0
-"""The last ordinal that was given."""
-REVOKED: Final = 8
-"""Every ordinal up to this one is revoked."""
-ESTOPS: Final = 16
+REVOKED: Final = 0
+"""Every ordinal up to this one is revoked: when the last stop came."""
+ESTOPS: Final = 8
 """How many software stops were asked for."""
-LOOP_TICKS: Final = 24
+LOOP_TICKS: Final = 16
 """Ticks that real-time loops have done, over all rigs; written by the loop."""
-LOOP_MODE: Final = 25
+LOOP_MODE: Final = 17
 """Mode after the last tick; written by the loop."""
-FAULTED: Final = 26
-"""The last ordinal that had been given when the newest fault was raised: a clear counts if it arrived later; by the loop."""
-SIZE: Final = 32
+FAULTED: Final = 18
+"""When the newest fault was raised: a clear counts if it was sent later; written by the loop."""
+SIZE: Final = 24
 
 FIRST: Final = 1
 """Ordinal of whoever asks nobody: a simulation, a test of the loop."""
@@ -57,21 +55,16 @@ FOREVER: Final = 2**62
 """Above every ordinal: nothing begins any more."""
 
 
-@njit("int64(int64[::1])", counted=False)
-def _next(words: NDArray[Any]) -> int:
-    return int(atomic_add(words, ORDINAL, 1)) + 1
+@njit("void(int64[::1], int64)", counted=False)
+def stop(words: NDArray[Any], now_ns: int) -> None:
+    """Revoke every command that was sent before now: zero current in the next tick. From any thread, without the GIL."""
+    atomic_max(words, REVOKED, now_ns)
 
 
-@njit("void(int64[::1])", counted=False)
-def stop(words: NDArray[Any]) -> None:
-    """Revoke every command that has arrived: zero current in the next tick. From any thread, without the GIL."""
-    atomic_max(words, REVOKED, atomic_load(words, ORDINAL))
-
-
-@njit("void(int64[::1])", counted=False)
-def estop(words: NDArray[Any]) -> None:
+@njit("void(int64[::1], int64)", counted=False)
+def estop(words: NDArray[Any], now_ns: int) -> None:
     """The same, and a latched fault."""
-    atomic_max(words, REVOKED, atomic_load(words, ORDINAL))
+    atomic_max(words, REVOKED, now_ns)
     atomic_add(words, ESTOPS, 1)
 
 
@@ -80,9 +73,9 @@ def _end(words: NDArray[Any]) -> None:
     atomic_store(words, REVOKED, FOREVER)
 
 
-@njit("void(int64[::1])", counted=False)
-def _faulted(words: NDArray[Any]) -> None:
-    atomic_store(words, FAULTED, atomic_load(words, ORDINAL))
+@njit("void(int64[::1], int64)", counted=False)
+def _faulted(words: NDArray[Any], now_ns: int) -> None:
+    atomic_max(words, FAULTED, now_ns)
 
 
 @njit("int64(int64[::1], int64)", counted=False)
@@ -91,10 +84,8 @@ def _load(words: NDArray[Any], index: int) -> int:
 
 
 def new_words() -> NDArray[np.int64]:
-    """Words of an authority of nobody's: the first ordinal is given, none is revoked."""
-    words = np.zeros(SIZE, np.int64)
-    words[ORDINAL] = FIRST
-    return words
+    """Words of an authority under which nothing is revoked."""
+    return np.zeros(SIZE, np.int64)
 
 
 class Withdrawn(Exception):  # noqa: N818 - an answer, not an error of the program
@@ -113,8 +104,8 @@ class Command:
     """One command that asks for motion, or clears a fault, from its arrival on.
 
     Args:
-        authority: that gave the ordinal.
-        ordinal: its own.
+        authority: that may revoke it.
+        ordinal: when it was sent, `time.monotonic_ns`.
         deadline_s: `time.monotonic` after which it may not begin.
         is_there: whether its client still waits for the answer.
     """
@@ -161,12 +152,12 @@ class Command:
             self._answered = not self._begun
 
     def is_revoked(self) -> bool:
-        """Whether a stop has come since it arrived."""
+        """Whether a stop has come since it was sent."""
         return self._authority.revoked >= self.ordinal
 
 
 class Authority:
-    """Gives ordinals, and takes them back.
+    """Says of every command whether it may still set the motor in motion.
 
     Attributes:
         words: what the tick and the stop channel share with it (`ORDINAL` and those after it).
@@ -181,7 +172,11 @@ class Authority:
         return int(_load(self.words, REVOKED))
 
     def arrived(
-        self, limit_s: float, is_there: Callable[[], bool] = lambda: True, not_after_s: float = math.inf
+        self,
+        limit_s: float,
+        is_there: Callable[[], bool] = lambda: True,
+        not_after_s: float = math.inf,
+        sent_ns: int | None = None,
     ) -> Command:
         """A command that asks for motion, or clears a fault, has arrived.
 
@@ -189,20 +184,24 @@ class Authority:
             limit_s: time within which it has to begin, s.
             is_there: whether its client still waits.
             not_after_s: `time.monotonic` at which its client gives up.
+            sent_ns: `time.monotonic_ns` before which it was not sent; None: now. What is said to be sent later than now is
+                sent now.
         """
-        return Command(self, int(_next(self.words)), min(time.monotonic() + limit_s, not_after_s), is_there)
+        now_ns = time.monotonic_ns()
+        ordinal = now_ns if sent_ns is None else min(sent_ns, now_ns)
+        return Command(self, ordinal, min(now_ns * 1e-9 + limit_s, not_after_s), is_there)
 
     def stop(self) -> None:
-        """Revoke every command that has arrived. Takes no lock, no thread, no descriptor; cannot fail."""
-        stop(self.words)
+        """Revoke every command that was sent before. Takes no lock, no thread, no descriptor; cannot fail."""
+        stop(self.words, time.monotonic_ns())
 
     def estop(self) -> None:
         """The same, and a latched fault."""
-        estop(self.words)
+        estop(self.words, time.monotonic_ns())
 
     def faulted(self) -> None:
-        """A fault is raised where no loop runs that could say so: no clear that has arrived counts for it."""
-        _faulted(self.words)
+        """A fault is raised where no loop runs that could say so: no clear that was sent before counts for it."""
+        _faulted(self.words, time.monotonic_ns())
 
     def end(self) -> None:
         """Revoke every command for ever."""

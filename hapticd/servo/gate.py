@@ -135,7 +135,7 @@ def forget_motion(servo: Any) -> None:
 def step_mode(servo: Any, shared: Any, words: Any) -> None:
     """One step of the state machine: clear, estop, heartbeat, then what the supervisor requests and nobody has revoked."""
     params, state, now_ns = servo.params, servo.state, servo.tick.woke_ns
-    given, estops = atomic_load(words, authority.ORDINAL), atomic_load(words, authority.ESTOPS)
+    estops, revoked = atomic_load(words, authority.ESTOPS), atomic_load(words, authority.REVOKED)
     if params.clear != state.cleared:
         state.cleared = params.clear
         if state.mode == FAULT and params.clear > words[authority.FAULTED]:
@@ -144,7 +144,7 @@ def step_mode(servo: Any, shared: Any, words: Any) -> None:
             atomic_store(shared, atomics.FAULT_CODE, 0)
             atomic_store(shared, atomics.DEVICE_LOST, 0)
     if state.mode != FAULT or estops != state.estops:
-        words[authority.FAULTED] = given
+        words[authority.FAULTED] = max(now_ns, revoked)
     if estops != state.estops:
         state.estops = estops
         raise_fault(servo, shared, faults.ESTOP, 0.0, 0.0)
@@ -157,7 +157,7 @@ def step_mode(servo: Any, shared: Any, words: Any) -> None:
         return
     enabled = (servo.exchange.status & STATUS_ENABLED) != 0  # the amplifier's own word, from the last good exchange
     mode = state.mode
-    if params.request == OFF or params.ordinal <= atomic_load(words, authority.REVOKED):
+    if params.request == OFF or params.ordinal <= revoked:
         mode = OFF
     elif mode == OFF:
         mode = READY

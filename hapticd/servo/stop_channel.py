@@ -73,9 +73,9 @@ def _listen(descriptor: int, words: NDArray[Any], memory: NDArray[Any], scratch:
             continue
         faults = memory[_MESSAGE] == _ESTOP
         if faults:
-            authority.estop(words)
+            authority.estop(words, now_ns(scratch))
         else:
-            authority.stop(words)
+            authority.stop(words, now_ns(scratch))
         size = memory[_SENDER_SIZE] & 0xFFFFFFFF
         if size <= 2:  # it has no address
             continue

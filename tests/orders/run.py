@@ -1,8 +1,8 @@
 """One run: the real daemon on the virtual machine, a script of operations, and at its end a last stop.
 
-Requests go the way of the API: `Arrivals` when the head comes, then the coroutine that answers, on one event loop; the
-bodies come later, the commands are carried out by one thread, in order. Which operation comes when, who is slow and who
-goes next is drawn from the seed.
+Requests go the way of the API: they lie in a socket's buffer, then `Arrivals` when the head is read, then the coroutine that
+answers, on one event loop; the bodies come later, the commands are carried out by one thread, in order. Which operation
+comes when, who is slow and who goes next is drawn from the seed.
 """
 
 from __future__ import annotations
@@ -127,6 +127,8 @@ class Client:
 
     asked: Asked
     there: bool = True
+    sent_ns: int = 0
+    """What the server knows of when it was sent, where it does not say: at the earliest then."""
 
     def is_there(self) -> bool:
         return self.there
@@ -215,8 +217,11 @@ class Api:
             scheduler.pause()
 
     def arrive(self, client: Client) -> None:
-        """The head of a request has come."""
+        """A request is sent."""
         self.unanswered.append(client)
+        self.machine.trace.send(client.asked)
+        client.asked.sent_ns = self.machine.scheduler.stamp_ns()
+        client.sent_ns = client.asked.sent_ns - self.machine.scheduler.random.choice((0, 1_500_000, 200_000_000))
         self._inbox.append(client)
         self._changed.set()
 
@@ -247,6 +252,8 @@ class Api:
         headers = []
         if _is_numbered(asked.name):
             asked.limit_ns = round((_ENDPOINTS[asked.name].motion_s or 0.0) * 1e9)
+            if random.random() < 0.7:
+                headers.append((arrivals.SENT, b"%d" % asked.sent_ns))
             if random.random() < 0.5:
                 asked.deadline_ns = self.machine.scheduler.now_ns + random.choice((50, 300, 600)) * 1_000_000
                 headers.append((arrivals.DEADLINE, b"%d" % asked.deadline_ns))
@@ -368,7 +375,8 @@ class Run:
         """As the compiled listener does it (`hapticd.servo.stop_channel`)."""
         assert self.control is not None
         words, name = self.control.authority.words, client.asked.name
-        self._stop_in_place(client.asked, name, words)
+        self.machine.scheduler.perhaps()
+        self._stop_in_place(client.asked, name, words, self.machine.scheduler.stamp_ns())
         ticks, scheduler = int(words[authority.LOOP_TICKS]), self.machine.scheduler
         ended = (layout.FAULT,) if name == "estop" else (layout.OFF, layout.FAULT)
         until_ns = scheduler.now_ns + 100_000_000
@@ -411,21 +419,26 @@ class Run:
 
     _opened_driver = staticmethod(rig.opened_driver)
 
-    def _stop_in_place(self, asked: Asked | None, name: str, words: Any) -> None:
-        self.machine.scheduler.perhaps()
-        STORES[name](words)
+    def _stop_in_place(self, asked: Asked | None, name: str, words: Any, now_ns: int) -> None:
+        STORES[name](words, now_ns)
         if asked is not None:
             self.machine.trace.arrived(asked)
 
-    def _next_in_place(self, words: Any) -> int:
-        self.machine.scheduler.perhaps()
-        ordinal = _NEXT(words)
+    def _arrived_in_place(self, *arguments: Any, **keywords: Any) -> authority.Command:
+        command: authority.Command = self._arrived(*arguments, **keywords)
         if self.api.arriving is not None:
-            self.machine.trace.given(self.api.arriving, ordinal)
-        return ordinal
+            self.machine.trace.given(self.api.arriving, command.ordinal)
+        return command
 
-    def _faulted_in_place(self, words: Any) -> None:
-        _FAULTED(words)
+    def _begin_in_place(self, command: authority.Command, publish: Callable[[int], None]) -> None:
+        def told(ordinal: int) -> None:
+            self.machine.trace.published(ordinal)
+            publish(ordinal)
+
+        self._begins(command, told)
+
+    def _faulted_in_place(self, words: Any, now_ns: int) -> None:
+        _FAULTED(words, now_ns)
         self.machine.trace.raised()
 
     def _load_in_place(self, words: Any, index: int) -> int:
@@ -436,6 +449,7 @@ class Run:
     def _in_place(self) -> Iterator[None]:
         """The daemon's modules on this scheduler."""
         scheduler = self.machine.scheduler
+        self._arrived, self._begins = authority.Authority.arrived, authority.Command.begin
         replaced: list[tuple[Any, str, Any]] = [
             (api, "asyncio", self.api),
             (background, "SimpleQueue", lambda: Queue(scheduler)),
@@ -447,11 +461,12 @@ class Run:
             (rig, "Recorder", self.machine.recorder),
             (rig, "ServoThread", self.machine.servo),
             (rig, "opened_driver", self._opened),
-            (authority, "_next", self._next_in_place),
+            (authority.Authority, "arrived", lambda *given, **named: self._arrived_in_place(*given, **named)),
+            (authority.Command, "begin", lambda command, publish: self._begin_in_place(command, publish)),
             (authority, "_faulted", self._faulted_in_place),
             (authority, "_load", self._load_in_place),
-            (authority, "stop", lambda words: self._stop_in_place(self.api.arriving, "stop", words)),
-            (authority, "estop", lambda words: self._stop_in_place(self.api.arriving, "estop", words)),
+            (authority, "stop", lambda *now: self._stop_in_place(self.api.arriving, "stop", *now)),
+            (authority, "estop", lambda *now: self._stop_in_place(self.api.arriving, "estop", *now)),
         ]
         for module in _MODULES:
             for name, standin in (("threading", Threading(scheduler)), ("time", Time(scheduler))):
@@ -466,7 +481,7 @@ class Run:
             raise Violation(f"failed: the log says {errors[0]}")
 
 
-_NEXT, _FAULTED = authority._next, authority._faulted
+_FAULTED = authority._faulted
 STORES: Final = {"stop": authority.stop, "estop": authority.estop}
 
 

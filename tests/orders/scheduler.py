@@ -58,6 +58,7 @@ class Scheduler:
     def __init__(self, seed: str, tick: Callable[[int], None]) -> None:
         self.random = random.Random(seed)
         self.now_ns = 1_000_000_000
+        self._stamped_ns = 0
         self.actors: list[Actor] = []
         self._tick = tick
         self._tick_weight = self.random.choice((0.1, 0.5, 2.0))
@@ -68,6 +69,11 @@ class Scheduler:
         self._hub = getcurrent()
         self._ended = False
         self.current: Actor | None = None
+
+    def stamp_ns(self) -> int:
+        """The time, which is never twice the same: later than the tick at hand, earlier than the next."""
+        self._stamped_ns = max(self._stamped_ns, self.now_ns) + 1
+        return self._stamped_ns
 
     def spawn(self, run: Callable[[], None], name: str, weight: float | None = None) -> Actor:
         """A new actor, which has not run yet."""

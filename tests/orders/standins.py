@@ -170,7 +170,8 @@ class Time:
         return self._scheduler.now_ns * 1e-9
 
     def monotonic_ns(self) -> int:
-        return self._scheduler.now_ns
+        self._scheduler.perhaps()
+        return self._scheduler.stamp_ns()
 
     def time(self) -> float:
         return 1.7e9 + self._scheduler.now_ns * 1e-9

@@ -1,14 +1,15 @@
 """What happened in a run, in one line of events, and the rules that hold of it.
 
-An ordinal is looked up here by when its command arrived, not by its size: the rules do not take the product's word.
+An ordinal is looked up here by when its command was sent, not by its size: the rules do not take the product's word. What
+is sent lies in a socket's buffer until somebody reads it.
 
 | rule | |
 |---|---|
-| stopped | from the first tick after a stop or an estop on, no current but by a command that arrived later |
+| stopped | from the first tick after a stop or an estop on, no current but by a command that was sent later |
 | answered | what was answered with an error does not move the motor afterwards |
 | withdrawn | it is not handed to the loop after its client has gone or its deadline has passed |
 | unanswered | a stop by the API is answered, and not with an error |
-| latched | from the answer to an estop on there is a fault, until a clear that arrived later; so it is with every fault |
+| latched | from the answer to an estop on there is a fault, until a clear that was sent later; so it is with every fault |
 """
 
 from __future__ import annotations
@@ -23,9 +24,11 @@ _ROUNDING_NS: Final = 1000
 
 @dataclass
 class Asked:
-    """A request, from its arrival on; times are places in the line of events."""
+    """A request; times are places in the line of events."""
 
     name: str
+    sent: int | None = None
+    sent_ns: int = 0
     ordinal: int | None = None
     arrived: int | None = None
     answered: int | None = None
@@ -70,6 +73,11 @@ class Trace:
         self._last_row = ()
         self.events.append(event)
 
+    def send(self, asked: Asked) -> None:
+        """It lies in a socket's buffer from now on."""
+        asked.sent = len(self.events)
+        self.note("is sent", asked)
+
     def given(self, asked: Asked, ordinal: int) -> None:
         """A command has its ordinal: this is its arrival."""
         asked.ordinal = ordinal
@@ -103,7 +111,7 @@ class Trace:
         self.note("a fault is raised")
 
     def published(self, ordinal: int) -> None:
-        """The loop is asked to render in the name of a command, for the first time or once more."""
+        """Something is asked of the loop in the name of a command, for the first time or once more."""
         asked = self._by_ordinal.get(ordinal)
         if asked is None:
             raise Violation(f"published: ordinal {ordinal} was given to nobody")
@@ -148,7 +156,9 @@ class Trace:
             raise Violation("stopped: there is current in the name of nobody")
         if self._stop is not None and _place(asked) < _place(self._stop):
             when = "was answered" if self._stop.answered is not None else "arrived"
-            raise Violation(f"stopped: a {self._stop.name} {when}, and {asked}, which arrived before it, sends current")
+            raise Violation(
+                f"stopped: a {self._stop.name} {when}, and {asked}, which was sent before it, sends current"
+            )
         if asked.error is not None:
             raise Violation(f"answered: {asked} was answered with {asked.error!r}, and sends current")
 
@@ -160,5 +170,7 @@ class Trace:
 
 
 def _place(asked: Asked) -> int:
-    assert asked.arrived is not None
-    return asked.arrived
+    """When it counts: a stop once it is carried out, anything else when it was sent."""
+    place = asked.arrived if asked.is_stop else asked.sent
+    assert place is not None
+    return place

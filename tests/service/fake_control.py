@@ -173,7 +173,7 @@ class FakeControl(Endpoints):
         self.state, self.fault = "off", None
         return self.status()
 
-    def set(self, settings: dict[str, Any], force: bool = False) -> JsonDict:
+    def set(self, settings: dict[str, Any], force: bool = False, *, command: Command | None = None) -> JsonDict:
         self._enter("set", settings, *self._forced(force))
         changed = apply_settings(self.resolved, settings, source="request")
         for key in settings:
@@ -221,7 +221,9 @@ class FakeControl(Endpoints):
         self._enter("record_stop")
         raise Refused("recording", "nothing is being recorded")
 
-    def reload(self, path: str | None = None, force: bool = False, *, trusted: bool = False) -> JsonDict:
+    def reload(
+        self, path: str | None = None, force: bool = False, *, trusted: bool = False, command: Command | None = None
+    ) -> JsonDict:
         self._enter("reload", path, *self._forced(force))
         if path is not None:
             self.resolved = load_config(path)

@@ -17,7 +17,7 @@ from hapticd.servo import layout as w
 from hapticd.servo.core import Request, parameters
 from tests.servo.scripted import Scripted, config, core_for, fault_code, rows_of
 
-CLEAR = authority.FIRST + 1
+CLEAR = 10**12  # ns: later than every fault here
 """It came after what nobody asked for."""
 Script = Callable[[int], Any]
 
@@ -197,14 +197,14 @@ def test_estop_from_running_and_from_off() -> None:
     driver = Scripted(config(), lambda n: 100)
     core = core_for(driver, driver.config)
     rows_of(core, 20)
-    authority.estop(core.words)
+    authority.estop(core.words, 1)
     rows_of(core, 5)
     assert fault_code(core) == "estop"
     ends_at_zero(driver)
 
     idle = Scripted(config(), lambda n: 100)
     core = core_for(idle, idle.config, state=w.OFF)
-    authority.estop(core.words)
+    authority.estop(core.words, 1)
     rows_of(core, 5)
     assert fault_code(core) == "estop"
     assert idle.commands == [(0.0, False)] * 5
