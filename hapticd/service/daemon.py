@@ -21,6 +21,7 @@ from hapticd.service import checks, metrics, report
 from hapticd.service.background import Background
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_manager import FaultManager
+from hapticd.service.flight import heat_left
 from hapticd.service.halting import Halt
 from hapticd.service.heat import Heat
 from hapticd.service.latch import FaultLatch, is_service
@@ -81,13 +82,13 @@ class Daemon(Endpoints):
         self.authority = Authority()
         self.stop_channel = StopChannel(self.authority.words, max(1, config.servo.priority - 1))
         self._heat = Heat(latch.name)
-        i2t = self._heat.before(config)
+        i2t = self._heat.before(config, heat_left(config, latch.name))
         rig = Rig(config, latch.number, self.live, latch.name, words=self.authority.words, i2t=i2t)
         self._rendering = Rendering(rig, self.authority)
         self._tidying = Background("hapticd-tidy")
         self._faults = FaultManager(latch, self._rendering, lambda: source_name(self._source))
         self._experiments = Experiments(self._rendering, self._faults)
-        self._replacement = Replacement(self._rendering, self._faults, self._experiments, self.live, latch.name)
+        self._replacement = Replacement(self._rendering, self._faults, self._experiments, self.live, self._heat)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self.rig.core.load(atomics.TICKS))
         self._heat.follow(lambda: self.rig.core.i2t)
         self._reconnector = Reconnector(lambda: self.rig, self._faults.is_latched, self._take_over)
@@ -277,8 +278,7 @@ class Daemon(Endpoints):
             self._experiments.cancel()
             self._ending.set()
             self._faults.latch_raised()
-            self.rig.close()
-            self._heat.end()
+            self.rig.close(self._heat.end)
             self._faults.close()
         self.stop_channel.end()
         self._supervisor.join(2.0)

@@ -18,6 +18,7 @@ from hapticd.config import paths
 from hapticd.record import RecordingError, RunFileError
 from hapticd.record.files import open_new_run
 from hapticd.record.flight import PAST_S, SUFFIX, Flight, FlightRing, dead, memory_directory
+from hapticd.service.heat import Heat
 from hapticd.service.latch import FaultLatch
 from hapticd.servo import atomics, faults, layout
 from hapticd.servo.realtime import Grant
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 log = logging.getLogger(__name__)
 
+LOST = f"the last {PAST_S:g} s, and up to a second of what the motor has taken (I²t), do not outlive a crash"
+"""What it is to have none."""
 _CRASH_SUFFIX = ".crash"
 _SIGNAL = re.compile(r"^Fatal Python error: (.+)$", re.MULTILINE)
 _LONGEST_CRASH = 1 << 16
@@ -69,11 +72,11 @@ def open_ring(config: Config, name: str) -> tuple[FlightRing | None, Grant]:
     what = "flight recorder"
     if directory is None:
         fix = "set record.flight_directory to a folder on a tmpfs"
-        return None, Grant(what, False, "no file system in memory: the last 10 s do not outlive a crash", fix)
+        return None, Grant(what, False, f"no file system in memory: {LOST}", fix)
     try:
         ring = FlightRing.create(directory, name, ring_rows(config.servo.rate_hz), atomics.SIZE, atomics.RING_HEAD)
     except RecordingError as error:
-        return None, Grant(what, False, f"{error}: the last 10 s do not outlive a crash", f"make room in {directory}")
+        return None, Grant(what, False, f"{error}: {LOST}", f"make room in {directory}")
     return ring, Grant(what, True, f"the last {PAST_S:g} s outlive a crash in {directory}")
 
 
@@ -120,7 +123,9 @@ def recover(directory: Path, name: str, out: Path | None = None) -> list[Recover
             with dead(path) as flight:
                 if flight is None:
                     continue
-                _latch(path, flight)
+                name_of_it = re.sub(rf"-{flight.pid}-\d+$", "", path.stem)
+                _latch(name_of_it, flight)
+                Heat(name_of_it).recovered(atomics.heat(flight.shared))
                 crash = _crash_text(path, flight.pid)
                 recovered = _write(flight, out, crash)
                 path.unlink(missing_ok=True)
@@ -150,13 +155,30 @@ def fault_of(flight: Flight) -> dict[str, Any] | None:
     }
 
 
-def _latch(path: Path, flight: Flight) -> None:
+def heat_left(config: Config, name: str) -> float:
+    """I²t in the flight recorders of dead daemons that `recover` had to leave, A² s; 0 where there are none.
+
+    Args:
+        config: for the directory. name: of the daemon.
+    """
+    directory = flight_directory(config)
+    if directory is None or paths.foreign(directory):
+        return 0.0
+    most = 0.0
+    for path in directory.glob(f"{name}-*{SUFFIX}"):
+        with contextlib.suppress(RunFileError, OSError), dead(path) as flight:
+            if flight is not None:
+                most = max(atomics.heat(flight.shared), most)
+    return most
+
+
+def _latch(name: str, flight: Flight) -> None:
     """Latch the fault of a dead daemon, unless one is latched: it must not be lost with the process.
 
     Raises:
         OSError: it cannot be written; the flight recorder is left for the next time.
     """
-    latch = FaultLatch(name=re.sub(rf"-{flight.pid}-\d+$", "", path.stem))
+    latch = FaultLatch(name=name)
     fault = fault_of(flight)
     if fault is None or latch.load() is not None:
         return

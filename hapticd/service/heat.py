@@ -1,10 +1,12 @@
 """What the motor's winding has taken, kept over a reload, a lost device and a restart: I²t above the continuous current.
 
-The loop adds it up in every tick (`hapticd.servo.gate.check_load`), in A² s. Once a second, and at a clean end, it is
-written beside the latch. A start credits the cooling of the time between, continuous_current² a second as the loop does,
-only after a clean end and only where that time is known: by the boot clock within one boot, by the calendar over a reboot
-if it has not gone backwards. After any other end it begins with what was written last. A file that cannot be understood
-counts as a winding at its limit: it was written by a motor that ran.
+The loop adds it up in every tick (`hapticd.servo.gate.check_load`), in A² s, in a word of the flight recorder. At the start,
+once a second, before a rig is replaced and at a clean end it is written beside the latch. A start credits the cooling of the
+time between, continuous_current² a second as the loop does, only after a clean end and only where that time is known: by the
+boot clock within one boot, by the calendar over a reboot if it has not gone backwards. After any other end it begins with
+the larger of what was written last and what the flight recorder has; without one (no file system in memory, a power cut) up
+to a second of heating is lost. A file that cannot be understood counts as a winding at its limit: it was written by a motor
+that ran.
 """
 
 from __future__ import annotations
@@ -29,6 +31,9 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _EVERY_S: Final = 1.0
+_HANGS_S: Final = 2.0
+"""Longest wait for a disk that another thread of ours waits for."""
+_NOT_UNDERSTOOD: Final = (ValueError, KeyError, TypeError, RecursionError)
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -40,38 +45,57 @@ class Heat:
     """
 
     def __init__(self, name: str) -> None:
+        self.name = name
         self.path = state_directory() / f"heat-{name}.json"
         self._current: Callable[[], float] | None = None
         self._ending = threading.Event()
+        self._writing = threading.Lock()
         self._thread: threading.Thread | None = None
         self._written: float | None = None
         self._failed = ""
 
-    def before(self, config: Config) -> float:
+    def before(self, config: Config, left: float = 0.0) -> float:
         """I²t with which a daemon begins, A² s; at most what trips ``over_current``.
 
         Args:
             config: for the continuous current and the limit.
+            left: of a daemon that was killed, by its flight recorder, A² s.
         """
         limit = i2t_limit(config)
         continuous = config.amplifier.continuous_current
         if not continuous:
             return 0.0
         try:
-            kept = json.loads(self.path.read_text())
-            i2t = float(kept["i2t"])
-            if not 0.0 <= i2t < math.inf:
-                raise ValueError(f"i2t = {i2t}")
+            kept = self._kept()
+            i2t = _i2t(kept)
             cooled = continuous**2 * _known_span_s(kept) if kept["clean"] is True else 0.0
         except FileNotFoundError:
-            return 0.0
-        except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
+            i2t = cooled = 0.0
+        except (OSError, *_NOT_UNDERSTOOD) as error:
             log.warning("%s: %s; the motor is taken to be as hot as it may be", self.path, error)
             return limit
-        return min(max(0.0, i2t - cooled), limit)
+        return min(max(0.0, i2t - cooled, left), limit)
+
+    def recovered(self, left: float) -> None:
+        """Keep what a killed daemon's flight recorder has, before that is taken away: no cooling is credited then.
+
+        Args:
+            left: I²t at its death, A² s; infinite: as hot as it may be.
+
+        Raises:
+            OSError: it cannot be read or written; what the flight recorder has must stay.
+        """
+        try:
+            before = _i2t(self._kept())
+        except FileNotFoundError:
+            before = 0.0
+        except _NOT_UNDERSTOOD:
+            return  # as hot as it may be, and that stays
+        if left > 0.0 or before > 0.0:
+            self._store(max(left, before), clean=False)
 
     def follow(self, current: Callable[[], float]) -> None:
-        """Write it down from now on, once a second.
+        """Write it down now, so that no file says "clean" of a daemon that runs, and from now on once a second.
 
         Args:
             current: gives it, A² s.
@@ -80,18 +104,24 @@ class Heat:
             RuntimeError: the system gives no thread.
         """
         self._current = current
+        self.keep()
         self._thread = threading.Thread(target=self._run, name="hapticd-heat", daemon=True)
         self._thread.start()
+
+    def keep(self) -> None:
+        """Write it down now: the flight recorder that has it is about to go."""
+        if self._current is not None:
+            self._write(self._current(), clean=False)
 
     def alive(self) -> bool:
         """Whether it is being written down."""
         return self._thread is not None and self._thread.is_alive()
 
     def end(self) -> None:
-        """A clean end: the motor is off, and cools from now on."""
+        """A clean end: the loop has ended, and the motor cools from now on."""
         self._ending.set()
         if self._thread is not None and self._current is not None:
-            self._thread.join(2.0)
+            self._thread.join(_HANGS_S)
             self._write(self._current(), clean=True)
 
     def _run(self) -> None:
@@ -101,7 +131,10 @@ class Heat:
             if i2t != self._written:  # a motor that stays cold costs the disk nothing
                 self._write(i2t, clean=False)
 
-    def _write(self, i2t: float, *, clean: bool) -> None:
+    def _kept(self) -> Any:
+        return json.loads(self.path.read_text())
+
+    def _store(self, i2t: float, *, clean: bool) -> None:
         kept = {
             "i2t": i2t,
             "clean": clean,
@@ -109,16 +142,31 @@ class Heat:
             "boot_s": time.clock_gettime(time.CLOCK_BOOTTIME),
             "boot": _boot(),
         }
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        with atomic_write(self.path) as part:
+            part.write_text(json.dumps(kept) + "\n")
+
+    def _write(self, i2t: float, *, clean: bool) -> None:
+        if not self._writing.acquire(timeout=_HANGS_S):
+            return  # whoever writes waits for the disk
         try:
-            self.path.parent.mkdir(parents=True, exist_ok=True)
-            with atomic_write(self.path) as part:
-                part.write_text(json.dumps(kept) + "\n")
+            self._store(i2t, clean=clean)
         except OSError as error:
             if str(error) != self._failed:
                 self._failed = str(error)
                 log.error("what the motor has taken would not outlive a restart: %s: %s", self.path, error.strerror)
         else:
             self._written, self._failed = i2t, ""
+        finally:
+            self._writing.release()
+
+
+def _i2t(kept: Any) -> float:
+    """I²t of a file's content, A² s; raises one of `_NOT_UNDERSTOOD` where it is none."""
+    i2t = float(kept["i2t"])
+    if not 0.0 <= i2t < math.inf:
+        raise ValueError(f"i2t = {i2t}")
+    return i2t
 
 
 def _boot() -> str:

@@ -92,7 +92,7 @@ def motion_of(rig: Rig) -> Motion:
     snapshot, is_rendered = rig.core.snapshot, rig.state == layout.RUNNING
     speed = float(snapshot["velocity"]) if is_rendered else 0.0
     before = (rig.config, rig.origin_counts) if is_rendered else None
-    return Motion(rig.counts, speed, float(snapshot["i2t"]), rig.driver.latency_s, before)
+    return Motion(rig.counts, speed, rig.core.i2t, rig.driver.latency_s, before)
 
 
 def predict(config: Config, origin_counts: int, motion: Motion) -> Prediction:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from hapticd.control.endpoints import JsonDict
     from hapticd.service.experiments import Experiments
     from hapticd.service.fault_manager import FaultManager
+    from hapticd.service.heat import Heat
     from hapticd.service.live import LiveStream
     from hapticd.service.rendering import Rendering
 
@@ -30,18 +31,18 @@ class Replacement:
 
     Args:
         rendering: holds the rig in force.
-        live: of every rig. name: of the daemon's segment.
+        live: of every rig. heat: what the motor has taken.
 
     Attributes:
         dead: True when there is no working rig left; the process must end.
     """
 
     def __init__(
-        self, rendering: Rendering, fault_manager: FaultManager, experiments: Experiments, live: LiveStream, name: str
+        self, rendering: Rendering, fault_manager: FaultManager, experiments: Experiments, live: LiveStream, heat: Heat
     ) -> None:
         self.dead = False
         self._rendering, self._faults, self._experiments = rendering, fault_manager, experiments
-        self._live, self._name = live, name
+        self._live, self._heat = live, heat
 
     def with_config(self, config: Config, fixed: list[str], force: bool) -> JsonDict:
         """A rig for a config in which the keys ``fixed`` differ; what the guard says of it.
@@ -65,7 +66,7 @@ class Replacement:
         judgement = enforce(judge(config, latency_s, force=force))
         old = self._rendering.rig
         self._faults.latch_raised()  # with its numbers, which go with the rig
-        old.close()
+        old.close(self._heat.keep)
         try:
             self._put(config, old.fault_number, known=old.position_known)
         except Exception as error:
@@ -84,7 +85,7 @@ class Replacement:
     def on_device(self, lost: Rig, driver: Driver) -> None:
         """The lost device is open again: a new rig on it, with the fault still latched."""
         self._experiments.cancel()
-        lost.close()
+        lost.close(self._heat.keep)
         try:
             self._put(lost.config, lost.fault_number or faults.DRIVER_LOST, driver, known=False)
         except Exception:
@@ -103,7 +104,7 @@ class Replacement:
             config,
             fault,
             self._live,
-            self._name,
+            self._heat.name,
             driver,
             position_known=known,
             words=words,

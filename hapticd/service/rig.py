@@ -305,8 +305,12 @@ class Rig:
         """Whether the loop has taken the newest parameter set."""
         return self.core.load(atomics.APPLIED) == self.core.load(atomics.SEQUENCE)
 
-    def close(self) -> None:
-        """Zero current, amplifier off, thread and recording ended, device released; whatever fails on the way is logged."""
+    def close(self, before_removal: Callable[[], None] = lambda: None) -> None:
+        """Zero current, amplifier off, thread and recording ended, device released; whatever fails on the way is logged.
+
+        Args:
+            before_removal: keeps what only the flight recorder has; called where the loop has ended, before that goes.
+        """
         ended = self.servo.stop()
         if not ended:
             log.error(
@@ -318,5 +322,7 @@ class Rig:
             log.exception("closing the driver failed")
         self.closed = ended
         self.recorder.shutdown()
-        if self.flight is not None and ended:
-            self.flight.remove()
+        if ended:
+            before_removal()
+            if self.flight is not None:
+                self.flight.remove()

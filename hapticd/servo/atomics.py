@@ -6,6 +6,7 @@ that the loop knows is in its records (`hapticd.servo.layout`).
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -58,6 +59,8 @@ FAULT_VALUE: Final = 41
 """Bits of a float64: what tripped the fault. Here, where a dead daemon's flight recorder has it, and not in the snapshot."""
 FAULT_LIMIT: Final = 42
 """Bits of a float64: the limit that it crossed."""
+I2T: Final = 43
+"""Bits of a float64: I²t above the continuous current, A² s; here, so that it outlives the process."""
 DEVICE_LOST: Final = 40
 """1: the driver has said that its device is lost; 0 again when the fault is cleared."""
 
@@ -73,3 +76,13 @@ def fault_numbers(shared: NDArray[Any]) -> tuple[float, float]:
     """
     value, limit = shared[FAULT_VALUE : FAULT_LIMIT + 1].view(np.float64)
     return float(value), float(limit)
+
+
+def heat(shared: NDArray[Any]) -> float:
+    """I²t above the continuous current, A² s; infinite where the word is no such number.
+
+    Args:
+        shared: the atomics, int64; of a dead daemon's flight recorder, as many as it had.
+    """
+    i2t = float(shared[I2T : I2T + 1].view(np.float64)[0]) if shared.size > I2T else 0.0
+    return i2t if i2t >= 0.0 else math.inf

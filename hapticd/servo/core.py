@@ -237,7 +237,7 @@ class ServoCore:
         self._state["grid_ns"] = self._state["start_ns"] = start_ns
         self._state["mode"] = mode
         self._state["estops"] = estops_obeyed
-        self._state["i2t"] = self.snapshot["i2t"] = i2t
+        self._state["i2t"] = self.shared.view(np.float64)[atomics.I2T] = i2t
         self._state["cleared"] = self.params["clear"]
         self._state["seed"] = self._state["random"] = self.params["dither_seed"]
         self.shared[atomics.MODE] = mode

@@ -111,7 +111,7 @@ def check_load(servo: Any, shared: Any) -> None:
     if np.isfinite(params.continuous_current):
         seconds = params.period_ns * 1e-9 * (1 + missed)
         state.i2t = max(0.0, state.i2t + (state.current**2 - params.continuous_current**2) * seconds)
-        servo.snapshot.i2t = state.i2t
+        shared.view(np.float64)[atomics.I2T] = state.i2t  # which outlives the process
         if state.i2t > params.i2t_limit:
             raise_fault(servo, shared, faults.OVER_CURRENT, state.i2t, params.i2t_limit)
 

@@ -196,7 +196,6 @@ SNAPSHOT = np.dtype(
         ("current", "f8"),  # commanded, A
         ("current_measured", "f8"),  # A; not a number where the device has none
         ("force", "f8"),  # N m or N
-        ("i2t", "f8"),  # A² s above the continuous current
         ("put_out", "f8"),  # passivity observer, J: work of the current sent,
         ("generated", "f8"),  # of it what the spring had not stored,
         ("excess", "f8"),  # of that what is still to be dissipated,

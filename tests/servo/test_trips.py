@@ -182,6 +182,16 @@ def test_clamp_at_the_peak_current() -> None:
     assert core.load(atomics.CLAMPED) == running.sum()
 
 
+def test_the_i2t_is_in_a_word_that_outlives_the_process() -> None:
+    cfg = config(amplifier={"continuous_current": 0.1, "peak_current": 6.0}, spring={"stiffness": 1.0})
+    core = core_for(Scripted(cfg, lambda n: 100), cfg, w.RUNNING)
+    assert atomics.heat(core.shared) == 0.0
+    for _ in range(3):
+        before = core.i2t
+        core.run(real_time=False, ticks=5)
+        assert atomics.heat(core.shared) == core.i2t > before
+
+
 def test_i2t_trips_when_its_budget_is_spent() -> None:
     # 6 A against 2 A continuous uses up (36 - 4) A² x 1 s in exactly one second.
     driver = Scripted(config(spring={"stiffness": 10.0}, safety={"max_excursion": None}), lambda n: 1000)
