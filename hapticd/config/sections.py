@@ -44,9 +44,9 @@ class Overrun(Section):
     )
     fault_after: WholeLimit = quantity(
         50,
-        "Periods missed in one stretch of late ticks that are a fault while running; 50 at 1 kHz are 0.05 s in which the "
-        "current stays as it was: a desktop without real-time scheduling is rarely so late, a process that was frozen for "
-        "0.1 s is later",
+        "Missed periods that are a fault while running; each tick in time makes up for one. 50 at 1 kHz are 0.05 s in which "
+        "the current stays as it was: a desktop without real-time scheduling is rarely so late, a process that was frozen "
+        "for 0.1 s is later, and a loop that misses more than half of its periods gets there, however short each freeze is",
         "periods",
         zero="never",
         ge=0,

@@ -77,7 +77,7 @@ KINDS: Final[dict[int, FaultKind]] = {
     ),
     OVERRUN: FaultKind(
         "overrun",
-        "{value:.0f} periods were missed in one stretch of late ticks, servo.overrun ends at {limit:.0f}",
+        "{value:.0f} periods were missed beyond the ticks in time since, servo.overrun ends at {limit:.0f}",
         "'hapticd latency' says which rate this machine holds; 'hapticd clear' at any time",
     ),
     NON_FINITE: FaultKind(

@@ -88,12 +88,12 @@ def take_counts(servo: Any, shared: Any) -> None:
 
 @njit(inline=True, counted=False)
 def count_late(servo: Any) -> None:
-    """Periods missed since the last tick in time: one long freeze weighs as much as many late ticks in a row.
+    """Periods missed, less ticks in time: a freeze weighs as much as late ticks, and a loop late most of the time adds up.
 
     Before the state machine: what was missed before ``running`` began is then forgotten with the rest.
     """
     missed = servo.tick.missed
-    servo.state.late_periods = servo.state.late_periods + missed if missed > 0 else 0
+    servo.state.late_periods = max(0, servo.state.late_periods + (missed if missed > 0 else -1))
 
 
 @njit(inline=True, counted=False)
@@ -103,9 +103,10 @@ def check_load(servo: Any, shared: Any) -> None:
     if not params.safety:
         return
     if state.mode == RUNNING:
-        allowed = 1.0 if params.overrun_policy == FAULT_ON_OVERRUN else params.overrun_fault_after
-        if state.late_periods >= allowed:
-            raise_fault(servo, shared, faults.OVERRUN, state.late_periods, allowed)
+        if params.overrun_policy == FAULT_ON_OVERRUN and missed > 0:
+            raise_fault(servo, shared, faults.OVERRUN, missed, 1.0)
+        elif state.late_periods >= params.overrun_fault_after:
+            raise_fault(servo, shared, faults.OVERRUN, state.late_periods, params.overrun_fault_after)
     if state.missed_in_a_row > params.missed_exchanges:
         raise_fault(servo, shared, faults.MISSED_EXCHANGES, state.missed_in_a_row, params.missed_exchanges)
     if np.isfinite(params.continuous_current):

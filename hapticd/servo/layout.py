@@ -79,7 +79,7 @@ PARAMS = np.dtype(
         ("follow_ri", "f8"),  # and the same
         ("follow_rr", "f8"),  # of the rate over ω_A
         ("overrun_policy", "i8"),  # SKIP, HOLD, FAULT_ON_OVERRUN
-        ("overrun_fault_after", "f8"),  # periods of one stretch of late ticks
+        ("overrun_fault_after", "f8"),  # periods missed, less ticks in time
         ("heartbeat_ns", "f8"),  # longest silence of the supervisor, ns; 0 for any
         ("enable_timeout_ns", "f8"),  # ns
         ("excitation_id", "i8"),  # a new one, not 0, starts the table in the excitation buffer
@@ -140,7 +140,7 @@ STATE = np.dtype(
         ("dissipated", "f8"),  # by the controller, J
         ("passivity_current", "f8"),  # that the controller added, A
         ("missed_in_a_row", "i8"),  # exchanges
-        ("late_periods", "i8"),  # missed since the last tick in time
+        ("late_periods", "i8"),  # missed, less ticks in time since; at least 0
         ("i2t", "f8"),  # A² s above the continuous current
         ("force", "f8"),  # of the last rendered tick, N m or N
         ("requested", "f8"),  # current of the last rendered tick, before T_V and the converter, A

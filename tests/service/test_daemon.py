@@ -420,7 +420,7 @@ def test_hold_keeps_the_last_command_in_a_late_tick_and_fault_does_not_wait(
             daemon.start()
         fault = wait_for_state(daemon, "fault")["fault"]
         assert fault["code"] == "overrun"
-        assert "missed in one stretch of late ticks, servo.overrun ends at 1" in fault["cause"]
+        assert "missed beyond the ticks in time since, servo.overrun ends at 1" in fault["cause"]
 
 
 def test_status_books_energies_through_the_model(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
