@@ -92,6 +92,7 @@ class FlightRing:
     def __init__(self, path: Path, descriptor: int, memory: mmap.mmap, layout: _Layout) -> None:
         self.path = path
         self._descriptor, self._memory, self._slots_at = descriptor, memory, layout.slots_at
+        self._file = os.fstat(descriptor)
         self._number = 0
         self.shared: NDArray[np.int64] = np.frombuffer(memory, np.int64, layout.words, _PAGE)
         self.rows: Rows = np.frombuffer(memory, ROW, layout.rows, layout.rows_at)
@@ -144,6 +145,13 @@ class FlightRing:
         self._memory[begin : begin + _SLOT.size] = bytes(_SLOT.size)
         self._memory[begin + _SLOT.size : begin + _SLOT.size + len(data)] = data
         self._memory[begin : begin + _SLOT.size] = _SLOT.pack(self._number, len(data), zlib.crc32(data))
+
+    def intact(self) -> bool:
+        """Whether the file is where it was made, for who recovers it. While it is mapped its inode is not used again."""
+        try:
+            return os.path.samestat(self.path.lstat(), self._file)
+        except OSError:
+            return False
 
     def remove(self) -> None:
         """Nothing is left to recover: take the file away. Its memory stays for as long as somebody uses it."""

@@ -1,4 +1,4 @@
-"""What the daemon looks at (`hapticd.service.self_check`): sockets and lock, threads, run file, limits, room on the disk."""
+"""What the daemon looks at (`hapticd.service.self_check`): sockets, lock, threads, files, latch, limits, room."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 from hapticd.record.files import existing_place, remove_oldest
 from hapticd.record.schema import ROW
+from hapticd.service.flight import LOST
 from hapticd.service.self_check import Check, Look
-from hapticd.service.socket import BoundSocket, SocketError
+from hapticd.service.socket import BoundSocket, SocketError, TakenError
 
 if TYPE_CHECKING:
     import socket
 
     from hapticd.config import Config
     from hapticd.record import Recorder
+    from hapticd.service.rig import Rig
 
 log = logging.getLogger(__name__)
 
@@ -38,14 +40,16 @@ class SocketCheck:
         bound: the sockets, each with what is to be told of a new one; None: nobody.
         out_of_reach: switches the motor off; called once when for seconds none of the sockets could be had again, because
             nobody could stop it then.
+        taken: switches the motor off and ends this daemon, whose place another one has; called with who it is, at once.
     """
 
     def __init__(
         self,
         bound: Sequence[tuple[BoundSocket, Callable[[socket.socket], None] | None]],
         out_of_reach: Callable[[], object],
+        taken: Callable[[str], object],
     ) -> None:
-        self._bound, self._out_of_reach = bound, out_of_reach
+        self._bound, self._out_of_reach, self._taken = bound, out_of_reach, taken
         self._gone_since: float | None = None
         self._stopped = False
 
@@ -60,6 +64,9 @@ class SocketCheck:
                     if tell is not None:
                         tell(listening)
                     done.append(f"bound anew at {bound.path}")
+                except TakenError as error:
+                    self._taken(str(error))
+                    return Look("; ".join(found), f"{error}: the motor is off, and this daemon ends")
                 except (SocketError, OSError) as error:
                     mended = False
                     done.append(str(error) or "the API does not answer")
@@ -88,6 +95,32 @@ class SocketCheck:
             self._stopped = True
             self._out_of_reach()
         return f"nobody has been able to reach this daemon for {OUT_OF_REACH_S:g} s: the motor is off"
+
+
+def flight_recorder(rig: Callable[[], Rig]) -> Check:
+    """Whether the flight recorder's file is where the next daemon looks for it. It cannot be put back under a running loop.
+
+    Args:
+        rig: gives the one in force.
+    """
+
+    def look() -> Look:
+        now = rig()
+        ring = now.flight
+        if ring is None or ring.intact() or now.closed:  # the last: it has been removed by ourselves
+            return Look()
+        return Look(f"the flight recorder {ring.path} was removed or replaced", f"{LOST}; restart the daemon")
+
+    return look
+
+
+def latch(unwritable: Callable[[], str | None]) -> Check:
+    """Whether a fault could be latched on disk.
+
+    Args:
+        unwritable: says why not, and what to do about it; None: it could.
+    """
+    return lambda: Look(unwritable())
 
 
 def threads(alive: Callable[[], Mapping[str, bool]]) -> Check:

@@ -59,6 +59,9 @@ class Daemon(Endpoints):
         notifier: the service manager whose watchdog wants to be fed.
         lines_dropped: how many lines of the log are lost so far.
 
+    Attributes:
+        superseded: by whom, where that is why it must end.
+
     Raises:
         DriverError: the device cannot be opened.
         RealtimeError: real time is required and refused.
@@ -74,6 +77,7 @@ class Daemon(Endpoints):
         lines_dropped: Callable[[], int] = int,
     ) -> None:
         self._source = source
+        self.superseded: str | None = None
         self._lines_dropped = lines_dropped
         self._lock = threading.RLock()
         self._ending = threading.Event()
@@ -95,6 +99,7 @@ class Daemon(Endpoints):
         self._supervisor = threading.Thread(target=self._supervise, name="hapticd-supervisor", daemon=True)
         self.self_check = SelfCheck()
         self.self_check.add("threads", checks.threads(self._threads))
+        self.self_check.add("flight_recorder", checks.flight_recorder(lambda: self.rig))
         self.self_check.add("run_file", checks.run_file(lambda: self.rig.recorder))
         self.self_check.add("room", checks.RoomCheck(lambda: self.rig.config, lambda: self.rig.recorder), slow=True)
         self.self_check.add("limits", checks.limits(lambda: limits_off(self.rig.config)))
@@ -108,8 +113,17 @@ class Daemon(Endpoints):
 
     @property
     def dead(self) -> bool:
-        """True when there is no working rig left; the process must end."""
-        return self._replacement.dead
+        """True when there is no working rig left, or another daemon is in the place of this one; the process must end."""
+        return self._replacement.dead or self.superseded is not None
+
+    def supersede(self, by: str) -> None:
+        """Another daemon has the place of this one: zero current at once, no start any more, and the process ends.
+
+        Args:
+            by: says who.
+        """
+        self.authority.end()
+        self.superseded = by
 
     def status(self) -> JsonDict:
         """State, fault, timing, operating point, motion, energies, recorder, experiment."""

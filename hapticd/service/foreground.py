@@ -32,7 +32,7 @@ from hapticd.service.latch import FaultLatch, is_service
 from hapticd.service.notify import Notifier
 from hapticd.service.refusals import DriverFailure, Refused
 from hapticd.service.signals import Signals
-from hapticd.service.socket import bind, claim, group_id, stop_path
+from hapticd.service.socket import SocketError, bind, claim, group_id, stop_path
 from hapticd.servo.authority import Withdrawn
 from hapticd.stability import regions
 
@@ -183,7 +183,8 @@ def run_foreground(
         0, or 5 when it ended with a latched fault.
 
     Raises:
-        DriverError, RealtimeError: the rig cannot be started. SocketError: the socket cannot be had.
+        DriverError, RealtimeError: the rig cannot be started. SocketError: the socket cannot be had, or another daemon has
+            taken it since.
     """
     console = Console(file=sink.stream, quiet=quiet)
     _log_to(console, sink)
@@ -203,9 +204,8 @@ def run_foreground(
     with contextlib.ExitStack() as ending:
         notifier = Notifier.from_environment()
         ending.callback(notifier.close)
-        lock = claim(path)
-        if lock is not None:
-            ending.callback(lock.release)
+        claimed = claim(path)
+        ending.callback(claimed.release)
         latch = FaultLatch(path)
         _recover(config, latch.name)
         try:
@@ -219,7 +219,7 @@ def run_foreground(
         ending.enter_context(crash_log(config, latch.name))
         stop_channel = bind(stop_path(path), int(config.api.mode, 8), config.api.group, SOCK_DGRAM)
         ending.callback(stop_channel.close)
-        bound = bind(path, mode, config.api.group, lock=lock)
+        bound = bind(path, mode, config.api.group, claimed=claimed)
         # The last of these comes first.
         for step in (bound.close, server.stop, daemon.disable, notifier.stopping):
             ending.callback(step)
@@ -228,11 +228,10 @@ def run_foreground(
         alive = {"hapticd-api": server.alive, "hapticd-sink": sink.alive}
         daemon.self_check.add("service_threads", checks.threads(lambda: {name: ask() for name, ask in alive.items()}))
         sockets = [(bound, server.listen_on), (stop_channel, daemon.stop_channel.listen)]
-        daemon.self_check.add("socket", checks.SocketCheck(sockets, daemon.authority.stop))
+        daemon.self_check.add("socket", checks.SocketCheck(sockets, daemon.authority.stop, daemon.supersede))
+        daemon.self_check.add("latch", checks.latch(lambda: latch_unwritable(latch.path)), slow=True)
         for line in banner(daemon, path, source_name(source), starting=autostart):
             console.print(line, highlight=False, markup=False, soft_wrap=True)
-        if why := latch_unwritable(latch.path):
-            log.warning("%s", why)
         if autostart and not signals.ending:
             try:
                 daemon.start(force)
@@ -243,6 +242,8 @@ def run_foreground(
     status = daemon.status()
     for line in summary(status):
         console.print(line, highlight=False, markup=False, soft_wrap=True)
+    if daemon.superseded is not None:
+        raise SocketError(f"{daemon.superseded}; this one has switched its motor off and ended")
     return EXIT_FAULT if status["fault"] else EXIT_OK
 
 

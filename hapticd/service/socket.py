@@ -1,13 +1,15 @@
 """The daemon's Unix sockets: bound once, with group and mode set before anybody can connect, removed only if still ours.
 
 Two daemons on one path must not both win, and a file left by a killed daemon must not stop the next one. So "does anybody
-answer there?" and the bind happen under the daemon's lock (`hapticd.service.lock`), which is held for as long as the control
-socket is. What is removed while the daemon runs is bound anew (`BoundSocket.rebind`; `hapticd.service.self_check` looks).
+answer there?", asked of both sockets, and the bind happen under the daemon's lock (`hapticd.service.lock`), which is held
+for as long as the control socket is. What is removed while the daemon runs is bound anew (`BoundSocket.rebind`;
+`hapticd.service.self_check` looks), unless another daemon answers there by then.
 """
 
 from __future__ import annotations
 
 import contextlib
+import errno
 import grp
 import logging
 import os
@@ -15,6 +17,7 @@ import socket
 import stat
 import threading
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from hapticd.config import paths
@@ -33,6 +36,26 @@ log = logging.getLogger(__name__)
 
 class SocketError(Exception):
     """The control socket cannot be created; the text says where, why and what to do."""
+
+
+class TakenError(SocketError):
+    """Another daemon answers there."""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """The right to be the one daemon for a socket path.
+
+    Attributes:
+        lock: of the daemon; None where there can be none, which has been said.
+    """
+
+    lock: DaemonLock | None
+
+    def release(self) -> None:
+        """Let go. Safe to call twice, and where the bound socket that has the lock is closed."""
+        if self.lock is not None:
+            self.lock.release()
 
 
 class BoundSocket:
@@ -66,7 +89,8 @@ class BoundSocket:
             waits on the number goes on. Of a stream it is another one; who accepted on the old one closes that.
 
         Raises:
-            SocketError: another daemon answers there, something else is in the way, or the system refuses; or it is closed.
+            TakenError: another daemon answers there.
+            SocketError: something else is in the way, or the system refuses; or it is closed.
         """
         with self._changing, _as_socket_error(self.path):
             if self._closed:
@@ -101,25 +125,25 @@ def stop_path(path: Path) -> Path:
     return path.with_name(f"{path.name}.stop")
 
 
-def claim(path: Path) -> DaemonLock | None:
-    """Be the one daemon for this socket, before the device is opened and the socket bound.
+def claim(path: Path) -> Claim:
+    """Be the one daemon for this socket and its stop channel, before the device is opened and the sockets bound.
 
     Returns:
-        The lock, for `bind`; None where there can be none.
+        What `bind` needs.
 
     Raises:
         SocketError: another daemon is there, something else is in the way, or the system refuses.
     """
     path = _short(path)
-    lock = _take_lock(path)
+    claimed = Claim(_take_lock(path))
     try:
-        with _as_socket_error(path):
-            _prepare(path, socket.SOCK_STREAM)
+        for each, kind in ((path, socket.SOCK_STREAM), (_short(stop_path(path)), socket.SOCK_DGRAM)):
+            with _as_socket_error(each):
+                _prepare(each, kind)
     except BaseException:
-        if lock is not None:
-            lock.release()
+        claimed.release()
         raise
-    return lock
+    return claimed
 
 
 def _short(path: Path) -> Path:
@@ -137,7 +161,7 @@ def bind(
     mode: int = 0o660,
     group: str | None = None,
     kind: int = socket.SOCK_STREAM,
-    lock: DaemonLock | None = None,
+    claimed: Claim | None = None,
 ) -> BoundSocket:
     """Create a socket of the daemon's and, of a stream, listen on it and hold the daemon's lock.
 
@@ -146,22 +170,21 @@ def bind(
         mode: permission bits of the socket; who may write to it may command the motor.
         group: owning group by name or number, None for the process's own.
         kind: ``SOCK_STREAM`` for the control socket; ``SOCK_DGRAM`` for one beside it, of the daemon that has that.
-        lock: of `claim`, released with the socket; None: the lock is taken here.
+        claimed: by `claim`, released with the socket; None: a control socket is claimed here.
 
     Raises:
         SocketError: another daemon is there, something else is in the way, or the system refuses.
     """
     path = _short(path)
     owner = group_id(group, "api.group") if group is not None else None
-    if lock is None and kind == socket.SOCK_STREAM:
-        lock = _take_lock(path)
+    if claimed is None:
+        claimed = Claim(_take_lock(path) if kind == socket.SOCK_STREAM else None)
     try:
         with _as_socket_error(path):
             _prepare(path, kind)
-            return BoundSocket(path, mode, owner, kind, lock)
+            return BoundSocket(path, mode, owner, kind, claimed.lock)
     except BaseException:
-        if lock is not None:
-            lock.release()
+        claimed.release()
         raise
 
 
@@ -225,15 +248,16 @@ def _make_room(path: Path, kind: int) -> None:
         raise SocketError(
             f"{path} exists and is not a socket: remove it, or choose another with --socket or api.socket"
         )
-    if kind == socket.SOCK_STREAM and _answers(path):
-        raise SocketError(
+    if _answers(path, kind):
+        raise TakenError(
             f"another daemon answers on {path}: stop it first, or choose another socket with --socket or api.socket"
         )
     path.unlink()
 
 
-def _answers(path: Path) -> bool:
-    with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+def _answers(path: Path, kind: int) -> bool:
+    """Whether somebody has a socket open there. One of datagrams is told nothing by this."""
+    with socket.socket(socket.AF_UNIX, kind) as probe:
         probe.settimeout(PROBE_TIMEOUT_S)
         try:
             probe.connect(os.fspath(path))
@@ -241,6 +265,10 @@ def _answers(path: Path) -> bool:
             return False
         except (TimeoutError, BlockingIOError):
             return True  # somebody listens, with a full queue
+        except OSError as error:
+            if error.errno == errno.EPROTOTYPE:
+                return True  # somebody, of the other kind
+            raise
     return True
 
 

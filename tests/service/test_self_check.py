@@ -8,14 +8,17 @@ import shutil
 import threading
 from collections import namedtuple
 from pathlib import Path
+from socket import AF_UNIX, SOCK_DGRAM, SOCK_STREAM, socket
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
+from hapticd.record.flight import FlightRing
 from hapticd.service import checks
+from hapticd.service.foreground import latch_unwritable
 from hapticd.service.self_check import Look, SelfCheck
-from hapticd.service.socket import bind
+from hapticd.service.socket import bind, stop_path
 from tests.polling import wait_until
 
 NEVER_S = 1e6
@@ -117,7 +120,7 @@ def test_sockets_and_lock_are_taken_anew_and_the_server_is_told(tmp_path: Path) 
     told: list[Any] = []
     bound = bind(tmp_path / "run" / "h.sock")
     old = bound.socket
-    check = checks.SocketCheck([(bound, told.append)], lambda: pytest.fail("it can be reached"))
+    check = checks.SocketCheck([(bound, told.append)], lambda: pytest.fail("it can be reached"), pytest.fail)
     assert check() == Look(mended=True)
     shutil.rmtree(tmp_path / "run")
     shutil.rmtree(tmp_path / "state")
@@ -140,7 +143,7 @@ def test_who_cannot_be_reached_by_anybody_switches_the_motor_off_once(
     clock = SimpleNamespace(now=0.0)
     monkeypatch.setattr(checks, "time", SimpleNamespace(monotonic=lambda: clock.now))
     bound = bind(tmp_path / "run" / "h.sock")
-    check = checks.SocketCheck([(bound, None)], lambda: stopped.append(1))
+    check = checks.SocketCheck([(bound, None)], lambda: stopped.append(1), pytest.fail)
     shutil.rmtree(tmp_path / "run")
     (tmp_path / "run").write_text("in the way")
     for clock.now in (0.0, 1.0, checks.OUT_OF_REACH_S - 0.1):
@@ -157,6 +160,56 @@ def test_who_cannot_be_reached_by_anybody_switches_the_motor_off_once(
     assert bound.intact()
     old.close()
     bound.close()
+
+
+@pytest.mark.parametrize("place", ["h.sock", "h.sock.stop"])
+def test_where_another_daemon_has_the_place_this_one_ends_at_once(tmp_path: Path, place: str) -> None:
+    """And leaves the other's sockets, also that of datagrams, which says nothing of itself."""
+    ended: list[str] = []
+    path = tmp_path / "run" / "h.sock"
+    sockets = [bind(path), bind(stop_path(path), kind=SOCK_DGRAM)]
+    check = checks.SocketCheck([(each, None) for each in sockets], lambda: pytest.fail("at once"), ended.append)
+    (path.parent / place).unlink()
+    with socket(AF_UNIX, SOCK_DGRAM if place.endswith(".stop") else SOCK_STREAM) as other:
+        other.bind(str(path.parent / place))
+        if place == "h.sock":
+            other.listen()
+        look = check()
+        assert ended[0].startswith(f"another daemon answers on {path.parent / place}: ")
+        assert look.found == f"the socket {path.parent / place} was removed or replaced"
+        assert look.done.endswith("the motor is off, and this daemon ends")
+        assert not look.mended
+        there = (path.parent / place).lstat()
+    for each in sockets:
+        each.close()
+    assert os.path.samestat((path.parent / place).lstat(), there)
+
+
+def test_a_flight_recorder_that_is_removed_is_said(tmp_path: Path) -> None:
+    ring = FlightRing.create(tmp_path, "rig", 16)
+    rig: Any = SimpleNamespace(flight=None, closed=False)
+    look = checks.flight_recorder(lambda: rig)
+    assert look() == Look()
+    rig.flight = ring
+    assert look() == Look()
+    ring.path.rename(tmp_path / "elsewhere")
+    assert look().found == f"the flight recorder {ring.path} was removed or replaced"
+    ring.path.write_bytes(b"")
+    assert not look().mended
+    assert "I²t" in look().done
+    rig.closed = True
+    assert look() == Look()
+
+
+def test_a_fault_that_could_not_be_latched_is_said_before_it_comes(tmp_path: Path) -> None:
+    state = tmp_path / "state"
+    look = checks.latch(lambda: latch_unwritable(state / "hapticd" / "fault-h.json"))
+    assert look() == Look()
+    state.write_text("in the way")
+    assert look().found is not None
+    assert str(look().found).startswith(f"a fault would not outlive a restart: {state}")
+    state.unlink()
+    assert look() == Look()
 
 
 def test_threads_that_have_ended_are_named() -> None:

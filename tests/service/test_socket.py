@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from hapticd.service.socket import MAX_PATH_BYTES, BoundSocket, SocketError, bind
+from hapticd.service.socket import MAX_PATH_BYTES, BoundSocket, SocketError, bind, claim, stop_path
 
 
 @pytest.fixture(autouse=True)
@@ -272,6 +272,33 @@ def test_without_a_state_folder_there_is_a_word_and_no_lock(
     with pytest.raises(SocketError, match="another daemon answers"):
         bind(path)
     bound.close()
+
+
+def test_that_there_is_no_lock_is_said_once(
+    path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    (tmp_path / "file").write_text("")
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "file"))
+    bind(path, claimed=claim(path)).close()
+    assert caplog.text.count("no lock against a second daemon") == 1
+
+
+def test_who_still_has_the_stop_channel_is_found_though_the_control_socket_is_gone(
+    path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first = bind(stop_path(path), kind=stdlib_socket.SOCK_DGRAM)
+    for _ in range(2):
+        with pytest.raises(SocketError, match=rf"another daemon answers on {path}\.stop"):
+            claim(path)
+        monkeypatch.setenv("XDG_STATE_HOME", str(path.parent / "another"))
+    with pytest.raises(SocketError, match="another daemon answers"):
+        bind(first.path, kind=stdlib_socket.SOCK_DGRAM)
+    assert first.intact()
+    first.close()
+    with stdlib_socket.socket(stdlib_socket.AF_UNIX, stdlib_socket.SOCK_DGRAM) as left_by_a_kill:
+        left_by_a_kill.bind(str(first.path))
+    claim(path).release()
+    assert not first.path.exists()
 
 
 def test_a_removed_lock_is_taken_anew(path: Path, state_home: Path) -> None:

@@ -13,6 +13,9 @@ from typing import Any
 import pytest
 
 from hapticd.record import read_run
+from hapticd.record.flight import memory_directory
+from hapticd.service.latch import daemon_name
+from hapticd.service.socket import stop_path
 from tests.polling import PATIENCE_S, wait_until
 from tests.service.processes import Rig
 
@@ -23,7 +26,7 @@ pytestmark = pytest.mark.realtime
 def rig(tmp_path: Path) -> Iterator[Rig]:
     """Its socket in a folder of its own."""
     (tmp_path / "run").mkdir()
-    made = Rig(tmp_path, tmp_path / "run" / "h.sock")
+    made = Rig(tmp_path, tmp_path / "run" / "h.sock", safety={"heartbeat_timeout_s": 10})
     yield made
     for process in made.processes:
         process.close()
@@ -67,6 +70,41 @@ def test_no_second_daemon_starts_where_the_socket_was(rig: Rig) -> None:
     assert second.returncode == 2
     assert f"another daemon (process {process.pid}) runs on {rig.socket}" in second.stderr
     assert "closed" not in rig.commands()[opened:]
+
+
+def test_where_another_daemon_has_the_place_this_one_ends_and_leaves_it_alone(rig: Rig) -> None:
+    """One of another state folder, which does not see the lock, and both sockets were gone when it came."""
+    process = rig.launch()
+    rig.render()
+    process.send_signal(signal.SIGSTOP)  # it binds nothing anew meanwhile
+    shutil.rmtree(rig.socket.parent)
+    (rig.folder / "other").mkdir()
+    other = Rig(rig.folder / "other", rig.socket)
+    rig.processes.append(other.launch())
+    sockets = [os.lstat(path).st_ino for path in (rig.socket, stop_path(rig.socket))]
+    process.send_signal(signal.SIGCONT)
+    assert process.wait(PATIENCE_S) == 2
+    rig.check_end()
+    assert f"another daemon answers on {rig.socket}" in rig.output.read_text()
+    assert other.answers()
+    assert [os.lstat(path).st_ino for path in (rig.socket, stop_path(rig.socket))] == sockets
+
+
+def test_what_would_be_missed_after_a_crash_is_said(rig: Rig, tmp_path: Path) -> None:
+    """The flight recorder's file is gone, and the state folder is a file."""
+    rig.launch()
+    memory = memory_directory()
+    assert memory is not None
+    for path in memory.glob(f"{daemon_name(rig.socket)}-*.flight"):
+        path.unlink()
+    shutil.rmtree(tmp_path / "state")
+    (tmp_path / "state").write_text("in the way")
+    for what in ("flight_recorder", "latch"):
+        wait_until(lambda what=what: not found(rig, what)["ok"], f"it in the document: {what}")  # type: ignore[misc]
+    assert "a fault would not outlive a restart" in found(rig, "latch")["found"]
+    assert "was removed" in found(rig, "flight_recorder")["found"]
+    shown = rig.command("status", "--socket", str(rig.socket)).stdout
+    assert "attention     a fault would not outlive a restart" in shown
 
 
 def test_where_the_socket_cannot_be_bound_anew_the_motor_is_switched_off(rig: Rig) -> None:
