@@ -22,6 +22,8 @@ from typing import Any, BinaryIO
 
 import pytest
 
+from hapticd.record.flight import SUFFIX, memory_directory
+
 _CONTEXT = multiprocessing.get_context("forkserver")
 _CONTEXT.set_forkserver_preload(["tests.sim_hw.forked_device", "tests.service.forked_daemon", "tests.frozen"])
 _PR_SET_PDEATHSIG = 1
@@ -90,9 +92,12 @@ class Forked:
         self.send_signal(signal.SIGKILL)
 
     def close(self) -> None:
-        """End it at once, and forget what it printed."""
+        """End it at once, and forget what it printed and left in memory: each flight recorder has 21 MB."""
         self.kill()
         self.wait()
+        if (memory := memory_directory()) is not None:
+            for left in (*memory.glob(f"*-{self.pid}-*{SUFFIX}"), *memory.glob(f"*-{self.pid}.crash")):
+                left.unlink(missing_ok=True)
         self.stdout.close()
         self.stderr.close()
 
