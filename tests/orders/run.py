@@ -221,7 +221,9 @@ class Api:
         self.unanswered.append(client)
         self.machine.trace.send(client.asked)
         client.asked.sent_ns = self.machine.scheduler.stamp_ns()
-        client.sent_ns = client.asked.sent_ns - self.machine.scheduler.random.choice((0, 1_500_000, 200_000_000))
+        random = self.machine.scheduler.random
+        # an ordinal of its own, by which its command is known here
+        client.sent_ns = client.asked.sent_ns - random.choice((0, 1_500_000, 200_000_000)) - random.randrange(9, 900_000)
         self._inbox.append(client)
         self._changed.set()
 
