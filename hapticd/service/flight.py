@@ -109,6 +109,8 @@ def crash_log(config: Config, name: str) -> Iterator[None]:
 def recover(directory: Path, name: str, out: Path | None = None) -> list[Recovered]:
     """Turn every flight recorder of dead daemons into a run file, oldest first; what cannot be is logged and left.
 
+    Fault and I²t of one that is left have been taken over all the same, and are not once more the next time.
+
     Args:
         directory: where they lie.
         name: of the daemon; empty for all daemons of this user.
@@ -124,11 +126,14 @@ def recover(directory: Path, name: str, out: Path | None = None) -> list[Recover
                 if flight is None:
                     continue
                 name_of_it = re.sub(rf"-{flight.pid}-\d+$", "", path.stem)
-                _latch(name_of_it, flight)
-                Heat(name_of_it).recovered(atomics.heat(flight.shared))
+                if not _taken_over(path).exists():
+                    _latch(name_of_it, flight)
+                    Heat(name_of_it).recovered(atomics.heat(flight.shared))
+                    _taken_over(path).touch()
                 crash = _crash_text(path, flight.pid)
                 recovered = _write(flight, out, crash)
                 path.unlink(missing_ok=True)
+                _taken_over(path).unlink(missing_ok=True)
                 _crash_path(path, flight.pid).unlink(missing_ok=True)
         except (RecordingError, RunFileError, OSError) as error:
             log.error("what a dead daemon left in %s could not be recovered: %s", path, error)
@@ -156,7 +161,7 @@ def fault_of(flight: Flight) -> dict[str, Any] | None:
 
 
 def heat_left(config: Config, name: str) -> float:
-    """I²t in the flight recorders of dead daemons that `recover` had to leave, A² s; 0 where there are none.
+    """I²t in the flight recorders of dead daemons from which `recover` could not take it over, A² s; 0 where there are none.
 
     Args:
         config: for the directory. name: of the daemon.
@@ -167,9 +172,14 @@ def heat_left(config: Config, name: str) -> float:
     most = 0.0
     for path in directory.glob(f"{name}-*{SUFFIX}"):
         with contextlib.suppress(RunFileError, OSError), dead(path) as flight:
-            if flight is not None:
+            if flight is not None and not _taken_over(path).exists():
                 most = max(atomics.heat(flight.shared), most)
     return most
+
+
+def _taken_over(path: Path) -> Path:
+    """A file beside a flight recorder, once its fault is latched and its I²t kept."""
+    return path.with_suffix(".taken-over")
 
 
 def _latch(name: str, flight: Flight) -> None:

@@ -194,6 +194,8 @@ class MemoryLatch:
 class NoHeat:
     """The motor's heat is no affair of orders."""
 
+    name = ""
+
     def __init__(self, *_: Any) -> None:
         pass
 
@@ -201,6 +203,9 @@ class NoHeat:
         return 0.0
 
     def follow(self, *_: Any) -> None:
+        pass
+
+    def keep(self) -> None:
         pass
 
     def end(self) -> None:

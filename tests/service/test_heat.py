@@ -155,6 +155,22 @@ def test_what_the_flight_recorder_has_counts_though_nothing_can_be_written(tmp_p
     assert Heat("rig").before(CONFIG, left) == 27.0
 
 
+def test_fault_and_heat_of_what_can_become_no_run_are_taken_over_once(tmp_path: Path) -> None:
+    dead_daemon(tmp_path, 27.0)
+    (tmp_path / "runs").write_text("in the way")
+    (left,) = tmp_path.glob("*.flight")
+    ring_config = config(record={"flight_directory": str(tmp_path)})
+    assert flight.recover(tmp_path, "rig") == []
+    assert left.exists()
+    assert Heat("rig").before(CONFIG, flight.heat_left(ring_config, "rig")) == 27.0
+    kept(boot_s=ago(3600.0))  # a daemon that has ended well since, and its motor has cooled down
+    assert flight.recover(tmp_path, "rig") == []
+    assert Heat("rig").before(CONFIG, flight.heat_left(ring_config, "rig")) == 0.0
+    (tmp_path / "runs").unlink()
+    assert len(flight.recover(tmp_path, "rig")) == 1
+    assert not list(tmp_path.glob("rig-*"))
+
+
 def test_no_file_says_clean_of_a_daemon_that_runs() -> None:
     kept(boot_s=ago(3600.0))
     heat = Heat("rig")
@@ -205,7 +221,8 @@ def test_a_motor_heated_again_and_again_by_daemons_that_are_killed_trips(tmp_pat
             "a hot motor",
         )
         fault = rig.client.status()["fault"]
-        process.close()
+        process.kill()
+        process.wait()
         if fault is not None:
             assert fault["code"] == "over_current"
             break
