@@ -223,7 +223,9 @@ class Api:
         client.asked.sent_ns = self.machine.scheduler.stamp_ns()
         random = self.machine.scheduler.random
         # an ordinal of its own, by which its command is known here
-        client.sent_ns = client.asked.sent_ns - random.choice((0, 1_500_000, 200_000_000)) - random.randrange(9, 900_000)
+        client.sent_ns = (
+            client.asked.sent_ns - random.choice((0, 1_500_000, 200_000_000)) - random.randrange(9, 900_000)
+        )
         self._inbox.append(client)
         self._changed.set()
 
