@@ -53,7 +53,7 @@ def check(
     Where the config carries plant.uncertainty, as 'hapticd identify' writes it: the probability that the spring is stable,
     and passive, which parameter decides it, and the stiffness that is stable with 95 %.
 
-    Exit code 1 means: not stable (regions B, C and D, unless the sharp criterion proves this motion stable all the same).
+    Exit code 1 means: not stable (regions B, C and D).
 
     Args:
         velocity (TICKS_PER_PERIOD): Ask about a motion that passes the spring's origin at this velocity, in coarse

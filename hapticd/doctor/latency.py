@@ -22,7 +22,7 @@ from hapticd.servo.pace import MARGIN, used_fraction, verdict
 from hapticd.servo.thread import ServoThread
 from hapticd.servo.timing import bucket_edges
 from hapticd.stability.numbers import loop_from_config
-from hapticd.stability.tuning import stiffness_max_stable
+from hapticd.stability.tuning import stiffness_max_passive
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -50,7 +50,7 @@ class RateResult:
     tau_d_effective: float
     """τ_D with what was measured."""
     stiffness_max: float
-    """Largest stiffness that is stable at every speed (A, F1 or F2), as declared, N m/rad or N/m."""
+    """Largest stiffness that is passive, at any speed, as declared, N m/rad or N/m."""
     stiffness_max_effective: float
     """The same with what was measured."""
 
@@ -159,8 +159,8 @@ def _result(config: Config, servo: ServoThread, declared: float) -> RateResult:
         servo.core.late_histogram.copy(),
         ideal.numbers.tau_d,
         real.numbers.tau_d,
-        stiffness_max_stable(ideal),
-        stiffness_max_stable(real),
+        stiffness_max_passive(ideal),
+        stiffness_max_passive(real),
     )
 
 

@@ -106,8 +106,16 @@ class LoopNumbers(Protocol):
         """Of the virtual spring."""
 
     @property
+    def damping(self) -> float:
+        """Virtual damping."""
+
+    @property
     def delay(self) -> float:
         """From sample to current [s]."""
+
+    @property
+    def force_error(self) -> float:
+        """Of a command, beside the encoder's."""
 
     @property
     def hand_stiffness(self) -> float:
@@ -172,6 +180,7 @@ class Effect:
         accuracy: relative error of its simulation; 0 in closed form. No estimate of its parameters is better than that.
         in_loop: from a loop and all parameters, the numbers of the loop that it changes, at its worst for stability; none
             at all where it can do no harm. Without it the stability criterion leaves the effect out, and says so.
+        in_loop_exact: whether those numbers are all that it does to the loop, so that a proof for them holds.
         joint_check: what is wrong with parameters that are each within their bounds.
         stiffness: from all parameters, the largest slope of its torque over the position [N m/rad or N/m], 0 while off; a
             tick is divided so that no swing in it is missed.
@@ -202,6 +211,7 @@ class Effect:
     rotary_only: bool = False
     accuracy: float = 0.0
     in_loop: Callable[[LoopNumbers, Values], Mapping[str, float]] | None = None
+    in_loop_exact: bool = True
     joint_check: Callable[[Values], Iterable[Complaint]] | None = None
     stiffness: Callable[[Values], float] | None = None
     damping: Callable[[Values], float] | None = None

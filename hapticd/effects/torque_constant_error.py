@@ -27,5 +27,9 @@ EFFECT = Effect(
     amplitude="r",
     grid=lambda scale: [{"r": 0.05}],
     near=("inertia_error",),
-    in_loop=lambda loop, values: {"stiffness": corrected(loop.stiffness, values["r"])},
+    in_loop=lambda loop, values: {
+        "stiffness": corrected(loop.stiffness, values["r"]),
+        "damping": corrected(loop.damping, values["r"]),
+        "force_error": corrected(loop.force_error, values["r"]),
+    },
 )

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from hapticd.figures.style import GREEN, RED, new_figure
+from hapticd.figures.style import RED, new_figure
 from hapticd.reproduce.items import Comparison, Item, Progress, compare
 from hapticd.reproduce.plane import critical_line, draw_plane
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import region
-from hapticd.stability.sharp import sharp_requirement
 
 #: Velocity bound of the picture in ticks per period; the paper's is not given.
 XI_DOT = 2.0
@@ -32,15 +31,12 @@ def build(quick: bool, progress: Progress) -> Item:
     beta = np.linspace(0.0, 0.5, 101)
     for speed in OTHERS:
         axes.plot(beta, critical_line(MU, 0.0, speed, beta), color=RED, lw=1.0, ls=":")
-    wide = np.linspace(0.0, 1.1, 221)
-    axes.plot(wide, sharp_requirement(wide, XI_DOT), color=GREEN, lw=1.4, ls="--")
     axes.annotate(
         r"critical line, $\dot\xi_{\max}=2$", (0.07, 1.36), (0.03, 1.62), color=RED, fontsize=8.5,
         arrowprops={"arrowstyle": "-", "color": RED, "lw": 0.7},
     )  # fmt: skip
     axes.text(0.012, 0.79, r"$\dot\xi_{\max}=\frac{1}{2}$", color=RED, fontsize=8.5)
     axes.text(0.375, 1.66, r"$\dot\xi_{\max}=8$", color=RED, fontsize=8.5)
-    axes.text(1.09, 0.945, "energy falls in every period above here (sharp)", color=GREEN, fontsize=8.5, ha="right")
     return Item(
         name="fig3",
         title="Fig. 3: regions of the (β, σ) plane without delay",
@@ -48,12 +44,11 @@ def build(quick: bool, progress: Progress) -> Item:
             "Five regions around the point (½, ½). In A friction wins at every speed. In B viscous friction tames fast "
             "motions but one tick's step of force shakes the device. In C nothing holds it. Between D and E the speed "
             "decides: the critical line turns about (½, ½) with slope −ξ̇_max, drawn for three speeds in ticks per period.",
-            "The dashed green line is ours: above it every single period dissipates (next box).",
         ),
         traps=(
-            "The paper's proof needs bound (46), which fails just past an encoder edge. What the regions say of rest and "
-            "oscillation holds (Fig. 6); “energy falls in every period” is proven with σ − 1 for σ − ½, and, sharper, "
-            "above the green line. See the counterexample under Fig. 9.",
+            "The paper's proof uses the energy (35), and its bound (46) fails just past an encoder edge. With ½μξ̇² + ½ξ² "
+            "in place of (35) the bound holds, and the regions are a theorem: in A and E this energy falls in every period. "
+            "That of (35) may rise in single ones: the example under Fig. 9.",
         ),
         figure=figure,
         alt="The (β, σ) plane, cut into regions A to E by lines through the point (½, ½).",

@@ -36,7 +36,7 @@ def fig_7(quick: bool, progress: Progress) -> Item:
     """Four maps with τ_D = 1.25."""
     see = (
         "The same with τ_D = 1.25: the vertical border has moved from ½ to 1.75, and more friction is needed everywhere. "
-        "F2, where energy may rise, still comes to rest at every point. For fast motions E and F1 lie above the picture.",
+        "F1, which is proven, comes to rest at every point. For fast motions E and F1 lie above the picture.",
     )
     return _item("fig7", "Fig. 7: simulated regions with delay", 1.25, see, quick, progress)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -15,6 +15,10 @@ from hapticd.stability.storage import FloatArray
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+Line = Callable[[float, float, float, FloatArray], FloatArray]
+"""μ, τ_D, ξ̇_max and (n,) β → (n,) σ."""
+Name = Callable[[Dimensionless, float], str]
+"""Operating point and ξ̇_max → region."""
 _POINTS: Final = 200
 _LABEL_GRID: Final = 72
 # a region that covers less of the plane than this has no room for its name
@@ -22,7 +26,7 @@ _LEAST_SHARE: Final = 0.012
 
 
 def critical_line(mu: float, tau_d: float, xi_dot_max: float, beta: FloatArray) -> FloatArray:
-    """(n,) σ of the paper's critical line, (12) or both conditions of (19), at each β."""
+    """(n,) σ of the critical line, (12) or, with delay, theorem 2, at each β."""
     numbers = Dimensionless(mu, 0.0, 0.0, tau_d)
     return np.array([critical_sigma(numbers, xi_dot_max, b) for b in beta.tolist()])
 
@@ -35,6 +39,8 @@ def draw_plane(
     beta_max: float,
     sigma_max: float,
     names: Mapping[str, str] | None = None,
+    line: Line = critical_line,
+    name: Name = region,
 ) -> dict[str, tuple[float, float]]:
     """Shade the regions of one velocity bound, draw their borders, and write their names.
 
@@ -46,14 +52,15 @@ def draw_plane(
         beta_max: right end of the plane.
         sigma_max: upper end.
         names: text for each region; its letter where none is given.
+        line, name: the critical line, and the region of a point; ours unless told.
 
     Returns:
         region → (β, σ) of a point in its middle.
     """
     corner = 0.5 + tau_d
     left, right = np.linspace(0.0, corner, _POINTS), np.linspace(corner, beta_max, _POINTS)
-    line_left = np.minimum(critical_line(mu, tau_d, xi_dot_max, left), sigma_max)
-    line_right = np.minimum(critical_line(mu, tau_d, xi_dot_max, right), sigma_max)
+    line_left = np.minimum(line(mu, tau_d, xi_dot_max, left), sigma_max)
+    line_right = np.minimum(line(mu, tau_d, xi_dot_max, right), sigma_max)
     axes.fill_between(left, 0.0, 0.5, color=REGION["C"], lw=0)
     axes.fill_between(right, 0.0, 0.5, color=REGION["B"], lw=0)
     axes.fill_between(left, 0.5, line_left, color=REGION["D"], lw=0, alpha=0.65)
@@ -62,29 +69,29 @@ def draw_plane(
     axes.fill_between(right, line_right, sigma_max, color=REGION["A"], lw=0)
     axes.plot([corner, corner], [0.0, sigma_max], color=INK, lw=0.9)
     axes.plot([0.0, beta_max], [0.5, 0.5], color=INK, lw=0.9)
-    axes.plot(left, critical_line(mu, tau_d, xi_dot_max, left), color=RED, lw=1.8)
+    axes.plot(left, line(mu, tau_d, xi_dot_max, left), color=RED, lw=1.8)
     if tau_d > 0.0:
-        axes.plot(right, critical_line(mu, tau_d, xi_dot_max, right), color=RED, lw=1.8, ls="--")
+        axes.plot(right, line(mu, tau_d, xi_dot_max, right), color=RED, lw=1.8, ls="--")
     axes.set_xlim(0.0, beta_max)
     axes.set_ylim(0.0, sigma_max)
     axes.set_xlabel(r"viscous friction $\beta$")
     axes.set_ylabel(r"Coulomb friction $\sigma$")
-    middles = _middles(mu, tau_d, xi_dot_max, beta_max, sigma_max)
-    for name, (beta, sigma) in middles.items():
-        text = (names or {}).get(name, name)
-        axes.text(beta, sigma, text, ha="center", va="center", fontsize=9, weight="bold" if text == name else None)
+    middles = _middles(mu, tau_d, xi_dot_max, beta_max, sigma_max, name)
+    for letter, (beta, sigma) in middles.items():
+        text = (names or {}).get(letter, letter)
+        axes.text(beta, sigma, text, ha="center", va="center", fontsize=9, weight="bold" if text == letter else None)
     return middles
 
 
 def _middles(
-    mu: float, tau_d: float, xi_dot_max: float, beta_max: float, sigma_max: float
+    mu: float, tau_d: float, xi_dot_max: float, beta_max: float, sigma_max: float, name: Name
 ) -> dict[str, tuple[float, float]]:
-    """The middle of each region, asked of `region` itself and not of the lines drawn."""
+    """The middle of each region, asked of its name and not of the lines drawn."""
     steps = (np.arange(_LABEL_GRID) + 0.5) / _LABEL_GRID
     found: dict[str, list[tuple[float, float]]] = {}
     for beta in (steps * beta_max).tolist():
         for sigma in (steps * sigma_max).tolist():
-            found.setdefault(region(Dimensionless(mu, beta, sigma, tau_d), xi_dot_max), []).append((beta, sigma))
+            found.setdefault(name(Dimensionless(mu, beta, sigma, tau_d), xi_dot_max), []).append((beta, sigma))
     least = _LEAST_SHARE * _LABEL_GRID**2
-    middles = {name: np.mean(points, axis=0) for name, points in sorted(found.items()) if len(points) >= least}
-    return {name: (float(middle[0]), float(middle[1])) for name, middle in middles.items()}
+    middles = {letter: np.mean(points, axis=0) for letter, points in sorted(found.items()) if len(points) >= least}
+    return {letter: (float(middle[0]), float(middle[1])) for letter, middle in middles.items()}

@@ -8,7 +8,7 @@ from dataclasses import replace
 from hapticd.config import apply_settings, load_config
 from hapticd.reproduce.items import Comparison, Item, Progress, Table, compare
 from hapticd.stability.boundary import boundary
-from hapticd.stability.criterion import SAMPLING_FACTOR, mahvash_hayward_margin, sampling_bound_ok, sampling_ratio
+from hapticd.stability.criterion import SAMPLING_FACTOR, sampling_bound_ok, sampling_ratio
 from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config, physical
 
 DECIMATION = 217
@@ -72,7 +72,7 @@ def _comparisons(loop: Loop) -> list[Comparison]:
     n = loop.numbers
     # the μ at which the sampling frequency is exactly twice the natural frequency
     bound = 1.0 / sampling_ratio(Dimensionless(1.0, 0.0, 0.0)) ** 2
-    beta = boundary(lambda beta: mahvash_hayward_margin(Dimensionless(1.0, beta, 1.0, tau_d=1.0)), 8.0, 0.5)
+    beta = boundary(lambda beta: mahvash_hayward_margin(beta, 1.0, 1.0), 8.0, 0.5)
     return [
         compare("μ of the rig at 1 kHz", "independent simulation", 523.0, n.mu, 0.5),
         compare("β of the rig at 1 kHz", "independent simulation", 0.75, n.beta, 0.005),
@@ -86,3 +86,11 @@ def _comparisons(loop: Loop) -> list[Comparison]:
             note="from the second condition of (19), with ξ̈_max = σ/(βτ_D) and no quantisation",
         ),
     ]  # fmt: skip
+
+
+def mahvash_hayward_margin(beta: float, sigma: float, tau_d: float) -> float:
+    """σ − ξ̈_max(τ_D² + τ_D), the second condition of (19) without ticks, with their ξ̈_max = σ/(βτ_D).
+
+    It is σ(1 − (1 + τ_D)/β), so that τ_D = 1 gives their β ≥ 2; the first condition, β ≥ 3/2 then, follows.
+    """
+    return sigma - sigma / (beta * tau_d) * (tau_d * tau_d + tau_d)

@@ -9,21 +9,18 @@ import math
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hapticd.config import Config, apply_settings, config_digest, parse_config
 from hapticd.servo.excitation import SHAPES
-from hapticd.stability.criterion import velocity_limit, xi_ddot_bound
+from hapticd.stability.criterion import velocity_limit
 from hapticd.stability.limit_cycle import predicted_cycle
-from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
+from hapticd.stability.numbers import Loop, loop_from_config
 from hapticd.stability.regions import MEANING, critical_sigma, region
-from hapticd.stability.sharp import sharp_requirement
 from hapticd.stability.storage import equivalent_deflection, velocity_bound
 
 DEFLECTION: Final = 10.3
 """Motion for which the speed-dependent boundaries are drawn until the page asks for another, coarse ticks."""
 BETA: Final = np.geomspace(1e-3, 1e2, 201)
-_ROUNDS, _CLOSE, _NEVER = 100, 1e-4, 1e6
 
 
 def describe(document: dict[str, Any], latency_s: float = 0.0) -> dict[str, Any]:
@@ -56,17 +53,21 @@ def plane(config: Config, deflection: float = DEFLECTION, latency_s: float = 0.0
     """Operating point, regions and boundaries.
 
     Returns:
-        ``point`` (see `_point`), ``beta_line`` (½ + τ_D), ``sigma_line`` (½), ``beta`` (201 values) and on it ``paper`` and
-        ``sharp``, the σ that each criterion asks for in a release from ``deflection``; infinite where no σ is enough.
+        ``point`` (see `_point`), ``beta_line`` (½ + τ_D), ``sigma_line`` (q), ``beta`` (201 values) and on it
+        ``paper``, the σ that the criterion asks for in a release from ``deflection``.
     """
     loop = loop_from_config(config, latency_s)
     n = loop.numbers
-    lines = {"point": _point(loop, deflection), "beta_line": 0.5 + n.tau_d, "sigma_line": 0.5}
+    lines = {
+        "point": _point(loop, deflection),
+        "beta_line": 0.5 + n.tau_d,
+        "sigma_line": n.quantum,
+    }
     if math.isinf(n.mu):
-        return {**lines, "beta": [], "paper": [], "sharp": []}
+        return {**lines, "beta": [], "paper": []}
     top = float(velocity_bound(deflection, 0.0, n.mu, n.tau_d, n.kappa))
     paper = np.array([critical_sigma(n, top, beta) for beta in BETA])
-    return {**lines, "beta": BETA, "paper": paper, "sharp": _sharp_sigma(n, top)}
+    return {**lines, "beta": BETA, "paper": paper}
 
 
 def preview(document: dict[str, Any], settings: dict[str, Any], deflection: float, latency_s: float) -> dict[str, Any]:
@@ -101,16 +102,3 @@ def _point(loop: Loop, deflection: float) -> dict[str, Any]:
         "deflection_limit": {"ticks": far, "si": far * loop.resolution},
         "cycle": cycle and {"ticks": cycle.amplitude, "hz": loop.scales.omega_to_hz(cycle.omega)},
     }
-
-
-def _sharp_sigma(n: Dimensionless, top: float) -> NDArray[np.float64]:
-    """σ on the sharp boundary at every β; with delay ξ̈_max contains σ itself, so it is iterated up to the fixed point."""
-    sigma = sharp_requirement(BETA, top)
-    if not n.tau_d:
-        return sigma
-    for _ in range(_ROUNDS):
-        before = sigma
-        sigma = sharp_requirement(BETA, top, n.tau_d, xi_ddot_bound(n.mu, BETA, before, top, n.kappa))
-        if np.all((sigma - before <= _CLOSE * sigma) | (sigma > _NEVER)):
-            break
-    return np.where(sigma > _NEVER, math.inf, sigma)

@@ -8,19 +8,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Final, Literal, get_args
+from typing import Any, Final, Literal
 
 import numpy as np
 
 from hapticd.config import Config
-from hapticd.stability.cautions import cautions, proof_applies
-from hapticd.stability.criterion import Criterion, criterion_margin, sampling_bound_ok, velocity_limit
+from hapticd.stability.cautions import cautions
+from hapticd.stability.criterion import criterion_margin, sampling_bound_ok, velocity_limit
 from hapticd.stability.damped import Damped, damped
 from hapticd.stability.limit_cycle import LimitCycle, predicted_cycle, settled_cycle
 from hapticd.stability.locked_cycle import LockedCycle, locked_cycles
 from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
 from hapticd.stability.regions import MEANING, region
 from hapticd.stability.storage import equivalent_deflection
+from hapticd.stability.theorems import Proof, proof_of
 from hapticd.stability.tuning import Start, stiffness_max_dissipating, stiffness_max_passive
 
 Verdict = Literal["stable", "depends", "buzzes", "unstable"]
@@ -58,11 +59,11 @@ class Assessment:
         start: the motion; None for every motion. deflection, velocity: as asked for, in ticks and ticks per period.
         xi_dot_max: velocity bound (13) of the motion; None without one.
         region: region of Fig. 3 or 5.
-        proven: whether the sharp criterion proves that this motion loses energy all the time, whatever the region; for the
-            ideal loop (amplifier a pure delay, no converter), and never where the config is outside the theory.
+        proof: the written proof that covers the loop; None without one. proven: whether it covers this motion, or every
+            motion where none is asked about.
         verdict: the conclusion in one word.
         velocity_limit: largest ξ̇_max that dissipates (15), in ticks per period.
-        stiffness_passive, stiffness_dissipating: largest K; None where there is none to name.
+        stiffness_passive, stiffness_dissipating: largest K at any speed, and for this motion; None without one.
         cycle: the self-sustained oscillation that the motion ends in (describing function); None if it ends in none.
         locked: the cycles below one tick that the sampled loop can really lock into, if it ends in a cycle.
         damped: what holds with the virtual damping; None without any. Region, limits and margins are then those of the
@@ -79,10 +80,11 @@ class Assessment:
     velocity: float | None
     xi_dot_max: float | None
     region: str
+    proof: Proof | None
     proven: bool
     verdict: Verdict
     velocity_limit: float
-    stiffness_passive: float | None
+    stiffness_passive: float
     stiffness_dissipating: float | None
     cycle: LimitCycle | None
     locked: tuple[LockedCycle, ...]
@@ -107,9 +109,7 @@ class Assessment:
             "xi_dot_max": self.xi_dot_max,
             "velocity_limit": self.velocity_limit,
             "count_speed": self.config.count_speed,
-            "criterion_margin": {
-                criterion: criterion_margin(n, self.xi_dot_max, criterion) for criterion in get_args(Criterion)
-            },
+            "criterion_margin": {"paper": criterion_margin(n, self.xi_dot_max)},
             "stiffness_max": {"passive": self.stiffness_passive, "dissipating": self.stiffness_dissipating},
             "limit_cycle": {
                 "predicted": self.cycle is not None,
@@ -158,14 +158,11 @@ def assess(
     if xi_dot_max is not None and not xi_dot_max < _FASTEST:
         raise ValueError(f"a motion of {xi_dot_max:g} ticks per period is beyond anything that can be worked out")
     where = region(numbers, xi_dot_max)
-    # with delay it can hold where the paper's (19) does not: that charges the acceleration in full even at top speed
     with_damping = None
     if config.spring.damping > 0.0:
         with_damping = damped(config, loop, xi_dot_max, deflection, velocity)
-    margin = -math.inf if xi_dot_max is None else criterion_margin(numbers, xi_dot_max, "sharp")
-    if with_damping is not None:
-        margin = -math.inf if with_damping.margin is None else with_damping.margin
-    proven = proof_applies(config) and margin >= 0.0
+    proof = proof_of(config, loop)
+    proven = proof is not None and proof.margin(xi_dot_max) >= 0.0
     cycle = None if with_damping else _cycle(numbers, deflection, velocity)
     verdict: Verdict = VERDICTS[where] if with_damping is None else with_damping.verdict
     return Assessment(
@@ -178,10 +175,11 @@ def assess(
         velocity=velocity,
         xi_dot_max=xi_dot_max,
         region=where,
+        proof=proof,
         proven=proven,
         verdict="stable" if proven else verdict,
         velocity_limit=velocity_limit(numbers),
-        stiffness_passive=stiffness_max_passive(loop, start=start),
+        stiffness_passive=stiffness_max_passive(loop),
         stiffness_dissipating=None if start is None else stiffness_max_dissipating(loop, start),
         cycle=cycle,
         locked=() if cycle is None or numbers.mu > _LOCKED_UP_TO else tuple(locked_cycles(numbers)),

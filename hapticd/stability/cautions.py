@@ -8,9 +8,9 @@ from collections.abc import Iterator
 from drivers import max_rate
 from hapticd.config import Config
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.stability.criterion import QUANTUM, criterion_margin, sampling_bound_ok, sampling_ratio
+from hapticd.plant.amplifier import converter_grid
+from hapticd.stability.criterion import sampling_bound_ok, sampling_ratio
 from hapticd.stability.numbers import Loop
-from hapticd.stability.regions import region
 
 FEW_COUNTS = 4.0
 """A speed limit of fewer counts a period is one that the encoder hardly tells."""
@@ -25,7 +25,7 @@ def cautions(config: Config, loop: Loop, xi_dot_max: float | None, deflection: f
     """
     found = [*_outside_the_theory(config), *_interface(config, loop)]
     if loop.stiffness > 0.0:
-        found += [*_theory(loop, xi_dot_max), *_motion(config, loop, xi_dot_max, deflection)]
+        found += [*_theory(loop), *_motion(config, loop, xi_dot_max, deflection)]
     return tuple(found)
 
 
@@ -34,30 +34,15 @@ def uncounted(config: Config) -> tuple[str, ...]:
     return tuple(listed.name for listed in config.plant.effects if CATALOGUE[listed.name].in_loop is None)
 
 
-def proof_applies(config: Config) -> bool:
-    """Whether the loop is the one that the proof is about: eq. 2 with its bias, both ways, no dither, no further effects.
-
-    The amplifier counts as a pure delay and the converter as ideal, as in the paper.
-    """
-    return next(_outside_the_theory(config), None) is None
-
-
 def _outside_the_theory(config: Config) -> Iterator[str]:
     spring = config.spring
     if spring.stiffness == 0.0 and spring.damping == 0.0:
         yield "spring.stiffness is 0: no spring is rendered, so there is nothing that could become unstable"
     if spring.side != "both":
         yield (
-            f"spring.side is {spring.side}: a one-sided wall is outside the theory, which is for motion inside the wall; "
-            "bouncing on its surface is not covered"
+            f"spring.side is {spring.side}: where no theorem proves a motion on this wall, the region is that of a spring "
+            "both ways"
         )
-    if not spring.half_tick_bias:
-        yield (
-            "spring.half_tick_bias is false: the spring is then not symmetric about its origin and has a place without "
-            "force, and the theory (2) does not cover it"
-        )
-    if config.dither.target != "none":
-        yield "dither is on: the theory knows none; it blurs the encoder's ticks, and its own force adds energy"
     if left_out := uncounted(config):
         yield f"plant.effects ({', '.join(left_out)}) are outside the theory; 'hapticd simulate' knows them"
 
@@ -75,32 +60,26 @@ def _interface(config: Config, loop: Loop) -> Iterator[str]:
         )
     amplifier = config.amplifier
     if amplifier.dac_bits and amplifier.dac_full_scale and loop.stiffness > 0.0:
-        step = math.ldexp(amplifier.dac_full_scale, 1 - amplifier.dac_bits) * amplifier.torque_constant
+        step, _ = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
+        step *= amplifier.torque_constant
         if step > loop.scales.force:
             unit = "N" if config.is_linear else "N m"
             yield (
                 f"one step of the {amplifier.dac_bits}-bit converter is {step:.3g} {unit}, more than the "
-                f"{loop.scales.force:.3g} {unit} of one encoder tick: the command is coarser than the encoder, and the real "
-                f"quantum is {step / loop.scales.force:.3g} ticks"
+                f"{loop.scales.force:.3g} {unit} of one encoder tick: the command is coarser than the encoder, and Coulomb "
+                f"friction must hold {loop.numbers.quantum:.3g} ticks"
             )
+    if config.dither.target != "none":
+        yield f"dither is on: with it Coulomb friction must hold {loop.numbers.quantum:.3g} ticks of force in place of ½"
 
 
-def _theory(loop: Loop, xi_dot_max: float | None) -> Iterator[str]:
+def _theory(loop: Loop) -> Iterator[str]:
     n = loop.numbers
     if not sampling_bound_ok(n):
         yield (
             f"the sampling bound (11) is violated: the servo samples only {sampling_ratio(n):.3g} times as fast as twice "
             f"the spring's own oscillation (μ = {n.mu:.3g}, should be at least 1); sample faster or make the spring softer"
         )
-    if n.mu <= n.tau_d**2 + n.tau_d:
-        yield "the delay is so long for this inertia that the criterion (19) cannot hold with any friction"
-    if QUANTUM["paper"] <= n.sigma < QUANTUM["sharp"] and region(n, xi_dot_max) in ("A", "E", "F1", "F1|F2"):
-        yield (
-            f"σ = {n.sigma:.3g} is between ½ and 1: the motion comes to rest as the paper says, but energy may rise within "
-            "single periods that begin beside an encoder edge; only σ ≥ 1 is proven against that"
-        )
-    elif xi_dot_max is not None and criterion_margin(n, xi_dot_max) >= 0.0 > criterion_margin(n, xi_dot_max, "sharp"):
-        yield "the paper's criterion holds, but not the sharp one that is proven: single periods may gain energy"
 
 
 def _motion(config: Config, loop: Loop, xi_dot_max: float | None, deflection: float | None) -> Iterator[str]:

@@ -13,9 +13,7 @@ from hapticd.figures.files import save_figure
 from hapticd.figures.style import BLUE, BUZZ, LOCAL, STABLE, UNSTABLE
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, assess
-from hapticd.stability.criterion import xi_ddot_bound
 from hapticd.stability.regions import critical_sigma
-from hapticd.stability.sharp import sharp_requirement
 from hapticd.stability.storage import FloatArray
 
 if TYPE_CHECKING:
@@ -104,7 +102,7 @@ def _scales(axis: Axes, found: Assessment, targets: list[tuple[float, float]]) -
     ranges = []
     for value, others, least, corner, setter in (
         (n.beta, [p[0] for p in targets], 1.5, 0.5 + n.tau_d, axis.set_xscale),
-        (n.sigma, [p[1] for p in targets], 2.0, 0.5, axis.set_yscale),
+        (n.sigma, [p[1] for p in targets], 2.0, n.quantum, axis.set_yscale),
     ):
         top = max(least, 2.0 * corner, 1.25 * value, *(1.15 * other for other in others))
         if top <= _LINEAR_UP_TO * max(1.0, corner):
@@ -120,7 +118,7 @@ def _regions(axis: Any, found: Assessment, beta: FloatArray, sigma: FloatArray) 
     """Shade and name the regions of this motion, or those that hold for every motion."""
     n = found.numbers
     corner, top = 0.5 + n.tau_d, sigma[-1]
-    low, half = sigma[0], 0.5
+    low, half = sigma[0], n.quantum
     left, right = beta <= corner, beta >= corner
     delayed = n.tau_d > 0.0
     axis.fill_between([beta[0], corner], low, half, color=UNSTABLE, lw=0)
@@ -129,7 +127,7 @@ def _regions(axis: Any, found: Assessment, beta: FloatArray, sigma: FloatArray) 
     if found.xi_dot_max is None:
         axis.fill_between([beta[0], corner], half, top, color=LOCAL, lw=0)
         axis.fill_between([corner, beta[-1]], half, top, color=STABLE, lw=0)
-        names += [("D | E", beta[0], corner, half, top), ("F1 | F2" if delayed else "A", corner, beta[-1], half, top)]
+        names += [("D | E", beta[0], corner, half, top), ("F1" if delayed else "A", corner, beta[-1], half, top)]
     else:
         line = np.minimum(_critical(found, beta), top)
         axis.fill_between(beta[left], half, line[left], color=UNSTABLE, lw=0)
@@ -167,16 +165,12 @@ def _critical(found: Assessment, beta: FloatArray, xi_dot: float | None = None) 
 
 
 def _lines(axis: Any, found: Assessment, beta: FloatArray) -> None:
-    """The paper's critical line of the motion and the sharp one; without a motion the line of the speed limit."""
-    n = found.numbers
+    """The critical line of the motion; without a motion the line of the speed limit."""
     if found.xi_dot_max is None:
         if found.verdict == "depends" and np.isfinite(found.velocity_limit):
             line = _critical(found, beta, found.velocity_limit)
             label = f"critical line at the speed limit, {found.velocity_limit:.3g} ticks/period"
             axis.plot(beta, line, color="#8a1c12", lw=1.6, label=label)
         return
-    label = f"critical line (paper) at {found.xi_dot_max:.3g} ticks/period"
+    label = f"critical line at {found.xi_dot_max:.3g} ticks/period"
     axis.plot(beta, _critical(found, beta), color="#8a1c12", lw=1.8, label=label)
-    acceleration = xi_ddot_bound(n.mu, beta, n.sigma, found.xi_dot_max, n.kappa)
-    sharp = sharp_requirement(beta, found.xi_dot_max, n.tau_d, acceleration)
-    axis.plot(beta, sharp, color="#2e7d32", lw=1.3, ls="--", label="above it energy falls in every period (sharp)")

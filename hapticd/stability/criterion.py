@@ -1,36 +1,33 @@
-"""The dissipation criterion: sampling bound (10, 11), paper (12–19), corrected, and sharp.
+"""The paper's criterion (12, 19), as the theorems that it is with the storage of a linear spring.
 
-Every form says: at every speed v up to ξ̇_max, friction takes out of one period at least what the interface puts in,
+Take S = ½μξ̇² + ½(1 + κ)ξ² in place of (35). The force of the sample h is −ξ(h) + e with |e| ≤ q: q = ½ for the ticks of
+eq. 2, more with dither or a coarse converter (`Dimensionless.quantum`). Friction of q holds e at any speed; what sampling
+and delay add is ∫(ξ − ξ(h))ξ̇, and that is at most λ ∫ξ̇² with
 
-    σ + βv ≥ w(v) + τ_D · (largest speed one delay earlier).
+    λ(τ_D) = ½[(½ + τ_D) + √((½ + τ_D)² + f(1 − f))],     f = τ_D − ⌊τ_D⌋,
 
-They differ in w(v), a bound on the mean force error in a period in which the device moves v ticks:
+which is ½ + τ_D for a whole number of periods and up to 8 % more between (docs/explanation/stability.md has the proofs).
 
-* ``paper``: w = ½v + ½ (eq. 47). It fails for motions that start just beside an encoder edge.
-* ``corrected``: w = ½v + 1, from |ρ(h) − ρ(τ)| < 1. Proven, and more than is needed.
-* ``sharp``: w = n + 1 − n(n + 1)/(2v) with n = ⌊v⌋, the exact supremum (`hapticd.stability.sharp`).
+* Theorem 1, τ_D = 0: with σ ≥ q and (β − ½)ξ̇_max + σ − q ≥ 0, S falls from each sample to every later moment of its period.
+* Theorem 2: with σ ≥ q and (β − λ)ξ̇_max + σ − q ≥ 0, S never exceeds what it was at the start, but for what the mass may
+  gain once, before the first force arrives (`hapticd.stability.storage.velocity_bound` has it).
 
-Margins are in units of σ, that is, in ticks' worth of force: positive is dissipating. All functions broadcast.
-Velocities in ticks per period, accelerations in ticks per period².
+With β ≥ λ and σ ≥ q neither knows a speed: the rendered spring is passive. Margins are in ticks' worth of force; positive is
+dissipating. All functions broadcast. Velocities in ticks per period. `hapticd.stability.theorems` says which
+configurations a proof covers.
 """
 
 from __future__ import annotations
 
 import math
-from typing import Final, Literal
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapticd.stability.boundary import boundary
 from hapticd.stability.numbers import Dimensionless
-from hapticd.stability.sharp import sharp_requirement
 
 FloatArray = NDArray[np.float64]
-Criterion = Literal["paper", "corrected", "sharp"]
-
-#: What Coulomb friction must exceed at low speed, in ticks of force: ½ in the paper, 1 where it is proven.
-QUANTUM: Final[dict[Criterion, float]] = {"paper": 0.5, "corrected": 1.0, "sharp": 1.0}
 
 #: How many times 1/π² the inertia μ must be to count as "≫" in eq. 11.
 SAMPLING_FACTOR: Final = 10.0
@@ -46,135 +43,74 @@ def sampling_bound_ok(numbers: Dimensionless) -> bool:
     return sampling_ratio(numbers) ** 2 >= SAMPLING_FACTOR
 
 
-def xi_ddot_bound(
-    mu: ArrayLike, beta: ArrayLike, sigma: ArrayLike, xi_dot_max: ArrayLike, kappa: ArrayLike = 0.0
-) -> FloatArray:
-    """A-priori ξ̈_max = (φ_max + σ + βξ̇_max)/μ of eq. 20, which the paper leaves open.
+def lambda_(tau_d: ArrayLike, beta_v: ArrayLike = 0.0) -> FloatArray:
+    """λ of theorem 2: the viscous friction β with which sampling and delay cannot put energy in, at any speed.
 
-    φ_max follows from the energy ½μξ̇_max²: the potential (34) is at least ½(1 + κ)ξ², so |ξ| ≤ ξ̇_max √(μ/(1 + κ)), and
-    the quantised force is at most |ξ| + ½.
+    Args:
+        tau_d: loop delay τ_D.
+        beta_v: virtual damping B/(KT); its braking is not counted, what it may put in is.
     """
-    m, b, s, v, k = (np.asarray(a, dtype=np.float64) for a in (mu, beta, sigma, xi_dot_max, kappa))
-    phi_max = v * np.sqrt(m * (1.0 + k)) + 0.5
-    return np.asarray((phi_max + s + b * v) / m)
-
-
-def velocity_margin(
-    beta: ArrayLike,
-    sigma: ArrayLike,
-    xi_dot_max: ArrayLike,
-    tau_d: ArrayLike = 0.0,
-    xi_ddot_max: ArrayLike = 0.0,
-    quantum: ArrayLike = 0.5,
-) -> FloatArray:
-    """Left side of (19), σ − q − ξ̈_max(τ_D² + τ_D) + ξ̇_max(β − ½ − τ_D).
-
-    With τ_D = 0 it is (12) times ξ̇_max; with ``quantum=0`` the unquantised form (16); with ``quantum=1`` corrected.
-    """
-    b, v, t = (np.asarray(a, dtype=np.float64) for a in (beta, xi_dot_max, tau_d))
-    return np.asarray(rest_margin(sigma, t, xi_ddot_max, quantum) + v * (b - (0.5 + t)))
-
-
-def rest_margin(
-    sigma: ArrayLike, tau_d: ArrayLike = 0.0, xi_ddot_max: ArrayLike = 0.0, quantum: ArrayLike = 0.5
-) -> FloatArray:
-    """Second condition of (12), with delay: σ − q − ξ̈_max(τ_D² + τ_D), the same balance at vanishing speed.
-
-    The paper states it for τ_D = 0 only; (19) needs it too, because (59) must hold at every speed from zero on.
-    """
-    s, t, a, q = (np.asarray(x, dtype=np.float64) for x in (sigma, tau_d, xi_ddot_max, quantum))
-    return np.asarray(s - q - a * (t * t + t))
+    late = np.asarray(tau_d, dtype=np.float64)
+    f = late - np.floor(late)
+    x = 0.5 + late + np.asarray(beta_v, dtype=np.float64)
+    # in this form a whole delay gives x to the last bit
+    return np.asarray(x + 0.5 * (np.sqrt(x * x + f * (1.0 - f)) - x))
 
 
 def dissipation_margin(
-    mu: ArrayLike,
-    beta: ArrayLike,
-    sigma: ArrayLike,
-    tau_d: ArrayLike,
-    xi_dot_max: ArrayLike,
-    criterion: Criterion = "paper",
-    xi_ddot_max: ArrayLike | None = None,
-    kappa: ArrayLike = 0.0,
+    beta: ArrayLike, sigma: ArrayLike, tau_d: ArrayLike, xi_dot_max: ArrayLike, quantum: ArrayLike = 0.5
 ) -> FloatArray:
-    """The smallest margin over all speeds up to ξ̇_max; ≥ 0 means that the criterion holds.
+    """(12), and (19) with λ: the smallest of (β − λ)v + σ − q over the speeds v up to ξ̇_max; ≥ 0 means that it holds.
 
     Args:
-        mu: inertia μ.
         beta: viscous friction β.
         sigma: Coulomb friction σ.
         tau_d: loop delay τ_D.
         xi_dot_max: velocity bound (13), see `hapticd.stability.storage.velocity_bound`.
-        criterion: which criterion.
-        xi_ddot_max: acceleration bound (20); the a-priori bound when left out.
-        kappa: stiffness κ of a hand in parallel.
+        quantum: q, the largest error of the commanded force in ticks.
     """
-    if xi_ddot_max is None:
-        xi_ddot_max = xi_ddot_bound(mu, beta, sigma, xi_dot_max, kappa)
-    if criterion == "sharp":
-        return np.asarray(np.asarray(sigma, dtype=np.float64) - sharp_requirement(beta, xi_dot_max, tau_d, xi_ddot_max))
-    quantum = QUANTUM[criterion]
-    return np.minimum(
-        velocity_margin(beta, sigma, xi_dot_max, tau_d, xi_ddot_max, quantum),
-        rest_margin(sigma, tau_d, xi_ddot_max, quantum),
-    )
+    b, s, v, q = (np.asarray(x, dtype=np.float64) for x in (beta, sigma, xi_dot_max, quantum))
+    return np.asarray(s - q + np.minimum(0.0, (b - lambda_(tau_d)) * v))
 
 
-def criterion_margin(numbers: Dimensionless, xi_dot_max: float | None, criterion: Criterion = "paper") -> float:
+def criterion_margin(numbers: Dimensionless, xi_dot_max: float | None) -> float:
     """Margin of one operating point.
 
-    Without a velocity it is the margin of what must hold at all velocities: min(β − ½ − τ_D, σ − q) (eq. 17, 18).
+    Without a velocity it is the margin of what must hold at all velocities: min(β − λ, σ − q) (eq. 17, 18).
     """
     if math.isinf(numbers.mu):
         return math.inf
     if xi_dot_max is None:
-        return min(viscous_margin(numbers), numbers.sigma - QUANTUM[criterion])
+        return min(passive_margin(numbers), coulomb_margin(numbers))
     n = numbers
-    return float(dissipation_margin(n.mu, n.beta, n.sigma, n.tau_d, xi_dot_max, criterion, kappa=n.kappa))
+    return float(dissipation_margin(n.beta, n.sigma, n.tau_d, xi_dot_max, n.quantum))
 
 
 def viscous_margin(numbers: Dimensionless) -> float:
-    """β − ½ − τ_D: viscous friction alone against sampling and delay (eq. 17; b ≥ KT/2 without delay)."""
+    """β − ½ − τ_D: the border of Fig. 5 between motions that the speed decides and those that it does not."""
     # Grouped so that a β computed as ½ + τ_D is on the boundary, not a rounding below it.
     return numbers.beta - (0.5 + numbers.tau_d)
 
 
+def passive_margin(numbers: Dimensionless) -> float:
+    """β − λ: viscous friction alone against sampling and delay (eq. 17; b ≥ KT/2 without delay)."""
+    return numbers.beta - float(lambda_(numbers.tau_d))
+
+
 def coulomb_margin(numbers: Dimensionless) -> float:
-    """σ − ½: Coulomb friction alone against the force step of one tick (eq. 18; c ≥ KΔ/2)."""
-    return numbers.sigma - 0.5
+    """σ − q: Coulomb friction alone against the largest error of the force (eq. 18; c ≥ KΔ/2)."""
+    return numbers.sigma - numbers.quantum
 
 
-def velocity_limit(numbers: Dimensionless, criterion: Criterion = "paper") -> float:
-    """Largest ξ̇_max for which the criterion holds (eq. 15; with delay through the a-priori ξ̈_max).
+def velocity_limit(numbers: Dimensionless) -> float:
+    """Largest ξ̇_max for which the criterion holds (eq. 15), (σ − q)/(λ − β).
 
     Returns:
         ticks per period; infinite where every velocity is allowed, 0 where none is.
     """
-    n = numbers
-    quantum = QUANTUM[criterion]
-    if n.sigma < quantum:
+    if coulomb_margin(numbers) < 0.0:
         return 0.0
-    if n.tau_d == 0.0 and (n.beta >= 0.5 or math.isinf(n.mu)):
+    missing = -passive_margin(numbers)
+    if math.isinf(numbers.mu) or missing <= 0.0:
         return math.inf
-    if n.tau_d == 0.0 and criterion != "sharp":
-        return (n.sigma - quantum) / (0.5 - n.beta)
-
-    def margin(v: float) -> float:
-        return criterion_margin(numbers, v, criterion)
-
-    if margin(0.0) < 0.0:
-        return 0.0
-    low, high = 0.0, 1.0
-    while margin(high) >= 0.0:
-        low, high = high, 2.0 * high
-        if math.isinf(high):
-            return math.inf
-    return boundary(margin, low, high)
-
-
-def mahvash_hayward_margin(numbers: Dimensionless) -> float:
-    """Second condition of (19) under the assumptions of Mahvash and Hayward: ξ̈_max = σ/(βτ_D), no quantisation.
-
-    It is σ(1 − (1 + τ_D)/β), so that τ_D = 1 gives their β ≥ 2; at τ_D = 1 the first condition, β ≥ 3/2 then, follows.
-    """
-    acceleration = numbers.sigma / (numbers.beta * numbers.tau_d)
-    return float(rest_margin(numbers.sigma, numbers.tau_d, acceleration, quantum=0.0))
+    return coulomb_margin(numbers) / missing

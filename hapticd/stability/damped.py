@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final, Literal
 
 from hapticd.config import Config
-from hapticd.stability.damping import Damper, damped_margin, damper_from_config, passive_beta
+from hapticd.stability.damping import Damper, damper_from_config, passive_beta
 from hapticd.stability.numbers import Loop, Scales
 from hapticd.stability.sampled_loop import ExactRun, exact_run, is_linearly_stable
 
@@ -22,9 +22,8 @@ class Damped:
 
     Attributes:
         damper: it, in the units of Table I.
-        passive_least: b in N m s/rad or N s/m above which the loop is passive by Colgate and Schenkel; ticks and Coulomb
-            friction are not in it. viscous: what the device and the hand have.
-        margin: of the sharp criterion for the motion, ticks' worth of force; None without a motion.
+        passive_least: b in N m s/rad or N s/m above which the loop is passive by Colgate and Schenkel, with delay by
+            theorem 2; ticks and Coulomb friction are not in it. viscous: what the device and the hand have.
         runs: the exact loop: the motion asked about, or one from each of `SPEEDS`.
         linearly_stable: whether it dies out without ticks and Coulomb friction; then nothing grows for ever.
     """
@@ -32,13 +31,12 @@ class Damped:
     damper: Damper
     passive_least: float
     viscous: float
-    margin: float | None
     runs: tuple[ExactRun, ...]
     linearly_stable: bool
 
     @property
     def passive(self) -> bool:
-        """Whether Colgate and Schenkel's bound holds."""
+        """Whether that bound holds."""
         return self.viscous >= self.passive_least
 
     @property
@@ -65,7 +63,6 @@ class Damped:
             "gamma": self.damper.gamma,
             "grain": self.damper.grain,
             "passive": {"viscous_least": self.passive_least, "viscous": self.viscous, "holds": self.passive},
-            "criterion_margin": self.margin,
             "linearly_stable": self.linearly_stable,
             "exact": [
                 {
@@ -102,7 +99,6 @@ def damped(
         damper=damper,
         passive_least=passive_beta(numbers, damper) * scales.stiffness * scales.period,
         viscous=loop.viscous,
-        margin=None if xi_dot_max is None else damped_margin(numbers, damper, xi_dot_max),
         runs=runs,
         linearly_stable=is_linearly_stable(numbers, damper),
     )

@@ -1,4 +1,4 @@
-"""What theory says of virtual damping B: Colgate and Schenkel's bound, and the paper's criterion with a damper in it.
+"""What theory says of virtual damping B: Colgate and Schenkel's bound, and what it becomes with delay.
 
 **Passivity** (J. E. Colgate, G. G. Schenkel, "Passivity of a class of sampled-data systems: application to haptic
 interfaces", J. Robotic Systems 14, 1997). A device of viscous friction b that is driven through a zero-order hold by
@@ -7,17 +7,10 @@ estimate of the velocity in use is a mean of backward differences, D = Σ w_k z^
 
     b > KT/2 + γB,      γ = max over θ of −Σ w_k cos kθ,
 
-γ = 1 for the difference over one period (their b > KT/2 + |B|), less for any other. Late forces ask for K T_D more, and
-what γ gains is then not counted. The bound knows no encoder and no Coulomb friction.
-
-**Dissipation.** In the paper's argument (Sec. VI) the damper is one more error of the held force. It is at most
-β_v (ξ̇_max + g), β_v = B/(KT): the mean of differences never exceeds the top speed by more than the grain g that ticks give
-it, 1/n of the difference over n periods and 1 − a of the low-pass. So every form of the criterion holds with
-
-    σ + βv ≥ w(v) + τ_D · (largest speed one delay earlier) + β_v (ξ̇_max + g),
-
-which for high speeds is β ≥ ½ + τ_D + β_v, Colgate and Schenkel's, and at rest σ ≥ ½ + β_v g: a damper's ticks must be held
-too. In both, a damper only costs. No theorem covers its braking; `hapticd.stability.sampled_loop` simulates it.
+γ = 1 for the difference over one period (their b > KT/2 + |B|), less for any other. With late forces γ = 1 suffices, and
+b > KT λ(τ_D, β_v) of theorem 2 (`hapticd.stability.criterion`), β_v = B/(KT); without a damper that is necessary too. The
+bound knows no encoder and no Coulomb friction; `hapticd.stability.theorems` does, and there too a damper only costs. No
+theorem covers its braking; `hapticd.stability.sampled_loop` simulates it.
 """
 
 from __future__ import annotations
@@ -28,7 +21,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticd.stability.criterion import Criterion, dissipation_margin, xi_ddot_bound
+from hapticd.stability.criterion import FloatArray, lambda_
 from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
 
 if TYPE_CHECKING:
@@ -64,10 +57,6 @@ class Damper:
             return (1.0 - self.keep) / (1.0 + self.keep)
         return _gamma_of_difference(self.periods)
 
-    def passive_gamma(self, delay: float) -> float:
-        """γ as it counts for passivity: 1 where there is delay."""
-        return 1.0 if delay > 0.0 else self.gamma
-
 
 def velocity_filter(spring: Spring, period_s: float) -> tuple[int, float]:
     """Periods n over which positions are differenced, and the fraction a = e^(−2π f T) of the estimate that stays."""
@@ -78,8 +67,7 @@ def velocity_filter(spring: Spring, period_s: float) -> tuple[int, float]:
 
 def damper_from_config(config: Config, loop: Loop) -> Damper:
     """The damper of a configuration with a spring."""
-    beta_v = config.spring.damping / (loop.stiffness * loop.period)
-    return Damper(beta_v, *velocity_filter(config.spring, loop.period))
+    return Damper(loop.damping / (loop.stiffness * loop.period), *velocity_filter(config.spring, loop.period))
 
 
 def _gamma_of_difference(periods: int) -> float:
@@ -92,20 +80,39 @@ def _gamma_of_difference(periods: int) -> float:
 
 
 def passive_beta(numbers: Dimensionless, damper: Damper) -> float:
-    """Least β for passivity: ½ + τ_D + γβ_v, with γ = 1 where there is delay."""
-    return 0.5 + numbers.tau_d + damper.passive_gamma(numbers.tau_d) * damper.beta_v
+    """Least β for passivity: ½ + γβ_v, and λ(τ_D, β_v) where there is delay."""
+    if numbers.tau_d == 0.0:
+        return 0.5 + damper.gamma * damper.beta_v
+    return float(lambda_(numbers.tau_d, damper.beta_v))
 
 
 def passive_viscous(config: Config, latency_s: float = 0.0) -> float:
-    """Least viscous friction b in N m s/rad or N s/m for passivity, K(T/2 + T_D) + γB, with or without a spring."""
+    """Least viscous friction b in N m s/rad or N s/m for passivity, KT λ(τ_D, β_v), with or without a spring."""
     loop = loop_from_config(config, latency_s)
-    gamma = Damper(0.0, *velocity_filter(config.spring, loop.period)).passive_gamma(loop.delay)
-    return loop.stiffness * (0.5 * loop.period + loop.delay) + gamma * config.spring.damping
+    K, T, B = loop.stiffness, loop.period, loop.damping
+    if loop.delay == 0.0:
+        return 0.5 * K * T + Damper(0.0, *velocity_filter(config.spring, T)).gamma * B
+    x = K * (0.5 * T + loop.delay) + B
+    return 0.5 * (x + math.sqrt(x * x + (K * T) ** 2 * _between(loop)))
 
 
-def damped_margin(numbers: Dimensionless, damper: Damper, xi_dot_max: float, criterion: Criterion = "sharp") -> float:
-    """Margin of a dissipation criterion with a damper in the loop, in ticks' worth of force; ≥ 0 means that it holds."""
-    n, error = numbers, damper.beta_v * (xi_dot_max + damper.grain)
-    xi_ddot_max = xi_ddot_bound(n.mu, n.beta, n.sigma + error, xi_dot_max, n.kappa)
-    margin = dissipation_margin(n.mu, n.beta, n.sigma, n.tau_d, xi_dot_max, criterion, xi_ddot_max, n.kappa)
-    return float(margin) - error
+def passive_stiffness(config: Config, loop: Loop, damping: FloatArray) -> FloatArray:
+    """Largest K for passivity with each virtual damping B; 0 where none will do. It is `passive_viscous` solved for K.
+
+    Args:
+        config: whose velocity estimate is used. loop: in SI units; its own stiffness does not matter.
+        damping: (n,) B in N m s/rad or N s/m.
+    """
+    b, T, h = loop.viscous, loop.period, 0.5 * loop.period + loop.delay
+    if b == 0.0:
+        return np.zeros_like(damping)
+    gamma = Damper(0.0, *velocity_filter(config.spring, T)).gamma if loop.delay == 0.0 else 1.0
+    left = np.maximum(0.0, b - gamma * damping)
+    return np.asarray(2.0 * left / (h + np.sqrt(h * h + T * T * _between(loop) * left / b)))
+
+
+def _between(loop: Loop) -> float:
+    """f(1 − f) of the delay: 0 where it is a whole number of periods."""
+    f = loop.delay / loop.period
+    f -= math.floor(f)
+    return f * (1.0 - f)

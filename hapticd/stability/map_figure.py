@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.stability.criterion import lambda_
 from hapticd.stability.map_report import regions_of
 from hapticd.stability.maps import OUTCOMES, Maps, Study
 from hapticd.stability.numbers import Dimensionless
@@ -36,13 +37,14 @@ def boundaries(mu: float, tau_d: float, xi_dot_0: float, beta: FloatArray) -> di
     """The lines between regions: each (n, 2) of (β, σ), in the paper's criterion.
 
     Returns:
-        ``viscous`` β = ½ + τ_D (17), ``coulomb`` σ = ½ (18), ``critical`` the line of (12) or of both conditions of (19).
+        ``viscous`` β = ½ + τ_D (17), ``coulomb`` σ = ½ (18), ``critical`` the line of (12), with delay that of theorem 2.
     """
     numbers = Dimensionless(mu, 0.0, 0.0, tau_d)
     bound = float(velocity_bound(0.0, xi_dot_0, mu, tau_d))
     line = 0.5 + tau_d
-    # up to the corner on the left, and on to the right only where it is the border between F1 and F2
-    critical_beta = np.unique(np.append(beta[beta < line] if tau_d == 0.0 else beta, line))
+    # on the right of the corner, up to λ, it is the border between F1 and F2
+    end = float(lambda_(tau_d))
+    critical_beta = np.unique(np.append(beta[beta < end], [line, end]))
     return {
         "viscous": np.array([[line, 0.0], [line, 1e6]]),
         "coulomb": np.array([[0.0, 0.5], [1e6, 0.5]]),

@@ -1,6 +1,6 @@
 """Region maps against theory: what each region predicts, what the simulation found, and every point that disagrees.
 
-A, E and F1 promise that motions die out; F2 too, though energy may rise on the way. B promises that motions stay small:
+A, E and F1 promise that motions die out, which is proven; F2 too, without a proof. B promises that motions stay small:
 a point that grows disagrees, and oscillations of one tick and more are listed. C cannot come to rest (σ < ½). D promises
 nothing, because the criterion is a worst case.
 """
@@ -36,7 +36,7 @@ def regions_of(maps: Maps, delay: int, velocity: int) -> NDArray[np.str_]:
     bound = velocity_bound(0.0, study.velocities[velocity], study.mu, tau_d)
     beta, sigma = study.betas(tau_d)[:, None], study.sigmas[None, :]
     viscous_enough = beta - 0.5 - tau_d >= 0.0
-    dissipating = dissipation_margin(study.mu, beta, sigma, tau_d, bound) >= 0.0
+    dissipating = dissipation_margin(beta, sigma, tau_d, bound) >= 0.0
     below_half = np.where(viscous_enough, "B", "C")
     stable = np.where(dissipating, "F1", "F2") if tau_d > 0.0 else "A"
     above_half = np.where(viscous_enough, stable, np.where(dissipating, "E", "D"))

@@ -1,8 +1,8 @@
 """Table I both ways: the device, the spring and the interface in SI units and as dimensionless numbers.
 
 Position is measured in encoder ticks Δ, time in sampling intervals T, force in the force of one tick KΔ. What remains
-of device and interface are μ = m/(KT²), β = b/(KT), σ = c/(KΔ), τ_D = T_D/T, and κ = k_H/K when a hand grips the device
-with a stiffness k_H of its own (Table I has no κ; it is 0 without a hand).
+of device and interface are μ = m/(KT²), β = b/(KT), σ = c/(KΔ), τ_D = T_D/T. Table I has no κ = k_H/K, of a hand with a
+stiffness k_H of its own, and no q, the largest error of a commanded force: ½ but for dither and a coarse converter.
 
 SI units: rotary devices rad, N m, kg m²; linear devices m, N, kg. The formulas are the same.
 """
@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.plant.amplifier import converter_grid
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -34,6 +35,7 @@ class Dimensionless:
         sigma: Coulomb friction σ = c/(KΔ).
         tau_d: loop delay τ_D = T_D/T, the zero-order hold not included.
         kappa: stiffness of a hand in parallel, κ = k_H/K.
+        quantum: q, the largest error of a commanded force, in ticks of force: ½ of eq. 2, more with dither or a converter.
     """
 
     mu: float
@@ -41,11 +43,12 @@ class Dimensionless:
     sigma: float
     tau_d: float = 0.0
     kappa: float = 0.0
+    quantum: float = 0.5
 
     def __post_init__(self) -> None:
         if not self.mu > 0.0:
             raise ValueError(f"mu must be positive, got {self.mu!r}")
-        for name in ("beta", "sigma", "tau_d", "kappa"):
+        for name in ("beta", "sigma", "tau_d", "kappa", "quantum"):
             if not getattr(self, name) >= 0.0:
                 raise ValueError(f"{name} must not be negative, got {getattr(self, name)!r}")
 
@@ -134,6 +137,9 @@ class Loop:
         period: T in s.
         delay: T_D = T_A + T_V + the driver's declared latency, in s (eq. 6).
         hand_stiffness: k_H in N m/rad or N/m.
+        damping: B of virtual damping in N m s/rad or N s/m, as it reaches the shaft.
+        position_error: what position dither adds to the ½ tick of error that the encoder makes, in coarse ticks.
+        force_error: largest error of a commanded force beside that (half a step of the converter, dither), N m or N.
     """
 
     inertia: float
@@ -144,6 +150,9 @@ class Loop:
     period: float
     delay: float = 0.0
     hand_stiffness: float = 0.0
+    damping: float = 0.0
+    position_error: float = 0.0
+    force_error: float = 0.0
 
     @property
     def scales(self) -> Scales:
@@ -161,6 +170,7 @@ class Loop:
             sigma=self.coulomb / (self.stiffness * self.resolution),
             tau_d=self.delay / self.period,
             kappa=self.hand_stiffness / self.stiffness,
+            quantum=0.5 + self.position_error + self.force_error / self.scales.force,
         )
 
     def with_hand(self, inertia: float = 0.0, damping: float = 0.0, stiffness: float = 0.0) -> Loop:
@@ -185,6 +195,7 @@ def physical(numbers: Dimensionless, scales: Scales) -> Loop:
         period=T,
         delay=numbers.tau_d * T,
         hand_stiffness=numbers.kappa * K,
+        position_error=numbers.quantum - 0.5,
     )
 
 
@@ -203,6 +214,9 @@ def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
         resolution=config.resolution,
         period=config.period,
         delay=config.amplifier.delay + config.delay.computation_s + latency_s,
+        damping=config.spring.damping,
+        position_error=_position_error(config),
+        force_error=_force_error(config),
     )
     # Base parameters, delays, the weaker friction.
     for listed in config.plant.effects:
@@ -210,6 +224,22 @@ def loop_from_config(config: Config, latency_s: float = 0.0) -> Loop:
         if effect.in_loop is not None:
             loop = replace(loop, **effect.in_loop(loop, effect.complete(listed.model_extra or {})))
     return loop.with_hand(config.hand.inertia, config.hand.damping, config.hand.stiffness)
+
+
+def _position_error(config: Config) -> float:
+    """How far position dither of ±a can move the tick that is read: to the next raw count, ⌈Na⌉/N."""
+    if config.dither.target != "position":
+        return 0.0
+    N = config.encoder.decimation
+    return math.ceil(N * config.dither.amplitude) / N
+
+
+def _force_error(config: Config) -> float:
+    """Half a step of the converter, and current dither, as a force in N m or N."""
+    amplifier = config.amplifier
+    step, _ = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
+    dither = config.dither.amplitude if config.dither.target == "current" else 0.0
+    return (0.5 * step + dither) * amplifier.torque_constant
 
 
 def from_config(config: Config, latency_s: float = 0.0) -> Dimensionless:

@@ -13,7 +13,7 @@ to generate. G is the energy that sampling, ticks and delay generate, less what 
 **Controller.** What is generated has to be dissipated again: E(k) = max(0, E(k−1) + ΔG(k)), so that nothing dissipated
 earlier is a licence either. On the way Δx(k) of the last period, damping that is held for the next one takes E out with
 
-    F = −min(E/Δx², α T) Δx,      αT = 2 b_p,      b_p = K(T/2 + T_D) + γB.
+    F = −min(E/Δx², α T) Δx,      αT = 2 b_p,      b_p = KT λ(τ_D, β_v).
 
 Without a bound the damping would be largest where the way is one count and says least; twice what passivity asks of the
 device (`hapticd.stability.damping`) is enough to work off more than any period generates. What the bound or the peak

@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.stability.criterion import lambda_
 from hapticd.stability.maps import GROWING, PERSISTENT, Study
 from hapticd.stability.sampled_loop import LOOP, run_in_threads
 
@@ -121,6 +122,6 @@ def _loops(study: Study) -> NDArray[Any]:
     for d, tau_d in enumerate(study.delays):
         loops["tau_d"][d] = tau_d
         loops["beta"][d] = study.betas(tau_d)[None, :, None]
-        loops["stiffest"][d] = 2.0 * (0.5 + tau_d)  # αT = 2 b_p (`hapticd.stability.passivity`)
+        loops["stiffest"][d] = 2.0 * float(lambda_(tau_d))  # αT = 2 b_p (`hapticd.stability.passivity`)
     loops["xi_dot"] = np.array(study.velocities)[None, :, None, None]
     return loops

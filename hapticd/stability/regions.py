@@ -1,8 +1,8 @@
 """Regions of the (β, σ) plane (Fig. 3 and 5) and their boundaries.
 
-Without delay: A, B, C, D, E. With delay A splits: F1, where the second condition of (19) holds as well and energy falls
-all the time, and F2, where it may rise briefly. Points on a boundary count as the better side, as ≥ in (12) does.
-Region boundaries are the paper's (q = ½).
+Without delay: A, B, C, D, E. With delay A splits: F1, where theorem 2 (`hapticd.stability.criterion`) proves this motion,
+and F2, where β ≥ ½ + τ_D is not enough for a proof, λ being more. Points on a boundary count as the better side, as ≥ in
+(12) does. With q = ½ and no delay the boundaries are the paper's; with delay there is no second condition of (19).
 """
 
 from __future__ import annotations
@@ -10,20 +10,20 @@ from __future__ import annotations
 import math
 from typing import Final
 
-from hapticd.stability.criterion import coulomb_margin, criterion_margin, viscous_margin, xi_ddot_bound
+from hapticd.stability.criterion import coulomb_margin, criterion_margin, lambda_, passive_margin, viscous_margin
 from hapticd.stability.numbers import Dimensionless
 
 #: What each region means, for people.
 MEANING: Final[dict[str, str]] = {
     "A": "globally stable: friction takes out more energy than sampling and quantisation put in, at any speed",
-    "B": "buzzes: small steady oscillations, usually below one tick; Coulomb friction cannot hold one tick's step",
+    "B": "buzzes: small steady oscillations, usually below one tick; Coulomb friction cannot hold a step of the force",
     "C": "unstable: neither viscous nor Coulomb friction is enough, oscillations grow from the smallest motion",
     "D": "locally unstable: motions this fast gain energy; slower ones die out",
     "E": "locally stable: Coulomb friction wins as long as the device moves no faster than assumed",
-    "F1": "stable with delay: energy falls all the time for motions up to the assumed speed",
-    "F2": "stable with delay, but energy may rise briefly before it falls",
+    "F1": "stable with delay: after a pure delay the motion never has more energy than it began with",
+    "F2": "stable with delay, but energy may rise before it falls: for this speed nothing is proven",
     "D|E": "depends on the speed: stable for slow motions, unstable for fast ones; give a velocity or a deflection",
-    "F1|F2": "stable with delay; whether energy falls all the time depends on the speed",
+    "F1|F2": "stable with delay; whether that is proven depends on the speed",
 }
 
 
@@ -31,7 +31,7 @@ def region(numbers: Dimensionless, xi_dot_max: float | None = None) -> str:
     """Name of the region of an operating point.
 
     Args:
-        numbers: the operating point; μ matters only with delay, through the a-priori ξ̈_max.
+        numbers: the operating point; its q is ½ in the paper.
         xi_dot_max: velocity bound (13) in ticks per period; see `hapticd.stability.storage.velocity_bound`.
 
     Returns:
@@ -49,8 +49,8 @@ def region(numbers: Dimensionless, xi_dot_max: float | None = None) -> str:
     viscous_enough = viscous_margin(numbers) >= 0.0
     if coulomb_margin(numbers) < 0.0:
         return "B" if viscous_enough else "C"
-    if viscous_enough and not delayed:
-        return "A"
+    if passive_margin(numbers) >= 0.0:
+        return "F1" if delayed else "A"
     if xi_dot_max is None:
         return "F1|F2" if viscous_enough else "D|E"
     dissipating = criterion_margin(numbers, xi_dot_max) >= 0.0
@@ -60,18 +60,5 @@ def region(numbers: Dimensionless, xi_dot_max: float | None = None) -> str:
 
 
 def critical_sigma(numbers: Dimensionless, xi_dot_max: float, beta: float) -> float:
-    """σ on the critical line at β: where (12), or (19) with its second condition, holds with equality (q = ½).
-
-    With delay ξ̈_max contains σ itself; the equation is linear in σ and is solved for it.
-
-    Returns:
-        σ on the boundary between E and D (or F1 and F2); infinite when no σ is enough, which happens when the delay is
-        so long that τ_D² + τ_D ≥ μ.
-    """
-    n = numbers
-    fraction = (n.tau_d**2 + n.tau_d) / n.mu
-    if fraction >= 1.0:
-        return math.inf
-    without_sigma = float(xi_ddot_bound(n.mu, beta, 0.0, xi_dot_max, n.kappa)) * n.mu
-    line = 0.5 + fraction * without_sigma + max(0.0, xi_dot_max * (0.5 + n.tau_d - beta))
-    return line / (1.0 - fraction)
+    """σ on the critical line at β, where the criterion holds with equality: q + ξ̇_max(λ − β), and not below q."""
+    return numbers.quantum + max(0.0, xi_dot_max * (float(lambda_(numbers.tau_d)) - beta))

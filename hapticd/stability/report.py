@@ -8,10 +8,11 @@ from collections.abc import Iterator, Sequence
 from typing import Final
 
 from hapticd.stability.advice import Change
-from hapticd.stability.assessment import VERDICTS, Assessment, Verdict
-from hapticd.stability.criterion import criterion_margin
+from hapticd.stability.assessment import Assessment, Verdict
+from hapticd.stability.criterion import criterion_margin, lambda_
 from hapticd.stability.devices import HUMAN_OPERATOR, Device, compare, grip_fraction
 from hapticd.stability.regions import MEANING
+from hapticd.stability.theorems import unproven
 
 HEADLINES: Final[dict[Verdict, str]] = {
     "stable": "stable",
@@ -22,22 +23,24 @@ HEADLINES: Final[dict[Verdict, str]] = {
 
 #: Why, in the student's words: what takes energy out, what puts it in, and which wins.
 WHY: Final[dict[str, str]] = {
-    "A": "Viscous friction takes out more than the sampled spring puts in (β ≥ ½), and Coulomb friction can hold the step "
-    "of one encoder tick (σ ≥ ½). No passive hand can change that.",
-    "B": "Viscous friction stops fast motion (β is large enough), but Coulomb friction cannot hold the step of one encoder "
-    "tick (σ < ½). So the spring pushes the device back and forth over a tick for ever.",
-    "C": "Neither friction is enough: β is too small for fast motion, and σ < ½ cannot hold one tick. Each swing gains "
-    "energy; a light touch is enough to begin.",
+    "A": "Viscous friction takes out more than the sampled spring puts in (β ≥ ½), and Coulomb friction can hold the steps "
+    "of the force (σ ≥ q; q = ½ for the encoder's ticks alone). No passive hand can change that.",
+    "B": "Viscous friction stops fast motion (β is large enough), but Coulomb friction cannot hold the steps of the force "
+    "(σ < q; q = ½ for the encoder's ticks alone). So the spring pushes the device back and forth for ever.",
+    "C": "Neither friction is enough: β is too small for fast motion, and σ < q cannot hold the steps of the force. Each "
+    "swing gains energy; a light touch is enough to begin.",
     "D": "Viscous friction is too small (β), so all rests on Coulomb friction, and this motion is too fast for it: each "
     "swing can put in more than friction takes out. Slower motions die out; so may some faster ones than the limit below, "
     "which is for the worst case.",
     "E": "Viscous friction alone is too small (β), but at this speed Coulomb friction makes up for it. A faster motion than "
     "the limit below would grow.",
-    "F1": "Both frictions are large enough even with the delay in the loop, and energy falls all the time.",
-    "F2": "Both frictions are large enough in the end, but right after a fast change the late force can put energy in.",
+    "F1": "Both frictions are large enough even with the delay in the loop.",
+    "F2": "Both frictions are large enough in the end, but a delay of a part of a period asks for a little more viscous "
+    "friction (λ): a stop-and-go motion in step with the servo could gain energy.",
     "D|E": "Viscous friction alone is too small (β), so all rests on Coulomb friction, which takes out the same at any "
     "speed while the spring puts in more the faster it goes. There is a speed limit, given below.",
-    "F1|F2": "Both frictions are large enough even with the delay in the loop. After fast changes energy may rise briefly.",
+    "F1|F2": "Both frictions are nearly large enough at every speed even with the delay in the loop; up to the speed limit "
+    "they are.",
 }  # fmt: skip
 
 _LABELS: Final = {
@@ -83,14 +86,24 @@ def _why(found: Assessment) -> str:
     text = f"Region {found.region}: {MEANING[found.region]}. {WHY[found.region]}"
     if found.damped is not None:
         return f"Without its virtual damping: region {found.region}: {MEANING[found.region]}. {exactly(found)}."
-    if found.proven and VERDICTS[found.region] != "stable":
-        text += (
-            " But that is the paper's criterion, and here it is too strict: the sharp one, which is proven, holds, and "
-        )
-        text += "this motion loses energy all the time."
-    elif found.region == "C" and found.cycle is not None:
+    if found.region == "C" and found.cycle is not None:
         text += " From this motion the describing function expects no growth but the small limit cycle below."
-    return text
+    return text + _proof(found)
+
+
+def _proof(found: Assessment) -> str:
+    """Which theorem stands behind the word stable, if one does."""
+    if found.proven:
+        assert found.proof is not None
+        return f" {found.proof.words[0].upper()}{found.proof.words[1:]}."
+    if found.verdict != "stable" or found.loop.stiffness == 0.0:
+        return ""
+    if found.proof is None:
+        return f" No theorem proves it: they do not cover {', '.join(unproven(found.config))}."
+    asked = f"λ = {number(found.proof.lam)} and q = {number(found.proof.q)}"
+    return (
+        f" No theorem proves it: with all that is in the loop, an amplifier that lags among it, they ask for {asked}."
+    )
 
 
 _BECAME: Final = {"persistent": "goes on", "growing": "grows"}
@@ -101,7 +114,8 @@ def exactly(found: Assessment) -> str:
     damped = found.damped
     assert damped is not None
     if found.proven:
-        return "With it, the sharp criterion proves that this motion loses energy all the time"
+        assert found.proof is not None
+        return f"With it, {found.proof.words}"
     parts = []
     for run in damped.runs:
         how = f"at rest from {run.xi:g} ticks" if run.xi else f"at {run.xi_dot:g} ticks per period"
@@ -151,8 +165,8 @@ def _numbers(found: Assessment) -> Iterator[str]:
         return f"{number(xi_dot)} ticks per period = {number(float(scales.xi_dot_to_velocity(xi_dot)))} {speed_unit}"
 
     yield f"inertia           μ = {number(n.mu)}"
-    yield f"viscous friction  β = {number(n.beta)}, enough at every speed from {number(0.5 + n.tau_d)}"
-    yield f"Coulomb friction  σ = {number(n.sigma)} ticks, enough to hold a tick from 0.5"
+    yield f"viscous friction  β = {number(n.beta)}, enough at every speed from λ = {number(float(lambda_(n.tau_d)))}"
+    yield f"Coulomb friction  σ = {number(n.sigma)} ticks, enough to hold a step of force from q = {number(n.quantum)}"
     if n.tau_d:
         yield f"delay             τ_D = {number(n.tau_d)} periods = {number(found.loop.delay * 1e6)} µs"
     if n.kappa:
@@ -161,16 +175,11 @@ def _numbers(found: Assessment) -> Iterator[str]:
         yield f"top speed         {speed(found.xi_dot_max)}"
     yield f"speed limit       {speed(found.velocity_limit)}"
     yield f"one count         a period is {number(found.config.count_speed)} {speed_unit}"
-    margins = [
-        f"{criterion} {number(criterion_margin(n, found.xi_dot_max, criterion), 2)}"
-        for criterion in ("paper", "corrected", "sharp")
-    ]
-    yield f"margin            {', '.join(margins)} ticks of force (≥ 0: energy falls)"
-    limits = [("whatever the motion" if not found.loop.delay else "passive", found.stiffness_passive)]
-    limits.append(("for this motion", found.stiffness_dissipating))
-    known = [f"{number(K)} {stiffness_unit} {label}" for label, K in limits if K is not None]
-    if known:
-        yield f"stiffness up to   {', '.join(known)} (now {shortest(found.loop.stiffness)})"
+    yield f"margin            {number(criterion_margin(n, found.xi_dot_max), 2)} ticks of force (≥ 0: energy cannot rise)"
+    limits = f"{number(found.stiffness_passive)} {stiffness_unit} passive"
+    if found.stiffness_dissipating is not None:
+        limits += f", {number(found.stiffness_dissipating)} {stiffness_unit} for this motion"
+    yield f"stiffness up to   {limits} (now {shortest(found.loop.stiffness)})"
     if found.damped is not None:
         yield from _damping(found, stiffness_unit)
     if found.cycle is not None:
@@ -198,11 +207,12 @@ def _damping(found: Assessment, stiffness_unit: str) -> Iterator[str]:
     yield f"virtual damping   β_v = {number(damped.damper.beta_v)}, velocity by {estimate}"
     answer = "holds" if damped.passive else "does not hold"
     yield (
-        f"passive           b ≥ K(T/2 + T_D) + γB (Colgate and Schenkel) {answer}: {number(damped.passive_least)} {unit}, "
-        f"of {number(damped.viscous)}"
+        f"passive           b ≥ {'KTλ' if found.loop.delay else 'KT/2 + γB (Colgate and Schenkel)'} {answer}: "
+        f"{number(damped.passive_least)} {unit}, of {number(damped.viscous)}"
     )
-    if damped.margin is not None:
-        yield f"margin            sharp {number(damped.margin, 2)} ticks of force, the damping counted as an error"
+    if found.proof is not None:
+        margin = number(found.proof.margin(found.xi_dot_max), 2)
+        yield f"margin            {margin} ticks of force, the damping counted as what it may put in"
 
 
 def advice_text(found: Assessment, changes: Sequence[Change]) -> str:

@@ -113,9 +113,11 @@ class RunEnergy:
     def _bounds_report(self) -> dict[str, Any] | None:
         if self.bounds is None:
             return None
-        violations = {criterion: self.bounds.violations(criterion).size for criterion in self.bounds.excess}
-        excess = {criterion: float(values.max(initial=0.0)) for criterion, values in self.bounds.excess.items()}
-        return {"intervals": self.bounds.way.size, "violations": violations, "largest_excess_in_unit": excess}
+        return {
+            "intervals": self.bounds.way.size,
+            "violations": {"paper": self.bounds.violations.size},
+            "largest_excess_in_unit": {"paper": float(self.bounds.excess.max(initial=0.0))},
+        }
 
 
 def run_energy(run: Run, config: Config | None = None) -> RunEnergy:

@@ -1,13 +1,13 @@
 """Limits on single parameters: largest stiffness, delay, tick and period; the grip that makes a device passive.
 
 The criterion is solved for one SI parameter of the loop with the motion held fixed in SI units, so that everything that
-depends on the parameter moves with it (K is in μ, β, σ, the a-priori ξ̈_max and, for a release, in ξ̇_max).
+depends on the parameter moves with it (K is in μ, β, σ, q and, for a release, in ξ̇_max).
 
-**One crossing in K.** Times K, every criterion reads c/Δ ≥ sup over v ≤ ξ̇_max of K w(v) + Kτ_D(…) − bv/T. For fixed v
-the right side does not fall with K: K² T²(φ_max + σ + βv)/m, the part of ξ̈_max, is a sum of rising terms, and the range
-of v is fixed (hand velocity) or grows as √K (release). So the margin changes sign once, and since at K = c/(qΔ) it is
-not positive, a solution exists whenever c > 0. The same holds for T and T_D. In Δ a release makes ripples (ρ in (35)),
-so decimations are searched one by one.
+**One crossing in K.** Times KΔ, the criterion reads c − KqΔ + v(b/T − Kλ)Δ ≥ 0 for all v ≤ ξ̇_max, KqΔ being a line in K.
+Up to K = b/(Tλ) the last term is no hindrance; beyond, it falls, v being fixed (hand velocity) or growing as √K (release).
+So the margin changes sign once, and since with the K of σ = q it is not positive, a solution exists whenever c is more than
+the converter's error. The same holds for T and T_D: λ and Tλ rise with them (f(1 − f) and all, as their derivatives show).
+In Δ a release makes ripples (ρ in (35)), so decimations are searched one by one.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from typing import Literal
 import numpy as np
 
 from hapticd.stability.boundary import boundary
-from hapticd.stability.criterion import QUANTUM, Criterion, criterion_margin, viscous_margin
+from hapticd.stability.criterion import criterion_margin, lambda_
 from hapticd.stability.numbers import Loop
 from hapticd.stability.storage import FloatArray, velocity_bound
 
@@ -55,59 +55,53 @@ class Start:
         return float(velocity_bound(xi, xi_dot, n.mu, n.tau_d, n.kappa))
 
 
-def margin(loop: Loop, start: Start, criterion: Criterion = "paper") -> float:
+def margin(loop: Loop, start: Start) -> float:
     """Margin of the criterion for a motion, in ticks' worth of force; ≥ 0 means that it dissipates."""
-    return criterion_margin(loop.numbers, start.xi_dot_max(loop), criterion)
+    return criterion_margin(loop.numbers, start.xi_dot_max(loop))
 
 
-def stiffness_max_passive(loop: Loop, criterion: Criterion = "paper", start: Start | None = None) -> float | None:
-    """Largest K that keeps the device in A, or in F1 with delay; other parameters fixed.
+def stiffness_max_passive(loop: Loop) -> float:
+    """Largest K that is passive, at any speed: Abbott and Okamura's inequality, with delay and with coarser forces.
 
-    Without delay it is min(2b/T, c/(qΔ)) (eq. 17, 18; q = ½ in the paper, 1 where it is proven), whatever the motion.
-    With delay no region is passive for all motions (Sec. III-D), and `start` says up to which.
+    K ≤ min(2b/T, 2c/Δ) (J. J. Abbott, A. M. Okamura, IEEE Trans. Robotics 21, 2005; eq. 17, 18 of the paper). With delay
+    b/(Tλ) stands for 2b/T; dither and the converter's step take their part of c and make Δ larger.
 
     Returns:
-        K in N m/rad or N/m; 0 when no stiffness will do; None when there is delay and no `start`.
+        K in N m/rad or N/m; 0 when no stiffness will do.
     """
-    if loop.delay == 0.0:
-        return stiffness_max_stable(loop, criterion)
-    if start is None:
-        return None
-    return min(stiffness_max_stable(loop, criterion), stiffness_max_dissipating(loop, start, criterion))
-
-
-def stiffness_max_stable(loop: Loop, criterion: Criterion = "paper") -> float:
-    """Largest K in A, F1 or F2: stable at every speed, with σ ≥ q and β ≥ ½ + τ_D; 0 when no stiffness will do."""
-    quantum = QUANTUM[criterion]
 
     def least(K: float) -> float:
-        n = replace(loop, stiffness=K).numbers
-        return min(viscous_margin(n), n.sigma - quantum)
+        return criterion_margin(replace(loop, stiffness=K).numbers, None)
 
-    K = min(loop.viscous / (0.5 * loop.period + loop.delay), loop.coulomb / (quantum * loop.resolution))
+    viscous = loop.viscous / (loop.period * float(lambda_(loop.delay / loop.period)))
+    K = min(viscous, _holding(loop))
     # to the right side of its rounding
-    return _largest(least, K * (1.0 + 1e-12), K * (1.0 - 1e-12))
+    return _largest(least, K * (1.0 + 1e-12), K * (1.0 - 1e-12)) if K > 0.0 else 0.0
 
 
-def stiffness_max_dissipating(loop: Loop, start: Start, criterion: Criterion = "paper") -> float:
+def stiffness_max_dissipating(loop: Loop, start: Start) -> float:
     """Largest K for which the criterion holds for a motion that starts like this, correct to the last bit.
 
     Returns:
-        K in N m/rad or N/m; 0 when no stiffness will do (no Coulomb friction).
+        K in N m/rad or N/m; 0 when no stiffness will do (too little Coulomb friction).
     """
-    if loop.coulomb == 0.0:
-        return 0.0
-    highest = loop.coulomb / (QUANTUM[criterion] * loop.resolution)
-    return _largest(lambda K: margin(replace(loop, stiffness=K), start, criterion), highest)
+    highest = _holding(loop)
+    return _largest(lambda K: margin(replace(loop, stiffness=K), start), highest) if highest > 0.0 else 0.0
+
+
+def _holding(loop: Loop) -> float:
+    """The K at which Coulomb friction just holds the largest error of the force; 0 where it holds none."""
+    return max(0.0, (loop.coulomb - loop.force_error) / ((0.5 + loop.position_error) * loop.resolution))
 
 
 def grip_damping(loop: Loop) -> float:
-    """Least damping a hand must add to bring β to ½ + τ_D: out of E into A (Sec. III-B), or out of D/E with delay.
+    """Least damping a hand must add to bring β to λ: out of E into A (Sec. III-B), or into F1 with delay.
 
     Returns:
-        K(T/2 + T_D) − b in N m s/rad or N s/m, or 0 if the device has enough of its own.
+        KTλ − b in N m s/rad or N s/m, or 0 if the device has enough of its own.
     """
-    return max(0.0, loop.stiffness * (0.5 * loop.period + loop.delay) - loop.viscous)
+    needed = loop.stiffness * loop.period * float(lambda_(loop.delay / loop.period))
+    return max(0.0, needed - loop.viscous)
 
 
 def path(loop: Loop, parameter: Parameter, factors: FloatArray) -> tuple[FloatArray, FloatArray]:

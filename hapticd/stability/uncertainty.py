@@ -1,14 +1,14 @@
 """How sure is a verdict? The criterion under the uncertainty of inertia, friction and delay (``plant.uncertainty``).
 
 Inertia and frictions are drawn log-normal, the delay normal, correlated as the config says, from a scrambled Sobol sequence
-with a fixed seed: the same config gives the same answer. Every draw is judged by the same criterion as the config itself.
+with a fixed seed: the same config gives the same answer. Every draw is judged as the config itself is.
 The torque constant has no part in it: μ, β and σ are ratios of what it scales (`hapticd.identify.workflow`).
 
 K_max at 95 % is the largest stiffness that at most 5 % of the draws do not admit. For one device the margin has one change
 of sign in K (`hapticd.stability.tuning`), so it is the 5 % quantile of the largest stiffnesses.
 
-With virtual damping no criterion covers the loop: then fewer draws are judged by the exact loop, passivity by Colgate and
-Schenkel's bound, and no largest stiffness is named.
+With virtual damping fewer draws are judged, by proof or by the exact loop, passivity by Colgate and Schenkel's bound or
+λ, and no largest stiffness is named.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ import numpy as np
 from scipy.special import ndtri
 
 from hapticd.stability.assessment import STABLE, Assessment
-from hapticd.stability.cautions import proof_applies
-from hapticd.stability.criterion import coulomb_margin, criterion_margin, viscous_margin
+from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.damped import damped
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
-from hapticd.stability.tuning import Start, stiffness_max_dissipating, stiffness_max_stable
+from hapticd.stability.theorems import proven
+from hapticd.stability.tuning import Start, stiffness_max_dissipating, stiffness_max_passive
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -40,7 +40,6 @@ _LOG2_DRAWS: Final = 10
 _LOG2_DRAWS_DAMPED: Final = 7
 """Each of them runs the exact loop."""
 _SEED: Final = 1
-_PASSIVE: Final = frozenset({"A", "F1"})
 _LEAST_SHARE: Final = 0.02
 """Of the margin's variance, below which no parameter is said to decide."""
 
@@ -51,7 +50,7 @@ class Confidence:
 
     Attributes:
         stable: probability that the motion (any motion, where none is asked about) dies out.
-        passive: probability that energy falls all the time; None where delay makes that a question of the motion.
+        passive: probability that no motion can gain energy, by proof.
         decides: the parameter whose error moves the margin most; None where nothing does.
         shares: of the margin's variance that each parameter explains, with what it is correlated with.
         stiffness_max: largest K that is stable with a probability of `LEVEL`; None with virtual damping.
@@ -59,7 +58,7 @@ class Confidence:
     """
 
     stable: float
-    passive: float | None
+    passive: float
     decides: str | None
     shares: dict[str, float]
     stiffness_max: float | None
@@ -80,9 +79,7 @@ class Confidence:
     @property
     def text(self) -> str:
         """One or two sentences."""
-        text = f"stable with a probability of {self._percent(self.stable)}"
-        if self.passive is not None:
-            text += f", passive with {self._percent(self.passive)}"
+        text = f"stable with a probability of {self._percent(self.stable)}, passive with {self._percent(self.passive)}"
         if self.decides is not None:
             what = {"viscous": "viscous friction", "coulomb": "Coulomb friction"}.get(self.decides, self.decides)
             text += f"; the {what} decides ({100 * self.shares[self.decides]:.0f} % of what is uncertain)"
@@ -121,7 +118,7 @@ def confidence(found: Assessment) -> Confidence | None:
     numbers = [loop.numbers for loop in loops]
     return Confidence(
         stable=float(np.mean(judged.stable)),
-        passive=None if judged.passive is None else float(np.mean(judged.passive)),
+        passive=float(np.mean(judged.passive)),
         decides=first if shares[first] > _LEAST_SHARE else None,
         shares=shares,
         stiffness_max=judged.stiffness_max,
@@ -134,7 +131,7 @@ class _Judged(NamedTuple):
     """The draws: which are stable, which passive, and the margin of each."""
 
     stable: NDArray[np.bool_]
-    passive: NDArray[np.bool_] | None
+    passive: NDArray[np.bool_]
     margins: Floats
     stiffness_max: float | None
 
@@ -143,20 +140,14 @@ def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
     """By the paper's regions and criterion."""
     start = found.start
     regions = [region(loop.numbers, None if start is None else start.xi_dot_max(loop)) for loop in loops]
-    proof = proof_applies(found.config)
-    stable = np.array(
-        [
-            where in STABLE or (proof and start is not None and _is_proven(loop, start))
-            for where, loop in zip(regions, loops, strict=True)
-        ]
-    )
-    passive = np.array([where in _PASSIVE for where in regions])
-    asks = "F1|F2" in regions
+    stable = np.array([where in STABLE or _is_proven(found, loop) for where, loop in zip(regions, loops, strict=True)])
+    passive = np.array([proven(found.config, loop, None) for loop in loops])
     # What is open is what a parameter can decide.
-    of_passivity = not asks and _is_open(passive) and not _is_open(stable)
-    margins = np.array([_margin(loop, start, passive=of_passivity) for loop in loops])
+    of_passivity = _is_open(passive) and not _is_open(stable)
+    bounds = [None if of_passivity or start is None else start.xi_dot_max(loop) for loop in loops]
+    margins = np.array([criterion_margin(loop.numbers, bound) for loop, bound in zip(loops, bounds, strict=True)])
     largest = float(np.quantile([_largest(loop, start) for loop in loops], 1.0 - LEVEL, method="lower"))
-    return _Judged(stable, None if asks else passive, margins, largest)
+    return _Judged(stable, passive, margins, largest)
 
 
 def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
@@ -166,9 +157,9 @@ def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
         damped(found.config, loop, None if start is None else start.xi_dot_max(loop), found.deflection, found.velocity)
         for loop in loops
     ]
-    proof = proof_applies(found.config)
-    proven = [proof and one.margin is not None and one.margin >= 0.0 for one in judged]
-    stable = np.array([sure or one.verdict == "stable" for one, sure in zip(judged, proven, strict=True)])
+    stable = np.array(
+        [_is_proven(found, loop) or one.verdict == "stable" for one, loop in zip(judged, loops, strict=True)]
+    )
     passive = np.array([one.passive for one in judged])
     open_answer = passive if _is_open(passive) and not _is_open(stable) else stable
     return _Judged(stable, passive, open_answer.astype(float), None)
@@ -206,16 +197,10 @@ def _is_open(answers: NDArray[np.bool_]) -> bool:
     return bool(answers.any() and not answers.all())
 
 
-def _is_proven(loop: Loop, start: Start) -> bool:
-    return criterion_margin(loop.numbers, start.xi_dot_max(loop), "sharp") >= 0.0
-
-
-def _margin(loop: Loop, start: Start | None, *, passive: bool) -> float:
-    """Of stability, or of passivity, which needs enough of both frictions beside the criterion of the motion."""
-    of_motion = criterion_margin(loop.numbers, None if start is None else start.xi_dot_max(loop))
-    return min(of_motion, viscous_margin(loop.numbers), coulomb_margin(loop.numbers)) if passive else of_motion
+def _is_proven(found: Assessment, loop: Loop) -> bool:
+    return proven(found.config, loop, None if found.start is None else found.start.xi_dot_max(loop))
 
 
 def _largest(loop: Loop, start: Start | None) -> float:
     """Largest K of one draw: for the motion, or, without one, for every motion."""
-    return stiffness_max_stable(loop) if start is None else stiffness_max_dissipating(loop, start)
+    return stiffness_max_passive(loop) if start is None else stiffness_max_dissipating(loop, start)

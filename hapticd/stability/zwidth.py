@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config import Config
-from hapticd.stability.damping import Damper, damper_from_config, velocity_filter
+from hapticd.stability.damping import damper_from_config, passive_stiffness
 from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
 from hapticd.stability.sampled_loop import LOOP, run_in_threads
@@ -42,7 +42,7 @@ class ZWidth:
         velocity: at which the motion passes the origin, ticks per period. periods: the horizon.
         damping: (n,) B in N m s/rad or N s/m, from 0. stiffness: (m,) K in N m/rad or N/m, evenly from one step above 0.
         outcome: of each of `VARIANTS` (n, m): DIES_OUT, BELOW_ONE_TICK, ABOVE_ONE_TICK or GROWS.
-        passive: (n,) largest K that Colgate and Schenkel's bound allows, 0 where none.
+        passive: (n,) largest K that is passive (Colgate and Schenkel; with delay λ), 0 where none.
     """
 
     config: Config
@@ -120,10 +120,7 @@ def zwidth(
         variant: _outcomes(run_in_threads(_loops(config, loop, B, K, variant, velocity), periods, jobs))
         for variant in VARIANTS
     }
-    # (b − γB)/(T/2 + T_D)
-    gamma = Damper(0.0, *velocity_filter(config.spring, loop.period)).passive_gamma(loop.delay)
-    passive = np.maximum(0.0, (loop.viscous - gamma * B) / (0.5 * loop.period + loop.delay))
-    return ZWidth(config, loop, velocity, periods, B, K, outcome, passive)
+    return ZWidth(config, loop, velocity, periods, B, K, outcome, passive_stiffness(config, loop, B))
 
 
 def _outcomes(runs: NDArray[Any]) -> NDArray[np.int8]:

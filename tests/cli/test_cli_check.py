@@ -32,7 +32,7 @@ def test_json_has_the_public_keys(hapticd: Run) -> None:
         "sampling_bound_ok",
         "warnings",
     }
-    assert found["criterion_margin"].keys() >= {"paper", "corrected"}
+    assert found["criterion_margin"].keys() == {"paper"}
     assert found["stiffness_max"].keys() == {"passive", "dissipating"}
     assert found["limit_cycle"].keys() >= {"predicted", "amplitude_ticks", "frequency_hz"}
     assert (found["mu"], found["beta"]) == pytest.approx((523.3, 0.75), rel=1e-3)
@@ -51,7 +51,7 @@ def test_json_has_the_public_keys(hapticd: Run) -> None:
         ((*SLOW, "--velocity", "5"), "D", 1),
         (SLOW, "D|E", 0),
         ((*SLOW, "--set", "encoder.decimation=1000"), "C", 1),
-        ((*RIG, "--set", "delay.computation_s=0.0001"), "F1|F2", 0),
+        ((*RIG, "--set", "delay.computation_s=0.0001"), "F1", 0),
         ((*RIG, "--set", "delay.computation_s=0.0001", "--deflection", "20.3"), "F1", 0),
     ],
 )
@@ -67,7 +67,7 @@ def test_the_exit_code_is_the_verdict(hapticd: Run, words: tuple[str, ...], regi
 def test_infinite_and_missing_numbers_are_null(hapticd: Run) -> None:
     found = hapticd("check", "--set", "spring.stiffness=0", "--json").document
     assert [found[key] for key in ("mu", "beta", "sigma", "xi_dot_max", "velocity_limit")] == [None] * 5
-    assert found["stiffness_max"] == {"passive": None, "dissipating": None}
+    assert found["stiffness_max"] == {"passive": pytest.approx(0.01493, rel=1e-3), "dissipating": None}
     assert hapticd("check", "omega", "--json").document["stiffness_max"]["dissipating"] is None
 
 
@@ -142,8 +142,9 @@ def test_what_cannot_be_meant_exits_2(hapticd: Run, words: tuple[str, ...], said
 def test_nothing_is_proven_outside_the_theory(hapticd: Run) -> None:
     motion = (*RIG, "--deflection", "20.3", "--json")
     assert hapticd("check", *motion).document["proven"]
-    assert not hapticd("check", *motion, "--set", "spring.side=positive").document["proven"]
-    assert not hapticd("check", *motion, "--set", "spring.half_tick_bias=false").document["proven"]
+    assert hapticd("check", *motion, "--set", "spring.side=positive").document["proven"]
+    assert hapticd("check", *motion, "--set", "spring.half_tick_bias=false").document["proven"]
+    assert not hapticd("check", *motion, "--set", "safety.passivity=control").document["proven"]
 
 
 def test_a_motion_beyond_floating_point_is_refused(hapticd: Run) -> None:

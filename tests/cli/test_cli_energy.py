@@ -31,7 +31,7 @@ def test_json(hapticd: Run, recorded: Path) -> None:
     assert balance == pytest.approx(found["stored_J"]["end"], abs=1e-12)
     assert found["explained"] > 0.999
     assert found["bounds"]["violations"]["paper"] > 0
-    assert found["bounds"]["violations"]["corrected"] == found["bounds"]["violations"]["sharp"] == 0
+    assert 0 <= found["bounds"]["violations"]["paper"] < found["bounds"]["intervals"]
 
 
 def test_words(hapticd: Run, recorded: Path) -> None:

@@ -72,7 +72,7 @@ def test_the_text_is_a_table_of_regions(hapticd: Run, tmp_path: Path) -> None:
     lines = outcome.out.splitlines()
     assert lines[0] == "192 of 192 points, mu = 100"
     assert lines[1].split() == ["region", "points", "monotone", "decaying", "persistent", "growing", "agree"]
-    assert [line.split()[0] for line in lines[2:9]] == ["A", "B", "C", "D", "E", "F1", "F2"]
+    assert [line.split()[0] for line in lines[2:8]] == ["A", "B", "C", "D", "E", "F1"]
     assert lines[2].endswith("100 %")
     assert lines[5].endswith("no claim")
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from hapticd.config import load_config
+from hapticd.stability.criterion import lambda_
 from hapticd.stability.maps import Study
 from hapticd.stability.passivity_map import BOUNDED, MADE_STABLE, STILL_GROWS, passivity_map
 from hapticd.stability.zwidth import DIES_OUT, zwidth
@@ -21,7 +22,7 @@ def test_zwidth_agrees_with_what_is_known_of_it() -> None:
     assert limit["linear"] < limit["coulomb"]
     assert limit["ticks"] <= limit["linear"]
     # well within the passive springs all motions die out
-    assert found.passive[0] == pytest.approx(9e-6 / (0.5e-3 + found.loop.delay))
+    assert found.passive[0] == pytest.approx(9e-6 / (1e-3 * float(lambda_(found.loop.delay / 1e-3))))
     assert (np.diff(found.passive) <= 0.0).all()
     most = 0.5 * found.passive[0]
     finer = zwidth(load_config(None), 0.0, count=6, periods=12000, stiffness_max=most, damping_max=1e-6, jobs=1)
@@ -74,8 +75,7 @@ def test_check_prints_the_bound_and_runs_the_exact_loop(hapticd: Run) -> None:
     assert answer.code == 0
     damping = answer.document["damping"]
     assert damping["beta_v"] == pytest.approx(2.5)
-    assert damping["passive"]["viscous_least"] == pytest.approx(
-        0.012 * (0.005 + answer.document["tau_d"] * 0.01) + 3e-4
-    )
+    least = 0.012e-2 * float(lambda_(answer.document["tau_d"], 2.5))
+    assert damping["passive"]["viscous_least"] == pytest.approx(least)
     assert not damping["passive"]["holds"]
     assert damping["exact"][0]["outcome"] in ("monotone", "decaying")

@@ -148,14 +148,14 @@ def test_the_rate_is_never_raised_beyond_what_the_bus_can_carry() -> None:
     ("values", "words"),
     [
         ({"servo.rate_hz": 10, "spring.stiffness": 0.5}, "sampling bound (11) is violated"),
-        ({"spring.side": "negative"}, "one-sided wall is outside the theory"),
-        ({"spring.half_tick_bias": "false"}, "half_tick_bias is false"),
+        ({"spring.side": "negative"}, "the region is that of a spring both ways"),
         ({"spring.stiffness": 0}, "no spring is rendered"),
         ({"driver.name": "canopen", "servo.rate_hz": 4000}, "classic CAN at 1 Mbit/s ends near 2284 Hz"),
-        ({"encoder.decimation": 1}, "the real quantum is 2.32 ticks"),
-        ({"dither.target": "position", "dither.amplitude": 0.5, "dither.frequency_hz": 100}, "dither is on"),
-        ({"encoder.decimation": 300}, "only σ ≥ 1 is proven"),
-        ({"plant.inertia": 1e-9, "delay.computation_s": 2e-3}, "cannot hold with any friction"),
+        ({"encoder.decimation": 1}, "Coulomb friction must hold 1.66 ticks"),
+        (
+            {"dither.target": "position", "dither.amplitude": 0.5, "dither.frequency_hz": 100},
+            "Coulomb friction must hold 2.66 ticks of force",
+        ),
     ],
 )
 def test_warnings(values: dict[str, Any], words: str) -> None:
@@ -171,7 +171,6 @@ def test_warnings(values: dict[str, Any], words: str) -> None:
         ({"encoder.decimation": 2172}, {"deflection": 7.0}, "beyond safety.max_excursion"),
         ({"encoder.decimation": 2172}, {"deflection": 5.9}, "trip on safety.max_velocity"),
         ({"spring.stiffness": 0.5, "encoder.decimation": 217}, {"deflection": 5.0}, "the amplifier ends at 6 A"),
-        ({"servo.rate_hz": 100, "encoder.decimation": 217}, {"deflection": 2.3}, "not the sharp one"),
     ],
 )
 def test_warnings_about_a_motion(values: dict[str, Any], motion: dict[str, Any], words: str) -> None:
@@ -182,13 +181,17 @@ def test_a_plain_rig_warns_of_nothing() -> None:
     assert assess(make({**IDEAL, "encoder.decimation": 100}), deflection=5.0).warnings == ()
 
 
-def test_the_sharp_criterion_may_acquit_what_the_papers_does_not() -> None:
-    values = {"servo.rate_hz": 100, "encoder.decimation": 80, "delay.computation_s": 6e-3}
-    found = assess(make({**IDEAL, **values}), deflection=4.0)
-    assert found.document["criterion_margin"]["sharp"] >= 0.0 > found.document["criterion_margin"]["paper"]
-    assert found.region == "D"
-    assert (found.verdict, found.proven, advise(found)) == ("stable", True, [])
-    assert "here it is too strict" in " ".join(report(found, [], "rig").split())
+def test_it_says_which_theorem_stands_behind_the_word_stable() -> None:
+    proven, only_region = assess(make({**IDEAL, "encoder.decimation": 100})), assess(make({"spring.stiffness": 0.0148}))
+    assert (proven.verdict, proven.proven, proven.document["criterion_margin"].keys()) == ("stable", True, {"paper"})
+    assert "Theorem 1 proves that the energy S cannot rise at any speed (λ = 0.500, q = 0.500)." in flat(proven)
+    # the lag of the amplifier asks for more than the delay it is taken for
+    assert (only_region.region, only_region.verdict, only_region.proven) == ("F1", "stable", False)
+    assert "No theorem proves it" in flat(only_region)
+
+
+def flat(found: Assessment) -> str:
+    return " ".join(report(found, [], "rig").split())
 
 
 def test_a_velocity_and_a_deflection_exclude_each_other() -> None:
@@ -200,7 +203,7 @@ def test_the_drivers_latency_counts() -> None:
     plain, late = assess(make(IDEAL)), assess(make(IDEAL), latency_s=2e-4)
     assert late.numbers.tau_d - plain.numbers.tau_d == pytest.approx(0.2)
     assert plain.region == "A"
-    assert late.region == "F1|F2"
+    assert late.region == "F1|F2"  # ½ + τ_D = 0.7 ≤ β = 0.75 < λ(0.2) = 0.753
 
 
 def test_without_a_spring_nothing_is_infinite_by_mistake() -> None:

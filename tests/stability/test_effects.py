@@ -39,7 +39,8 @@ def test_what_an_effect_does_to_the_loop(effect: dict[str, Any], attribute: str,
     loop = loop_from_config(device(effect))
     assert getattr(loop, attribute) == pytest.approx(expected, rel=1e-12)
     changed = {name for name in vars(BASE) if getattr(loop, name) != getattr(BASE, name)}
-    assert changed <= {attribute}
+    # a stronger motor makes the converter's steps larger too
+    assert changed <= ({attribute, "force_error"} if attribute == "stiffness" else {attribute})
 
 
 def test_a_delay_that_was_found_makes_the_loop_worse() -> None:

@@ -1,4 +1,4 @@
-"""What the guard admits and refuses, held against regions, the sharp criterion and the simulator."""
+"""What the guard admits and refuses, held against regions and the simulator."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def test_a_stiff_coarse_spring_is_refused_with_what_would_help() -> None:
 def test_the_speed_limit_divides_d_from_e(deflection: float | None, verdict: str, where: str) -> None:
     found = judge(config(**SLOW), 0.0, deflection=deflection)
     assert (found.verdict, found.region) == (verdict, where)
-    assert "the speed limit is 19.1 rad/s" in found.reason
+    assert "the speed limit is 18.9 rad/s" in found.reason
 
 
 def test_a_smaller_release_is_advised_only_where_it_can_be_asked_for() -> None:
@@ -66,16 +66,22 @@ def region_of(given: Config) -> str:
     return region(from_config(given))
 
 
-def test_where_energy_may_rise_it_is_refused_with_a_way_to_where_it_falls() -> None:
-    late = config(delay={"computation_s": 0.03}, plant={"viscous": 1e-3})
-    found = judge(late, 0.0, deflection=500.0)
+def test_between_the_delay_and_lambda_a_fast_motion_is_refused_with_a_way_to_where_it_is_proven() -> None:
+    """Without ticks it could gain energy by stop-and-go motion in step with the servo; a slow one cannot."""
+    late = config(
+        amplifier={"bandwidth_hz": 0, "dac_bits": 0},
+        delay={"computation_s": 1.25e-3},
+        plant={"inertia": 1.2e-6, "viscous": 2.112e-5, "coulomb": 5.52233084e-6},
+    )
+    found = judge(late, 0.0, velocity=20.0)
     assert (found.verdict, found.region) == ("refused", "F2")
     assert "(region F1)" in found.help
-    assert judge(late, 0.0).verdict == "admitted"
+    assert judge(late, 0.0, velocity=3.0).region == "F1"
+    assert (judge(late, 0.0).verdict, judge(late, 0.0).region) == ("admitted", "F1|F2")
 
 
 def test_the_drivers_latency_counts() -> None:
-    assert judge(config(spring={"stiffness": 0.012}), 0.0).region == "F1|F2"
+    assert judge(config(spring={"stiffness": 0.012}), 0.0).region == "F1"
     assert judge(config(spring={"stiffness": 0.012}), 0.001).region == "D|E"
 
 
@@ -134,19 +140,6 @@ def test_a_change_of_the_damper_is_a_change_of_the_loop(key: str) -> None:
 
 def test_no_spring_is_no_danger() -> None:
     assert judge(config(spring={"stiffness": 0.0}), 0.0, deflection=1e6).verdict == "admitted"
-
-
-def test_what_the_sharp_criterion_proves_is_admitted() -> None:
-    """With delay (19) charges the acceleration in full even at top speed, which refuses motions that are proven."""
-    proven = config(
-        amplifier={"bandwidth_hz": 0, "dac_bits": 0},
-        delay={"computation_s": 0.3e-3},
-        encoder={"decimation": 217},
-        plant={"inertia": 2.4e-7, "viscous": 7.2e-6, "coulomb": 4e-3},
-    )
-    found = judge(proven, 0.0, velocity=5.0)
-    assert (found.verdict, found.region) == ("admitted", "D")
-    assert "the sharp criterion proves" in found.reason
 
 
 def test_a_motion_beyond_floating_point_is_refused() -> None:

@@ -70,7 +70,11 @@ def config(**hand: float) -> SimpleNamespace:
         period=1e-3,
         resolution=2e-3,
         spring=SimpleNamespace(stiffness=0.012),
-        amplifier=SimpleNamespace(delay=2 * 0.7 / (2 * math.pi * 3000)),
+        amplifier=SimpleNamespace(
+            delay=2 * 0.7 / (2 * math.pi * 3000), dac_bits=14, dac_full_scale=6.0, torque_constant=0.0292
+        ),
+        dither=SimpleNamespace(target="position", amplitude=0.3),
+        encoder=SimpleNamespace(decimation=2),
         delay=SimpleNamespace(computation_s=0.25e-3),
         plant=SimpleNamespace(inertia=6.28e-6, viscous=9e-6, coulomb=2e-3, effects=()),
         hand=SimpleNamespace(**{"inertia": 0.0, "damping": 0.0, "stiffness": 0.0} | hand),
@@ -81,6 +85,12 @@ def test_delay_is_amplifier_plus_computation_plus_driver() -> None:
     n = from_config(config(), latency_s=0.1e-3)
     assert n.tau_d == pytest.approx(0.0742723 + 0.25 + 0.1, abs=1e-6)
     assert n.tau_l == pytest.approx(n.tau_d + 0.5)
+
+
+def test_the_largest_error_of_a_force_is_that_of_ticks_dither_and_converter() -> None:
+    # ±0.3 ticks of 2 counts may move the reading by one count, half a tick; half a step is 6 A/2¹⁴ times the torque constant
+    assert from_config(config()).quantum == pytest.approx(0.5 + 0.5 + 6.0 / 2**14 * 0.0292 / (0.012 * 2e-3))
+    assert Dimensionless(1.0, 1.0, 1.0).quantum == 0.5
 
 
 def test_hand_is_in_parallel() -> None:

@@ -12,7 +12,8 @@ from scipy.stats import norm
 from hapticd.config import ConfigError, parse_config
 from hapticd.stability.assessment import assess
 from hapticd.stability.check_figure import check_figure
-from hapticd.stability.tuning import stiffness_max_stable
+from hapticd.stability.criterion import lambda_
+from hapticd.stability.tuning import stiffness_max_passive
 from hapticd.stability.uncertainty import Confidence, confidence
 
 
@@ -28,7 +29,7 @@ def test_nothing_uncertain_nothing_said() -> None:
 
 
 def test_viscous_friction_alone_is_a_log_normal() -> None:
-    """Stable if b ≥ K (T/2 + T_D), which is a bound on a normal."""
+    """Stable if b ≥ K (T/2 + T_D), passive if b ≥ KTλ, which are bounds on a normal."""
     b, s = 9e-6, 1.5e-6
     config = parse_config({"spring": {"stiffness": 0.014}}, "test")
     loop = assess(config).loop
@@ -37,12 +38,12 @@ def test_viscous_friction_alone_is_a_log_normal() -> None:
     assert found.stable == pytest.approx(float(norm.sf(np.log(bound / b) / (s / b))), abs=5e-3)
     assert found.decides == "viscous"
     quantile = b * np.exp(norm.ppf(0.05) * s / b)
-    assert found.stiffness_max == pytest.approx(quantile / (0.5 * loop.period + loop.delay), rel=5e-3)
+    assert found.stiffness_max == pytest.approx(quantile / (loop.period * float(lambda_(loop.numbers.tau_d))), rel=5e-3)
 
 
 def test_without_much_uncertainty_the_largest_stiffness_is_that_of_the_config() -> None:
     config = parse_config({"spring": {"stiffness": 0.014}}, "test")
-    assert sure({"viscous": 1e-12}).stiffness_max == pytest.approx(stiffness_max_stable(assess(config).loop), rel=1e-5)
+    assert sure({"viscous": 1e-12}).stiffness_max == pytest.approx(stiffness_max_passive(assess(config).loop), rel=1e-5)
 
 
 def test_the_delay_decides_where_it_alone_is_unknown() -> None:
@@ -51,11 +52,11 @@ def test_the_delay_decides_where_it_alone_is_unknown() -> None:
     assert 0.5 < found.stable < 1.0
 
 
-def test_a_motion_has_a_probability_to_be_passive() -> None:
+def test_a_spring_has_a_probability_to_be_passive() -> None:
     found = sure({"viscous": 1.5e-6}, deflection=10.0)
-    assert found.passive is not None
     assert 0.0 < found.passive < found.stable
-    assert sure({"viscous": 1.5e-6}).passive is None
+    # which is of every motion
+    assert sure({"viscous": 1.5e-6}).passive == found.passive
 
 
 def test_correlated_errors_count() -> None:

@@ -16,7 +16,7 @@ const DECADES = { beta: [-2, 1], sigma: [-2, 3] };
 /** @typedef {{mu: number|null, beta: number|null, sigma: number|null, tau_d: number, region: string, words: string, deflection: number,
  *   region_here: string, words_here: string, velocity_limit: {ticks_per_period: number|null, si: number|null},
  *   deflection_limit: {ticks: number|null, si: number|null}, cycle: {ticks: number, hz: number} | null}} Point */
-/** @typedef {{point: Point, beta_line: number, sigma_line: number, beta: number[], paper: (number|null)[], sharp: (number|null)[]}} PlaneData */
+/** @typedef {{point: Point, beta_line: number, sigma_line: number, beta: number[], paper: (number|null)[]}} PlaneData */
 
 export class Plane {
   constructor() {
@@ -106,7 +106,7 @@ export class Plane {
     box("B", line, x1, y0, floor);
     box("D", x0, line, floor, y1);
     box(delayed ? "F2" : "A", line, x1, floor, y1);
-    // above the paper's boundary: E left of the line, F1 right of it
+    // above the boundary: E left of the line, F1 right of it; F2 is what little it leaves between ½ + τ_D and λ
     const above = (/** @type {string} */ region, /** @type {(beta: number) => boolean} */ within, /** @type {number} */ left, /** @type {number} */ right) => {
       const points = data.beta.map((beta, i) => ({ beta, sigma: data.paper[i] })).filter(({ beta }) => within(beta));
       if (!points.length) return;
@@ -130,15 +130,13 @@ export class Plane {
     };
     if (this.ghost) curve("unsent", this.ghost.paper);
     curve("paper", data.paper);
-    curve("sharp", data.sharp);
     root.append(svg("path", { class: "boundary fixed", d: `M${line},${y0}V${y1}M${x0},${floor}H${x1}` }));
     const name = (/** @type {string} */ text, /** @type {number} */ x, /** @type {number} */ y) => root.append(svg("text", { class: "name", x, y }, text));
     name("C", (x0 + line) / 2, (y0 + floor) / 2 + 5);
     name("B", (line + x1) / 2, (y0 + floor) / 2 + 5);
     this.band(root, data, x0, floor);
     name("E", (x0 + line) / 2, y1 + 18);
-    name(delayed ? "F2" : "A", (line + x1) / 2, delayed ? floor - 8 : (floor + y1) / 2);
-    if (delayed) name("F1", (line + x1) / 2, y1 + 18);
+    name(delayed ? "F1" : "A", (line + x1) / 2, (floor + y1) / 2);
   }
 
   /** The letter of D, which is often a narrow band: small where there is little room. @param {SVGElement} root @param {PlaneData} data @param {number} x0 @param {number} floor */

@@ -1,0 +1,173 @@
+"""Which configurations the proofs cover, and up to which speed: the two theorems with everything that is in a loop.
+
+The commanded force of sample h is −p(ξ(h)) − β_v v(h) + e(h). Of the spring p the proofs use no more than that its slope
+lies between 0 and 1, so that S = ½μξ̇² + ½κξ² + ∫p covers both directions and one, with the half tick and without (p about
+ξ = ½ then), and every saturation of a current. What each thing costs, line by line in docs/explanation/stability.md:
+
+| in the loop | costs |
+|---|---|
+| ticks with or without the half tick, two-sided or one-sided | q = ½ |
+| position dither of ±a ticks of N counts | q + ⌈Na⌉/N |
+| current dither of ±a ticks of force | q + a |
+| a converter with a step of s ticks of force | q + s/2 |
+| saturation, a hand's stiffness | nothing |
+| delay T_D | λ(τ_D) in place of ½ |
+| virtual damping β_v, whose velocity ticks blur by the grain g | λ(τ_D, β_v), q + β_v g |
+| the same, by the difference over n periods | once, in the first n periods, S may rise |
+| a current loop of second order, which is no delay | λ(τ + θ) and q weighted with its impulse response (`lagged`) |
+
+Not covered: effects of the plant that push or lag, the passivity controller, a spring that is switched on softly.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.stability.criterion import lambda_
+from hapticd.stability.damping import damper_from_config
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from hapticd.config import Config
+    from hapticd.stability.numbers import Dimensionless, Loop
+
+#: Grid of the impulse response, and what its error is rounded up by.
+_POINTS, _ROUNDING = 20_000, 1.0 + 1e-3
+
+
+@dataclass(frozen=True)
+class Proof:
+    """What is proven of a loop.
+
+    Attributes:
+        numbers: the operating point. q: the largest error of its force, in ticks. lam: λ, its λ.
+        speed_limit: ξ̇ up to which S cannot rise, ticks per period; infinite where no speed matters.
+        words: one sentence that says so.
+        offset: of the spring's origin from that of the ticks. late: how long a first force takes to arrive in full beyond
+            the delay, periods. differenced: (n − 1) β_v/2 and β_v Σ(1/j − 1/n), by which S may rise in the first n periods.
+    """
+
+    numbers: Dimensionless
+    q: float
+    lam: float
+    speed_limit: float
+    words: str
+    offset: float = 0.0
+    late: float = 0.0
+    differenced: tuple[float, float] = (0.0, 0.0)
+
+    def top_speed(self, xi_dot_max: float) -> float:
+        """The speed that is never exceeded where S cannot rise but once.
+
+        With ½μv² the energy (13), the spring's origin aside, and u the speed sought, what is gained once is linear and
+        quadratic in u: ½μu² ≤ ½(√μ v + o)² + (o τ_D + (√μ v + o) late) u + (first periods of an averaged velocity).
+        """
+        quadratic, linear = self.differenced
+        if self.offset == self.late == quadratic == 0.0:
+            return xi_dot_max
+        reach = math.sqrt(self.numbers.mu) * xi_dot_max + self.offset
+        a = 0.5 * self.numbers.mu - quadratic
+        if a <= 0.0:
+            return math.inf
+        b = self.offset * self.numbers.tau_d + reach * self.late + linear
+        return (b + math.sqrt(b * b + 2.0 * a * reach * reach)) / (2.0 * a)
+
+    def margin(self, xi_dot_max: float | None) -> float:
+        """(β − λ)ξ̇_max + σ − q, or the least of β − λ and σ − q, for a motion with this bound (13); None: for any."""
+        missing, left = self.lam - self.numbers.beta, self.numbers.sigma - self.q
+        top = self.top_speed(0.0 if xi_dot_max is None else xi_dot_max)
+        if math.isinf(top):
+            return -math.inf
+        return min(-missing, left) if xi_dot_max is None else left - max(0.0, missing) * top
+
+
+def proof_of(config: Config, loop: Loop) -> Proof | None:
+    """The written proof that covers a configuration; None where there is none, whatever the motion.
+
+    Args:
+        config: the configuration. loop: it in SI units, the driver's latency included (or another loop of the same kind).
+    """
+    if loop.stiffness == 0.0 or next(unproven(config), None) is not None:
+        return None
+    numbers, amplifier, spring = loop.numbers, config.amplifier, config.spring
+    q, grown = numbers.quantum, (0.0, 0.0)
+    beta_v = 0.0
+    if spring.damping > 0.0:
+        damper = damper_from_config(config, loop)
+        beta_v, n = damper.beta_v, damper.periods
+        q += beta_v * damper.grain
+        if n > 1:
+            grown = 0.5 * beta_v * (n - 1), beta_v * sum(1.0 / j - 1.0 / n for j in range(1, n))
+    lam, late = float(lambda_(numbers.tau_d, beta_v)), 0.0
+    if amplifier.bandwidth_hz:
+        before = max(0.0, loop.delay - amplifier.delay) / loop.period
+        natural = 2.0 * math.pi * amplifier.bandwidth_hz * loop.period
+        lam, gain, late = lagged(before, natural, amplifier.damping_ratio, beta_v)
+        q *= gain
+    missing, left = lam - numbers.beta, numbers.sigma - q
+    limit = 0.0 if left < 0.0 else math.inf if missing <= 0.0 else left / missing
+    which = "theorem 1" if numbers.tau_d == 0.0 and beta_v == 0.0 else "theorem 2"
+    how = "at any speed" if math.isinf(limit) else f"up to {limit:.3g} ticks per period"
+    words = f"{which} proves that the energy S cannot rise {how} (λ = {lam:.3f}, q = {q:.3f})"
+    if grown[0]:
+        words += f", but for the first {damper.periods} periods, in which the velocity is differenced over fewer"
+    return Proof(numbers, q, lam, limit, words, 0.0 if spring.half_tick_bias else 0.5, late, grown)
+
+
+def proven(config: Config, loop: Loop, xi_dot_max: float | None) -> bool:
+    """Whether a written proof covers a configuration and a motion.
+
+    Args:
+        config: the configuration. loop: it in SI units.
+        xi_dot_max: velocity bound (13) of the motion, ticks per period; None for every motion.
+    """
+    proof = proof_of(config, loop)
+    return proof is not None and proof.margin(xi_dot_max) >= 0.0
+
+
+def unproven(config: Config) -> Iterator[str]:
+    """What of a configuration no proof covers, in words."""
+    outside = [
+        listed.name
+        for listed in config.plant.effects
+        for effect in [CATALOGUE[listed.name]]
+        if effect.in_loop is None or not effect.in_loop_exact or effect.acts_on == "force"
+    ]
+    if outside:
+        yield f"plant.effects ({', '.join(outside)})"
+    if config.safety.passivity == "control":
+        yield "safety.passivity: control"
+
+
+@functools.lru_cache(maxsize=256)
+def lagged(tau: float, natural: float, damping: float, beta_v: float = 0.0) -> tuple[float, float, float]:
+    """λ, the gain of q, and the lateness of a first force, of a current loop of second order behind a delay.
+
+    Its force is a mixture of delays, weighted with its impulse response a(θ): each delay τ + θ puts in at most
+    λ(τ + θ)∫ξ̇², whatever the sign of its weight.
+
+    Args:
+        tau: the delay before it, periods. natural: ω_A, rad per period. damping: δ_A. beta_v: virtual damping.
+
+    Returns:
+        ∫|a|λ(τ + θ)dθ, ∫|a|dθ and ∫|1 − s|dθ with the step response s, a little rounded up.
+    """
+    slowest = damping if damping <= 1.0 else 1.0 / (damping + math.sqrt(damping * damping - 1.0))
+    step = 25.0 / slowest / _POINTS
+    x = step * (np.arange(_POINTS) + 0.5)
+    root = np.sqrt(complex(damping * damping - 1.0))
+    if abs(root) < 1e-6:
+        root = 1e-6 + 0.0j  # the critically damped loop, to 12 digits
+    fast, slow = damping + root, damping - root
+    impulse = ((np.exp(-slow * x) - np.exp(-fast * x)) / (2.0 * root)).real
+    rest = ((fast * np.exp(-slow * x) - slow * np.exp(-fast * x)) / (2.0 * root)).real
+    weight = np.abs(impulse) * step * _ROUNDING
+    lam = float(weight @ lambda_(tau + x / natural, beta_v))
+    return lam, float(weight.sum()), float(np.abs(rest).sum() * step / natural) * _ROUNDING
