@@ -83,7 +83,7 @@ def test_the_velocity_bound_has_what_is_gained_once(
         xi_dot = 0.0
     energy = 0.5 * mu * xi_dot**2 + 0.5 * (1.0 + kappa) * xi**2 + max(0.0, xi * xi_dot * tau_d)
     bound = float(velocity_bound(xi, xi_dot, mu, tau_d, kappa))
-    assert 0.5 * mu * bound * bound >= energy * (1.0 - 1e-12) - 1e-100
+    assert 0.5 * mu * bound * bound >= energy * (1.0 - 1e-12) - 1e-30  # below an ulp of a tick ⌊ξ⌋ loses ξ
 
 
 @pytest.mark.parametrize("kind", KINDS)
