@@ -146,9 +146,10 @@ def compute(
     """One row of a sweep, without the swept values."""
     from drivers import declared_latency
     from hapticd.stability.assessment import assess
+    from hapticd.stability.explore import GUARD
 
     latency = declared_latency(config)[0]
-    theory = assess(config, deflection=deflection, velocity=velocity, latency_s=latency).document
+    theory = assess(config, deflection=deflection, velocity=velocity, latency_s=latency, effort=GUARD).document
     row = {key: theory[key] for key in _THEORY}
     if duration is not None:
         from hapticd.servo.simulate import simulate

@@ -34,7 +34,7 @@ class Check:
 
     @property
     def verdict(self) -> str:
-        """``stable``, ``depends`` (on the speed), ``buzzes`` or ``unstable``."""
+        """``stable``, ``depends`` (on the speed), ``buzzes``, ``unstable``, or ``undecided`` after all that was tried."""
         return self.assessment.verdict
 
     @property
@@ -83,7 +83,7 @@ def check(
     ticks = None if deflection is None else deflection_ticks(deflection, resolved)
     speed = None if velocity is None else velocity_ticks(velocity, resolved)
     latency, doubt = declared_latency(resolved)
-    found = assess(resolved, deflection=ticks, velocity=speed, latency_s=latency)
+    found = assess(resolved, deflection=ticks, velocity=speed, latency_s=latency, jobs=None)
     judgement = judge(resolved, latency, deflection=ticks, velocity=speed, release=True)
     off = limits_off(resolved)
     warnings = (*found.warnings, *([doubt] if doubt else []), *([f"limits that are {limits_text(off)}"] if off else []))

@@ -2,7 +2,7 @@
 
 Every change is of one number and enough by itself. The criterion is solved with the motion held fixed in SI units; the
 result is rounded to few digits on its safe side, put into the configuration, and kept only if the configuration is valid
-and its region then is one of the safe ones. All searches are for the one place where the answer changes (`tuning` shows
+and then stable, by a proof or by exploration. All searches are for the one place where the answer changes (`tuning` shows
 why there is one); in the decimation, where a release makes ripples, the nearest that holds is taken from a scan.
 """
 
@@ -17,10 +17,11 @@ from drivers import max_rate
 from hapticd.config import ConfigError, apply_settings
 from hapticd.config.keys import unit_of
 from hapticd.config.sections import Servo
-from hapticd.stability.assessment import STABLE, Assessment, assess
+from hapticd.stability.assessment import CALM, Assessment, assess
 from hapticd.stability.boundary import boundary
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.devices import HUMAN_OPERATOR
+from hapticd.stability.explore import REMEDY
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 from hapticd.stability.tuning import Start, grip_damping
@@ -70,29 +71,24 @@ class Change:
         }
 
 
-Aim = frozenset[str]
-"""Regions that count as safe."""
-
-
-def advise(found: Assessment, aim: Aim = STABLE) -> list[Change]:
+def advise(found: Assessment) -> list[Change]:
     """The single changes that make it stable, the smallest first; none where it is stable, or where none will do.
 
     Without a motion the aim is stability at every speed.
 
     Args:
         found: what the theory says.
-        aim: the regions to move to.
     """
-    if found.verdict == "stable" if found.damped else found.proven or found.region in aim:
+    if found.verdict == "stable":
         return []
     searches = (_stiffness, _damping, _decimation, _rate, _delay, _motion)
-    changes = [search(found, aim) for search in searches]
+    changes = [search(found) for search in searches]
     changes.sort(key=lambda change: change.size if change else math.inf)
-    return [change for change in [*changes, _grip(found, aim)] if change is not None]
+    return [change for change in [*changes, _grip(found)] if change is not None]
 
 
-def _safe(loop: Loop, start: Start | None, aim: Aim) -> bool:
-    return region(loop.numbers, None if start is None else start.xi_dot_max(loop)) in aim
+def _safe(loop: Loop, start: Start | None) -> bool:
+    return region(loop.numbers, None if start is None else start.xi_dot_max(loop)) in CALM
 
 
 def _solve(safe: Callable[[float], bool], bad: float, good: float) -> float | None:
@@ -114,16 +110,14 @@ def _rounded(safe: Callable[[float], bool], value: float, *, up: bool = False) -
     return value
 
 
-def _apply(found: Assessment, aim: Aim, key: str, before: float, after: float) -> Change | None:
+def _apply(found: Assessment, key: str, before: float, after: float) -> Change | None:
     """The change if the configuration allows it and it does what it should."""
     try:
         config = apply_settings(found.config, {key: after})
     except ConfigError:
         return None
-    then = assess(config, start=found.start, latency_s=found.latency_s)
-    # Of a loop with damping no region speaks: the exact loop has to die out.
-    holds = then.region in aim if found.damped is None else then.verdict == "stable"
-    if not holds:
+    then = assess(config, start=found.start, latency_s=found.latency_s, effort=REMEDY)
+    if then.verdict != "stable":
         return None
     unit = "counts a tick" if key == "encoder.decimation" else unit_of(key, config.is_linear)
     return Change(key, before, after, unit, then.region, criterion_margin(then.numbers, then.xi_dot_max))
@@ -131,7 +125,6 @@ def _apply(found: Assessment, aim: Aim, key: str, before: float, after: float) -
 
 def _searched(
     found: Assessment,
-    aim: Aim,
     key: str,
     before: float,
     end: float,
@@ -141,55 +134,55 @@ def _searched(
     """The nearest safe value on the way to `end`, of few digits and at most `most`; `changed` is the loop with a value."""
 
     def safe(value: float) -> bool:
-        return value <= most and _safe(changed(value), found.start, aim)
+        return value <= most and _safe(changed(value), found.start)
 
     solved = _solve(safe, before, end)
     if solved is None:
         return None
-    return _apply(found, aim, key, before, _rounded(safe, solved, up=end > before))
+    return _apply(found, key, before, _rounded(safe, solved, up=end > before))
 
 
-def _damping(found: Assessment, aim: Aim) -> Change | None:
+def _damping(found: Assessment) -> Change | None:
     """The nearest other virtual damping with which the exact loop dies out, of a coarse scale."""
     present = found.config.spring.damping
     if found.damped is None:
         return None
     for factor in _DAMPING_FACTORS:
         after = float(f"{present * factor:.3g}")
-        if change := _apply(found, aim, "spring.damping", present, after):
+        if change := _apply(found, "spring.damping", present, after):
             return change
     return None
 
 
-def _stiffness(found: Assessment, aim: Aim) -> Change | None:
+def _stiffness(found: Assessment) -> Change | None:
     loop, present = found.loop, found.loop.stiffness
     if present == 0.0:
         return None
-    return _searched(found, aim, "spring.stiffness", present, present * 1e-6, lambda K: replace(loop, stiffness=K))
+    return _searched(found, "spring.stiffness", present, present * 1e-6, lambda K: replace(loop, stiffness=K))
 
 
-def _decimation(found: Assessment, aim: Aim) -> Change | None:
+def _decimation(found: Assessment) -> Change | None:
     loop, start, present = found.loop, found.start, found.config.encoder.decimation
     raw = loop.resolution / present
 
     def safe(decimation: float) -> bool:
-        return _safe(replace(loop, resolution=math.floor(decimation) * raw), start, aim)
+        return _safe(replace(loop, resolution=math.floor(decimation) * raw), start)
 
     if present <= _SCANNED:
         after = next((n for n in range(present - 1, 0, -1) if safe(n)), None)
     else:
         solved = _solve(safe, present, 1.0)
         after = None if solved is None else math.floor(solved)
-    return None if after is None else _apply(found, aim, "encoder.decimation", present, after)
+    return None if after is None else _apply(found, "encoder.decimation", present, after)
 
 
-def _rate(found: Assessment, aim: Aim) -> Change | None:
+def _rate(found: Assessment) -> Change | None:
     loop, present = found.loop, found.config.servo.rate_hz
     highest = min(_upper_limit("rate_hz"), max_rate(found.config)[0])
     if present >= highest:
         return None
     key = "servo.rate_hz"
-    return _searched(found, aim, key, present, highest, lambda f: replace(loop, period=1.0 / f), highest)
+    return _searched(found, key, present, highest, lambda f: replace(loop, period=1.0 / f), highest)
 
 
 def _upper_limit(key: str) -> float:
@@ -198,16 +191,16 @@ def _upper_limit(key: str) -> float:
     return float(min(limits, default=math.inf))
 
 
-def _delay(found: Assessment, aim: Aim) -> Change | None:
+def _delay(found: Assessment) -> Change | None:
     """Less computation delay; the amplifier's lag and the driver's latency stay."""
     loop, present = found.loop, found.config.delay.computation_s
     if present == 0.0:
         return None
     key = "delay.computation_s"
-    return _searched(found, aim, key, present, 0.0, lambda T_V: replace(loop, delay=loop.delay - present + T_V))
+    return _searched(found, key, present, 0.0, lambda T_V: replace(loop, delay=loop.delay - present + T_V))
 
 
-def _motion(found: Assessment, aim: Aim) -> Change | None:
+def _motion(found: Assessment) -> Change | None:
     """A gentler motion: a release from less far, or a lower velocity."""
     if found.damped is not None:
         return None
@@ -221,19 +214,21 @@ def _motion(found: Assessment, aim: Aim) -> Change | None:
         return Start.in_ticks(loop, **{key: math.copysign(value, asked)})
 
     def safe(value: float) -> bool:
-        return _safe(loop, begun(value), aim)
+        return _safe(loop, begun(value))
 
     solved = _solve(safe, size, 0.0)
     if solved is None or solved <= 0.0:
         return None
     after = _rounded(safe, solved)
-    then = assess(found.config, start=begun(after), latency_s=found.latency_s)
+    then = assess(found.config, start=begun(after), latency_s=found.latency_s, effort=REMEDY)
+    if then.verdict != "stable":
+        return None
     unit = "ticks/period" if key == "velocity" else "ticks"
     margin = criterion_margin(then.numbers, then.xi_dot_max)
     return Change(key, asked, math.copysign(after, asked), unit, then.region, margin)
 
 
-def _grip(found: Assessment, aim: Aim) -> Change | None:
+def _grip(found: Assessment) -> Change | None:
     """A hand's damping in parallel (Sec. III-B), if a linear device asks no more of it than the paper's operator has.
 
     For a rotary device the paper gives no hand, and what a grip adds depends on the handle.
@@ -243,4 +238,4 @@ def _grip(found: Assessment, aim: Aim) -> Change | None:
     if missing == 0.0 or (found.config.is_linear and present + missing > HUMAN_OPERATOR.damping):
         return None
     key, enough = "hand.damping", present + missing * (1.0 + 1e-9)
-    return _searched(found, aim, key, present, enough, lambda b: replace(loop, viscous=loop.viscous - present + b))
+    return _searched(found, key, present, enough, lambda b: replace(loop, viscous=loop.viscous - present + b))

@@ -1,5 +1,8 @@
 """What the theory says of a configuration and a motion: everything behind ``hapticd check``, in one place.
 
+A verdict ``stable`` has a proof behind it (`hapticd.stability.theorems`) or an exploration in which every start came to rest
+(`hapticd.stability.explore`). No region alone says it.
+
 The motion is a release at rest from a deflection, or a velocity at the spring's origin; without either, the answer is for
 every speed, and where the speed decides it is ``depends``.
 """
@@ -16,6 +19,7 @@ from hapticd.config import Config
 from hapticd.stability.cautions import cautions
 from hapticd.stability.criterion import criterion_margin, sampling_bound_ok, velocity_limit
 from hapticd.stability.damped import Damped, damped
+from hapticd.stability.explore import CHECK, Effort, Explored, explore
 from hapticd.stability.limit_cycle import LimitCycle, predicted_cycle, settled_cycle
 from hapticd.stability.locked_cycle import LockedCycle, locked_cycles
 from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
@@ -24,22 +28,12 @@ from hapticd.stability.storage import equivalent_deflection
 from hapticd.stability.theorems import Proof, proof_of
 from hapticd.stability.tuning import Start, stiffness_max_dissipating, stiffness_max_passive
 
-Verdict = Literal["stable", "depends", "buzzes", "unstable"]
+Verdict = Literal["stable", "depends", "buzzes", "unstable", "undecided"]
 
-VERDICTS: Final[dict[str, Verdict]] = {
-    "A": "stable",
-    "E": "stable",
-    "F1": "stable",
-    "F2": "stable",
-    "F1|F2": "stable",
-    "D|E": "depends",
-    "B": "buzzes",
-    "C": "unstable",
-    "D": "unstable",
-}
-
-#: Regions of the paper in which motions die out.
-STABLE: Final = frozenset(name for name, verdict in VERDICTS.items() if verdict == "stable")
+#: Regions of the paper in which motions die out by the criterion, as far as its numbers have all that is in the loop.
+CALM: Final = frozenset({"A", "E", "F1", "F1|F2"})
+#: Regions in which an oscillation is one that gains energy by itself.
+_SHAKES: Final = frozenset({"C", "D"})
 
 #: Inertia up to which the locked cycles are looked for: there are about √μ of them.
 _LOCKED_UP_TO: Final = 1e6
@@ -61,6 +55,7 @@ class Assessment:
         region: region of Fig. 3 or 5.
         proof: the written proof that covers the loop; None without one. proven: whether it covers this motion, or every
             motion where none is asked about.
+        explored: what became of many starts; None where a proof makes that needless, or nothing is rendered.
         verdict: the conclusion in one word.
         velocity_limit: largest ξ̇_max that dissipates (15), in ticks per period.
         stiffness_passive, stiffness_dissipating: largest K at any speed, and for this motion; None without one.
@@ -82,6 +77,7 @@ class Assessment:
     region: str
     proof: Proof | None
     proven: bool
+    explored: Explored | None
     verdict: Verdict
     velocity_limit: float
     stiffness_passive: float
@@ -106,6 +102,7 @@ class Assessment:
             "meaning": MEANING[self.region],
             "verdict": self.verdict,
             "proven": self.proven,
+            "explored": self.explored and self.explored.document,
             "xi_dot_max": self.xi_dot_max,
             "velocity_limit": self.velocity_limit,
             "count_speed": self.config.count_speed,
@@ -117,7 +114,7 @@ class Assessment:
                 "frequency_hz": self.cycle and hertz(self.cycle.omega),
                 "locked": [{"amplitude_ticks": c.amplitude, "frequency_hz": hertz(c.omega)} for c in self.locked],
             },
-            "damping": self.damped and self.damped.document(self.loop.scales),
+            "damping": self.damped and self.damped.document,
             "sampling_bound_ok": math.isinf(n.mu) or sampling_bound_ok(n),
             "warnings": list(self.warnings),
         }
@@ -130,6 +127,8 @@ def assess(
     deflection: float | None = None,
     start: Start | None = None,
     latency_s: float = 0.0,
+    effort: Effort = CHECK,
+    jobs: int | None = 1,
 ) -> Assessment:
     """Ask the theory about a configuration.
 
@@ -139,6 +138,7 @@ def assess(
         deflection: release at rest from here, in coarse ticks from the origin.
         start: in the place of both, the motion in SI units.
         latency_s: the driver's declared sample-to-current latency in s.
+        effort, jobs: of the exploration, where there is no proof.
 
     Raises:
         ValueError: both a velocity and a deflection, or a motion beyond what floating point can hold.
@@ -160,11 +160,14 @@ def assess(
     where = region(numbers, xi_dot_max)
     with_damping = None
     if config.spring.damping > 0.0:
-        with_damping = damped(config, loop, xi_dot_max, deflection, velocity)
+        with_damping = damped(config, loop)
     proof = proof_of(config, loop)
     proven = proof is not None and proof.margin(xi_dot_max) >= 0.0
     cycle = None if with_damping else _cycle(numbers, deflection, velocity)
-    verdict: Verdict = VERDICTS[where] if with_damping is None else with_damping.verdict
+    explored = None
+    if not proven and (loop.stiffness > 0.0 or with_damping is not None):
+        motion = None if start is None else (deflection or 0.0, velocity or 0.0)
+        explored = explore(config, loop=loop, motion=motion, effort=effort, jobs=jobs)
     return Assessment(
         config=config,
         latency_s=latency_s,
@@ -177,7 +180,8 @@ def assess(
         region=where,
         proof=proof,
         proven=proven,
-        verdict="stable" if proven else verdict,
+        explored=explored,
+        verdict=_verdict(where, proof if start is None else None, explored),
         velocity_limit=velocity_limit(numbers),
         stiffness_passive=stiffness_max_passive(loop),
         stiffness_dissipating=None if start is None else stiffness_max_dissipating(loop, start),
@@ -186,6 +190,17 @@ def assess(
         damped=with_damping,
         warnings=cautions(config, loop, xi_dot_max, deflection),
     )
+
+
+def _verdict(where: str, proof: Proof | None, explored: Explored | None) -> Verdict:
+    """The conclusion; ``proof`` is that of slow motions, where none is asked about."""
+    if explored is None or explored.stable:
+        return "stable"
+    if proof is not None and proof.speed_limit > 0.0:
+        return "depends"
+    if explored.moving_on:
+        return "unstable" if explored.growing or where in _SHAKES else "buzzes"
+    return "undecided" if explored.undecided else "buzzes"
 
 
 def _cycle(numbers: Dimensionless, deflection: float | None, velocity: float | None) -> LimitCycle | None:

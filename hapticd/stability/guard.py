@@ -1,11 +1,9 @@
 """The guard: may this spring be rendered? One place for the answer, one sentence for the reason.
 
-What a theorem proves is admitted. A motion that the theory does not see die out is refused: C; D, which is a motion beyond
-the velocity limit (15); F2, where nothing is proven; B where its oscillation reaches one tick, or where dither or the
-converter make it and not the ticks. Without a motion, ``D|E`` and ``F1|F2`` are admitted: slow motions die out there, and
-every later motion is judged again when it begins.
-
-With virtual damping no region decides: the exact loop is run, and admitted is what dies out or stays below one tick.
+What a theorem proves is admitted. Without a motion that is also what is proven of slow ones (``D|E``): every later motion
+is judged again when it begins. All else is explored (`hapticd.stability.explore`), with the starts for which there is time:
+admitted is where all come to rest, or end in the buzz below one tick that ticks alone make (Fig. 8b); refused is where one
+moves on, or is undecided. `explore_further` goes on from there in the background.
 """
 
 from __future__ import annotations
@@ -13,34 +11,21 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Final, Literal
 
-import numpy as np
-
 from hapticd.config import Config
 from hapticd.stability.advice import advise
 from hapticd.stability.assessment import Assessment, assess
 from hapticd.stability.criterion import velocity_limit
-from hapticd.stability.limit_cycle import predicted_cycle
+from hapticd.stability.explore import GUARD, Explored, explore
 from hapticd.stability.numbers import Loop, from_config, loop_from_config
 from hapticd.stability.regions import MEANING, region
-from hapticd.stability.report import advice_text, exactly, number
+from hapticd.stability.report import advice_text, number
+from hapticd.stability.theorems import proof_of
 from hapticd.stability.tuning import Start
 
 Policy = Literal["refuse", "warn", "off"]
 Verdict = Literal["admitted", "refused", "forced", "warned", "off"]
 
-#: Regions to which a refused motion is advised to move.
-CALM: Final = frozenset({"A", "E", "F1", "F1|F2"})
-#: Regions in which it takes more than the region to say that a motion dies out.
-_DOUBTFUL: Final = frozenset({"B", "C", "D", "F2"})
-_ONE_TICK: Final = 1.0
-#: q up to which the steps of a force are those of the ticks, which is what the cycles of theory are of.
-_TICKS_ALONE: Final = 0.55
 _DAMPING_KEYS: Final = ("damping", "velocity_estimate", "velocity_periods", "velocity_cutoff_hz")
-#: What the region's meaning does not say of a motion that is not admitted.
-_MORE: Final = {
-    "B": "; here they may reach one tick and more",
-    "F2": "; no criterion proves that this motion dies out",
-}
 _NO_HELP: Final = "no single change of one setting makes this stable; change two, or take a device with friction"
 
 
@@ -99,26 +84,58 @@ def judge(
     if policy == "off":
         return Judgement("off", "safety.guard is off: stability was not looked at")
     loop = loop_from_config(config, latency_s)
-    motion = _motion(deflection, velocity)
+    if loop.stiffness == 0.0 and loop.damping == 0.0:
+        return Judgement("admitted", "spring.stiffness is 0: no spring is rendered", region(loop.numbers))
+    if deflection is None and velocity is None:
+        proof = proof_of(config, loop)
+        if proof is not None and proof.speed_limit > 0.0:
+            where = region(loop.numbers)
+            return Judgement("admitted", f"{_where(loop, config, where, '')}; {proof.words}", where)
     try:
-        where = _region(loop, deflection, velocity)
-        if config.spring.damping == 0.0 and (where not in _DOUBTFUL or loop.stiffness == 0.0):
-            return Judgement("admitted", _reason(loop, config.is_linear, where, motion), where)
-        found = assess(config, deflection=deflection, velocity=velocity, latency_s=latency_s)
+        found = assess(config, deflection=deflection, velocity=velocity, latency_s=latency_s, effort=GUARD)
     except ValueError as error:
         return Judgement(_verdict(policy, force), str(error), None, _NO_HELP)
-    reason = _reason(loop, config.is_linear, where, motion)
-    if found.damped is not None:
-        reason = f"without its damping {reason}. {exactly(found)}"
-        if found.proven or found.damped.oscillation < _ONE_TICK:
-            return Judgement("admitted", reason, where)
-        changes = [change for change in advise(found) if release or "." in change.key]
-        return Judgement(_verdict(policy, force), reason, where, advice_text(found, changes) if changes else _NO_HELP)
-    if where == "B" and found.numbers.quantum <= _TICKS_ALONE and _largest_cycle(found) < _ONE_TICK:
-        return Judgement("admitted", f"{reason}; here they stay below one tick", where)
-    changes = [change for change in advise(found, CALM) if release or "." in change.key]
+    reason = _reason(found)
+    if found.explored is None or found.explored.admissible:
+        return Judgement("admitted", reason, found.region)
+    changes = [change for change in advise(found) if release or "." in change.key]
     help_text = advice_text(found, changes) if changes else _NO_HELP
-    return Judgement(_verdict(policy, force), f"{reason}{_MORE.get(where, '')}", where, help_text)
+    return Judgement(_verdict(policy, force), reason, found.region, help_text)
+
+
+def explore_further(
+    config: Config,
+    latency_s: float,
+    *,
+    deflection: float | None = None,
+    velocity: float | None = None,
+    skip: int = 0,
+) -> Explored | None:
+    """Go on with starts that a judgement had no time for; for a thread in the background while the spring is rendered.
+
+    It takes about 0.1 s of one core in the thread that asks, starts none, and gives up the GIL while it works.
+
+    Args:
+        config, latency_s, deflection, velocity: what was judged.
+        skip: starts that were run before; 0 begins with those of the judgement, which are remembered.
+
+    Returns:
+        What became of them: add ``starts`` to ``skip`` and ask again; where it is not ``admissible``, ``worst_start`` says
+        why (ticks, ticks per period), and ``words`` and ``command`` how to see it. None where a theorem leaves nothing to
+        explore.
+    """
+    loop = loop_from_config(config, latency_s)
+    if loop.stiffness == 0.0 and loop.damping == 0.0:
+        return None
+    asked = deflection is not None or velocity is not None
+    motion = (deflection or 0.0, velocity or 0.0) if asked else None
+    proof = proof_of(config, loop)
+    if proof is not None:
+        # without a motion slow ones are enough, as in `judge`
+        fastest = Start.in_ticks(loop, *motion).xi_dot_max(loop) if motion else 0.0
+        if proof.margin(fastest) >= 0.0 and proof.speed_limit > 0.0:
+            return None
+    return explore(config, loop=loop, motion=motion, effort=GUARD, skip=skip)
 
 
 def same_loop(old: Config, new: Config, latency_s: float) -> bool:
@@ -134,31 +151,25 @@ def _verdict(policy: Policy, force: bool) -> Verdict:
     return "forced" if force else "refused"
 
 
-def _region(loop: Loop, deflection: float | None, velocity: float | None) -> str:
-    if (deflection is None and velocity is None) or loop.stiffness == 0.0:
-        return region(loop.numbers)
-    start = Start.in_ticks(loop, deflection=deflection or 0.0, velocity=velocity or 0.0)
-    with np.errstate(over="ignore", invalid="ignore"):
-        return region(loop.numbers, start.xi_dot_max(loop))
+def _reason(found: Assessment) -> str:
+    """One sentence: where the loop is, and what was proven or found of the motion."""
+    motion = ""
+    if found.deflection is not None:
+        motion = f", at rest {number(found.deflection)} ticks from the origin"
+    elif found.velocity is not None:
+        motion = f", moving at {number(found.velocity)} ticks per period"
+    text = _where(found.loop, found.config, found.region, motion)
+    if found.explored is None:
+        return f"{text}; {found.proof.words}" if found.proven and found.proof is not None else text
+    text += f"; simulated exactly, {found.explored.words}"
+    return f"{text}: they stay below one tick" if found.explored.admissible and found.explored.buzzing else text
 
 
-def _motion(deflection: float | None, velocity: float | None) -> str:
-    if deflection is not None:
-        return f", at rest {number(deflection)} ticks from the origin"
-    return "" if velocity is None else f", moving at {number(velocity)} ticks per period"
-
-
-def _largest_cycle(found: Assessment) -> float:
-    """Amplitude in ticks of the largest oscillation that this motion, or the smallest disturbance, can end in."""
-    cycles = (found.cycle, predicted_cycle(found.numbers), *found.locked)
-    return max((cycle.amplitude for cycle in cycles if cycle is not None), default=0.0)
-
-
-def _reason(loop: Loop, linear: bool, where: str, motion: str) -> str:
-    if loop.stiffness == 0.0:
-        return "spring.stiffness is 0: no spring is rendered"
+def _where(loop: Loop, config: Config, where: str, motion: str) -> str:
     text = f"region {where}{motion}: {MEANING[where]}"
+    if loop.damping > 0.0:
+        return f"without its damping {text}"
     if where in ("D", "E", "D|E"):
         limit = float(loop.scales.xi_dot_to_velocity(velocity_limit(loop.numbers)))
-        text += f"; the speed limit is {number(limit)} {'m/s' if linear else 'rad/s'}"
+        text += f"; the speed limit is {number(limit)} {'m/s' if config.is_linear else 'rad/s'}"
     return text

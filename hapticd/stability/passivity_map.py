@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from hapticd.stability.criterion import lambda_
 from hapticd.stability.maps import GROWING, PERSISTENT, Study
-from hapticd.stability.sampled_loop import LOOP, run_in_threads
+from hapticd.stability.sampled_loop import blank, run_in_threads
 
 #: Counts a tick: the coarsest encoder, and the paper's decimation.
 COUNTS: Final = (1, 217)
@@ -116,8 +116,8 @@ def classify(bare: NDArray[np.int64], controlled: NDArray[np.int64]) -> NDArray[
 
 
 def _loops(study: Study) -> NDArray[Any]:
-    loops = np.zeros(study.shape, LOOP)
-    loops["mu"], loops["periods"], loops["ticks"], loops["force_limit"] = study.mu, 1, True, np.inf
+    loops = blank(study.shape)
+    loops["mu"] = study.mu
     loops["sigma"] = study.sigmas
     for d, tau_d in enumerate(study.delays):
         loops["tau_d"][d] = tau_d

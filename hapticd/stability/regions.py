@@ -18,7 +18,7 @@ MEANING: Final[dict[str, str]] = {
     "A": "globally stable: friction takes out more energy than sampling and quantisation put in, at any speed",
     "B": "buzzes: small steady oscillations, usually below one tick; Coulomb friction cannot hold a step of the force",
     "C": "unstable: neither viscous nor Coulomb friction is enough, oscillations grow from the smallest motion",
-    "D": "locally unstable: motions this fast gain energy; slower ones die out",
+    "D": "locally unstable: motions this fast can gain energy; slower ones die out",
     "E": "locally stable: Coulomb friction wins as long as the device moves no faster than assumed",
     "F1": "stable with delay: after a pure delay the motion never has more energy than it began with",
     "F2": "stable with delay, but energy may rise before it falls: for this speed nothing is proven",

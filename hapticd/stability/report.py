@@ -19,6 +19,7 @@ HEADLINES: Final[dict[Verdict, str]] = {
     "depends": "stable for slow motions only",
     "buzzes": "not stable: it will buzz",
     "unstable": "not stable: it will shake",
+    "undecided": "not known to be stable",
 }
 
 #: Why, in the student's words: what takes energy out, what puts it in, and which wins.
@@ -69,6 +70,8 @@ def report(found: Assessment, changes: Sequence[Change], name: str, device: Devi
         _paragraph(_why(found)),
         "\n".join(_numbers(found)),
     ]
+    if found.explored is not None and (command := found.explored.command(found.loop.period)):
+        sections.append(f"To see one of them: {command}")
     if changes:
         sections.append(advice_text(found, changes))
     elif found.verdict != "stable":
@@ -85,46 +88,30 @@ def report(found: Assessment, changes: Sequence[Change], name: str, device: Devi
 def _why(found: Assessment) -> str:
     text = f"Region {found.region}: {MEANING[found.region]}. {WHY[found.region]}"
     if found.damped is not None:
-        return f"Without its virtual damping: region {found.region}: {MEANING[found.region]}. {exactly(found)}."
+        return f"Without its virtual damping: region {found.region}: {MEANING[found.region]}.{_proof(found)}"
     if found.region == "C" and found.cycle is not None:
         text += " From this motion the describing function expects no growth but the small limit cycle below."
     return text + _proof(found)
 
 
 def _proof(found: Assessment) -> str:
-    """Which theorem stands behind the word stable, if one does."""
+    """Which theorem stands behind the word stable, if one does; or what exploration found."""
     if found.proven:
         assert found.proof is not None
         return f" {found.proof.words[0].upper()}{found.proof.words[1:]}."
-    if found.verdict != "stable" or found.loop.stiffness == 0.0:
+    if found.explored is None:
         return ""
-    if found.proof is None:
-        return f" No theorem proves it: they do not cover {', '.join(unproven(found.config))}."
-    asked = f"λ = {number(found.proof.lam)} and q = {number(found.proof.q)}"
-    return (
-        f" No theorem proves it: with all that is in the loop, an amplifier that lags among it, they ask for {asked}."
-    )
-
-
-_BECAME: Final = {"persistent": "goes on", "growing": "grows"}
-
-
-def exactly(found: Assessment) -> str:
-    """What the exact loop with its damping does, in one sentence without its stop."""
-    damped = found.damped
-    assert damped is not None
-    if found.proven:
-        assert found.proof is not None
-        return f"With it, {found.proof.words}"
-    parts = []
-    for run in damped.runs:
-        how = f"at rest from {run.xi:g} ticks" if run.xi else f"at {run.xi_dot:g} ticks per period"
-        became = "dies out" if run.dies_out else _BECAME[run.outcome]
-        if run.outcome == "persistent":
-            hertz = float(found.loop.scales.omega_to_hz(run.omega))
-            became += f" with {number(run.amplitude)} ticks at {number(hertz)} Hz"
-        parts.append(f"a motion {how} {became}")
-    return f"No theorem covers it with the damping; simulated exactly, {', '.join(parts)}"
+    if found.loop.stiffness == 0.0:
+        text = ""
+    elif found.proof is None:
+        text = f" No theorem proves it: they do not cover {', '.join(unproven(found.config))}."
+    else:
+        asked = f"λ = {number(found.proof.lam)} and q = {number(found.proof.q)}"
+        text = f" No theorem proves it: with all that is in the loop they ask for {asked}."
+    text += f" Simulated exactly, {found.explored.words}."
+    if found.explored.approximate:
+        text += f" ({'; '.join(found.explored.approximate)}.)"
+    return text
 
 
 def number(value: float | None, digits: int = 3) -> str:

@@ -7,7 +7,7 @@ The torque constant has no part in it: μ, β and σ are ratios of what it scale
 K_max at 95 % is the largest stiffness that at most 5 % of the draws do not admit. For one device the margin has one change
 of sign in K (`hapticd.stability.tuning`), so it is the 5 % quantile of the largest stiffnesses.
 
-With virtual damping fewer draws are judged, by proof or by the exact loop, passivity by Colgate and Schenkel's bound or
+With virtual damping fewer draws are judged, by proof or by exploration, passivity by Colgate and Schenkel's bound or
 λ, and no largest stiffness is named.
 """
 
@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 from scipy.special import ndtri
 
-from hapticd.stability.assessment import STABLE, Assessment
+from hapticd.stability.assessment import CALM, Assessment
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.damped import damped
+from hapticd.stability.explore import DRAW, explore
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 from hapticd.stability.theorems import proven
@@ -40,6 +41,8 @@ _LOG2_DRAWS: Final = 10
 _LOG2_DRAWS_DAMPED: Final = 7
 """Each of them runs the exact loop."""
 _SEED: Final = 1
+#: Regions in which a draw that no theorem proves is worth exploring.
+_HOPEFUL: Final = CALM | {"F2"}
 _LEAST_SHARE: Final = 0.02
 """Of the margin's variance, below which no parameter is said to decide."""
 
@@ -140,7 +143,12 @@ def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
     """By the paper's regions and criterion."""
     start = found.start
     regions = [region(loop.numbers, None if start is None else start.xi_dot_max(loop)) for loop in loops]
-    stable = np.array([where in STABLE or _is_proven(found, loop) for where, loop in zip(regions, loops, strict=True)])
+    stable = np.array(
+        [
+            _is_proven(found, loop) or (where in _HOPEFUL and _rests(found, loop))
+            for where, loop in zip(regions, loops, strict=True)
+        ]
+    )
     passive = np.array([proven(found.config, loop, None) for loop in loops])
     # What is open is what a parameter can decide.
     of_passivity = _is_open(passive) and not _is_open(stable)
@@ -151,16 +159,9 @@ def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
 
 
 def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
-    """By the same rules as `check`: proof or exact loop, and Colgate and Schenkel's bound."""
-    start = found.start
-    judged = [
-        damped(found.config, loop, None if start is None else start.xi_dot_max(loop), found.deflection, found.velocity)
-        for loop in loops
-    ]
-    stable = np.array(
-        [_is_proven(found, loop) or one.verdict == "stable" for one, loop in zip(judged, loops, strict=True)]
-    )
-    passive = np.array([one.passive for one in judged])
+    """By the same rules as `check`: proof or exploration, and Colgate and Schenkel's bound."""
+    stable = np.array([_is_proven(found, loop) or _rests(found, loop) for loop in loops])
+    passive = np.array([damped(found.config, loop).passive for loop in loops])
     open_answer = passive if _is_open(passive) and not _is_open(stable) else stable
     return _Judged(stable, passive, open_answer.astype(float), None)
 
@@ -199,6 +200,12 @@ def _is_open(answers: NDArray[np.bool_]) -> bool:
 
 def _is_proven(found: Assessment, loop: Loop) -> bool:
     return proven(found.config, loop, None if found.start is None else found.start.xi_dot_max(loop))
+
+
+def _rests(found: Assessment, loop: Loop) -> bool:
+    """Whether every one of some starts comes to rest."""
+    motion = None if found.start is None else found.start.to_ticks(loop)
+    return explore(found.config, loop=loop, motion=motion, effort=DRAW).stable
 
 
 def _largest(loop: Loop, start: Start | None) -> float:

@@ -18,7 +18,7 @@ from hapticd.config import Config
 from hapticd.stability.damping import damper_from_config, passive_stiffness
 from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
-from hapticd.stability.sampled_loop import LOOP, run_in_threads
+from hapticd.stability.sampled_loop import blank, run_in_threads
 from hapticd.stability.storage import FloatArray
 
 #: Whether the loop sees ticks, whether the device has Coulomb friction.
@@ -136,7 +136,7 @@ def _loops(
 ) -> NDArray[Any]:
     """The loops of a grid; (n, m) of `LOOP`."""
     ticks, friction = VARIANTS[variant]
-    loops = np.zeros((damping.size, stiffness.size), LOOP)
+    loops = blank((damping.size, stiffness.size))
     for column, K in enumerate(stiffness.tolist()):
         here = replace(loop, stiffness=K)
         numbers, damper = here.numbers, damper_from_config(config, here)
@@ -145,7 +145,7 @@ def _loops(
         loops["sigma"][:, column] = numbers.sigma if friction else 0.0
         loops["beta_v"][:, column] = damping / (K * loop.period)
         loops["periods"], loops["keep"] = damper.periods, damper.keep
-    loops["ticks"], loops["xi_dot"], loops["force_limit"] = ticks, velocity, np.inf
+    loops["ticks"], loops["xi_dot"] = ticks, velocity
     return loops
 
 

@@ -57,7 +57,7 @@ def test_a_buzz_below_one_tick_is_admitted_and_a_larger_one_is_not() -> None:
     assert region_of(ladder) == "B"
     found = judge(ladder, 0.0, deflection=3.3)
     assert found.verdict == "refused"
-    assert "one tick and more" in found.reason
+    assert "starts moved on" in found.reason
 
 
 def region_of(given: Config) -> str:
@@ -66,16 +66,16 @@ def region_of(given: Config) -> str:
     return region(from_config(given))
 
 
-def test_between_the_delay_and_lambda_a_fast_motion_is_refused_with_a_way_to_where_it_is_proven() -> None:
-    """Without ticks it could gain energy by stop-and-go motion in step with the servo; a slow one cannot."""
+def test_between_the_delay_and_lambda_a_fast_motion_is_explored() -> None:
+    """It could gain energy by stop-and-go motion in step with the servo, which nothing here does; a slow one cannot."""
     late = config(
         amplifier={"bandwidth_hz": 0, "dac_bits": 0},
         delay={"computation_s": 1.25e-3},
         plant={"inertia": 1.2e-6, "viscous": 2.112e-5, "coulomb": 5.52233084e-6},
     )
     found = judge(late, 0.0, velocity=20.0)
-    assert (found.verdict, found.region) == ("refused", "F2")
-    assert "(region F1)" in found.help
+    assert (found.verdict, found.region) == ("admitted", "F2")
+    assert "starts moved on: fewer than" in found.reason
     assert judge(late, 0.0, velocity=3.0).region == "F1"
     assert (judge(late, 0.0).verdict, judge(late, 0.0).region) == ("admitted", "F1|F2")
 
@@ -107,7 +107,7 @@ def test_with_damping_the_exact_loop_decides() -> None:
     assert judge(config(**SLOW), 0.0, deflection=10.3).verdict == "refused"
     calm = judge(config(**CASE_D), 0.0, deflection=10.3)
     assert (calm.verdict, calm.region) == ("admitted", "D")
-    assert "a motion at rest from 10.3 ticks dies out" in calm.reason
+    assert "starts moved on: fewer than" in calm.reason
     shaking = judge(config(**SLOW, spring={"damping": 3e-3}), 0.0, deflection=10.3, release=True)
     assert shaking.verdict == "refused"
     assert "spring.damping       0.003 →" in shaking.help

@@ -1,0 +1,447 @@
+"""What no theorem covers is explored: the whole loop, exactly, from thousands of starts, each until it is clear what it does.
+
+A start is a place and a speed, and what the servo remembers: nothing, as when running begins; or that the shaft came at a
+steady speed; or that it stood and was struck. Places and speeds are spread evenly (a Kronecker sequence, the same for every
+loop) over the energies of all that the safety limits admit; where a motion is asked about, it is the first start, and the
+others have at most its energy. Where β > λ theorem 2 takes from faster ones what they have more: whatever goes faster than
+(q − σ)/(β − λ) in the mean loses energy, so that starts have at most three times that. A start
+
+* is at rest when stiction holds whatever the loop may still command;
+* buzzes when what it ends in stays below one tick: where Coulomb friction holds no tick (σ < ½) every motion ends so or
+  worse (Fig. 8b); elsewhere it is the damper, the converter or the dither that does it, and that is admitted only beside a
+  motion that comes to rest itself;
+* *moves on* when it grows, or when its cycle passes one tick;
+* is undecided when its horizon ends before any of that. Who asks for an admission refuses it like one that moves on.
+
+Work is counted in periods and not in seconds, so that the same question has the same answer on every machine. None of n
+starts says that, of all starts drawn like these, fewer than 1 − 0.05^(1/n) move on, with 95 % confidence.
+
+The amplifier is the delay of (5), as in ``hapticd simulate``, which repeats a start that moves on; effects of the plant that
+are no edits of its base are left out. `Explored.approximate` names both.
+"""
+
+from __future__ import annotations
+
+import functools
+import math
+import os
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticd.plant.amplifier import converter_grid
+from hapticd.stability import sampled_loop as loops
+from hapticd.stability.damped import sprung
+from hapticd.stability.damping import passive_viscous, velocity_filter
+from hapticd.stability.maps import GROWING, OUTCOMES, PERSISTENT
+from hapticd.stability.numbers import Loop, loop_from_config
+from hapticd.stability.theorems import proof_of, unproven
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+
+ONE_TICK: Final = 1.0
+#: Ticks per period where no limit is set.
+_UNLIMITED: Final = 1e3
+#: Amplitude of the slightest start, ticks; how far above what theorem 2 leaves the largest is, and so many ticks.
+_SMALLEST: Final = 0.2
+_BEYOND, _TICKS = 3.0, 10.0
+_HEAVIEST: Final = 1e6
+"""μ beyond which energy is no measure of a place."""
+_SIDES: Final = {"both": 0.0, "positive": 1.0, "negative": -1.0}
+AT_REST, BUZZES, MOVES_ON, UNDECIDED = range(4)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much is tried.
+
+    Attributes:
+        starts: at most. periods: after which no further start begins; `least` starts run in any case.
+        horizon: periods after which one start is undecided. batch: starts that are run together.
+        until_one: whether one start that is not to be admitted is enough.
+    """
+
+    starts: int
+    periods: int
+    horizon: int
+    batch: int = 32
+    least: int = 64
+    until_one: bool = False
+
+
+#: About a second, and about 0.1 s of one core.
+CHECK: Final = Effort(4096, 16_000_000, 200_000)
+GUARD: Final = Effort(4096, 700_000, 40_000, batch=8, least=16, until_one=True)
+#: What a change that is offered is checked with, and one draw of what is uncertain.
+REMEDY: Final = Effort(512, 200_000, 40_000, batch=8, least=16, until_one=True)
+DRAW: Final = Effort(32, 20_000, 20_000, batch=16, least=16, until_one=True)
+
+
+@dataclass(frozen=True)
+class Explored:
+    """What became of many starts.
+
+    Attributes:
+        starts: that were run. at_rest, buzzing, moving_on, undecided: what became of them. growing: of those that move on.
+        longest: periods of the longest run.
+        largest_cycle: amplitude in ticks of the largest oscillation that a start ended in; infinite where one grows.
+        worst_start: place and speed (ticks, ticks per period) of a start that moves on, or else is undecided, or else
+            buzzes; None where all rest. repeats: whether ``simulate`` repeats it, which begins with no memory;
+            worst_periods: how long it takes to show.
+        of_ticks: whether a buzz is what ticks alone make of this device. motion_rests: whether the motion asked about comes to
+            rest; False without one.
+        approximate: what the runs take differently from the device.
+    """
+
+    starts: int
+    at_rest: int
+    buzzing: int
+    moving_on: int
+    undecided: int
+    growing: int
+    longest: int
+    largest_cycle: float
+    worst_start: tuple[float, float] | None
+    repeats: bool
+    worst_periods: int
+    of_ticks: bool
+    motion_rests: bool
+    approximate: tuple[str, ...] = ()
+
+    @property
+    def stable(self) -> bool:
+        """Whether all came to rest."""
+        return self.at_rest == self.starts
+
+    @property
+    def admissible(self) -> bool:
+        """Whether none moved on, none is undecided, and a buzz below one tick is that of ticks or not of the motion asked about."""
+        return self.moving_on == self.undecided == 0 and (self.buzzing == 0 or self.of_ticks or self.motion_rests)
+
+    @property
+    def bound(self) -> float:
+        """The fraction of starts below which those that move on are with 95 % confidence, where none of these did."""
+        return float(1.0 - 0.05 ** (1.0 / self.starts))
+
+    @property
+    def words(self) -> str:
+        """One sentence without its stop."""
+        if self.moving_on or self.undecided:
+            parts = []
+            if self.moving_on:
+                how = "growing" if math.isinf(self.largest_cycle) else f"with up to {self.largest_cycle:.3g} ticks"
+                parts.append(f"{self.moving_on:,} of {self.starts:,} starts moved on, {how}")
+            if self.undecided:
+                parts.append(f"{self.undecided:,} of {self.starts:,} starts were undecided after {self.longest:,} periods")
+            return "; ".join(parts)
+        text = f"none of {self.starts:,} starts moved on: fewer than {100.0 * self.bound:.2g} % do, with 95 % confidence"
+        if self.buzzing:
+            share = "" if self.at_rest else "all "
+            text += f"; {share}{self.buzzing:,} end in a buzz of up to {self.largest_cycle:.2g} ticks"
+            text += "" if self.of_ticks else ", though Coulomb friction could hold the ticks"
+        return text
+
+    def command(self, period_s: float) -> str:
+        """How ``hapticd simulate`` shows the worst start; empty where it does not."""
+        if self.worst_start is None or not self.repeats:
+            return ""
+        xi, xi_dot = self.worst_start
+        said = [f"--deflection {xi:.12g}"] if xi else []
+        said += [f"--velocity {xi_dot:.12g}"] if xi_dot or not xi else []
+        return f"hapticd simulate {' '.join(said)} --duration {max(1.0, 3.0 * self.worst_periods * period_s):.2g}"
+
+    @property
+    def document(self) -> dict[str, Any]:
+        """The key ``explored`` of ``hapticd check --json``."""
+        return {
+            "starts": self.starts,
+            "at_rest": self.at_rest,
+            "buzzing": self.buzzing,
+            "moving_on": self.moving_on,
+            "undecided": self.undecided,
+            "growing": self.growing,
+            "bound_95": self.bound if self.moving_on == 0 else None,
+            "longest": self.longest,
+            "largest_cycle": self.largest_cycle,
+            "worst_start": self.worst_start
+            and {"position_ticks": self.worst_start[0], "velocity_ticks_per_period": self.worst_start[1]},
+            "repeats": self.repeats,
+            "approximate": list(self.approximate),
+            "words": self.words,
+        }
+
+
+def explore(
+    config: Config,
+    latency_s: float = 0.0,
+    *,
+    loop: Loop | None = None,
+    motion: tuple[float, float] | None = None,
+    effort: Effort = CHECK,
+    skip: int = 0,
+    jobs: int | None = 1,
+) -> Explored:
+    """Run many starts of a configuration; the last answers are kept.
+
+    Args:
+        config: the configuration. latency_s: the driver's declared latency.
+        loop: in its place, another loop of the same kind, in SI units.
+        motion: place and speed of a motion, in ticks and ticks per period; None for all that the limits admit.
+        effort: how much is tried. skip: starts that were run before.
+        jobs: threads, None for one per core that this process may use; with 1 it runs in the thread that asks. The answer
+            does not depend on it.
+    """
+    loop = loop or loop_from_config(config, latency_s)
+    record = record_of(config, loop)
+    approximate = []
+    if config.amplifier.bandwidth_hz:
+        approximate.append("the amplifier's lag is taken as the delay of (5)")
+    if left_out := [text for text in unproven(config) if "passivity" not in text]:
+        approximate.append(f"without {', '.join(left_out)}")
+    weight, widest = math.sqrt(min(float(record["mu"][0]), _HEAVIEST)), math.inf
+    if motion is None:
+        limits = config.safety.max_velocity, config.safety.max_excursion
+        reach = weight * (limits[0] * config.period / config.resolution if limits[0] else _UNLIMITED)
+        widest = limits[1] / config.resolution if limits[1] else math.inf
+    else:
+        reach = math.hypot(motion[0] * math.sqrt(1.0 + float(record["kappa"][0])), motion[1] * weight)
+    proof = proof_of(config, loop)
+    if proof is not None and proof.numbers.beta > proof.lam:
+        faster = max(0.0, proof.q - proof.numbers.sigma) / (proof.numbers.beta - proof.lam)
+        reach = min(reach, _BEYOND * (faster * weight + proof.q) + _TICKS)
+    found = _explored(record.tobytes(), motion, reach, widest, effort, skip, jobs)
+    return replace(found, approximate=tuple(approximate))
+
+
+def explore_further(config: Config, latency_s: float, *, motion: tuple[float, float] | None, skip: int) -> Explored:
+    """Go on with starts that were not run yet, about 0.1 s of one core in the thread that asks.
+
+    For a thread in the background while a spring is rendered: ask again and again, ``skip`` increased by ``starts`` of every
+    answer, beginning with that of the judgement; a start that moves on is in ``worst_start``.
+    """
+    return explore(config, latency_s, motion=motion, effort=replace(GUARD, starts=1 << 20), skip=skip)
+
+
+def record_of(config: Config, loop: Loop) -> NDArray[Any]:
+    """A configuration as a loop to be run, at rest at its origin; (1,) of `LOOP`."""
+    loop = sprung(loop)
+    numbers, scales, spring, dither = loop.numbers, loop.scales, config.spring, config.dither
+    amplifier = config.amplifier
+    per_ampere = amplifier.torque_constant / scales.force
+    record = loops.blank(1)
+    for name in ("mu", "beta", "sigma", "tau_d", "kappa"):
+        record[name] = getattr(numbers, name)
+    record["bias"] = 0.5 if spring.half_tick_bias else 0.0
+    record["side"] = _SIDES[spring.side]
+    record["beta_v"] = loop.damping / (loop.stiffness * loop.period)
+    if loop.damping > 0.0:
+        record["periods"], record["keep"] = velocity_filter(spring, loop.period)
+    record["grain"] = config.encoder.decimation
+    if dither.target != "none" and dither.amplitude > 0.0:
+        record["waveform"], record["seed"] = loops.WAVEFORMS.index(dither.waveform), dither.seed
+        record["turns"] = dither.frequency_hz * loop.period
+        if dither.target == "position":
+            record["position_dither"] = dither.amplitude
+        else:
+            record["force_dither"] = dither.amplitude * per_ampere
+    step, codes = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
+    record["step"], record["codes"] = step * per_ampere, codes
+    record["clip"] = amplifier.peak_current * per_ampere if amplifier.peak_current else np.inf
+    if config.safety.passivity == "control":
+        record["counts"] = config.encoder.decimation
+        record["stiffest"] = 2.0 * passive_viscous(config) / (loop.stiffness * loop.period)
+        record["force_limit"] = record["clip"]
+    return record
+
+
+@functools.lru_cache(maxsize=128)
+def _explored(
+    record: bytes,
+    motion: tuple[float, float] | None,
+    reach: float,
+    widest: float,
+    effort: Effort,
+    skip: int,
+    jobs: int | None,
+) -> Explored:
+    loop = np.frombuffer(record, loops.LOOP)
+    starts, runs, answers = [], [], []
+    bare = loop.copy()
+    for name in ("beta_v", "position_dither", "force_dither", "step"):
+        bare[name] = 0.0
+    of_ticks = not loops.can_rest(bare[0])
+    spent, done, motion_rests = 0, 0, False
+    with _threads(jobs) as run:
+        while done < effort.starts and (spent < effort.periods or done < effort.least):
+            count = min(effort.batch * _TOGETHER, effort.starts - done)
+            begun = _starts(loop, motion, reach, widest, skip + done, count)
+            ended = run(begun, _horizon(loop, reach, effort), effort.batch)
+            answer = _answers(begun, ended)
+            starts.append(begun), runs.append(ended), answers.append(answer)
+            done += count
+            spent += int(ended["periods"].sum())
+            if done == count:
+                motion_rests = motion is not None and (skip > 0 or answer[0] == AT_REST)
+            if effort.until_one and (answer >= (MOVES_ON if of_ticks or motion_rests else BUZZES)).any():
+                break
+    found = _summary(np.concatenate(starts), np.concatenate(runs), np.concatenate(answers), of_ticks)
+    return replace(found, motion_rests=motion_rests)
+
+
+#: Batches that are run before it is asked whether there is time for more.
+_TOGETHER: Final = 2
+
+
+class _threads:
+    """Runs batches of loops, in the thread that asks or in several."""
+
+    def __init__(self, jobs: int | None) -> None:
+        self._jobs = jobs or len(os.sched_getaffinity(0))
+        self._pool: ThreadPoolExecutor | None = None
+
+    def __enter__(self) -> _threads:
+        if self._jobs > 1:
+            self._pool = ThreadPoolExecutor(self._jobs, thread_name_prefix="explore")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown()
+
+    def __call__(self, begun: NDArray[Any], horizon: int, batch: int) -> NDArray[Any]:
+        parts = [begun[k : k + batch] for k in range(0, begun.size, batch)]
+        mapped = map if self._pool is None else self._pool.map
+        return np.concatenate(list(mapped(lambda part: loops.run_loops(part, horizon), parts)))
+
+
+def _horizon(loop: NDArray[Any], reach: float, effort: Effort) -> int:
+    """Periods in which friction alone brings the fastest start to rest, several times."""
+    mu, beta, sigma = (float(loop[name][0]) for name in ("mu", "beta", "sigma"))
+    speed = reach / math.sqrt(min(mu, _HEAVIEST))
+    by_coulomb = speed * mu / sigma if sigma > 0.0 else math.inf
+    net = beta + float(loop["beta_v"][0]) - 0.5 - float(loop["tau_d"][0])
+    by_viscous = 20.0 * mu / net if net > 0.0 else math.inf
+    return int(min(max(20_000.0, 3.0 * min(by_coulomb, by_viscous)), effort.horizon))
+
+
+def _window(loop: NDArray[Any]) -> int:
+    """First window of a search: some time constants of the friction."""
+    mu, beta = float(loop["mu"][0]), float(loop["beta"][0])
+    return int(min(max(256.0, 4.0 * mu / beta if beta > 0.0 else math.inf), 4096.0))
+
+
+#: Powers of the plastic number's like in six dimensions (M. Roberts): no two starts are near each other in any of them.
+_ROOT: Final = 1.1347241384015194
+_DIMENSIONS: Final = np.array([_ROOT ** -(k + 1) for k in range(5)])
+
+
+def _starts(
+    loop: NDArray[Any], motion: tuple[float, float] | None, reach: float, widest: float, first: int, count: int
+) -> NDArray[Any]:
+    """Starts ``first`` … of a loop, (count,) of `LOOP`; number 0 is the motion, if there is one."""
+    number = np.arange(first, first + count)
+    kind, size, angle, memory, phase = ((0.5 + (number[:, None] + 1) * _DIMENSIONS) % 1.0).T
+    mu, sigma, kappa = (float(loop[name][0]) for name in ("mu", "sigma", "kappa"))
+    weight = math.sqrt(min(mu, _HEAVIEST))
+    low = min(_SMALLEST, 0.25 * reach)
+    far = np.where(number % 2 == 0, low * (reach / max(low, 1e-300)) ** size, low + (reach - low) * size)
+    turn = 2.0 * np.pi * angle
+    x, v = far * np.cos(turn) / math.sqrt(1.0 + kappa), far * np.sin(turn) / weight
+    # a release, a passage through the origin, a touch beside one of the places where the mass can stand
+    side = np.where(angle < 0.5, -1.0, 1.0)
+    released, passing, touched = kind < 0.2, (kind >= 0.2) & (kind < 0.35), (kind >= 0.35) & (kind < 0.5)
+    x = np.where(released, side * far / math.sqrt(1.0 + kappa), np.where(passing, 0.0, x))
+    v = np.where(released, 0.0, np.where(passing, side * far / weight, v))
+    stands = min(sigma + 3.0, reach)
+    x = np.where(touched, stands * (2.0 * (memory * 7.0 % 1.0) - 1.0), x)
+    v = np.where(touched, side * low * (max(reach, low) / max(low, 1e-300)) ** (0.5 * size) / weight, v)
+    begun = np.repeat(loop, count)
+    begun["xi"], begun["xi_dot"] = np.clip(x, -widest, widest), v
+    begun["known"] = ~released & ~passing & (memory < 0.6)
+    begun["past"] = np.where(memory < 0.4, v, 0.0)
+    begun["phase"], begun["seed"] = phase, loop["seed"][0] + number
+    begun["far"] = np.minimum(loops.LIMIT, 1e3 * (10.0 + np.abs(x) + weight * np.abs(v)))
+    begun["search"] = _window(loop)
+    if motion is not None and first == 0:
+        begun[0:1] = _alone(loop, *motion)
+    return begun
+
+
+def _alone(loop: NDArray[Any], xi: float, xi_dot: float) -> NDArray[Any]:
+    """A start as ``simulate`` has it: the servo remembers nothing; (1,) of `LOOP`."""
+    begun = loop.copy()
+    begun["xi"], begun["xi_dot"] = xi, xi_dot
+    begun["far"] = min(loops.LIMIT, 1e3 * (10.0 + abs(xi) + math.sqrt(min(float(loop["mu"][0]), _HEAVIEST)) * abs(xi_dot)))
+    begun["search"] = _window(loop)
+    return begun
+
+
+def _answers(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
+    """AT_REST … UNDECIDED of each run."""
+    reason, amplitude, outcome = runs["reason"], runs["amplitude"], runs["outcome"]
+    chance = (begun["waveform"] == loops.WAVEFORMS.index("uniform")) & (reason != loops.REST)
+    rests = np.isin(reason, (loops.REST, loops.VANISHED)) | ((amplitude < loops.CREEP) & ~chance)
+    ended = reason != loops.HORIZON
+    grows = (reason == loops.LEFT) | (~ended & (outcome == GROWING))
+    goes_on = ended | (outcome == PERSISTENT)
+    found = np.select(
+        [rests & ~grows, grows, amplitude < ONE_TICK, goes_on], [AT_REST, MOVES_ON, BUZZES, MOVES_ON], UNDECIDED
+    )
+    return found.astype(np.int8)
+
+
+def _summary(begun: NDArray[Any], runs: NDArray[Any], answers: NDArray[np.int8], of_ticks: bool) -> Explored:
+    counted = np.bincount(answers, minlength=4)
+    cycles = np.where(answers == AT_REST, 0.0, runs["amplitude"])
+    grows = (answers == MOVES_ON) & ((runs["reason"] == loops.LEFT) | (runs["outcome"] == OUTCOMES.index("growing")))
+    cycles[grows] = np.inf
+    worst, repeats, periods = None, False, 0
+    if counted[AT_REST] < answers.size:
+        # of those that move on the largest, one that `simulate` can repeat before others
+        rank = np.array([3, 2, 0, 1])[answers]
+        order = np.lexsort((begun["known"], -cycles, rank))
+        k = int(order[0])
+        (worst, periods), repeats = ((float(begun["xi"][k]), float(begun["xi_dot"][k])), int(runs["periods"][k])), False
+        if answers[k] == MOVES_ON or (answers[k] == BUZZES and not of_ticks):
+            alike = order[:8][answers[order[:8]] == answers[k]]
+            for place, found in _repeated(begun[alike], runs[alike], int(answers[k])):
+                worst, repeats, periods = place, True, int(found["periods"])
+                break
+    return Explored(
+        starts=answers.size,
+        at_rest=int(counted[AT_REST]),
+        buzzing=int(counted[BUZZES]),
+        moving_on=int(counted[MOVES_ON]),
+        undecided=int(counted[UNDECIDED]),
+        growing=int(grows.sum()),
+        longest=int(runs["periods"].max()),
+        largest_cycle=float(cycles.max()),
+        worst_start=worst,
+        repeats=repeats,
+        worst_periods=periods,
+        of_ticks=of_ticks,
+        motion_rests=False,
+    )
+
+
+def _repeated(begun: NDArray[Any], runs: NDArray[Any], answer: int) -> Iterator[tuple[tuple[float, float], Any]]:
+    """Starts without memory, of few digits, that have the same answer: these, or places on the way of these."""
+    for start, run in zip(begun, runs, strict=True):
+        for xi, xi_dot in ((start["xi"], start["xi_dot"]), (run["xi"], run["xi_dot"])):
+            if not (abs(xi) < 1e6 and math.isfinite(xi_dot)):
+                continue
+            place = float(f"{xi:.4g}"), float(f"{xi_dot:.4g}")
+            again = start.reshape(1).copy()
+            again["known"], again["phase"], again["clip"] = False, 0.0, np.inf
+            again["xi"], again["xi_dot"] = place
+            found = loops.run_loops(again, _REPEATED)
+            if _answers(again, found)[0] == answer:
+                yield place, found[0]
+
+
+_REPEATED: Final = 20_000
