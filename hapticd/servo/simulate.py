@@ -16,8 +16,11 @@ from hapticd.jit import njit
 from hapticd.record.schema import ROW, joined
 from hapticd.servo import atomics, faults, layout
 from hapticd.servo.core import Request, ServoCore, parameters
+from hapticd.stability.explore import record_of
 from hapticd.stability.map_kernel import energy
-from hapticd.stability.outcome import OutcomeTracker
+from hapticd.stability.numbers import loop_from_config
+from hapticd.stability.outcome import Outcome, OutcomeTracker
+from hapticd.stability.sampled_loop import can_rest
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -189,7 +192,7 @@ def simulate(
         "ticks": done,
         "wall_s": time.perf_counter() - wall,
         "ticks_per_s": done / spent if spent > 0 else None,
-        "outcome": tracker.outcome(at_rest, reason == layout.RETURN_RUNAWAY) if tracker is not None else None,
+        "outcome": tracker and _outcome(config, tracker.outcome(at_rest, reason == layout.RETURN_RUNAWAY), at_rest),
         "final": {
             "position_ticks": (position - origin) / resolution,
             "velocity_ticks_per_period": speed * period / resolution,
@@ -205,6 +208,13 @@ def simulate(
     if config.safety.passivity != "off":
         report["passivity"] = core.passivity()
     return report
+
+
+def _outcome(config: Config, outcome: Outcome, at_rest: bool) -> Outcome:
+    """The outcome; where Coulomb friction holds no force that the loop commands, a motion that falls goes on in the end."""
+    if outcome != "decaying" or at_rest or config.plant.effects:
+        return outcome
+    return outcome if can_rest(record_of(config, loop_from_config(config))[0]) else "persistent"
 
 
 def _fault(core: ServoCore, config: Config, number: int) -> dict[str, Any]:

@@ -117,10 +117,16 @@ def _apply(found: Assessment, key: str, before: float, after: float) -> Change |
     except ConfigError:
         return None
     then = assess(config, start=found.start, latency_s=found.latency_s, effort=REMEDY)
-    if then.verdict != "stable":
+    if not _rests(then):
         return None
     unit = "counts a tick" if key == "encoder.decimation" else unit_of(key, config.is_linear)
     return Change(key, before, after, unit, then.region, criterion_margin(then.numbers, then.xi_dot_max))
+
+
+def _rests(then: Assessment) -> bool:
+    """Whether every motion comes to rest, or the one that is asked about does and others at most buzz below one tick."""
+    explored = then.explored
+    return then.verdict == "stable" or (explored is not None and explored.admissible and explored.motion_rests is True)
 
 
 def _searched(
@@ -221,7 +227,7 @@ def _motion(found: Assessment) -> Change | None:
         return None
     after = _rounded(safe, solved)
     then = assess(found.config, start=begun(after), latency_s=found.latency_s, effort=REMEDY)
-    if then.verdict != "stable":
+    if not _rests(then):
         return None
     unit = "ticks/period" if key == "velocity" else "ticks"
     margin = criterion_margin(then.numbers, then.xi_dot_max)

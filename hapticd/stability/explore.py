@@ -8,8 +8,8 @@ others have at most its energy. Where β > λ theorem 2 takes from faster ones w
 
 * is at rest when stiction holds whatever the loop may still command;
 * buzzes when what it ends in stays below one tick: where Coulomb friction holds no tick (σ < ½) every motion ends so or
-  worse (Fig. 8b); elsewhere it is the damper, the converter or the dither that does it, and that is admitted only beside a
-  motion that comes to rest itself;
+  worse (Fig. 8b); elsewhere it is the damper, the converter or the dither that does it, and that is admitted only of few
+  starts, or beside a motion that comes to rest itself;
 * *moves on* when it grows, or when its cycle passes one tick;
 * is undecided when its horizon ends before any of that. Who asks for an admission refuses it like one that moves on.
 
@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 ONE_TICK: Final = 1.0
+#: Share of the starts that may end in a buzz below one tick which Coulomb friction could hold, where no motion is asked about.
+BUZZING: Final = 0.01
 #: Ticks per period where no limit is set.
 _UNLIMITED: Final = 1e3
 #: Amplitude of the slightest start, ticks; how far above what theorem 2 leaves the largest is, and so many ticks.
@@ -94,7 +96,7 @@ class Explored:
             buzzes; None where all rest. repeats: whether ``simulate`` repeats it, which begins with no memory;
             worst_periods: how long it takes to show.
         of_ticks: whether a buzz is what ticks alone make of this device. motion_rests: whether the motion asked about comes to
-            rest; False without one.
+            rest; None without one.
         approximate: what the runs take differently from the device.
     """
 
@@ -110,7 +112,7 @@ class Explored:
     repeats: bool
     worst_periods: int
     of_ticks: bool
-    motion_rests: bool
+    motion_rests: bool | None
     approximate: tuple[str, ...] = ()
 
     @property
@@ -120,8 +122,15 @@ class Explored:
 
     @property
     def admissible(self) -> bool:
-        """Whether none moved on, none is undecided, and a buzz below one tick is that of ticks or not of the motion asked about."""
-        return self.moving_on == self.undecided == 0 and (self.buzzing == 0 or self.of_ticks or self.motion_rests)
+        """Whether none moved on, none is undecided, and no more buzz than may."""
+        return self.moving_on == self.undecided == 0 and self.buzzing <= self.may_buzz
+
+    @property
+    def may_buzz(self) -> float:
+        """How many may buzz: all where ticks make it, or the motion asked about rests; else a few, but not that motion."""
+        if self.of_ticks or self.motion_rests:
+            return math.inf
+        return max(1.0, BUZZING * self.starts) if self.motion_rests is None else 0.0
 
     @property
     def bound(self) -> float:
@@ -275,7 +284,8 @@ def _explored(
     for name in ("beta_v", "position_dither", "force_dither", "step"):
         bare[name] = 0.0
     of_ticks = not loops.can_rest(bare[0])
-    spent, done, motion_rests = 0, 0, False
+    spent, done = 0, 0
+    motion_rests: bool | None = None
     with _threads(jobs) as run:
         while done < effort.starts and (spent < effort.periods or done < effort.least):
             count = min(effort.batch * _TOGETHER, effort.starts - done)
@@ -285,9 +295,10 @@ def _explored(
             starts.append(begun), runs.append(ended), answers.append(answer)
             done += count
             spent += int(ended["periods"].sum())
-            if done == count:
-                motion_rests = motion is not None and (skip > 0 or answer[0] == AT_REST)
-            if effort.until_one and (answer >= (MOVES_ON if of_ticks or motion_rests else BUZZES)).any():
+            if motion is not None and done == count:
+                motion_rests = skip > 0 or bool(answer[0] == AT_REST)
+            hopeless = (answer >= MOVES_ON).any() or (motion_rests is False and not of_ticks and answer[0] == BUZZES)
+            if effort.until_one and hopeless:
                 break
     found = _summary(np.concatenate(starts), np.concatenate(runs), np.concatenate(answers), of_ticks)
     return replace(found, motion_rests=motion_rests)
@@ -425,7 +436,7 @@ def _summary(begun: NDArray[Any], runs: NDArray[Any], answers: NDArray[np.int8],
         repeats=repeats,
         worst_periods=periods,
         of_ticks=of_ticks,
-        motion_rests=False,
+        motion_rests=None,
     )
 
 

@@ -1,0 +1,223 @@
+"""A second simulator of the rendered spring, for judging the first: in SI units, from eq. 1–2 and the config's keys alone.
+
+It shares no code with the product. Between two changes of the motor's current the motion of a mass with viscous and Coulomb
+friction is a closed form, from stop to stop; nothing is stepped. Knows virtual damping with each velocity estimate, the
+converter, dither of every waveform, any delay, walls, no half tick; not a hand's stiffness, nor effects of the plant.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Final
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+RESTS, BUZZES, MOVES_ON, UNDECIDED = range(4)
+_MEMORY: Final = 1024
+_FAR: Final = 1e7
+
+(
+    MASS, VISCOUS, COULOMB, STIFFNESS, DAMPING, COUNT, DECIMATION, PERIOD, DELAY, BIAS, SIDE, WINDOW, KEEP, AMPERE, CODE,
+    CODES, PEAK, TARGET, WAVE, AMPLITUDE, TURNS, SIZE,
+) = range(22)  # fmt: skip
+
+
+def numbers_of(config: Any) -> Floats:
+    """The keys of a config that matter, as one vector; ``amplifier.bandwidth_hz`` must be 0."""
+    assert not config.amplifier.bandwidth_hz
+    p = np.zeros(SIZE)
+    encoder, spring, amplifier, dither = config.encoder, config.spring, config.amplifier, config.dither
+    p[MASS], p[VISCOUS], p[COULOMB] = config.plant.inertia, config.plant.viscous, config.plant.coulomb
+    p[STIFFNESS], p[DAMPING] = spring.stiffness, spring.damping
+    p[COUNT] = 2.0 * math.pi / encoder.counts_per_rev
+    p[DECIMATION] = encoder.decimation
+    p[PERIOD], p[DELAY] = 1.0 / config.servo.rate_hz, config.delay.computation_s
+    p[BIAS] = 0.5 * spring.half_tick_bias
+    p[SIDE] = {"both": 0, "positive": 1, "negative": -1}[spring.side]
+    p[WINDOW] = 1
+    if spring.velocity_estimate == "difference":
+        p[WINDOW] = spring.velocity_periods
+    else:
+        p[KEEP] = math.exp(-2.0 * math.pi * spring.velocity_cutoff_hz * p[PERIOD])
+    p[AMPERE] = amplifier.torque_constant
+    if amplifier.dac_bits:
+        p[CODE] = amplifier.dac_full_scale / 2 ** (amplifier.dac_bits - 1)
+        p[CODES] = 2 ** (amplifier.dac_bits - 1)
+    p[PEAK] = amplifier.peak_current or np.inf
+    p[TARGET] = {"none": 0, "position": 1, "current": 2}[dither.target]
+    p[WAVE] = {"sine": 0, "triangle": 1, "square": 2, "uniform": 3}[dither.waveform]
+    p[AMPLITUDE], p[TURNS] = dither.amplitude, dither.frequency_hz * p[PERIOD]
+    return p
+
+
+@numba.njit(nogil=True, cache=True)
+def _current(p: Any, tick: float, velocity: float, extra: float) -> float:
+    force = -p[STIFFNESS] * p[COUNT] * p[DECIMATION] * (tick + p[BIAS]) - p[DAMPING] * velocity
+    if p[SIDE] > 0 and (tick < 0 or force > 0):
+        force = 0.0
+    if p[SIDE] < 0 and (tick >= 0 or force < 0):
+        force = 0.0
+    current = min(p[PEAK], max(-p[PEAK], force / p[AMPERE] + extra))
+    if p[CODE] > 0:
+        current = min(p[CODES] - 1, max(-p[CODES], np.round(current / p[CODE]))) * p[CODE]
+    return current
+
+
+@numba.njit(nogil=True, cache=True)
+def _move(p: Any, x: float, v: float, force: float, time: float, ends: Any) -> tuple[float, float]:
+    """Through a time of constant force; ``ends`` takes in where it turns."""
+    m, b, c = p[MASS], p[VISCOUS], p[COULOMB]
+    rate = b / m
+    while time > 0.0:
+        if v == 0.0:
+            if abs(force) <= c:
+                break
+            way = 1.0 if force > 0 else -1.0
+        else:
+            way = 1.0 if v > 0 else -1.0
+        push = (force - way * c) / m
+        if rate * time > 1e-7:
+            last = push / rate
+            after = last + (v - last) * math.exp(-rate * time)
+            turn = math.log1p(-v / last) / rate if way * after < 0 else time
+            x += last * turn - (v - last) * math.expm1(-rate * turn) / rate
+        else:
+            after = v + push * time
+            turn = -v / push if way * after < 0 else time
+            x += v * turn + 0.5 * push * turn * turn
+        v = 0.0 if way * after < 0 else after
+        if v == 0.0:
+            ends[0], ends[1] = min(ends[0], x), max(ends[1], x)
+        time -= turn
+    return x, v
+
+
+@numba.njit(nogil=True, cache=True)
+def _tick(p: Any, x: float, dither: float) -> float:
+    raw = math.floor(x / p[COUNT])
+    if p[TARGET] == 1:
+        return math.floor(raw / p[DECIMATION] + dither)
+    return math.floor(raw / p[DECIMATION])
+
+
+@numba.njit(nogil=True, cache=True)
+def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
+    period, delta = p[PERIOD], p[COUNT] * p[DECIMATION]
+    x, v = start[0] * delta, start[1] * delta / period
+    late = p[DELAY] / period
+    whole = int(math.floor(late))
+    part = late - whole
+    window = int(p[WINDOW])
+    sent, seen = np.zeros(_MEMORY), np.zeros(_MEMORY)
+    estimate, phase, first = 0.0, start[3], True
+    remembered = 0
+    if start[2] > 0.0:  # the shaft came at this speed
+        for k in range(_MEMORY):
+            before = x - (k + 1) * v * period
+            seen[-1 - k] = math.floor(math.floor(before / p[COUNT]) / p[DECIMATION])
+            sent[-1 - k] = _current(p, _tick(p, before, 0.0), v, 0.0)
+        estimate, first, remembered = v, False, _MEMORY
+    ends = np.array([x, x])
+    stood, check, before_it = 0, horizon // 8, np.inf
+    np.random.seed(int(1e6 * start[3]) + 1)
+    out[1] = 0.0
+    for h in range(horizon):
+        tick = math.floor(math.floor(x / p[COUNT]) / p[DECIMATION])
+        back = min(window, h + remembered)
+        if not first:
+            estimate = p[KEEP] * estimate + (1 - p[KEEP]) * (tick - seen[(h - back) % _MEMORY]) * delta / (back * period)
+        first = False
+        seen[h % _MEMORY] = tick
+        wave = 0.0
+        if p[TARGET] > 0:
+            if p[WAVE] == 3:
+                wave = 2 * np.random.random() - 1
+            elif p[WAVE] == 2:
+                wave = 1.0 if phase < 0.5 else -1.0
+            elif p[WAVE] == 1:
+                wave = 4 * phase if phase < 0.25 else (2 - 4 * phase if phase < 0.75 else 4 * phase - 4)
+            else:
+                wave = math.sin(2 * math.pi * phase)
+            phase = (phase + p[TURNS]) % 1.0
+        wave *= p[AMPLITUDE]
+        sent[h % _MEMORY] = _current(p, _tick(p, x, wave), estimate, wave if p[TARGET] == 2 else 0.0)
+        if v == 0.0 and stood > window + whole + 3:
+            more = p[AMPLITUDE] if p[TARGET] == 2 else 0.0
+            low = _current(p, _tick(p, x, p[AMPLITUDE]), 0.0, -more)
+            high = _current(p, _tick(p, x, -p[AMPLITUDE]), 0.0, more)
+            worst = max(abs(low), abs(high), abs(sent[h % _MEMORY])) * p[AMPERE]
+            if worst <= p[COULOMB]:
+                out[0] = RESTS
+                return
+        place = x
+        if part > 0:
+            x, v = _move(p, x, v, sent[(h - whole - 1) % _MEMORY] * p[AMPERE], part * period, ends)
+        x, v = _move(p, x, v, sent[(h - whole) % _MEMORY] * p[AMPERE], (1 - part) * period, ends)
+        stood = stood + 1 if v == 0.0 and x == place else 0
+        ends[0], ends[1] = min(ends[0], x), max(ends[1], x)
+        if not abs(x) < _FAR * delta:
+            out[0], out[1] = MOVES_ON, np.inf
+            return
+        if h + 1 == check:
+            size = 0.5 * (ends[1] - ends[0]) / delta
+            out[1] = size
+            ends[0] = ends[1] = x
+            if size < 1e-9 and p[WAVE] != 3:
+                out[0] = RESTS
+                return
+            if size < 0.7 and 0.98 * before_it < size < 1.02 * before_it:
+                out[0] = BUZZES
+                return
+            if check == horizon:
+                out[0] = BUZZES if size < 1.0 else (MOVES_ON if size > 0.98 * before_it else UNDECIDED)
+            before_it = size
+            check *= 2
+
+
+@numba.njit(nogil=True, cache=True)
+def _run_all(p: Any, starts: Any, horizon: int, out: Any) -> None:
+    for k in range(len(starts)):
+        _run(p, starts[k], horizon, out[k])
+
+
+def runs(config: Any, starts: Floats, horizon: int = 16_000) -> Floats:
+    """What becomes of starts.
+
+    Args:
+        config: the configuration. starts: (n, 4) place in ticks, speed in ticks per period, whether the servo has seen the
+            shaft come at that speed (1) or nothing (0), phase of the dither in turns.
+        horizon: periods, a multiple of 8.
+
+    Returns:
+        (n, 2): RESTS … UNDECIDED, and the amplitude in ticks at the end.
+    """
+    out = np.zeros((len(starts), 2))
+    _run_all(numbers_of(config), np.ascontiguousarray(starts), horizon, out)
+    return out
+
+
+def starts_within(
+    config: Any, motion: tuple[float, float] | None, count: int, rng: np.random.Generator, memory: bool = True
+) -> Floats:
+    """(count, 4) starts drawn over the energies up to that of a motion, or up to ``safety.max_velocity``."""
+    p = numbers_of(config)
+    heavy = math.sqrt(p[MASS] / (p[STIFFNESS] * p[PERIOD] ** 2))
+    if motion is None:
+        largest = heavy * (config.safety.max_velocity or 1e3) * p[PERIOD] / (p[COUNT] * p[DECIMATION])
+    else:
+        largest = math.hypot(motion[0], heavy * motion[1])
+    share = rng.random(count)
+    size = np.where(rng.random(count) < 0.7, min(0.2, largest) ** (1 - share) * largest**share, largest * share)
+    angle = rng.uniform(0.0, 2.0 * np.pi, count)
+    place, speed = size * np.cos(angle), size * np.sin(angle) / heavy
+    released = rng.random(count) < 0.3
+    place[released], speed[released] = size[released] * np.sign(place[released]), 0.0
+    known = (rng.random(count) < 0.4) & memory
+    found = np.column_stack([place, speed, known, rng.random(count)])
+    if motion is not None:
+        found[0] = *motion, 0.0, 0.0
+    return found
