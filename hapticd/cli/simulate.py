@@ -51,12 +51,10 @@ def simulate(
 
     Args:
         duration: Simulated time in s, or 500ms, 2min.
-        deflection (TICKS): Begin at exactly this deflection from the spring's origin, at rest unless a velocity is given too,
-            in coarse ticks; or with
-            a unit: 0.5rad, 30deg, 2mm, 217counts.
-        velocity (TICKS_PER_PERIOD): Begin with this velocity, at the origin or the deflection, in coarse ticks per servo
-            period; or with a
-            unit: 2rad/s, 90deg/s, 100rpm.
+        deflection (TICKS): Begin at exactly this deflection from the spring's origin, in coarse ticks, at rest unless a
+            velocity is given too; or with a unit: 0.5rad, 30deg, 2mm, 217counts.
+        velocity (TICKS_PER_PERIOD): Begin with this velocity, in coarse ticks per servo period, at the origin unless a
+            deflection is given too; or with a unit: 2rad/s, 90deg/s, 100rpm.
         out (-o, --output RUN): Write every tick to this run file, replacing it if it exists.
         safety: Apply the safety trips of the config, as the daemon does; a run that ends in a fault exits with 1.
         seed: Seed of everything random. Default: dither.seed.

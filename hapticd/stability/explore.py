@@ -37,7 +37,7 @@ from hapticd.plant.amplifier import converter_grid
 from hapticd.stability import sampled_loop as loops
 from hapticd.stability.damped import sprung
 from hapticd.stability.damping import passive_viscous, velocity_filter
-from hapticd.stability.maps import GROWING, OUTCOMES, PERSISTENT
+from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
 from hapticd.stability.theorems import proof_of, unproven
 
@@ -52,6 +52,8 @@ _UNLIMITED: Final = 1e3
 #: Amplitude of the slightest start, ticks; how far above what theorem 2 leaves the largest is, and so many ticks.
 _SMALLEST: Final = 0.2
 _BEYOND, _TICKS = 3.0, 10.0
+#: Ticks below which an oscillation that rises a little is no growth yet.
+_SMALL: Final = 0.5
 _HEAVIEST: Final = 1e6
 """μ beyond which energy is no measure of a place."""
 _SIDES: Final = {"both": 0.0, "positive": 1.0, "negative": -1.0}
@@ -227,15 +229,6 @@ def explore(
     return replace(found, approximate=tuple(approximate))
 
 
-def explore_further(config: Config, latency_s: float, *, motion: tuple[float, float] | None, skip: int) -> Explored:
-    """Go on with starts that were not run yet, about 0.1 s of one core in the thread that asks.
-
-    For a thread in the background while a spring is rendered: ask again and again, ``skip`` increased by ``starts`` of every
-    answer, beginning with that of the judgement; a start that moves on is in ``worst_start``.
-    """
-    return explore(config, latency_s, motion=motion, effort=replace(GUARD, starts=1 << 20), skip=skip)
-
-
 def record_of(config: Config, loop: Loop) -> NDArray[Any]:
     """A configuration as a loop to be run, at rest at its origin; (1,) of `LOOP`."""
     loop = sprung(loop)
@@ -398,7 +391,7 @@ def _answers(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
     chance = (begun["waveform"] == loops.WAVEFORMS.index("uniform")) & (reason != loops.REST)
     rests = np.isin(reason, (loops.REST, loops.VANISHED)) | ((amplitude < loops.CREEP) & ~chance)
     ended = reason != loops.HORIZON
-    grows = (reason == loops.LEFT) | (~ended & (outcome == GROWING))
+    grows = (reason == loops.LEFT) | (~ended & (outcome == GROWING) & (amplitude >= _SMALL))
     goes_on = ended | (outcome == PERSISTENT)
     found = np.select(
         [rests & ~grows, grows, amplitude < ONE_TICK, goes_on], [AT_REST, MOVES_ON, BUZZES, MOVES_ON], UNDECIDED
@@ -409,7 +402,8 @@ def _answers(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
 def _summary(begun: NDArray[Any], runs: NDArray[Any], answers: NDArray[np.int8], of_ticks: bool) -> Explored:
     counted = np.bincount(answers, minlength=4)
     cycles = np.where(answers == AT_REST, 0.0, runs["amplitude"])
-    grows = (answers == MOVES_ON) & ((runs["reason"] == loops.LEFT) | (runs["outcome"] == OUTCOMES.index("growing")))
+    ended = runs["reason"] != loops.HORIZON
+    grows = (answers == MOVES_ON) & ((runs["reason"] == loops.LEFT) | (~ended & (runs["outcome"] == GROWING)))
     cycles[grows] = np.inf
     worst, repeats, periods = None, False, 0
     if counted[AT_REST] < answers.size:

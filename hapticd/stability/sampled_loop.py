@@ -329,7 +329,7 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any, saved: Any,
     run.amplitude = run.omega = 0.0
     if run.reason == HORIZON or run.reason == SETTLED:
         run.amplitude = 0.5 * (high - low)
-        if searching and amplitude < np.inf:
+        if searching and amplitude < np.inf and 8 * (h - begun) < h:  # too short a window to tell alone
             run.amplitude = max(run.amplitude, amplitude)
         run.omega = math.pi * reversals / max(h - begun, 1)
     elif run.reason == RECURRED:

@@ -122,10 +122,6 @@ def test_no_words_at_all_show_the_help_and_exit_2(hapticd: Run) -> None:
             ("simulate", "--duration", "-1"),
             "Invalid value for '--duration': '-1' is not above zero (see 'hapticd simulate --help')",
         ),
-        (
-            ("simulate", "--duration", "1", "--deflection", "1", "--velocity", "1"),
-            "--deflection and --velocity exclude each other: a run begins at rest or at the origin",
-        ),
     ],
 )
 def test_wrong_words_exit_2_with_an_exact_message(hapticd: Run, words: tuple[str, ...], message: str | None) -> None:
