@@ -25,6 +25,7 @@ NAMES = (
     "plant_propagation",
     "maps",
     "theorem",
+    "stability_claims",
     "cycles",
     "recorder",
     "service",
