@@ -7,6 +7,7 @@ through the methods below, one at a time, except stops and :meth:`Daemon.status`
 from __future__ import annotations
 
 import contextlib
+import itertools
 import logging
 import threading
 import time
@@ -22,6 +23,7 @@ from hapticd.service.background import Background
 from hapticd.service.experiments import Experiments
 from hapticd.service.fault_manager import FaultManager
 from hapticd.service.flight import heat_left
+from hapticd.service.further_starts import FurtherStarts
 from hapticd.service.halting import Halt
 from hapticd.service.heat import Heat
 from hapticd.service.latch import FaultLatch, is_service
@@ -47,6 +49,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _BEAT_S = 0.05
+_BEATS_A_SECOND = 20
 
 
 class Daemon(Endpoints):
@@ -92,6 +95,7 @@ class Daemon(Endpoints):
         self._tidying = Background("hapticd-tidy")
         self._faults = FaultManager(latch, self._rendering, lambda: source_name(self._source))
         self._experiments = Experiments(self._rendering, self._faults)
+        self._further_starts = FurtherStarts(self._rendering)
         self._replacement = Replacement(self._rendering, self._faults, self._experiments, self.live, self._heat)
         self._watchdog = TickWatchdog(notifier or Notifier(None), lambda: self.rig.core.load(atomics.TICKS))
         self._heat.follow(lambda: self.rig.core.i2t)
@@ -308,11 +312,14 @@ class Daemon(Endpoints):
             "hapticd-reconnect": self._reconnector.alive(),
             **self._faults.alive(),
             **self._experiments.alive(),
+            **self._further_starts.alive(),
             "hapticd-tidy": self._tidying.alive(),
         }
 
     def _supervise(self) -> None:
-        while not self._ending.wait(_BEAT_S):
+        for beat in itertools.count():
+            if self._ending.wait(_BEAT_S):
+                return
             self.rig.servo.beat()
             self._watchdog.look(time.monotonic())
             try:
@@ -320,6 +327,8 @@ class Daemon(Endpoints):
                 if self._rendering.records_revoked() and not self._tidying.busy():
                     self._tidying.ask(self._tidy)
                 self._recent.look(self.rig.core, time.monotonic())
+                if beat % _BEATS_A_SECOND == 0:
+                    self._further_starts.go_on()
                 if not self.rig.servo.alive() and not self._ending.is_set() and self._lock.acquire(blocking=False):
                     try:
                         self._faults.servo_died()

@@ -23,7 +23,7 @@ from hapticd.record.frames import Context
 from hapticd.record.schema import Rows
 from hapticd.service.flight import open_ring
 from hapticd.servo import atomics, layout
-from hapticd.servo.core import Request, parameters
+from hapticd.servo.core import ALONE, Request, parameters
 from hapticd.servo.thread import ServoThread
 from hapticd.stability.energy_replay import EnergyEstimate
 
@@ -227,7 +227,7 @@ class Rig:
 
     def switch_off(self) -> None:
         """Request ``off``, without a word about commands that wait to begin. Does not wait."""
-        self.ask(state=layout.OFF, excitation_id=0, excitation_length=0, exact=False)
+        self.ask(state=layout.OFF, **ALONE)
 
     def run(self, command: Command, **rendered: Any) -> None:
         """Ask for ``running`` in the name of a command, in the one step in which it begins.
@@ -240,10 +240,9 @@ class Rig:
         Raises:
             Withdrawn: it may not begin any more; nothing is asked.
         """
-        alone = {"excitation_id": 0, "excitation_length": 0, "exact": False}
         with self._asking:
             command.begin(
-                lambda ordinal: self._publish(None, {**alone, **rendered, "state": layout.RUNNING, "ordinal": ordinal})
+                lambda ordinal: self._publish(None, {**ALONE, **rendered, "state": layout.RUNNING, "ordinal": ordinal})
             )
 
     def change(self, command: Command, config: Config, **changes: Any) -> None:
@@ -273,9 +272,25 @@ class Rig:
         Raises:
             Withdrawn: it may not begin any more; nothing is asked.
         """
-        off = {"state": layout.OFF, "excitation_id": 0, "excitation_length": 0, "exact": False}
         with self._asking:
-            command.begin(lambda ordinal: self._publish(None, {**off, "clear": ordinal}))
+            command.begin(lambda ordinal: self._publish(None, {**ALONE, "state": layout.OFF, "clear": ordinal}))
+
+    def fade_out(self, rendered: Request, fault: tuple[int, float, float]) -> None:
+        """Take the force back softly, then have the loop in a fault; nothing where another command has begun meanwhile.
+
+        Args:
+            rendered: what was asked of the loop. fault: number, value and limit.
+        """
+        self._change_rendered(rendered, faded=True)
+        fading_s = self.config.safety.soft_start_s or 0.0
+        self.wait(lambda: self.state != layout.RUNNING, fading_s + 3.0 * self.config.period)
+        self._change_rendered(rendered, fault=fault)
+
+    def _change_rendered(self, rendered: Request, **changes: Any) -> None:
+        """Publish changes of a request, if its command is still the one that renders."""
+        with self._asking:
+            if (self.request.ordinal, self.request.state) == (rendered.ordinal, layout.RUNNING):
+                self._publish(None, changes)
 
     def _publish(self, config: Config | None, changes: dict[str, Any]) -> None:
         if config is not None or "origin_counts" in changes:

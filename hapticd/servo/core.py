@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numba
 import numpy as np
@@ -71,6 +71,20 @@ class Request:
     excitation_length: int = 0
     exact: bool = False
     """Running begins without a soft start, as a release does; an excitation has none either."""
+    faded: bool = False
+    """No force of spring and damping; it goes as softly as a live change."""
+    fault: tuple[int, float, float] = (0, 0.0, 0.0)
+    """Number, value and limit of a fault that the loop is to be in, if it renders; 0 for none."""
+
+
+ALONE: Final[dict[str, Any]] = {
+    "excitation_id": 0,
+    "excitation_length": 0,
+    "exact": False,
+    "faded": False,
+    "fault": (0, 0.0, 0.0),
+}
+"""Of a request: nothing but the spring."""
 
 
 def i2t_limit(config: Config) -> float:
@@ -100,9 +114,10 @@ def parameters(config: Config, request: Request, *, safety: bool = True, latency
     p["request"] = request.state
     p["ordinal"] = request.ordinal
     p["clear"] = request.clear
-    p["force_per_tick"] = spring.stiffness * config.resolution
+    p["fault"], p["fault_value"], p["fault_limit"] = request.fault
+    p["force_per_tick"] = 0.0 if request.faded else spring.stiffness * config.resolution
     p["bias"] = 0.5 if spring.half_tick_bias else 0.0
-    p["damping"] = spring.damping * raw
+    p["damping"] = 0.0 if request.faded else spring.damping * raw
     p["velocity_periods"], p["velocity_keep"] = velocity_filter(spring, config.period)
     p["passivity"] = layout.PASSIVITY_MODES[limits.passivity]
     p["passivity_stiffest"] = 2.0 * passive_viscous(config, latency_s) / config.period

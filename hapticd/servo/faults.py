@@ -25,6 +25,7 @@ ENABLE_TIMEOUT: Final = 13
 AMPLIFIER_DROPPED: Final = 14
 RELOAD_FAILED: Final = 15
 CURRENT_MISMATCH: Final = 16
+UNSTABLE: Final = 17
 
 CLEAR: Final = "when the rig is safe, 'hapticd clear'"
 REPLUG: Final = (
@@ -130,6 +131,12 @@ KINDS: Final[dict[int, FaultKind]] = {
         "the device measures {value:.4g} A, beyond the {limit:.4g} A that the current commanded, the amplifier's model and "
         "safety.current_mismatch explain",
         "find out which of both is wrong (the drive's scale, the motor's leads, its supply), then 'hapticd clear'",
+    ),
+    UNSTABLE: FaultKind(
+        "unstable",
+        "theory has found a start from which this spring does not come to rest: {value:.4g} ticks from the origin, at "
+        "{limit:.4g} ticks per period; the force was taken back softly",
+        "take one of the changes that 'hapticd check' offers, then 'hapticd clear'",
     ),
 }
 

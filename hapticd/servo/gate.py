@@ -149,6 +149,8 @@ def step_mode(servo: Any, shared: Any, words: Any) -> None:
     if estops != state.estops:
         state.estops = estops
         raise_fault(servo, shared, faults.ESTOP, 0.0, 0.0)
+    if params.fault != 0 and state.mode == RUNNING and params.ordinal > revoked:
+        raise_fault(servo, shared, params.fault, params.fault_value, params.fault_limit)
     # With the amplifier off there is nothing to watch over; in virtual time there is no supervisor.
     if servo.real_time and params.heartbeat_ns > 0.0 and state.mode != OFF:
         silence = now_ns - atomic_load(shared, atomics.HEARTBEAT_NS)

@@ -69,6 +69,9 @@ PARAMS = np.dtype(
         ("encoder_jump", "f8"),  # counts a period
         ("missed_exchanges", "f8"),  # in a row
         ("soft_step", "f8"),  # part of a soft start or change that a period is; 0 for none
+        ("fault", "i8"),  # to be in, if it renders; 0 for none
+        ("fault_value", "f8"),
+        ("fault_limit", "f8"),
         ("abrupt", "?"),  # running begins without one: a release, an excitation
         ("mismatch", "f8"),  # A between the current measured and the one commanded; infinite for none
         ("mismatch_ticks", "i8"),  # samples in a row for which it may last

@@ -1,0 +1,69 @@
+"""What no theorem covers is explored further while it is rendered: a start that moves on takes the force away softly.
+
+The guard has 0.1 s before a motion begins (`hapticd.stability.guard.judge`); here the same search goes on, a tenth of a
+second of one core in each second, for as long as the spring is rendered or until enough starts were tried. The servo loop
+has its priority, and the search gives up the GIL.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import TYPE_CHECKING, Final
+
+from hapticd.service.background import Background
+from hapticd.servo import faults, layout
+from hapticd.stability.guard import explore_further
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from hapticd.service.rendering import Rendering
+
+log = logging.getLogger(__name__)
+
+ENOUGH: Final = 1 << 16
+"""Starts of one spring and motion."""
+
+
+class FurtherStarts:
+    """The search for the spring that is rendered.
+
+    Args:
+        rendering: what is rendered, and with which motion it was admitted.
+
+    Raises:
+        RuntimeError: the system gives no thread.
+    """
+
+    def __init__(self, rendering: Rendering) -> None:
+        self._rendering = rendering
+        self._admitted: tuple[Config, float | None] | None = None
+        self._tried: int | None = 0
+        self._background = Background("hapticd-explore")
+
+    def alive(self) -> dict[str, bool]:
+        """Name of its thread, and whether it still runs."""
+        return {"hapticd-explore": self._background.alive()}
+
+    def go_on(self) -> None:
+        """Try some more starts, in the background; at once back. Asked once a second or so."""
+        if self._rendering.rig.state == layout.RUNNING and not self._background.busy():
+            self._background.ask(self._try)
+
+    def _try(self) -> None:
+        rig, admitted = self._rendering.rig, self._rendering.admitted
+        rendered = rig.request
+        if admitted is None or admitted[0] != rig.config:
+            return
+        if admitted != self._admitted:
+            self._admitted, self._tried = admitted, 0
+        if self._tried is None or self._tried >= ENOUGH:
+            return
+        config, deflection = admitted
+        found = explore_further(config, rig.driver.latency_s, deflection=deflection, skip=self._tried)
+        if found is None or not found.starts:
+            self._tried = None
+            return
+        self._tried += found.starts
+        if found.moving_on and found.worst_start is not None:
+            log.warning("the spring is taken back: %s. %s", found.words, found.command(config.period))
+            rig.fade_out(rendered, (faults.UNSTABLE, *found.worst_start))
