@@ -1,7 +1,7 @@
 """What is called proven, stable or admitted, held against another simulator: fresh configurations of every class.
 
-`tests.stability.claims` draws them, and has the simulator's verdict from many starts of each. ``--json`` lists every false one
-and every refusal.
+`tests.stability.claims` draws them, and has the simulator's verdict from many starts of each. ``--json`` lists every false
+claim and every refusal.
 """
 
 from __future__ import annotations
@@ -32,7 +32,9 @@ def _figures(kind: str, found: Tally) -> list[Figure]:
 
     others = found.calm - found.calm_refused + found.calm_refused - found.calm_buzzing
     return [
-        Figure("proven, and a start goes on", found.false_proven, "", 0.0, "≤", f"{found.proven} proven, {peer}", listed),
+        Figure(
+            "proven, and a start goes on", found.false_proven, "", 0.0, "≤", f"{found.proven} proven, {peer}", listed
+        ),
         share("admitted by exploration, and a start moves on", found.false_explored, found.explored, 0.1),
         share("called stable by exploration, and a start buzzes", found.false_stable, found.stable, None),
         Figure("provable, and refused", found.provable_refused, "", 0.0, "≤", peer),

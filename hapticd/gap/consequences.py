@@ -24,7 +24,10 @@ def consequences(before: Config, after: Config, latency_s: float = 0.0) -> dict[
     Returns:
         ``before`` and ``after``: the keys of ``check``; ``words``: what changed, a sentence each.
     """
-    documents = [assess(model, deflection=_DEFLECTION_TICKS, latency_s=latency_s, effort=GUARD).document for model in (before, after)]
+    documents = [
+        assess(model, deflection=_DEFLECTION_TICKS, latency_s=latency_s, effort=GUARD).document
+        for model in (before, after)
+    ]
     return {"before": documents[0], "after": documents[1], "words": _text(*documents)}
 
 

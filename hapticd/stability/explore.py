@@ -1,4 +1,4 @@
-"""What no theorem covers is explored: the whole loop, exactly, from thousands of starts, each until it is clear what it does.
+"""What no theorem covers is explored: the whole loop, exactly, from thousands of starts.
 
 A start is a place and a speed, and what the servo remembers: nothing, as when running begins; or that the shaft came at a
 steady speed; or that it stood and was struck. Places and speeds are spread evenly (a Kronecker sequence, the same for every
@@ -33,30 +33,25 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.plant.amplifier import converter_grid
 from hapticd.stability import sampled_loop as loops
-from hapticd.stability.damped import sprung
-from hapticd.stability.damping import passive_viscous, velocity_filter
 from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
+from hapticd.stability.starts import HEAVIEST, horizon, starts_of
 from hapticd.stability.theorems import proof_of, unproven
+from hapticd.stability.whole_loop import LOOP, UNIFORM, record_of
 
 if TYPE_CHECKING:
     from hapticd.config import Config
 
 ONE_TICK: Final = 1.0
-#: Share of the starts that may end in a buzz below one tick which Coulomb friction could hold, where no motion is asked about.
+#: Share of the starts that may end in a buzz below one tick which friction could hold, where no motion is asked about.
 BUZZING: Final = 0.01
 #: Ticks per period where no limit is set.
 _UNLIMITED: Final = 1e3
-#: Amplitude of the slightest start, ticks; how far above what theorem 2 leaves the largest is, and so many ticks.
-_SMALLEST: Final = 0.2
+#: How far above what theorem 2 leaves the fastest start is, and so many ticks.
 _BEYOND, _TICKS = 3.0, 10.0
 #: Ticks below which an oscillation that rises a little is no growth yet.
 _SMALL: Final = 0.5
-_HEAVIEST: Final = 1e6
-"""μ beyond which energy is no measure of a place."""
-_SIDES: Final = {"both": 0.0, "positive": 1.0, "negative": -1.0}
 AT_REST, BUZZES, MOVES_ON, UNDECIDED = range(4)
 
 
@@ -97,8 +92,8 @@ class Explored:
         worst_start: place and speed (ticks, ticks per period) of a start that moves on, or else is undecided, or else
             buzzes; None where all rest. repeats: whether ``simulate`` repeats it, which begins with no memory;
             worst_periods: how long it takes to show.
-        of_ticks: whether a buzz is what ticks alone make of this device. motion_rests: whether the motion asked about comes to
-            rest; None without one.
+        of_ticks: whether a buzz is what ticks alone make of this device.
+        motion_rests: whether the motion asked about comes to rest; None without one.
         approximate: what the runs take differently from the device.
     """
 
@@ -148,9 +143,13 @@ class Explored:
                 how = "growing" if math.isinf(self.largest_cycle) else f"with up to {self.largest_cycle:.3g} ticks"
                 parts.append(f"{self.moving_on:,} of {self.starts:,} starts moved on, {how}")
             if self.undecided:
-                parts.append(f"{self.undecided:,} of {self.starts:,} starts were undecided after {self.longest:,} periods")
+                parts.append(
+                    f"{self.undecided:,} of {self.starts:,} starts were undecided after {self.longest:,} periods"
+                )
             return "; ".join(parts)
-        text = f"none of {self.starts:,} starts moved on: fewer than {100.0 * self.bound:.2g} % do, with 95 % confidence"
+        text = (
+            f"none of {self.starts:,} starts moved on: fewer than {100.0 * self.bound:.2g} % do, with 95 % confidence"
+        )
         if self.buzzing:
             share = "" if self.at_rest else "all "
             text += f"; {share}{self.buzzing:,} end in a buzz of up to {self.largest_cycle:.2g} ticks"
@@ -214,7 +213,7 @@ def explore(
         approximate.append("the amplifier's lag is taken as the delay of (5)")
     if left_out := [text for text in unproven(config) if "passivity" not in text]:
         approximate.append(f"without {', '.join(left_out)}")
-    weight, widest = math.sqrt(min(float(record["mu"][0]), _HEAVIEST)), math.inf
+    weight, widest = math.sqrt(min(float(record["mu"][0]), HEAVIEST)), math.inf
     if motion is None:
         limits = config.safety.max_velocity, config.safety.max_excursion
         reach = weight * (limits[0] * config.period / config.resolution if limits[0] else _UNLIMITED)
@@ -229,38 +228,6 @@ def explore(
     return replace(found, approximate=tuple(approximate))
 
 
-def record_of(config: Config, loop: Loop) -> NDArray[Any]:
-    """A configuration as a loop to be run, at rest at its origin; (1,) of `LOOP`."""
-    loop = sprung(loop)
-    numbers, scales, spring, dither = loop.numbers, loop.scales, config.spring, config.dither
-    amplifier = config.amplifier
-    per_ampere = amplifier.torque_constant / scales.force
-    record = loops.blank(1)
-    for name in ("mu", "beta", "sigma", "tau_d", "kappa"):
-        record[name] = getattr(numbers, name)
-    record["bias"] = 0.5 if spring.half_tick_bias else 0.0
-    record["side"] = _SIDES[spring.side]
-    record["beta_v"] = loop.damping / (loop.stiffness * loop.period)
-    if loop.damping > 0.0:
-        record["periods"], record["keep"] = velocity_filter(spring, loop.period)
-    record["grain"] = config.encoder.decimation
-    if dither.target != "none" and dither.amplitude > 0.0:
-        record["waveform"], record["seed"] = loops.WAVEFORMS.index(dither.waveform), dither.seed
-        record["turns"] = dither.frequency_hz * loop.period
-        if dither.target == "position":
-            record["position_dither"] = dither.amplitude
-        else:
-            record["force_dither"] = dither.amplitude * per_ampere
-    step, codes = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
-    record["step"], record["codes"] = step * per_ampere, codes
-    record["clip"] = amplifier.peak_current * per_ampere if amplifier.peak_current else np.inf
-    if config.safety.passivity == "control":
-        record["counts"] = config.encoder.decimation
-        record["stiffest"] = 2.0 * passive_viscous(config) / (loop.stiffness * loop.period)
-        record["force_limit"] = record["clip"]
-    return record
-
-
 @functools.lru_cache(maxsize=128)
 def _explored(
     record: bytes,
@@ -271,7 +238,7 @@ def _explored(
     skip: int,
     jobs: int | None,
 ) -> Explored:
-    loop = np.frombuffer(record, loops.LOOP)
+    loop = np.frombuffer(record, LOOP)
     starts, runs, answers = [], [], []
     bare = loop.copy()
     for name in ("beta_v", "position_dither", "force_dither", "step"):
@@ -279,13 +246,15 @@ def _explored(
     of_ticks = not loops.can_rest(bare[0])
     spent, done = 0, 0
     motion_rests: bool | None = None
-    with _threads(jobs) as run:
+    with _Threads(jobs) as run:
         while done < effort.starts and (spent < effort.periods or done < effort.least):
             count = min(effort.batch * _TOGETHER, effort.starts - done)
-            begun = _starts(loop, motion, reach, widest, skip + done, count)
-            ended = run(begun, _horizon(loop, reach, effort), effort.batch)
+            begun = starts_of(loop, motion, reach, widest, skip + done, count)
+            ended = run(begun, horizon(loop, reach, effort.horizon), effort.batch)
             answer = _answers(begun, ended)
-            starts.append(begun), runs.append(ended), answers.append(answer)
+            starts.append(begun)
+            runs.append(ended)
+            answers.append(answer)
             done += count
             spent += int(ended["periods"].sum())
             if motion is not None and done == count:
@@ -293,22 +262,21 @@ def _explored(
             hopeless = (answer >= MOVES_ON).any() or (motion_rests is False and not of_ticks and answer[0] == BUZZES)
             if effort.until_one and hopeless:
                 break
-    found = _summary(np.concatenate(starts), np.concatenate(runs), np.concatenate(answers), of_ticks)
-    return replace(found, motion_rests=motion_rests)
+    return _summary(np.concatenate(starts), np.concatenate(runs), np.concatenate(answers), of_ticks, motion_rests)
 
 
 #: Batches that are run before it is asked whether there is time for more.
 _TOGETHER: Final = 2
 
 
-class _threads:
+class _Threads:
     """Runs batches of loops, in the thread that asks or in several."""
 
     def __init__(self, jobs: int | None) -> None:
         self._jobs = jobs or len(os.sched_getaffinity(0))
         self._pool: ThreadPoolExecutor | None = None
 
-    def __enter__(self) -> _threads:
+    def __enter__(self) -> _Threads:
         if self._jobs > 1:
             self._pool = ThreadPoolExecutor(self._jobs, thread_name_prefix="explore")
         return self
@@ -317,78 +285,16 @@ class _threads:
         if self._pool is not None:
             self._pool.shutdown()
 
-    def __call__(self, begun: NDArray[Any], horizon: int, batch: int) -> NDArray[Any]:
+    def __call__(self, begun: NDArray[Any], periods: int, batch: int) -> NDArray[Any]:
         parts = [begun[k : k + batch] for k in range(0, begun.size, batch)]
         mapped = map if self._pool is None else self._pool.map
-        return np.concatenate(list(mapped(lambda part: loops.run_loops(part, horizon), parts)))
-
-
-def _horizon(loop: NDArray[Any], reach: float, effort: Effort) -> int:
-    """Periods in which friction alone brings the fastest start to rest, several times."""
-    mu, beta, sigma = (float(loop[name][0]) for name in ("mu", "beta", "sigma"))
-    speed = reach / math.sqrt(min(mu, _HEAVIEST))
-    by_coulomb = speed * mu / sigma if sigma > 0.0 else math.inf
-    net = beta + float(loop["beta_v"][0]) - 0.5 - float(loop["tau_d"][0])
-    by_viscous = 20.0 * mu / net if net > 0.0 else math.inf
-    return int(min(max(20_000.0, 3.0 * min(by_coulomb, by_viscous)), effort.horizon))
-
-
-def _window(loop: NDArray[Any]) -> int:
-    """First window of a search: some time constants of the friction."""
-    mu, beta = float(loop["mu"][0]), float(loop["beta"][0])
-    return int(min(max(256.0, 4.0 * mu / beta if beta > 0.0 else math.inf), 4096.0))
-
-
-#: Powers of the plastic number's like in six dimensions (M. Roberts): no two starts are near each other in any of them.
-_ROOT: Final = 1.1347241384015194
-_DIMENSIONS: Final = np.array([_ROOT ** -(k + 1) for k in range(5)])
-
-
-def _starts(
-    loop: NDArray[Any], motion: tuple[float, float] | None, reach: float, widest: float, first: int, count: int
-) -> NDArray[Any]:
-    """Starts ``first`` … of a loop, (count,) of `LOOP`; number 0 is the motion, if there is one."""
-    number = np.arange(first, first + count)
-    kind, size, angle, memory, phase = ((0.5 + (number[:, None] + 1) * _DIMENSIONS) % 1.0).T
-    mu, sigma, kappa = (float(loop[name][0]) for name in ("mu", "sigma", "kappa"))
-    weight = math.sqrt(min(mu, _HEAVIEST))
-    low = min(_SMALLEST, 0.25 * reach)
-    far = np.where(number % 2 == 0, low * (reach / max(low, 1e-300)) ** size, low + (reach - low) * size)
-    turn = 2.0 * np.pi * angle
-    x, v = far * np.cos(turn) / math.sqrt(1.0 + kappa), far * np.sin(turn) / weight
-    # a release, a passage through the origin, a touch beside one of the places where the mass can stand
-    side = np.where(angle < 0.5, -1.0, 1.0)
-    released, passing, touched = kind < 0.2, (kind >= 0.2) & (kind < 0.35), (kind >= 0.35) & (kind < 0.5)
-    x = np.where(released, side * far / math.sqrt(1.0 + kappa), np.where(passing, 0.0, x))
-    v = np.where(released, 0.0, np.where(passing, side * far / weight, v))
-    stands = min(sigma + 3.0, reach)
-    x = np.where(touched, stands * (2.0 * (memory * 7.0 % 1.0) - 1.0), x)
-    v = np.where(touched, side * low * (max(reach, low) / max(low, 1e-300)) ** (0.5 * size) / weight, v)
-    begun = np.repeat(loop, count)
-    begun["xi"], begun["xi_dot"] = np.clip(x, -widest, widest), v
-    begun["known"] = ~released & ~passing & (memory < 0.6)
-    begun["past"] = np.where(memory < 0.4, v, 0.0)
-    begun["phase"], begun["seed"] = phase, loop["seed"][0] + number
-    begun["far"] = np.minimum(loops.LIMIT, 1e3 * (10.0 + np.abs(x) + weight * np.abs(v)))
-    begun["search"] = _window(loop)
-    if motion is not None and first == 0:
-        begun[0:1] = _alone(loop, *motion)
-    return begun
-
-
-def _alone(loop: NDArray[Any], xi: float, xi_dot: float) -> NDArray[Any]:
-    """A start as ``simulate`` has it: the servo remembers nothing; (1,) of `LOOP`."""
-    begun = loop.copy()
-    begun["xi"], begun["xi_dot"] = xi, xi_dot
-    begun["far"] = min(loops.LIMIT, 1e3 * (10.0 + abs(xi) + math.sqrt(min(float(loop["mu"][0]), _HEAVIEST)) * abs(xi_dot)))
-    begun["search"] = _window(loop)
-    return begun
+        return np.concatenate(list(mapped(lambda part: loops.run_loops(part, periods), parts)))
 
 
 def _answers(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
     """AT_REST … UNDECIDED of each run."""
     reason, amplitude, outcome = runs["reason"], runs["amplitude"], runs["outcome"]
-    chance = (begun["waveform"] == loops.WAVEFORMS.index("uniform")) & (reason != loops.REST)
+    chance = (begun["waveform"] == UNIFORM) & (reason != loops.REST)
     rests = np.isin(reason, (loops.REST, loops.VANISHED)) | ((amplitude < loops.CREEP) & ~chance)
     ended = reason != loops.HORIZON
     grows = (reason == loops.LEFT) | (~ended & (outcome == GROWING) & (amplitude >= _SMALL))
@@ -399,7 +305,9 @@ def _answers(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
     return found.astype(np.int8)
 
 
-def _summary(begun: NDArray[Any], runs: NDArray[Any], answers: NDArray[np.int8], of_ticks: bool) -> Explored:
+def _summary(
+    begun: NDArray[Any], runs: NDArray[Any], answers: NDArray[np.int8], of_ticks: bool, motion_rests: bool | None
+) -> Explored:
     counted = np.bincount(answers, minlength=4)
     cycles = np.where(answers == AT_REST, 0.0, runs["amplitude"])
     ended = runs["reason"] != loops.HORIZON
@@ -409,6 +317,7 @@ def _summary(begun: NDArray[Any], runs: NDArray[Any], answers: NDArray[np.int8],
     if counted[AT_REST] < answers.size:
         # of those that move on the largest, one that `simulate` can repeat before others
         rank = np.array([3, 2, 0, 1])[answers]
+        rank[0] -= motion_rests is False  # the motion asked about before others like it
         order = np.lexsort((begun["known"], -cycles, rank))
         k = int(order[0])
         (worst, periods), repeats = ((float(begun["xi"][k]), float(begun["xi_dot"][k])), int(runs["periods"][k])), False
@@ -430,7 +339,7 @@ def _summary(begun: NDArray[Any], runs: NDArray[Any], answers: NDArray[np.int8],
         repeats=repeats,
         worst_periods=periods,
         of_ticks=of_ticks,
-        motion_rests=None,
+        motion_rests=motion_rests,
     )
 
 

@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from hapticd.stability.criterion import lambda_
 from hapticd.stability.maps import GROWING, PERSISTENT, Study
-from hapticd.stability.sampled_loop import blank, run_in_threads
+from hapticd.stability.sampled_loop import run_in_threads
+from hapticd.stability.whole_loop import blank
 
 #: Counts a tick: the coarsest encoder, and the paper's decimation.
 COUNTS: Final = (1, 217)

@@ -24,7 +24,7 @@ from __future__ import annotations
 import math
 import os
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numba import from_dtype, types
@@ -34,73 +34,11 @@ from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions, step
 from hapticd.plant.noise import next_uniform
 from hapticd.plant.spring import propagate_with_stiffness
-from hapticd.stability.map_kernel import LIMIT, energy, turning_point
+from hapticd.stability.map_kernel import energy, turning_point
 from hapticd.stability.maps import OUTCOMES, PERSISTENT
 from hapticd.stability.outcome import RISE_TOLERANCE, STRETCHES, decide
 from hapticd.stability.passivity import dissipating_force, spring_potential
-
-if TYPE_CHECKING:
-    from hapticd.stability.damping import Damper
-    from hapticd.stability.numbers import Dimensionless
-    from hapticd.stability.storage import FloatArray
-
-#: A loop and the start of its motion; `blank` has what is neutral.
-LOOP: Final = np.dtype(
-    [
-        ("mu", "f8"),
-        ("beta", "f8"),
-        ("sigma", "f8"),
-        ("tau_d", "f8"),
-        ("kappa", "f8"),
-        ("bias", "f8"),  # ½, or 0 without the half tick
-        ("side", "f8"),  # of a wall: 1 positive, −1 negative; 0 for both
-        ("beta_v", "f8"),  # virtual damping B/(KT)
-        ("periods", "i8"),  # over which the damper takes its difference
-        ("keep", "f8"),  # what a period leaves of its low-pass; 0 for the plain difference
-        ("waveform", "i8"),  # of the dither, an index into `WAVEFORMS`
-        ("position_dither", "f8"),  # its peak in ticks
-        ("force_dither", "f8"),  # its peak in ticks of force
-        ("turns", "f8"),  # of its phase in a period
-        ("phase", "f8"),  # at the start, turns
-        ("seed", "i8"),
-        ("grain", "i8"),  # counts a tick, where position dither reads them
-        ("step", "f8"),  # of the converter, ticks of force; 0 for none
-        ("codes", "f8"),  # its largest code
-        ("clip", "f8"),  # largest force, ticks
-        ("counts", "i8"),  # in a tick, as the passivity controller reads them; 0 for no controller
-        ("stiffest", "f8"),  # its α T in units of K
-        ("force_limit", "f8"),  # within which it adds, ticks of force
-        ("ticks", "?"),  # whether the loop sees ticks, or the true position
-        ("xi", "f8"),  # where the motion starts, ticks
-        ("xi_dot", "f8"),  # and how fast, ticks per period
-        ("known", "?"),  # whether the servo has run before, at `past` ticks per period to where the motion starts
-        ("past", "f8"),
-        ("far", "f8"),  # beyond which it counts as gone, ticks
-        ("search", "i8"),  # the first window of a search, periods; 0 for none
-    ],
-    align=True,
-)
-WAVEFORMS: Final = ("none", "sine", "triangle", "square", "uniform")
-_UNIFORM = 4
-
-#: What became of it. ``amplitude`` (ticks, half of peak to peak) and ``omega`` (rad per period) are of the last twelfth of
-#: the horizon, or of the last window of a search, 0 at rest; ``outcome`` is an index into `OUTCOMES`.
-RUN: Final = np.dtype(
-    [
-        ("outcome", "i8"),
-        ("reason", "i8"),
-        ("periods", "i8"),
-        ("rose", "?"),
-        ("xi", "f8"),
-        ("xi_dot", "f8"),
-        ("amplitude", "f8"),
-        ("omega", "f8"),
-        ("added", "f8"),  # largest force that the passivity controller added, ticks
-        ("largest", "f8"),  # largest force asked for at all, ticks
-        ("peaks", "f8", STRETCHES),
-    ],
-    align=True,
-)
+from hapticd.stability.whole_loop import LOOP, RUN, UNIFORM
 
 REST, VANISHED, LEFT, HORIZON, RECURRED, SETTLED = range(6)
 _CHUNK = 100
@@ -113,14 +51,6 @@ _SETTLED, _WINDOWS, _NET, _NEARLY = 0.01, 2, 0.03, 0.8
 
 _LOOPS = types.Array(from_dtype(LOOP), 1, "C")
 _RUNS = types.Array(from_dtype(RUN), 1, "C")
-
-
-def blank(shape: int | tuple[int, ...]) -> NDArray[Any]:
-    """Loops of eq. 2 with nothing more in them, of `LOOP`; μ, β, σ, τ_D, κ and the start are left at 0."""
-    loops = np.zeros(shape, LOOP)
-    loops["bias"], loops["periods"], loops["grain"], loops["ticks"] = 0.5, 1, 1, True
-    loops["clip"], loops["force_limit"], loops["far"] = np.inf, np.inf, LIMIT
-    return loops
 
 
 @njit(inline=True)
@@ -174,7 +104,7 @@ def _stays(loop: Any, x: float, force: float) -> bool:
     low = _delivered(loop, _asked(loop, _read(loop, x, 1.0), 0.0) - loop.force_dither)
     high = _delivered(loop, _asked(loop, _read(loop, x, -1.0), 0.0) + loop.force_dither)
     pull, sigma = loop.kappa * x, loop.sigma
-    return abs(low - pull) <= sigma and abs(high - pull) <= sigma and abs(force - pull) <= sigma
+    return bool(abs(low - pull) <= sigma and abs(high - pull) <= sigma and abs(force - pull) <= sigma)
 
 
 @njit(inline=True)
@@ -241,7 +171,7 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any, saved: Any,
                 low = high = x
                 begun, reversals = h, 0
             if x == x_saved and v == v_saved and velocity == velocity_saved and phase == phase_saved:
-                same = not (dithered and loop.waveform == _UNIFORM)
+                same = not (dithered and loop.waveform == UNIFORM)
                 for k in range(pending):
                     same = same and ring[(slot + k) % pending] == saved[k]
                 for k in range(window if loop.beta_v > 0.0 else 0):
@@ -260,7 +190,7 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any, saved: Any,
                 recurring_low = recurring_high = x
         dither = 0.0
         if dithered:
-            if loop.waveform == _UNIFORM:
+            if loop.waveform == UNIFORM:
                 random, dither = next_uniform(random)
             else:
                 dither = _wave(loop.waveform, phase)
@@ -352,10 +282,10 @@ def _run_all(loops: Any, runs: Any, periods: int) -> None:
 
 @njit(types.boolean(_LOOPS))
 def _held_somewhere(loops: Any) -> bool:
+    held = False
     for k in range(-48, 49):
-        if _stays(loops[0], k / 24.0, 0.0):
-            return True
-    return False
+        held = held or _stays(loops[0], k / 24.0, 0.0)
+    return held
 
 
 def can_rest(loop: Any) -> bool:
@@ -397,14 +327,3 @@ def run_in_threads(loops: NDArray[Any], periods: int, jobs: int | None = None) -
     parts = [flat[k : k + _CHUNK] for k in range(0, flat.size, _CHUNK)]
     with ThreadPoolExecutor(jobs or len(os.sched_getaffinity(0)), thread_name_prefix="loops") as pool:
         return np.concatenate(list(pool.map(lambda part: run_loops(part, periods), parts))).reshape(loops.shape)
-
-
-def loop_record(numbers: Dimensionless, damper: Damper, xi: FloatArray, xi_dot: FloatArray) -> NDArray[Any]:
-    """One loop with n starts; (n,) of `LOOP`."""
-    loops = blank(np.broadcast(xi, xi_dot).size)
-    for name in ("mu", "beta", "sigma", "tau_d", "kappa"):
-        loops[name] = getattr(numbers, name)
-    for name in ("beta_v", "periods", "keep"):
-        loops[name] = getattr(damper, name)
-    loops["xi"], loops["xi_dot"] = xi, xi_dot
-    return loops

@@ -18,8 +18,9 @@ from hapticd.config import Config
 from hapticd.stability.damping import damper_from_config, passive_stiffness
 from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
-from hapticd.stability.sampled_loop import blank, run_in_threads
+from hapticd.stability.sampled_loop import run_in_threads
 from hapticd.stability.storage import FloatArray
+from hapticd.stability.whole_loop import blank
 
 #: Whether the loop sees ticks, whether the device has Coulomb friction.
 VARIANTS: Final = {

@@ -14,7 +14,8 @@ from hapticd.servo.simulate import simulate
 from hapticd.stability.damping import Damper, passive_beta
 from hapticd.stability.energy_replay import O_OBSERVED, O_PUT_OUT, EnergyEstimate
 from hapticd.stability.numbers import loop_from_config
-from hapticd.stability.sampled_loop import loop_record, run_loops
+from hapticd.stability.sampled_loop import run_loops
+from hapticd.stability.whole_loop import loop_record
 from tests.servo.scripted import Scripted, core_for, rows_of
 from tests.servo.scripted import config as scripted_config
 

@@ -19,6 +19,7 @@ Floats = NDArray[np.float64]
 RESTS, BUZZES, MOVES_ON, UNDECIDED = range(4)
 _MEMORY: Final = 1024
 _FAR: Final = 1e7
+_LONGER: Final = 16
 
 (
     MASS, VISCOUS, COULOMB, STIFFNESS, DAMPING, COUNT, DECIMATION, PERIOD, DELAY, BIAS, SIDE, WINDOW, KEEP, AMPERE, CODE,
@@ -109,7 +110,7 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
     period, delta = p[PERIOD], p[COUNT] * p[DECIMATION]
     x, v = start[0] * delta, start[1] * delta / period
     late = p[DELAY] / period
-    whole = int(math.floor(late))
+    whole = math.floor(late)
     part = late - whole
     window = int(p[WINDOW])
     sent, seen = np.zeros(_MEMORY), np.zeros(_MEMORY)
@@ -122,20 +123,23 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
             sent[-1 - k] = _current(p, _tick(p, before, 0.0), v, 0.0)
         estimate, first, remembered = v, False, _MEMORY
     ends = np.array([x, x])
-    stood, check, before_it = 0, horizon // 8, np.inf
-    np.random.seed(int(1e6 * start[3]) + 1)
+    stood, check, before_it, heading, turns = 0, horizon // 8, np.inf, 0.0, 0
+    chance = int(1e6 * start[3]) + 1
     out[1] = 0.0
-    for h in range(horizon):
+    for h in range(_LONGER * horizon):
         tick = math.floor(math.floor(x / p[COUNT]) / p[DECIMATION])
         back = min(window, h + remembered)
         if not first:
-            estimate = p[KEEP] * estimate + (1 - p[KEEP]) * (tick - seen[(h - back) % _MEMORY]) * delta / (back * period)
+            estimate = p[KEEP] * estimate + (1 - p[KEEP]) * (tick - seen[(h - back) % _MEMORY]) * delta / (
+                back * period
+            )
         first = False
         seen[h % _MEMORY] = tick
         wave = 0.0
         if p[TARGET] > 0:
             if p[WAVE] == 3:
-                wave = 2 * np.random.random() - 1
+                chance = (1103515245 * chance + 12345) % 2147483648
+                wave = 2 * chance / 2147483648 - 1
             elif p[WAVE] == 2:
                 wave = 1.0 if phase < 0.5 else -1.0
             elif p[WAVE] == 1:
@@ -159,6 +163,9 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
         x, v = _move(p, x, v, sent[(h - whole) % _MEMORY] * p[AMPERE], (1 - part) * period, ends)
         stood = stood + 1 if v == 0.0 and x == place else 0
         ends[0], ends[1] = min(ends[0], x), max(ends[1], x)
+        if v != 0.0:
+            turns += heading * v < 0.0
+            heading = math.copysign(1.0, v)
         if not abs(x) < _FAR * delta:
             out[0], out[1] = MOVES_ON, np.inf
             return
@@ -169,12 +176,16 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
             if size < 1e-9 and p[WAVE] != 3:
                 out[0] = RESTS
                 return
-            if size < 0.7 and 0.98 * before_it < size < 1.02 * before_it:
+            if turns > 1 and size < 0.7 and 0.98 * before_it < size < 1.02 * before_it:
                 out[0] = BUZZES
                 return
-            if check == horizon:
-                out[0] = BUZZES if size < 1.0 else (MOVES_ON if size > 0.98 * before_it else UNDECIDED)
-            before_it = size
+            if check >= horizon:
+                # what still shrinks, or creeps one way, is followed on, in windows that double
+                if turns > 1 and (size < 1.0 or size > 0.999 * before_it):
+                    out[0] = BUZZES if size < 1.0 else MOVES_ON
+                    return
+                out[0] = UNDECIDED
+            before_it, turns = size, 0
             check *= 2
 
 

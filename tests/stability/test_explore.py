@@ -1,4 +1,4 @@
-"""Exploration: what was wrong before there was one, row by row; its starts, its words; and fresh loops against another simulator."""
+"""Exploration: what was wrong before there was one, row by row; its starts and words; fresh loops and another simulator."""
 
 from __future__ import annotations
 
@@ -14,9 +14,11 @@ from hapticd.servo.simulate import simulate
 from hapticd.stability import explore as exploring
 from hapticd.stability import sampled_loop
 from hapticd.stability.assessment import assess
-from hapticd.stability.explore import CHECK, GUARD, REMEDY, Explored, explore, record_of
+from hapticd.stability.explore import CHECK, GUARD, REMEDY, Explored, explore
 from hapticd.stability.guard import explore_further, judge
 from hapticd.stability.numbers import Dimensionless, Scales, loop_from_config, physical
+from hapticd.stability.starts import starts_of
+from hapticd.stability.whole_loop import record_of
 from tests.stability.claims import CLASSES, draw, held_against
 from tests.stability.independent import BUZZES, MOVES_ON, RESTS, runs, starts_within
 
@@ -171,7 +173,10 @@ def test_where_rest_is_impossible_nothing_decays() -> None:
         ({"plant.coulomb": 0.0, "spring.side": "positive"}, True),
         ({"plant.coulomb": 0.0, "hand.stiffness": 0.01}, True),
         ({"plant.coulomb": 1e-6, "amplifier.dac_bits": 4, "amplifier.dac_full_scale": 0.1}, True),
-        ({"plant.coulomb": 1e-5, "dither.target": "position", "dither.amplitude": 1.2, "dither.frequency_hz": 9}, False),
+        (
+            {"plant.coulomb": 1e-5, "dither.target": "position", "dither.amplitude": 1.2, "dither.frequency_hz": 9},
+            False,
+        ),
     ],
 )
 def test_whether_there_is_a_place_to_rest(values: dict[str, Any], rests: bool) -> None:
@@ -207,7 +212,7 @@ def test_the_same_question_has_the_same_answer_in_any_number_of_threads() -> Non
 
 def test_the_motion_is_the_first_start_and_no_other_has_more_energy() -> None:
     record = record_of(config(V), loop_from_config(config(V)))
-    begun = exploring._starts(record, (5.5, 0.0), 5.5, math.inf, 0, 4096)
+    begun = starts_of(record, (5.5, 0.0), 5.5, math.inf, 0, 4096)
     assert (begun["xi"][0], begun["xi_dot"][0], begun["known"][0]) == (5.5, 0.0, False)
     size = np.hypot(begun["xi"], begun["xi_dot"] * math.sqrt(record["mu"][0]))
     assert size.max() <= 5.5 * (1.0 + 1e-9)
@@ -215,7 +220,7 @@ def test_the_motion_is_the_first_start_and_no_other_has_more_energy() -> None:
     assert np.histogram(np.log(size[1:]), bins=8)[0].min() > 50
     assert np.histogram(begun["xi"] % 1.0, bins=10, range=(0.0, 1.0))[0].min() > 100
     assert 0.2 < begun["known"].mean() < 0.8
-    later = exploring._starts(record, (5.5, 0.0), 5.5, math.inf, 4096, 64)
+    later = starts_of(record, (5.5, 0.0), 5.5, math.inf, 4096, 64)
     assert not np.isin(later["xi"], begun["xi"][begun["xi"] != 0.0]).any()
 
 

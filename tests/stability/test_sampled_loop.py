@@ -14,7 +14,8 @@ from hapticd.stability.damping import Damper, damper_from_config
 from hapticd.stability.escape import linear_loop
 from hapticd.stability.maps import OUTCOMES, run_points
 from hapticd.stability.numbers import Dimensionless, loop_from_config
-from hapticd.stability.sampled_loop import loop_record, run_loops
+from hapticd.stability.sampled_loop import run_loops
+from hapticd.stability.whole_loop import loop_record
 
 UNDAMPED = Damper(0.0)
 PERIODS = 50_000
@@ -93,7 +94,11 @@ def test_linear_stability_is_the_eigenvalues(tau_d: float) -> None:
             gain = linear_gain(numbers, beta_v)
             if abs(gain - 1.0) > 1e-3:
                 judged += 1
-                assert dies_out(run(numbers, Damper(beta_v), xi_dot=1.0, linear=True)) == (gain < 1.0), (beta, beta_v, gain)
+                assert dies_out(run(numbers, Damper(beta_v), xi_dot=1.0, linear=True)) == (gain < 1.0), (
+                    beta,
+                    beta_v,
+                    gain,
+                )
     assert judged > 30
 
 

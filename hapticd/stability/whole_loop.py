@@ -1,0 +1,130 @@
+"""A loop with all that the servo renders as one record, and the configuration that it is of."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticd.plant.amplifier import converter_grid
+from hapticd.stability.damped import sprung
+from hapticd.stability.damping import Damper, passive_viscous, velocity_filter
+from hapticd.stability.map_kernel import LIMIT
+from hapticd.stability.numbers import Dimensionless, Loop
+from hapticd.stability.outcome import STRETCHES
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from hapticd.stability.storage import FloatArray
+
+#: A loop and the start of its motion; `blank` has what is neutral.
+LOOP: Final = np.dtype(
+    [
+        ("mu", "f8"),
+        ("beta", "f8"),
+        ("sigma", "f8"),
+        ("tau_d", "f8"),
+        ("kappa", "f8"),
+        ("bias", "f8"),  # ½, or 0 without the half tick
+        ("side", "f8"),  # of a wall: 1 positive, −1 negative; 0 for both
+        ("beta_v", "f8"),  # virtual damping B/(KT)
+        ("periods", "i8"),  # over which the damper takes its difference
+        ("keep", "f8"),  # what a period leaves of its low-pass; 0 for the plain difference
+        ("waveform", "i8"),  # of the dither, an index into `WAVEFORMS`
+        ("position_dither", "f8"),  # its peak in ticks
+        ("force_dither", "f8"),  # its peak in ticks of force
+        ("turns", "f8"),  # of its phase in a period
+        ("phase", "f8"),  # at the start, turns
+        ("seed", "i8"),
+        ("grain", "i8"),  # counts a tick, where position dither reads them
+        ("step", "f8"),  # of the converter, ticks of force; 0 for none
+        ("codes", "f8"),  # its largest code
+        ("clip", "f8"),  # largest force, ticks
+        ("counts", "i8"),  # in a tick, as the passivity controller reads them; 0 for no controller
+        ("stiffest", "f8"),  # its α T in units of K
+        ("force_limit", "f8"),  # within which it adds, ticks of force
+        ("ticks", "?"),  # whether the loop sees ticks, or the true position
+        ("xi", "f8"),  # where the motion starts, ticks
+        ("xi_dot", "f8"),  # and how fast, ticks per period
+        ("known", "?"),  # whether the servo has run before, at `past` ticks per period to where the motion starts
+        ("past", "f8"),
+        ("far", "f8"),  # beyond which it counts as gone, ticks
+        ("search", "i8"),  # the first window of a search, periods; 0 for none
+    ],
+    align=True,
+)
+WAVEFORMS: Final = ("none", "sine", "triangle", "square", "uniform")
+UNIFORM: Final = WAVEFORMS.index("uniform")
+
+#: What became of it. ``amplitude`` (ticks, half of peak to peak) and ``omega`` (rad per period) are of the last twelfth of
+#: the horizon, or of the last window of a search, 0 at rest; ``outcome`` is an index into `OUTCOMES`.
+RUN: Final = np.dtype(
+    [
+        ("outcome", "i8"),
+        ("reason", "i8"),
+        ("periods", "i8"),
+        ("rose", "?"),
+        ("xi", "f8"),
+        ("xi_dot", "f8"),
+        ("amplitude", "f8"),
+        ("omega", "f8"),
+        ("added", "f8"),  # largest force that the passivity controller added, ticks
+        ("largest", "f8"),  # largest force asked for at all, ticks
+        ("peaks", "f8", STRETCHES),
+    ],
+    align=True,
+)
+
+_SIDES: Final = {"both": 0.0, "positive": 1.0, "negative": -1.0}
+
+
+def blank(shape: int | tuple[int, ...]) -> NDArray[Any]:
+    """Loops of eq. 2 with nothing more in them, of `LOOP`; μ, β, σ, τ_D, κ and the start are left at 0."""
+    loops = np.zeros(shape, LOOP)
+    loops["bias"], loops["periods"], loops["grain"], loops["ticks"] = 0.5, 1, 1, True
+    loops["clip"], loops["force_limit"], loops["far"] = np.inf, np.inf, LIMIT
+    return loops
+
+
+def loop_record(numbers: Dimensionless, damper: Damper, xi: FloatArray, xi_dot: FloatArray) -> NDArray[Any]:
+    """One loop with n starts; (n,) of `LOOP`."""
+    loops = blank(np.broadcast(xi, xi_dot).size)
+    for name in ("mu", "beta", "sigma", "tau_d", "kappa"):
+        loops[name] = getattr(numbers, name)
+    for name in ("beta_v", "periods", "keep"):
+        loops[name] = getattr(damper, name)
+    loops["xi"], loops["xi_dot"] = xi, xi_dot
+    return loops
+
+
+def record_of(config: Config, loop: Loop) -> NDArray[Any]:
+    """A configuration as a loop to be run, at rest at its origin; (1,) of `LOOP`."""
+    loop = sprung(loop)
+    numbers, scales, spring, dither = loop.numbers, loop.scales, config.spring, config.dither
+    amplifier = config.amplifier
+    per_ampere = amplifier.torque_constant / scales.force
+    record = blank(1)
+    for name in ("mu", "beta", "sigma", "tau_d", "kappa"):
+        record[name] = getattr(numbers, name)
+    record["bias"] = 0.5 if spring.half_tick_bias else 0.0
+    record["side"] = _SIDES[spring.side]
+    record["beta_v"] = loop.damping / (loop.stiffness * loop.period)
+    if loop.damping > 0.0:
+        record["periods"], record["keep"] = velocity_filter(spring, loop.period)
+    record["grain"] = config.encoder.decimation
+    if dither.target != "none" and dither.amplitude > 0.0:
+        record["waveform"], record["seed"] = WAVEFORMS.index(dither.waveform), dither.seed
+        record["turns"] = dither.frequency_hz * loop.period
+        if dither.target == "position":
+            record["position_dither"] = dither.amplitude
+        else:
+            record["force_dither"] = dither.amplitude * per_ampere
+    step, codes = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
+    record["step"], record["codes"] = step * per_ampere, codes
+    record["clip"] = amplifier.peak_current * per_ampere if amplifier.peak_current else np.inf
+    if config.safety.passivity == "control":
+        record["counts"] = config.encoder.decimation
+        record["stiffest"] = 2.0 * passive_viscous(config) / (loop.stiffness * loop.period)
+        record["force_limit"] = record["clip"]
+    return record
