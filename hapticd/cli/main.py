@@ -33,8 +33,8 @@ EPILOG = epilog(
 
 MODULES = (
     "run", "scope", "status", "state", "experiments", "record", "verify", "recover", "runs", "plot",
-    "export", "importing", "metrics", "check", "simulate", "energy", "map", "reproduce", "identify", "gap",
-    "help", "hil", "init", "config", "drivers", "doctor", "latency",
+    "export", "importing", "metrics", "check", "simulate", "energy", "map", "zwidth", "reproduce",
+    "identify", "gap", "help", "hil", "init", "config", "drivers", "doctor", "latency",
 )  # fmt: skip
 """Modules of this package that declare commands, in the order of the help."""
 GROUPS = {

@@ -1,37 +1,69 @@
-"""The Z-width of a device: which stiffness K it renders with which virtual damping B, by exact simulation.
+"""The Z-width of a device: which stiffness K it renders with which virtual damping B, whoever holds it and however fast.
 
 Colgate and Brown ("Factors affecting the Z-width of a haptic display", ICRA 1994) call so the range of impedances that a
-device renders passively. Here every point of the (B, K) plane is run exactly, in four variants: with or without ticks, with
-or without Coulomb friction. The motion passes the spring's origin at a given speed. A point is *calm* if its motion dies
-out, or ends in an oscillation of less than one tick: without Coulomb friction, ticks leave nothing a place to rest.
+device renders passively. Here every point of the (B, K) plane is run exactly, with ticks and friction, once for each hand
+and speed, and is what the worst of them says:
+
+* **hands**: none, growing parts of the human operator of Table II in parallel, and the config's own. A rotary device is held
+  by a handle of some radius;
+* **speeds**: motions through the spring's origin, from one that goes two ticks far up to the fastest that the limits admit:
+  `safety.max_velocity`, or less where the motion would pass `safety.max_excursion`, or where the force of K and B would pass
+  the peak current, beyond which it is not K and B that are rendered. Each begins at another place within a tick.
+
+A point is *calm* if its motions die out or end in less than one tick. Beside it stand the exact boundary of the linear loop
+(`hapticd.stability.linear_loop`), what a theorem proves, and what is passive.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.config import Config
-from hapticd.stability.damping import damper_from_config, passive_stiffness
+from hapticd.config import Config, apply_settings
+from hapticd.stability.damping import Damper, passive_stiffness, velocity_filter
+from hapticd.stability.devices import HUMAN_OPERATOR, Hand
+from hapticd.stability.linear_loop import VelocityFilter, largest_damping, largest_stable
 from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
-from hapticd.stability.sampled_loop import run_in_threads
+from hapticd.stability.sampled_loop import HORIZON, run_in_threads
 from hapticd.stability.storage import FloatArray
-from hapticd.stability.whole_loop import blank
+from hapticd.stability.theorems import proven
+from hapticd.stability.tuning import Start
+from hapticd.stability.whole_loop import loop_record
 
-#: Whether the loop sees ticks, whether the device has Coulomb friction.
-VARIANTS: Final = {
-    "linear": (False, False),
-    "coulomb": (False, True),
-    "ticks": (True, False),
-    "ticks and coulomb": (True, True),
-}
-DIES_OUT, BELOW_ONE_TICK, ABOVE_ONE_TICK, GROWS = range(4)
-_PRESCAN: Final = 20
-_PRESCAN_PERIODS: Final = 1000
+#: What becomes of a motion, from the best to the worst.
+VERDICTS: Final = ("stable", "buzzes", "oscillates", "unstable")
+STABLE, BUZZES, OSCILLATES, UNSTABLE = range(4)
+#: Parts of the human operator that hold the device.
+GRIPS: Final = (0.0, 0.1, 0.3, 1.0)
+#: Radius in m of the handle of a rotary device.
+RADIUS: Final = 0.02
+SPEEDS: Final = 5
+_SLOWEST: Final = 2.0
+"""Amplitude in ticks of the slowest motion."""
+_UNLIMITED: Final = 1000.0
+"""Ticks per period of the fastest where nothing is limited."""
+_SHORTEST, _TURNS, _LONGEST = 3000, 60.0, 20_000
+"""Periods that a run takes, or some ten swings of the softest spring; and where its energy is still changing then."""
+_SOFTEST, _HALVINGS = 1e-3, 10
+"""How far below the smallest K of the plane the exact boundary is looked for, and how finely."""
+_MARGIN: Final = 1.15
+"""What the axes show beyond the boundary of the linear loop."""
+
+
+@dataclass(frozen=True)
+class Held:
+    """The device in a hand: its impedance at the device and both as a loop, SI; (n,) largest K of the linear loop."""
+
+    name: str
+    hand: Hand
+    loop: Loop
+    linear: FloatArray
 
 
 @dataclass(frozen=True)
@@ -39,49 +71,58 @@ class ZWidth:
     """A Z-width.
 
     Attributes:
-        config: of the device. loop: it in SI units.
-        velocity: at which the motion passes the origin, ticks per period. periods: the horizon.
+        config: of the device. fastest: the largest speed anywhere in the plane, rad/s or m/s.
         damping: (n,) B in N m s/rad or N s/m, from 0. stiffness: (m,) K in N m/rad or N/m, evenly from one step above 0.
-        outcome: of each of `VARIANTS` (n, m): DIES_OUT, BELOW_ONE_TICK, ABOVE_ONE_TICK or GROWS.
-        passive: (n,) largest K that is passive (Colgate and Schenkel; with delay λ), 0 where none.
+        held: the device in each hand. outcome: (n, m) index into `VERDICTS`: of the worst hand and speed, or the first that
+            is not calm. exact: (n,) largest K below which all is calm.
+        proven: (n,) largest K up to which a theorem proves every hand and speed.
+        passive: (n,) largest K that is passive without a hand (Colgate and Schenkel; with delay λ), 0 where none.
     """
 
     config: Config
-    loop: Loop
-    velocity: float
-    periods: int
+    fastest: float
     damping: FloatArray
     stiffness: FloatArray
-    outcome: dict[str, NDArray[np.int8]]
+    held: tuple[Held, ...]
+    outcome: NDArray[np.int8]
+    exact: FloatArray
+    proven: FloatArray
     passive: FloatArray
 
-    def largest(self, variant: str) -> FloatArray:
-        """(n,) largest K below which the variant is calm throughout; 0 where not even the smallest is."""
-        calm = self.outcome[variant] <= BELOW_ONE_TICK
-        softer = np.where(calm.all(axis=1), calm.shape[1], np.argmin(calm, axis=1))
-        return np.asarray(np.append(0.0, self.stiffness)[softer])
+    @property
+    def linear(self) -> FloatArray:
+        """(n,) largest K with which the linear loop is stable in every hand."""
+        return np.asarray(np.min([held.linear for held in self.held], axis=0))
 
     @property
     def report(self) -> dict[str, Any]:
         """The JSON document."""
-        most = {}
-        for variant in VARIANTS:
-            limit = self.largest(variant)
-            best = int(np.argmax(limit))
-            most[variant] = {
-                "stiffness": float(limit[best]),
-                "damping": float(self.damping[best]),
-                "without_damping": float(limit[0]),
-                "calm": float((self.outcome[variant] <= BELOW_ONE_TICK).mean()),
-            }
+        limits = {"linear": self.linear, "exact": self.exact}
+        largest = limits | {"proven": self.proven, "passive": self.passive}
         return {
-            "velocity_ticks_per_period": self.velocity,
-            "periods": self.periods,
-            "points": self.damping.size * self.stiffness.size,
-            "damping_max": float(self.damping[-1]),
-            "stiffness_max": float(self.stiffness[-1]),
-            "largest_calm": most,
-            "passive_stiffness": float(self.passive[0]),
+            "rows": [
+                {"stiffness": K, "damping": B, "verdict": VERDICTS[self.outcome[i, j]], "proven": self.proven[i] >= K}
+                for i, B in enumerate(self.damping.tolist())
+                for j, K in enumerate(self.stiffness.tolist())
+            ],
+            "boundary": {name: self._line(limit) for name, limit in limits.items()},
+            "largest": {name: self._largest(limit) for name, limit in largest.items()},
+            "hands": [
+                {"name": held.name, **asdict(held.hand), "linear": self._largest(held.linear)} for held in self.held
+            ],
+            "fastest": self.fastest,
+            "speeds": SPEEDS,
+        }
+
+    def _line(self, limit: FloatArray) -> list[dict[str, float]]:
+        return [{"damping": B, "stiffness": K} for B, K in zip(self.damping.tolist(), limit.tolist(), strict=True)]
+
+    def _largest(self, limit: FloatArray) -> dict[str, float]:
+        best = int(np.argmax(limit))
+        return {
+            "stiffness": float(limit[best]),
+            "damping": float(self.damping[best]),
+            "without_damping": float(limit[0]),
         }
 
 
@@ -89,73 +130,173 @@ def zwidth(
     config: Config,
     latency_s: float,
     *,
-    velocity: float = 10.0,
+    velocity: float = math.inf,
+    radius: float = RADIUS,
     count: int = 48,
-    periods: int = 4000,
     damping_max: float | None = None,
     stiffness_max: float | None = None,
     jobs: int | None = None,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> ZWidth:
     """Work out the Z-width of a device with the velocity estimate of its config.
 
     Args:
         config: of the device; its ``spring.stiffness`` and ``spring.damping`` do not matter.
         latency_s: the driver's declared latency.
-        velocity: at which every motion passes the origin, ticks per period.
-        count: points along each axis. periods: horizon, at least 12.
-        damping_max, stiffness_max: ends of the axes; None for what the linear loop needs.
-        jobs: threads; None for one per core that this process may use.
+        velocity: above which no motion goes, beside the limits of the config; rad/s or m/s.
+        radius: of the handle of a rotary device, m.
+        count: points along each axis, 2 at least.
+        damping_max, stiffness_max: ends of the axes; None for a little beyond the boundary of the linear loop.
+        jobs: threads; None for one per core that this process may use. progress: takes the fraction done.
 
     Raises:
-        ValueError: the velocity is not above 0.
+        ValueError: the velocity, the radius or an end of an axis is not above 0, or the count below 2.
     """
-    if not velocity > 0.0:
-        raise ValueError(f"the velocity must be above 0, got {velocity:g}")
-    loop = loop_from_config(config, latency_s)
-    if damping_max is None or stiffness_max is None:
-        found = _extent(config, loop, jobs)
-        damping_max, stiffness_max = damping_max or found[0], stiffness_max or found[1]
-    B = np.linspace(0.0, damping_max, count)
-    K = stiffness_max * np.arange(1, count + 1) / count
-    outcome = {
-        variant: _outcomes(run_in_threads(_loops(config, loop, B, K, variant, velocity), periods, jobs))
-        for variant in VARIANTS
-    }
-    return ZWidth(config, loop, velocity, periods, B, K, outcome, passive_stiffness(config, loop, B))
+    for name, value in (("velocity", velocity), ("radius", radius), ("damping_max", damping_max or 1.0),
+                        ("stiffness_max", stiffness_max or 1.0)):  # fmt: skip
+        if not value > 0.0:
+            raise ValueError(f"{name} must be above 0, got {value:g}")
+    if count < 2:
+        raise ValueError(f"a Z-width takes two points along each axis at least, got {count}")
+    bare = apply_settings(config, {"hand.inertia": 0.0, "hand.damping": 0.0, "hand.stiffness": 0.0})
+    device, estimate = loop_from_config(bare, latency_s), velocity_filter(config.spring, config.period)
+    hands = [
+        (name, hand, device.with_hand(hand.inertia, hand.damping, hand.stiffness))
+        for name, hand in _hands(config, radius)
+    ]
+    loops = [loop for _, _, loop in hands]
+    unit = device.inertia / config.period
+    B_max = damping_max or _MARGIN * min(largest_damping(loop, estimate) for loop in loops) or unit
+    B = np.linspace(0.0, B_max, count)
+    held = tuple(Held(*hand, largest_stable(hand[2], estimate, B)) for hand in hands)
+    linear = np.min([each.linear for each in held], axis=0)
+    K_max = stiffness_max or _MARGIN * float(linear.max()) or unit / config.period
+    K = K_max * np.arange(1, count + 1) / count
+    judge = _Judge(config, loops, estimate, velocity, jobs)
+    grid = np.repeat(B, count), np.tile(K, count)
+    outcome = judge(*grid, lambda done: progress(0.8 * done)).reshape(count, count)
+    # between the last point that is calm and the first that is not, or, where none is, from far below
+    low, high = (_below(K, outcome <= BUZZES, shift) for shift in (0, 1))
+    open_ = low < K_max
+    low = np.where(low > 0.0, low, _SOFTEST * high)
+    for k in range(_HALVINGS):
+        middle = np.where(low < 0.5 * high, np.sqrt(low * high), 0.5 * (low + high))
+        calm = np.zeros(count, np.bool_)
+        calm[open_] = judge(B[open_], middle[open_]) <= BUZZES
+        low, high = np.where(open_ & calm, middle, low), np.where(open_ & ~calm, middle, high)
+        progress(0.8 + 0.2 * (k + 1) / _HALVINGS)
+    exact = np.where(low > _SOFTEST * K[0], low, 0.0)
+    fastest = max(float(top_speed(config, loop, *grid, velocity).max()) for loop in loops)
+    proofs, passive = _proven(config, loops, B, float(K[0]), velocity), passive_stiffness(config, device, B)
+    return ZWidth(config, fastest, B, K, held, outcome, exact, proofs, passive)
 
 
-def _outcomes(runs: NDArray[Any]) -> NDArray[np.int8]:
-    persistent = np.where(runs["amplitude"] < 1.0, BELOW_ONE_TICK, ABOVE_ONE_TICK)
-    outcomes = np.where(
-        runs["outcome"] == GROWING, GROWS, np.where(runs["outcome"] == PERSISTENT, persistent, DIES_OUT)
-    )
-    return outcomes.astype(np.int8)
+def _below(stiffness: FloatArray, good: NDArray[np.bool_], shift: int = 0) -> FloatArray:
+    """(n,) the K below which the points (n, m) are good throughout; 0 where not even the smallest is; or one step more."""
+    softer = np.where(good.all(axis=1), good.shape[1], np.argmin(good, axis=1))
+    return np.asarray(np.append(0.0, stiffness)[np.minimum(softer + shift, good.shape[1])])
 
 
-def _loops(
-    config: Config, loop: Loop, damping: FloatArray, stiffness: FloatArray, variant: str, velocity: float
-) -> NDArray[Any]:
-    """The loops of a grid; (n, m) of `LOOP`."""
-    ticks, friction = VARIANTS[variant]
-    loops = blank((damping.size, stiffness.size))
-    for column, K in enumerate(stiffness.tolist()):
-        here = replace(loop, stiffness=K)
-        numbers, damper = here.numbers, damper_from_config(config, here)
-        for name in ("mu", "beta", "tau_d", "kappa"):
-            loops[name][:, column] = getattr(numbers, name)
-        loops["sigma"][:, column] = numbers.sigma if friction else 0.0
-        loops["beta_v"][:, column] = damping / (K * loop.period)
-        loops["periods"], loops["keep"] = damper.periods, damper.keep
-    loops["ticks"], loops["xi_dot"] = ticks, velocity
-    return loops
+def _hands(config: Config, radius: float) -> list[tuple[str, Hand]]:
+    """The hands that hold a device, at its shaft where it is a rotary one."""
+    lever = 1.0 if config.is_linear else radius * radius
+    full, own = HUMAN_OPERATOR, config.hand
+    hands = []
+    for grip in GRIPS:
+        name = f"{100 * grip:g} % of a human operator" if grip else "no hand"
+        parts = (grip * lever * part for part in (full.inertia, full.damping, full.stiffness))
+        hands.append((name, Hand(*parts)))
+    if own.inertia or own.damping or own.stiffness:
+        hands.append(("the config's hand", Hand(own.inertia, own.damping, own.stiffness)))
+    return hands
 
 
-def _extent(config: Config, loop: Loop, jobs: int | None) -> tuple[float, float]:
-    """Damping and stiffness a little beyond which the linear loop is calm nowhere."""
-    B = np.append(0.0, np.geomspace(0.01, 8.0, _PRESCAN) * loop.inertia / loop.period)
-    K = np.geomspace(1e-4, 4.0, 2 * _PRESCAN) * loop.inertia / loop.period**2
-    calm = _outcomes(run_in_threads(_loops(config, loop, B, K, "linear", 1.0), _PRESCAN_PERIODS, jobs))
-    calm_B, calm_K = np.nonzero(calm == DIES_OUT)
-    if calm_B.size == 0:
-        return float(B[-1]), float(K[0])
-    return 1.3 * float(B[calm_B.max()]), 1.4 * float(K[calm_K.max()])
+def top_speed(config: Config, loop: Loop, B: FloatArray, K: FloatArray, velocity: float = math.inf) -> FloatArray:
+    """The largest speed at the origin that the limits of a config admit, in rad/s or m/s; B and K broadcast.
+
+    A motion at v goes x = v √(m/(K + k_H)) far and asks for a force of v √(K²m/(K + k_H) + B²), friction aside.
+    """
+    reach = np.sqrt(loop.inertia / (K + loop.hand_stiffness))
+    limits = [np.full(np.broadcast(B, K).shape, velocity)]
+    if config.safety.max_velocity:
+        limits.append(np.asarray(config.safety.max_velocity))
+    if config.safety.max_excursion:
+        limits.append(config.safety.max_excursion / reach)
+    if config.amplifier.peak_current:
+        force = config.amplifier.peak_current * config.amplifier.torque_constant
+        limits.append(force / np.hypot(K * reach, B))
+    slowest = np.minimum.reduce(np.broadcast_arrays(*limits))
+    return np.where(np.isinf(slowest), loop.scales.xi_dot_to_velocity(_UNLIMITED), slowest)
+
+
+@dataclass(frozen=True)
+class _Judge:
+    """Runs points of the plane in every hand and at every speed, each as long as it is calm."""
+
+    config: Config
+    loops: list[Loop]
+    estimate: VelocityFilter
+    velocity: float
+    jobs: int | None
+
+    def __call__(
+        self, B: FloatArray, K: FloatArray, progress: Callable[[float], None] = lambda fraction: None
+    ) -> NDArray[np.int8]:
+        """Index into `VERDICTS` of each point; B and K (p,)."""
+        worst = np.zeros(B.size, np.int8)
+        # the bare device and the fastest motions first: they leave the fewest points
+        turns = [(loop, s) for loop in self.loops for s in reversed(range(SPEEDS))]
+        for turn, (loop, s) in enumerate(turns):
+            calm = worst <= BUZZES
+            if calm.any():
+                worst[calm] = np.maximum(worst[calm], self._run(loop, B[calm], K[calm], s))
+            progress((turn + 1) / len(turns))
+        return worst
+
+    def _run(self, loop: Loop, B: FloatArray, K: FloatArray, which: int) -> NDArray[np.int8]:
+        T = loop.period
+        fastest = loop.scales.velocity_to_xi_dot(top_speed(self.config, loop, B, K, self.velocity))
+        slowest = np.minimum(_SLOWEST * T * np.sqrt((K + loop.hand_stiffness) / loop.inertia), fastest)
+        # the golden ratio's multiples, so that no two speeds begin at the same place of a tick
+        place = np.full(B.size, (which * 0.618034) % 1.0)
+        numbers = replace(loop, stiffness=1.0).numbers
+        speed = slowest * (fastest / slowest) ** (which / (SPEEDS - 1))
+        starts = loop_record(numbers, Damper(0.0, *self.estimate), place, speed)
+        for name in ("mu", "beta", "sigma", "kappa"):
+            starts[name] /= K
+        starts["beta_v"] = B / (K * T)
+        periods = int(min(max(_TURNS * math.sqrt(float(starts["mu"].max())), _SHORTEST), _LONGEST))
+        runs = run_in_threads(starts, periods, self.jobs)
+        moving = (runs["reason"] == HORIZON) & (runs["outcome"] != PERSISTENT)
+        if moving.any():
+            runs[moving] = run_in_threads(starts[moving], _LONGEST, self.jobs)
+        small = runs["amplitude"] < 1.0
+        goes_on = np.where(small, BUZZES, np.where(runs["outcome"] == GROWING, UNSTABLE, OSCILLATES))
+        return np.where(runs["outcome"] < PERSISTENT, STABLE, goes_on).astype(np.int8)
+
+
+def _proven(config: Config, loops: list[Loop], damping: FloatArray, softest: float, velocity: float) -> FloatArray:
+    """(n,) the K up to which a theorem proves every hand and speed, to a per cent: with more K or more B never more."""
+    found = np.zeros_like(damping)
+
+    def holds(B: float, K: float) -> bool:
+        here = apply_settings(config, {"spring.stiffness": K, "spring.damping": B})
+        return all(_proves(here, replace(loop, stiffness=K, damping=B), velocity) for loop in loops)
+
+    low = _SOFTEST * softest
+    for i, B in enumerate(damping.tolist()):
+        if not holds(B, low):
+            break
+        within, beyond = low, 2.0 * low
+        while holds(B, beyond):
+            within, beyond = beyond, 2.0 * beyond
+        while beyond > 1.01 * within:
+            middle = math.sqrt(within * beyond)
+            within, beyond = (middle, beyond) if holds(B, middle) else (within, middle)
+        found[i] = within
+    return found
+
+
+def _proves(config: Config, loop: Loop, velocity: float) -> bool:
+    top = top_speed(config, loop, np.array(loop.damping), np.array(loop.stiffness), velocity)
+    return proven(config, loop, Start(velocity=float(top)).xi_dot_max(loop))

@@ -1,4 +1,4 @@
-"""The figure of a Z-width: the (B, K) plane in four variants, with the linear limit and the passive one over it."""
+"""The figure of a Z-width: the boundary of the linear loop in each hand, and beside it what the device does at its worst."""
 
 from __future__ import annotations
 
@@ -6,64 +6,68 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from hapticd.figures.style import BLUE
 from hapticd.stability.map_figure import Shades, patches, shade
 from hapticd.stability.zwidth import ZWidth
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-#: Of the outcomes DIES_OUT … GROWS of `zwidth`.
+#: Of `VERDICTS`.
 _SHADES: Final[Shades] = (
-    ("#ffffff", "dies out"),
-    ("#d9d9d9", "goes on, below one tick"),
-    ("#9a9a9a", "goes on, one tick and more"),
-    ("#4a4a4a", "grows"),
+    ("#ffffff", "comes to rest"),
+    ("#dcdcdc", "goes on, below one tick"),
+    ("#a6a6a6", "goes on, one tick and more"),
+    ("#6b6b6b", "grows"),
 )
-_TITLES: Final = {
-    "linear": "no ticks, no Coulomb friction",
-    "coulomb": "Coulomb friction, no ticks",
-    "ticks": "ticks, no Coulomb friction",
-    "ticks and coulomb": "ticks and Coulomb friction: the device",
-}
-_LINEAR, _PASSIVE, _POINT = "#c0392b", "#0b5fa5", "#0b5fa5"
+_LINEAR, _EXACT, _PASSIVE = "#c0392b", "#000000", "#2e7d32"
+_HANDS: Final = ("#c0392b", "#d4803a", "#b9a03a", "#7a8a3a", "#3a8a8a")
 
 
 def draw(found: ZWidth, title: str) -> Figure:
-    """Four panels."""
+    """Two panels over the same B."""
     from matplotlib.figure import Figure
 
     linear = found.config.is_linear
-    figure = Figure(figsize=(9.0, 7.6), layout="constrained")
-    panels = figure.subplots(2, 2, sharex=True, sharey=True)
-    handles = patches(_SHADES)
-    step_B, step_K = found.damping[1], found.stiffness[0]
-    edges_B = np.append(found.damping - 0.5 * step_B, found.damping[-1] + 0.5 * step_B)
-    edges_K = np.append(found.stiffness - 0.5 * step_K, found.stiffness[-1] + 0.5 * step_K)
-    limit = found.largest("linear")
-    for axes, (variant, outcome) in zip(panels.ravel(), found.outcome.items(), strict=True):
-        shade(axes, edges_B, edges_K, outcome, _SHADES)
-        (border,) = axes.plot(
-            found.damping, limit + 0.5 * step_K, color=_LINEAR, lw=1.3, label="limit of the linear loop"
-        )
-        (passive,) = axes.plot(
-            found.damping, found.passive, color=_PASSIVE, lw=1.6, label="passive below (Colgate and Schenkel)"
-        )
-        axes.set_title(_TITLES[variant], fontsize=10)
-        axes.set_xlim(0.0, edges_B[-1])
-        axes.set_ylim(0.0, edges_K[-1])
-    handles += [border, passive]
-    for axes in panels[1]:
-        axes.set_xlabel("virtual damping B (N s/m)" if linear else "virtual damping B (N m s/rad)")
-    for axes in panels[:, 0]:
-        axes.set_ylabel("stiffness K (N/m)" if linear else "stiffness K (N m/rad)")
+    speed = "m/s" if linear else "rad/s"
+    per_K, K_unit = _prefixed(found.stiffness[-1], "N/m" if linear else "N m/rad")
+    per_B, B_unit = _prefixed(found.damping[-1], "N s/m" if linear else "N m s/rad")
+    B, K = found.damping / per_B, found.stiffness / per_K
+    figure = Figure(figsize=(10.0, 5.2), layout="constrained")
+    left, right = figure.subplots(1, 2, sharex=True)
+    for held, colour in zip(found.held, _HANDS, strict=False):
+        left.plot(B, held.linear / per_K, color=colour, lw=1.6, label=held.name)
+    left.set_title("the linear loop is stable below (Hulin)", fontsize=10)
+    left.set_ylim(0.0, 1.4 * max(1e-9, *(held.linear.max() / per_K for held in found.held)))
+    left.legend(fontsize=8, loc="upper right", frameon=True, framealpha=0.9)
+
+    edges_B = np.append(B - 0.5 * B[1], B[-1] + 0.5 * B[1])
+    edges_K = np.concatenate([[0.0], K + 0.5 * K[0]])
+    shade(right, edges_B, edges_K, found.outcome, _SHADES)
+    lines = [
+        *right.plot(B, found.exact / per_K, color=_EXACT, lw=1.4, label="calm below"),
+        *right.plot(B, found.linear / per_K, "--", color=_LINEAR, lw=1.6, label="the linear loop is stable below"),
+        *right.plot(B, found.passive / per_K, color=_PASSIVE, lw=1.8, label="passive below (Colgate and Schenkel)"),
+    ]
     spring = found.config.spring
-    if 0.0 < spring.stiffness <= edges_K[-1] and spring.damping <= edges_B[-1]:
-        (point,) = panels[1, 1].plot(
-            spring.damping, spring.stiffness, "o", color=_POINT, ms=7, label="this config", clip_on=False
-        )
-        handles.append(point)
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=8)
-    figure.suptitle(
-        f"Z-width of {title}: motions that pass the origin at {found.velocity:g} ticks per period", fontsize=11
-    )
+    place = spring.damping / per_B, spring.stiffness / per_K
+    if 0.0 < place[1] <= edges_K[-1] and place[0] <= edges_B[-1]:
+        lines += right.plot(*place, "o", color=BLUE, ms=7, mec="white", clip_on=False, zorder=5, label="this config")
+    right.set_title("ticks and friction: the worst of all hands and speeds", fontsize=10)
+    right.set_ylim(0.0, edges_K[-1])
+    for axes in (left, right):
+        axes.set_xlim(0.0, edges_B[-1])
+        axes.locator_params(nbins=6)
+        axes.set_xlabel(f"virtual damping B ({B_unit})")
+        axes.set_ylabel(f"stiffness K ({K_unit})")
+    figure.legend(handles=[*patches(_SHADES), *lines], loc="outside lower center", ncols=4, fontsize=8)
+    figure.suptitle(f"Z-width of {title}: motions through the origin of up to {found.fastest:.3g} {speed}", fontsize=11)
     return figure
+
+
+def _prefixed(largest: float, unit: str) -> tuple[float, str]:
+    """A factor and a unit with a prefix in which the numbers of an axis are short."""
+    for factor, prefix in ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ")):
+        if largest >= factor:
+            return factor, prefix + unit
+    return 1e-9, "n" + unit
