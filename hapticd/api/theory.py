@@ -4,16 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hapticd.config.limits import limits_off, limits_text
 from hapticd.config.loading import ConfigSource, config_of
-from hapticd.config.units import deflection_ticks, velocity_ticks
-from hapticd.stability.advice import Change, advise
+from hapticd.config.units import deflection_ticks, split, velocity_ticks
+from hapticd.stability.advice import Change, Unit, advise
 from hapticd.stability.assessment import Assessment, assess
 from hapticd.stability.guard import Judgement, judge
 from hapticd.stability.report import report
 from hapticd.stability.uncertainty import Confidence, confidence
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
 
 
 @dataclass(frozen=True)
@@ -87,4 +90,14 @@ def check(
     judgement = judge(resolved, latency, deflection=ticks, velocity=speed, release=True)
     off = limits_off(resolved)
     warnings = (*found.warnings, *([doubt] if doubt else []), *([f"limits that are {limits_text(off)}"] if off else []))
-    return Check(found, tuple(advise(found)), judgement, warnings, confidence(found))
+    return Check(
+        found, tuple(advise(found, _asked_in(resolved, deflection, velocity))), judgement, warnings, confidence(found)
+    )
+
+
+def _asked_in(config: Config, deflection: float | str | None, velocity: float | str | None) -> Unit | None:
+    """The unit of the question; None for ticks, which have no name."""
+    for given, ticks in ((deflection, deflection_ticks), (velocity, velocity_ticks)):
+        if isinstance(given, str) and (unit := split(given)[1]):
+            return Unit(unit, ticks(f"1{unit}", config))
+    return None

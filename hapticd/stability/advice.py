@@ -33,6 +33,8 @@ _DIGITS: Final = range(2, 15)
 _SLACK: Final = 0.03
 #: What a virtual damping that does not hold is tried to be multiplied with, the nearest first.
 _DAMPING_FACTORS: Final = (0.8, 1.25, 0.6, 1.6, 0.4, 2.5, 0.25, 4.0, 0.1, 10.0, 0.0)
+#: What is tried where there is none, as parts of m/T.
+_DAMPING_PARTS: Final = (0.02, 0.04, 0.08, 0.12, 0.18, 0.25, 0.35, 0.5)
 
 
 @dataclass(frozen=True)
@@ -71,18 +73,27 @@ class Change:
         }
 
 
-def advise(found: Assessment) -> list[Change]:
+@dataclass(frozen=True)
+class Unit:
+    """In what a motion was asked about: the unit's name, and how many ticks, or ticks per period, one is."""
+
+    name: str
+    ticks: float
+
+
+def advise(found: Assessment, asked_in: Unit | None = None) -> list[Change]:
     """The single changes that make it stable, the smallest first; none where it is stable, or where none will do.
 
     Without a motion the aim is stability at every speed.
 
     Args:
         found: what the theory says.
+        asked_in: the unit of the motion in the answer; None for ticks and ticks per period.
     """
     if found.verdict == "stable":
         return []
-    searches = (_stiffness, _damping, _decimation, _rate, _delay, _motion)
-    changes = [search(found) for search in searches]
+    searches = (_stiffness, _damping, _decimation, _rate, _delay)
+    changes = [*(search(found) for search in searches), _motion(found, asked_in)]
     changes.sort(key=lambda change: change.size if change else math.inf)
     return [change for change in [*changes, _grip(found)] if change is not None]
 
@@ -149,12 +160,16 @@ def _searched(
 
 
 def _damping(found: Assessment) -> Change | None:
-    """The nearest other virtual damping with which the exact loop dies out, of a coarse scale."""
-    present = found.config.spring.damping
-    if found.damped is None:
+    """The nearest other virtual damping with which the exact loop dies out, of a coarse scale.
+
+    Without one the smallest will do: what brakes too hard at this rate, near m/T, shakes by itself.
+    """
+    present, most = found.config.spring.damping, found.loop.inertia / found.loop.period
+    if found.loop.stiffness == 0.0:
         return None
-    for factor in _DAMPING_FACTORS:
-        after = float(f"{present * factor:.3g}")
+    values = [present * factor for factor in _DAMPING_FACTORS] if present else [most * part for part in _DAMPING_PARTS]
+    for value in values:
+        after = float(f"{value:.2g}")
         if change := _apply(found, "spring.damping", present, after):
             return change
     return None
@@ -206,7 +221,7 @@ def _delay(found: Assessment) -> Change | None:
     return _searched(found, key, present, 0.0, lambda T_V: replace(loop, delay=loop.delay - present + T_V))
 
 
-def _motion(found: Assessment) -> Change | None:
+def _motion(found: Assessment, asked_in: Unit | None) -> Change | None:
     """A gentler motion: a release from less far, or a lower velocity."""
     if found.damped is not None:
         return None
@@ -214,10 +229,11 @@ def _motion(found: Assessment) -> Change | None:
     asked = found.velocity if found.velocity is not None else found.deflection
     if not asked:
         return None
-    loop, size = found.loop, abs(asked)
+    loop, given = found.loop, asked_in or Unit("ticks/period" if key == "velocity" else "ticks", 1.0)
+    size = abs(asked) / given.ticks
 
     def begun(value: float) -> Start:
-        return Start.in_ticks(loop, **{key: math.copysign(value, asked)})
+        return Start.in_ticks(loop, **{key: math.copysign(value * given.ticks, asked)})
 
     def safe(value: float) -> bool:
         return _safe(loop, begun(value))
@@ -229,9 +245,9 @@ def _motion(found: Assessment) -> Change | None:
     then = assess(found.config, start=begun(after), latency_s=found.latency_s, effort=REMEDY)
     if not _rests(then):
         return None
-    unit = "ticks/period" if key == "velocity" else "ticks"
     margin = criterion_margin(then.numbers, then.xi_dot_max)
-    return Change(key, asked, math.copysign(after, asked), unit, then.region, margin)
+    before, after = (math.copysign(value, asked) for value in (size, after))
+    return Change(key, before, after, given.name, then.region, margin)
 
 
 def _grip(found: Assessment) -> Change | None:

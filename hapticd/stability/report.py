@@ -46,7 +46,7 @@ WHY: Final[dict[str, str]] = {
 
 _LABELS: Final = {
     "spring.stiffness": "a softer spring",
-    "spring.damping": "another virtual damping",
+    "spring.damping": "virtual damping",
     "encoder.decimation": "finer ticks",
     "servo.rate_hz": "a faster servo",
     "delay.computation_s": "a shorter computation",
@@ -208,12 +208,21 @@ def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
     lines = [f"One of these changes is enough to make it stable{every}:"]
     for change in changes:
         what = change.key if "." in change.key else f"--{change.key}"
-        values = f"{shortest(change.before)} → {shortest(change.after)} {change.unit}"
+        values = f"{_plainly(change.before)} → {_plainly(change.after)} {change.unit}"
+        # what a damper does no region says
+        damps = change.key == "spring.damping" or found.damped is not None
+        why = "simulated exactly" if damps else f"region {change.region}"
         harsh = ", hardly a wall any more" if change.key == "spring.stiffness" and change.size > math.log(10.0) else ""
-        lines.append(f"{_INDENT}{what:<20} {values:<32} {_LABELS[change.key]}{harsh} (region {change.region})")
+        lines.append(f"{_INDENT}{what:<20} {values:<32} {_LABELS[change.key]}{harsh} ({why})")
     if found.verdict == "depends":
         lines.append("Or keep below the speed limit; ask about a motion of yours with --velocity or --deflection.")
     return "\n".join(lines)
+
+
+def _plainly(value: float) -> str:
+    """A value as short as it can be said; what was converted from another unit, to 6 digits."""
+    exact, rounded = shortest(value), f"{value:.6g}"
+    return exact if len(exact) <= len(rounded) + 2 else rounded
 
 
 def _table_ii(device: Device) -> Iterator[str]:

@@ -12,13 +12,14 @@ from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from hapticd.config import Config, apply_settings, load_config
-from hapticd.stability.advice import Change, advise
+from hapticd.config.units import deflection_ticks
+from hapticd.stability.advice import Change, Unit, advise
 from hapticd.stability.assessment import Assessment, Verdict, assess
 from hapticd.stability.check_figure import check_figure
 from hapticd.stability.devices import TABLE_II
 from hapticd.stability.explore import GUARD, REMEDY
 from hapticd.stability.regions import MEANING
-from hapticd.stability.report import HEADLINES, WHY, number, report
+from hapticd.stability.report import HEADLINES, WHY, advice_text, number, report
 from hapticd.stability.tuning import Start, margin, stiffness_max_dissipating
 
 IDEAL = {"amplifier.bandwidth_hz": 0, "amplifier.dac_bits": 0}
@@ -73,7 +74,7 @@ def test_advice_for_case_d_is_what_the_criterion_solved_for_gives() -> None:
     found = fig8("d")
     assert found.start is not None
     by_key = {change.key: change for change in advise(found)}
-    assert set(by_key) == {"spring.stiffness", "servo.rate_hz", "deflection", "hand.damping"}
+    assert set(by_key) == {"spring.stiffness", "servo.rate_hz", "deflection", "hand.damping", "spring.damping"}
     K = stiffness_max_dissipating(found.loop, found.start)
     assert 0.97 * K <= by_key["spring.stiffness"].after <= K
     rate = by_key["servo.rate_hz"].after
@@ -283,3 +284,18 @@ def test_the_figure_is_drawn(case: str, tmp_path: Path) -> None:
 def test_a_figure_without_a_spring_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="no operating point"):
         check_figure(assess(make({"spring.stiffness": 0})), [], tmp_path / "x.png", "rig")
+
+
+def test_virtual_damping_is_offered_where_there_is_none_and_it_alone_is_enough() -> None:
+    shaky = make({"spring.stiffness": 0.3})
+    asked = deflection_ticks("30deg", shaky)
+    found = assess(shaky, deflection=asked)
+    by_key = {change.key: change for change in advise(found, Unit("deg", deflection_ticks("1deg", shaky)))}
+    damping, motion = by_key["spring.damping"], by_key["deflection"]
+    assert (damping.before, motion.before, motion.unit) == (0.0, pytest.approx(30.0), "deg")
+    then = assess(make({"spring.stiffness": 0.3, "spring.damping": damping.after}), deflection=asked)
+    assert then.verdict == "stable"
+    gentler = assess(shaky, deflection=deflection_ticks(f"{motion.after}deg", shaky))
+    assert gentler.verdict == "stable"
+    assert "30 → " in advice_text(found, [motion])
+    assert "(simulated exactly)" in advice_text(found, [damping])
