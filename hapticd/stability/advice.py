@@ -127,7 +127,7 @@ def _apply(found: Assessment, key: str, before: float, after: float) -> Change |
         config = apply_settings(found.config, {key: after})
     except ConfigError:
         return None
-    then = assess(config, start=found.start, latency_s=found.latency_s, effort=REMEDY)
+    then = assess(config, start=found.start, latency_s=found.latency_s, effort=REMEDY, cycles=False)
     if not _rests(then):
         return None
     unit = "counts a tick" if key == "encoder.decimation" else unit_of(key, config.is_linear)
@@ -242,7 +242,7 @@ def _motion(found: Assessment, asked_in: Unit | None) -> Change | None:
     if solved is None or solved <= 0.0:
         return None
     after = _rounded(safe, solved)
-    then = assess(found.config, start=begun(after), latency_s=found.latency_s, effort=REMEDY)
+    then = assess(found.config, start=begun(after), latency_s=found.latency_s, effort=REMEDY, cycles=False)
     if not _rests(then):
         return None
     margin = criterion_margin(then.numbers, then.xi_dot_max)

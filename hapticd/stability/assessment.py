@@ -129,6 +129,7 @@ def assess(
     latency_s: float = 0.0,
     effort: Effort = CHECK,
     jobs: int | None = 1,
+    cycles: bool = True,
 ) -> Assessment:
     """Ask the theory about a configuration.
 
@@ -139,6 +140,7 @@ def assess(
         start: in the place of both, the motion in SI units.
         latency_s: the driver's declared sample-to-current latency in s.
         effort, jobs: of the exploration, where there is no proof.
+        cycles: whether to look for the cycles of the describing function.
 
     Raises:
         ValueError: both a velocity and a deflection, or a motion beyond what floating point can hold.
@@ -163,7 +165,7 @@ def assess(
         with_damping = damped(config, loop)
     proof = proof_of(config, loop)
     proven = proof is not None and proof.margin(xi_dot_max) >= 0.0
-    cycle = None if with_damping else _cycle(numbers, deflection, velocity)
+    cycle = None if with_damping or not cycles else _cycle(numbers, deflection, velocity)
     explored = None
     if not proven and (loop.stiffness > 0.0 or with_damping is not None):
         motion = None if start is None else (deflection or 0.0, velocity or 0.0)

@@ -74,10 +74,10 @@ class Effort:
 
 
 #: About a second, and about 0.1 s of one core.
-CHECK: Final = Effort(4096, 16_000_000, 200_000)
-GUARD: Final = Effort(4096, 700_000, 40_000, batch=8, least=16, until_one=True)
+CHECK: Final = Effort(4096, 10_000_000, 200_000)
+GUARD: Final = Effort(2048, 400_000, 40_000, batch=8, least=16, until_one=True)
 #: What a change that is offered is checked with, and one draw of what is uncertain.
-REMEDY: Final = Effort(512, 200_000, 40_000, batch=8, least=16, until_one=True)
+REMEDY: Final = Effort(256, 60_000, 40_000, batch=8, least=16, until_one=True)
 DRAW: Final = Effort(32, 20_000, 20_000, batch=16, least=16, until_one=True)
 
 
@@ -244,13 +244,15 @@ def _explored(
     for name in ("beta_v", "position_dither", "force_dither", "step"):
         bare[name] = 0.0
     of_ticks = not loops.can_rest(bare[0])
-    spent, done = 0, 0
+    spent, done, longest = 0, 0, horizon(loop, reach, effort.horizon)
     motion_rests: bool | None = None
     with _Threads(jobs) as run:
         while done < effort.starts and (spent < effort.periods or done < effort.least):
-            count = min(effort.batch * _TOGETHER, effort.starts - done)
+            # as many as there is likely to be time for, from what the starts before took
+            left = (effort.periods - spent) * done // max(spent, 1) if done else 0
+            count = min(max(effort.batch * _TOGETHER, min(left, _AT_ONCE)), effort.starts - done)
             begun = starts_of(loop, motion, reach, widest, skip + done, count)
-            ended = run(begun, horizon(loop, reach, effort.horizon), effort.batch)
+            ended = run(begun, longest, effort.batch if done == 0 else _AT_ONCE // 8)
             answer = _answers(begun, ended)
             starts.append(begun)
             runs.append(ended)
@@ -267,6 +269,8 @@ def _explored(
 
 #: Batches that are run before it is asked whether there is time for more.
 _TOGETHER: Final = 2
+#: Most starts between two looks at the budget.
+_AT_ONCE: Final = 256
 
 
 class _Threads:

@@ -92,7 +92,9 @@ def judge(
             where = region(loop.numbers)
             return Judgement("admitted", f"{_where(loop, config, where, '')}; {proof.words}", where)
     try:
-        found = assess(config, deflection=deflection, velocity=velocity, latency_s=latency_s, effort=GUARD)
+        found = assess(
+            config, deflection=deflection, velocity=velocity, latency_s=latency_s, effort=GUARD, cycles=False
+        )
     except ValueError as error:
         return Judgement(_verdict(policy, force), str(error), None, _NO_HELP)
     reason = _reason(found)

@@ -41,6 +41,8 @@ from hapticd.stability.passivity import dissipating_force, spring_potential
 from hapticd.stability.whole_loop import LOOP, RUN, UNIFORM
 
 REST, VANISHED, LEFT, HORIZON, RECURRED, SETTLED = range(6)
+#: What a search that ends so has become.
+_ENDED = np.array([OUTCOMES.index(name) for name in ("decaying", "decaying", "growing", *3 * ("persistent",))])
 _CHUNK = 100
 _VANISHED = 1e-12
 #: Ticks within which a motion that goes on is a creep.
@@ -304,7 +306,9 @@ def run_loops(loops: NDArray[Any], periods: int) -> NDArray[Any]:
     """
     runs = np.zeros(loops.size, RUN)
     _run_all(np.ascontiguousarray(loops), runs, periods)
-    for run in runs:
+    runs["outcome"] = _ENDED[runs["reason"]]
+    for k in np.flatnonzero((loops["search"] == 0) | (runs["reason"] == HORIZON)):  # energies tell a search no more
+        run = runs[k]
         gone = run["reason"] in (REST, VANISHED)
         gone |= run["reason"] == HORIZON and run["amplitude"] < CREEP
         outcome = decide(bool(run["rose"]), run["peaks"], at_rest=gone, grew_past_limit=run["reason"] == LEFT)
