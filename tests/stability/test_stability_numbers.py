@@ -69,7 +69,7 @@ def config(**hand: float) -> SimpleNamespace:
     return SimpleNamespace(
         period=1e-3,
         resolution=2e-3,
-        spring=SimpleNamespace(stiffness=0.012),
+        spring=SimpleNamespace(stiffness=0.012, damping=0.0),
         amplifier=SimpleNamespace(
             delay=2 * 0.7 / (2 * math.pi * 3000), dac_bits=14, dac_full_scale=6.0, torque_constant=0.0292
         ),
