@@ -30,7 +30,7 @@ def _figures(kind: str, found: Tally) -> list[Figure]:
         text = f"{false} of {among}, 95 %: {_PERCENT * low:.2g} – {_PERCENT * high:.2g} %; {peer}"
         return Figure(name, _PERCENT * false / max(among, 1), "%", goal, "≤", text)
 
-    others = found.calm - found.calm_refused + found.calm_refused - found.calm_buzzing
+    others = found.calm - found.calm_buzzing
     return [
         Figure(
             "proven, and a start goes on", found.false_proven, "", 0.0, "≤", f"{found.proven} proven, {peer}", listed

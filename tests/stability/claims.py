@@ -89,7 +89,7 @@ class Tally:
         false_proven: proven, and a start without memory goes on. false_explored: admitted by exploration,
             and a start moves on. stable, false_stable: called stable by exploration, and a start goes on, however little.
         provable_refused: refused where a proof covers it. calm: without a start that moves on, and not proven.
-        calm_refused: refused among them; calm_buzzing: of these, where starts buzz though friction could hold the ticks.
+        calm_refused: refused among them; calm_buzzing: of these, for a buzz below a tick that friction could hold.
         listed: the false ones.
     """
 
@@ -158,6 +158,6 @@ def held_against(kind: str, count: int, seed: int, starts: int, effort: Effort =
             tally.calm += 1
             tally.calm_refused += not admitted
             if not admitted:
-                tally.calm_buzzing += bool((ended[:, 0] == BUZZES).any())
+                tally.calm_buzzing += found.explored.moving_on == found.explored.undecided == 0
                 tally.listed.append(f"refused: {known}")
     return tally
