@@ -8,8 +8,8 @@ others have at most its energy. Where β > λ theorem 2 takes from faster ones w
 
 * is at rest when stiction holds whatever the loop may still command;
 * buzzes when what it ends in stays below one tick: where Coulomb friction holds no tick (σ < ½) every motion ends so or
-  worse (Fig. 8b); elsewhere it is the damper, the converter or the dither that does it, and that is admitted only of few
-  starts, or beside a motion that comes to rest itself;
+  worse (Fig. 8b); elsewhere it is the damper, the converter or the dither that does it. Not stable, and admitted, with
+  the largest amplitude told;
 * *moves on* when it grows, or when its cycle passes one tick;
 * is undecided when its horizon ends before any of that. Who asks for an admission refuses it like one that moves on.
 
@@ -44,8 +44,6 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 ONE_TICK: Final = 1.0
-#: Share of the starts that may end in a buzz below one tick which friction could hold, where no motion is asked about.
-BUZZING: Final = 0.01
 #: Ticks per period where no limit is set.
 _UNLIMITED: Final = 1e3
 #: How far above what theorem 2 leaves the fastest start is, and so many ticks.
@@ -119,15 +117,8 @@ class Explored:
 
     @property
     def admissible(self) -> bool:
-        """Whether none moved on, none is undecided, and no more buzz than may."""
-        return self.moving_on == self.undecided == 0 and self.buzzing <= self.may_buzz
-
-    @property
-    def may_buzz(self) -> float:
-        """How many may buzz: all where ticks make it, or the motion asked about rests; else a few, but not that motion."""
-        if self.of_ticks or self.motion_rests:
-            return math.inf
-        return max(1.0, BUZZING * self.starts) if self.motion_rests is None else 0.0
+        """Whether none moved on, and none is undecided."""
+        return self.moving_on == self.undecided == 0
 
     @property
     def bound(self) -> float:
@@ -261,8 +252,7 @@ def _explored(
             spent += int(ended["periods"].sum())
             if motion is not None and done == count:
                 motion_rests = skip > 0 or bool(answer[0] == AT_REST)
-            hopeless = (answer >= MOVES_ON).any() or (motion_rests is False and not of_ticks and answer[0] == BUZZES)
-            if effort.until_one and hopeless:
+            if effort.until_one and (answer >= MOVES_ON).any():
                 break
     return _summary(np.concatenate(starts), np.concatenate(runs), np.concatenate(answers), of_ticks, motion_rests)
 

@@ -89,7 +89,7 @@ class Tally:
         false_proven: proven, and a start without memory goes on. false_explored: admitted by exploration,
             and a start moves on. stable, false_stable: called stable by exploration, and a start goes on, however little.
         provable_refused: refused where a proof covers it. calm: without a start that moves on, and not proven.
-        calm_refused: refused among them; calm_buzzing: of these, for a buzz below a tick that friction could hold.
+        calm_refused: refused among them.
         listed: the false ones.
     """
 
@@ -105,7 +105,6 @@ class Tally:
     provable_refused: int = 0
     calm: int = 0
     calm_refused: int = 0
-    calm_buzzing: int = 0
     listed: list[str] = field(default_factory=list)
 
 
@@ -158,6 +157,5 @@ def held_against(kind: str, count: int, seed: int, starts: int, effort: Effort =
             tally.calm += 1
             tally.calm_refused += not admitted
             if not admitted:
-                tally.calm_buzzing += found.explored.moving_on == found.explored.undecided == 0
                 tally.listed.append(f"refused: {known}")
     return tally

@@ -87,7 +87,9 @@ def test_v_a_damper_that_shakes_for_ever_is_not_stable(motion: dict[str, float])
     assert (found.verdict, found.proven) == ("buzzes", False)
     assert found.explored is not None
     assert found.explored.buzzing > 0.05 * found.explored.starts
-    assert judge(given, 0.0, **motion).verdict == "refused"
+    said = judge(given, 0.0, **motion)
+    assert said.verdict == "admitted"
+    assert "end in a buzz of up to" in said.reason
     # what is left is as large as it says
     assert 0.0 < oscillation(given, 30.0, deflection=5.5) <= found.explored.largest_cycle + 1e-9
 
@@ -113,23 +115,25 @@ def test_dm_an_averaged_velocity_is_proven_but_for_its_first_periods() -> None:
 
 @pytest.mark.parametrize(("values", "velocity", "ticks"), [(D1, 1.0, 0.0), (D2, 20.0, 100.0)])
 @pytest.mark.parametrize("asked", [True, False])
-def test_d1_d2_what_a_converter_shakes_is_refused(
+def test_d1_d2_what_a_converter_shakes_is_not_stable_and_refused_from_a_tick_on(
     values: dict[str, Any], velocity: float, ticks: float, asked: bool
 ) -> None:
     given, motion = config(values), {"velocity": velocity} if asked else {}
     found = assess(given, **motion)
     assert (found.verdict, found.proven) == ("buzzes", False)
-    assert judge(given, 0.0, **motion).verdict == "refused"
+    assert judge(given, 0.0, **motion).verdict == ("refused" if ticks else "admitted")
     assert found.explored is not None
     assert found.explored.largest_cycle > ticks
     assert oscillation(given, 20.0, velocity=velocity) > ticks
 
 
 @pytest.mark.parametrize("motion", [{}, {"velocity": 1.0}])
-def test_dither_that_friction_cannot_hold_is_refused(motion: dict[str, float]) -> None:
+def test_dither_that_friction_cannot_hold_is_not_stable(motion: dict[str, float]) -> None:
     found = assess(config(DITHER), **motion)
     assert (found.verdict, found.proven) == ("buzzes", False)
-    assert judge(config(DITHER), 0.0, **motion).verdict == "refused"
+    assert judge(config(DITHER), 0.0, **motion).verdict == "admitted"
+    assert found.explored is not None
+    assert 0.0 < found.explored.largest_cycle < 1.0
 
 
 def test_fp_below_lambda_nothing_is_called_passive() -> None:
@@ -230,8 +234,7 @@ def test_words_and_bound() -> None:
     assert calm.words == "none of 4,096 starts moved on: fewer than 0.073 % do, with 95 % confidence"
     assert (1.0 - calm.bound) ** 4096 == pytest.approx(0.05)
     buzz = replace(calm, at_rest=4000, buzzing=96, largest_cycle=0.3)
-    assert (buzz.stable, buzz.admissible, replace(buzz, of_ticks=True).admissible) == (False, False, True)
-    assert replace(buzz, motion_rests=True).admissible
+    assert (buzz.stable, buzz.admissible) == (False, True)
     assert "96 end in a buzz of up to 0.3 ticks" in buzz.words
     moved = replace(calm, at_rest=4090, moving_on=5, undecided=1, largest_cycle=5.5)
     assert not moved.admissible
