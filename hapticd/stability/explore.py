@@ -27,7 +27,7 @@ import math
 import os
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -80,6 +80,19 @@ DRAW: Final = Effort(32, 20_000, 20_000, batch=16, least=16, until_one=True)
 
 
 @dataclass(frozen=True)
+class Cycle:
+    """Oscillations of about one frequency in which starts end.
+
+    Attributes:
+        share: of the starts. periods: of the servo that one swing takes, rounded. amplitude: of the largest, ticks.
+    """
+
+    share: float
+    periods: int
+    amplitude: float
+
+
+@dataclass(frozen=True)
 class Explored:
     """What became of many starts.
 
@@ -90,6 +103,7 @@ class Explored:
         worst_start: place and speed (ticks, ticks per period) of a start that moves on, or else is undecided, or else
             buzzes; None where all rest. repeats: whether ``simulate`` repeats it, which begins with no memory;
             worst_periods: how long it takes to show.
+        cycles: the oscillations that do not grow in which they end, the most frequent first.
         of_ticks: whether a buzz is what ticks alone make of this device.
         motion_rests: whether the motion asked about comes to rest; None without one.
         approximate: what the runs take differently from the device.
@@ -109,6 +123,7 @@ class Explored:
     of_ticks: bool
     motion_rests: bool | None
     approximate: tuple[str, ...] = ()
+    cycles: tuple[Cycle, ...] = ()
 
     @property
     def stable(self) -> bool:
@@ -172,6 +187,7 @@ class Explored:
             "worst_start": self.worst_start
             and {"position_ticks": self.worst_start[0], "velocity_ticks_per_period": self.worst_start[1]},
             "repeats": self.repeats,
+            "cycles": [asdict(cycle) for cycle in self.cycles],
             "approximate": list(self.approximate),
             "words": self.words,
         }
@@ -334,7 +350,21 @@ def _summary(
         worst_periods=periods,
         of_ticks=of_ticks,
         motion_rests=motion_rests,
+        cycles=_cycles(runs[np.isin(answers, (BUZZES, MOVES_ON)) & ~grows], answers.size),
     )
+
+
+def _cycles(going: NDArray[Any], starts: int) -> tuple[Cycle, ...]:
+    """The oscillations of runs that go on, by how long a swing takes."""
+    going = going[going["omega"] > 0.0]
+    swings = np.rint(2.0 * math.pi / going["omega"]).astype(np.int64)
+    found = [
+        Cycle(
+            float((swings == periods).sum() / starts), int(periods), float(going["amplitude"][swings == periods].max())
+        )
+        for periods in np.unique(swings)
+    ]
+    return tuple(sorted(found, key=lambda cycle: -cycle.share))
 
 
 def _repeated(begun: NDArray[Any], runs: NDArray[Any], answer: int) -> Iterator[tuple[tuple[float, float], Any]]:

@@ -11,6 +11,7 @@ from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, Verdict
 from hapticd.stability.criterion import criterion_margin, lambda_
 from hapticd.stability.devices import HUMAN_OPERATOR, Device, compare, grip_fraction
+from hapticd.stability.explore import Cycle
 from hapticd.stability.regions import MEANING
 from hapticd.stability.theorems import unproven
 
@@ -43,6 +44,9 @@ WHY: Final[dict[str, str]] = {
     "F1|F2": "Both frictions are nearly large enough at every speed even with the delay in the loop; up to the speed limit "
     "they are.",
 }  # fmt: skip
+
+#: Oscillations in which starts end, as many as are told.
+_CYCLES: Final = 4
 
 _LABELS: Final = {
     "spring.stiffness": "a softer spring",
@@ -169,6 +173,8 @@ def _numbers(found: Assessment) -> Iterator[str]:
     yield f"stiffness up to   {limits} (now {shortest(found.loop.stiffness)})"
     if found.damped is not None:
         yield from _damping(found, stiffness_unit)
+    if found.explored is not None and found.explored.cycles:
+        yield from _cycles(found.explored.cycles, found.loop.period)
     if found.cycle is not None:
         hertz = float(scales.omega_to_hz(found.cycle.omega))
         amplitude = number(found.cycle.amplitude)
@@ -217,6 +223,19 @@ def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
     if found.verdict == "depends":
         lines.append("Or keep below the speed limit; ask about a motion of yours with --velocity or --deflection.")
     return "\n".join(lines)
+
+
+def _cycles(cycles: Sequence[Cycle], period_s: float) -> Iterator[str]:
+    """In which oscillations starts end, with what share of them."""
+    label = "starts end in"
+    for cycle in cycles[:_CYCLES]:
+        frequency, share = 1.0 / (cycle.periods * period_s), 100.0 * cycle.share
+        yield f"{label:<18}{share:.2g} %: {number(cycle.amplitude, 2)} ticks at {number(frequency)} Hz"
+        label = ""
+    if len(cycles) > _CYCLES:
+        share = 100.0 * sum(cycle.share for cycle in cycles[_CYCLES:])
+        largest = max(cycle.amplitude for cycle in cycles[_CYCLES:])
+        yield f"{label:<18}{share:.2g} %: {len(cycles) - _CYCLES} others, up to {number(largest, 2)} ticks"
 
 
 def _plainly(value: float) -> str:

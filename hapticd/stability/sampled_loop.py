@@ -141,7 +141,7 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any, saved: Any,
     random, phase = loop.seed, loop.phase
     searching, begun, end = loop.search > 0, 0, loop.search
     amplitude, equal = np.inf, 0
-    next_reference = 1
+    next_reference, reference, recurring_reversals = 1, 0, 0
     x_saved, v_saved, velocity_saved, phase_saved = np.nan, np.nan, np.nan, np.nan
     slot = sample_slot = 0
     h = 0
@@ -190,6 +190,7 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any, saved: Any,
                     saved_samples[k] = samples[(sample_slot + k) % window]
                 # from here on, so that a recurrence knows how far its cycle goes
                 recurring_low = recurring_high = x
+                reference, recurring_reversals = h, 0
         dither = 0.0
         if dithered:
             if loop.waveform == UNIFORM:
@@ -253,7 +254,9 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any, saved: Any,
         low, high = min(low, x), max(high, x)
         recurring_low, recurring_high = min(recurring_low, x), max(recurring_high, x)
         if v != 0.0:
-            reversals += int(heading * v < 0.0)
+            turned = int(heading * v < 0.0)
+            reversals += turned
+            recurring_reversals += turned
             heading = math.copysign(1.0, v)
         h += 1
     run.peaks[STRETCHES - 1] = peak
@@ -266,7 +269,7 @@ def _run(loop: Any, run: Any, periods: int, ring: Any, samples: Any, saved: Any,
         run.omega = math.pi * reversals / max(h - begun, 1)
     elif run.reason == RECURRED:
         run.amplitude = 0.5 * (recurring_high - recurring_low)
-        run.omega = math.pi * reversals / max(h - begun, 1)
+        run.omega = math.pi * recurring_reversals / max(h - reference, 1)
     elif run.reason == LEFT:
         run.amplitude = np.inf
 
