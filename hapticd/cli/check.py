@@ -63,8 +63,8 @@ def check(
             ticks per servo period; or with a unit: 2rad/s, 90deg/s, 100rpm.
         deflection (TICKS): Ask about a release at rest from this deflection, in coarse ticks from the spring's origin;
             or with a unit: 0.5rad, 30deg, 2mm, 217counts.
-        out (-o, --output FIG): Draw the operating point, the critical lines and the regions into this file (.png, .svg
-            or .pdf).
+        out (-o, --output FIG): Draw the operating point, the critical lines and the regions, and the stiffness and damping
+            by frequency that a hand feels, into this file (.png, .svg or .pdf).
     """
     if deflection is not None and velocity is not None:
         raise UsageError("--deflection and --velocity exclude each other: a motion begins at rest or at the origin")

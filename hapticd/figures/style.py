@@ -65,3 +65,11 @@ def save(figure: Figure, stem: Path) -> None:
     with naming(stem):
         figure.savefig(stem.with_suffix(".png"), dpi=_DPI, metadata={"Software": None})
         figure.savefig(stem.with_suffix(".svg"), dpi=_DPI, metadata={"Date": None, "Creator": None})
+
+
+def prefixed(largest: float, unit: str) -> tuple[float, str]:
+    """A factor and a unit with a prefix in which the numbers of an axis are short."""
+    for factor, prefix in ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ")):
+        if largest >= factor:
+            return factor, prefix + unit
+    return 1e-9, "n" + unit

@@ -1,7 +1,11 @@
-"""The picture of ``hapticd check``: operating point, critical line and regions on the (β, σ) plane (left of Fig. 8)."""
+"""The picture of ``hapticd check``: operating point, critical line and regions on the (β, σ) plane (left of Fig. 8).
+
+Beside it the stiffness and damping against frequency that a hand feels (`hapticd.stability.linear_loop`).
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -10,9 +14,12 @@ import numpy as np
 
 from hapticd.config import apply_settings
 from hapticd.figures.files import save_figure
-from hapticd.figures.style import BLUE, BUZZ, LOCAL, STABLE, UNSTABLE
+from hapticd.figures.style import BLUE, BUZZ, LOCAL, STABLE, UNSTABLE, prefixed
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, assess
+from hapticd.stability.damping import velocity_filter
+from hapticd.stability.linear_loop import effective
+from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.regions import critical_sigma
 from hapticd.stability.storage import FloatArray
 
@@ -45,8 +52,9 @@ def check_figure(
 
     if found.loop.stiffness == 0.0:
         raise ValueError("spring.stiffness is 0: there is no operating point to draw")
-    figure = Figure(figsize=(7.2, 5.6), layout="constrained")
-    axis = figure.subplots()
+    figure = Figure(figsize=(12.0, 5.6), layout="constrained")
+    plane, felt = figure.subfigures(1, 2, squeeze=False, width_ratios=(7.2, 4.8))[0]
+    axis = plane.subplots()
     targets = _targets(found, changes)
     shown = [(then.numbers.beta, then.numbers.sigma) for then in targets.values()]
     if sure is not None:
@@ -70,7 +78,43 @@ def check_figure(
     axis.set_ylabel("Coulomb friction σ = c/(KΔ)")
     axis.set_title(f"{title}: region {found.region}", loc="left", fontsize=12)
     axis.legend(fontsize=8, frameon=True, framealpha=0.9, loc="best")
+    _felt(felt.subplots(2, 1, sharex=True), found)
     save_figure(figure, path)
+
+
+def _felt(axes: Any, found: Assessment) -> None:
+    """Effective stiffness and damping, up to half the servo rate, of the device without its hand."""
+    no_hand = apply_settings(found.config, {"hand.inertia": 0.0, "hand.damping": 0.0, "hand.stiffness": 0.0})
+    loop = loop_from_config(no_hand, found.latency_s)
+    T, K, linear = loop.period, loop.stiffness, found.config.is_linear
+    natural = math.sqrt(K / loop.inertia) / (2.0 * math.pi)
+    hertz = np.geomspace(min(1e-3 * 0.5 / T, 0.03 * natural), 0.5 / T, 400)
+    stiffness, damping = effective(loop, velocity_filter(found.config.spring, T), hertz)
+    rendered = stiffness + loop.inertia * (2.0 * math.pi * hertz) ** 2
+    units = ("N/m", "N s/m") if linear else ("N m/rad", "N m s/rad")
+    factors = [prefixed(float(np.abs(y).max()), unit) for y, unit in zip((rendered, damping), units, strict=True)]
+    slow = K, loop.viscous + loop.damping - K * (0.5 * T + loop.delay)
+    names = ("stiffness", "K"), ("damping", "b + B − K(T/2 + T_D)")
+    for axis, (factor, unit), limit, (name, slowly) in zip(axes, factors, slow, names, strict=True):
+        axis.axhline(0.0, color="#777777", lw=0.8)
+        axis.axhline(limit / factor, color="#777777", ls=":", lw=1.2, label=slowly)
+        axis.set_ylabel(f"effective {name} ({unit})")
+    (per_K, _), (per_B, _) = factors
+    axes[0].semilogx(hertz, rendered / per_K, "--", color=BLUE, lw=1.2, label="without the device's inertia")
+    axes[0].semilogx(hertz, stiffness / per_K, color=BLUE, lw=1.8, label="what a hand feels")
+    low, high = min(0.0, float(rendered.min())), float(rendered.max())
+    axes[0].set_ylim((low - 0.5 * high) / per_K, 1.15 * high / per_K)
+    axes[0].set_title("what a hand feels, by frequency", loc="left", fontsize=12)
+    axes[0].legend(fontsize=8, frameon=True, framealpha=0.9, loc="lower left")
+    axes[1].semilogx(hertz, damping / per_B, color=BLUE, lw=1.8)
+    axes[1].fill_between(
+        hertz, damping / per_B, 0.0, where=damping < 0.0, color=UNSTABLE, label="below 0: pushes the hand"
+    )
+    _, high = axes[1].get_ylim()
+    axes[1].set_ylim(top=high + 0.3 * (high - axes[1].get_ylim()[0]))
+    axes[1].legend(fontsize=8, frameon=True, framealpha=0.9, loc="upper right", ncols=2)
+    axes[1].set_xlabel("frequency (Hz)")
+    axes[1].set_xlim(hertz[0], hertz[-1])
 
 
 def _targets(found: Assessment, changes: Sequence[Change]) -> dict[str, Assessment]:

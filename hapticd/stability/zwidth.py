@@ -49,9 +49,13 @@ _SLOWEST: Final = 2.0
 _UNLIMITED: Final = 1000.0
 """Ticks per period of the fastest where nothing is limited."""
 _SHORTEST, _TURNS, _LONGEST = 3000, 60.0, 20_000
-"""Periods that a run takes, or some ten swings of the softest spring; and where its energy is still changing then."""
+"""Periods that a run takes, or some ten swings of the softest spring; and at least, where it is not clear then."""
+_ENDLESS, _STOPS = 200_000, 2.5
+"""Periods after which it must be clear; times the time in which Coulomb friction alone stops a motion."""
 _SOFTEST, _HALVINGS = 1e-3, 10
 """How far below the smallest K of the plane the exact boundary is looked for, and how finely."""
+_SOFT: Final = 1e-9
+"""K in m/T² from which a proof is looked for."""
 _MARGIN: Final = 1.15
 """What the axes show beyond the boundary of the linear loop."""
 
@@ -170,7 +174,8 @@ def zwidth(
     B = np.linspace(0.0, B_max, count)
     held = tuple(Held(*hand, largest_stable(hand[2], estimate, B)) for hand in hands)
     linear = np.min([each.linear for each in held], axis=0)
-    K_max = stiffness_max or _MARGIN * float(linear.max()) or unit / config.period
+    proofs = _proven(config, loops, B, velocity)
+    K_max = stiffness_max or max(_MARGIN * float(linear.max()), 2.0 * float(proofs[0])) or unit / config.period
     K = K_max * np.arange(1, count + 1) / count
     judge = _Judge(config, loops, estimate, velocity, jobs)
     grid = np.repeat(B, count), np.tile(K, count)
@@ -187,8 +192,7 @@ def zwidth(
         progress(0.8 + 0.2 * (k + 1) / _HALVINGS)
     exact = np.where(low > _SOFTEST * K[0], low, 0.0)
     fastest = max(float(top_speed(config, loop, *grid, velocity).max()) for loop in loops)
-    proofs, passive = _proven(config, loops, B, float(K[0]), velocity), passive_stiffness(config, device, B)
-    return ZWidth(config, fastest, B, K, held, outcome, exact, proofs, passive)
+    return ZWidth(config, fastest, B, K, held, outcome, exact, proofs, passive_stiffness(config, device, B))
 
 
 def _below(stiffness: FloatArray, good: NDArray[np.bool_], shift: int = 0) -> FloatArray:
@@ -267,15 +271,19 @@ class _Judge:
         starts["beta_v"] = B / (K * T)
         periods = int(min(max(_TURNS * math.sqrt(float(starts["mu"].max())), _SHORTEST), _LONGEST))
         runs = run_in_threads(starts, periods, self.jobs)
-        moving = (runs["reason"] == HORIZON) & (runs["outcome"] != PERSISTENT)
+        moving = (runs["reason"] == HORIZON) & ((runs["outcome"] != PERSISTENT) | (runs["amplitude"] >= 1.0))
         if moving.any():
-            runs[moving] = run_in_threads(starts[moving], _LONGEST, self.jobs)
+            first = starts[moving]
+            stops = 0.0
+            if loop.coulomb > 0.0:
+                stops = _STOPS * float((first["xi_dot"] * first["mu"] / first["sigma"]).max())
+            runs[moving] = run_in_threads(first, int(min(max(stops, _LONGEST), _ENDLESS)), self.jobs)
         small = runs["amplitude"] < 1.0
         goes_on = np.where(small, BUZZES, np.where(runs["outcome"] == GROWING, UNSTABLE, OSCILLATES))
         return np.where(runs["outcome"] < PERSISTENT, STABLE, goes_on).astype(np.int8)
 
 
-def _proven(config: Config, loops: list[Loop], damping: FloatArray, softest: float, velocity: float) -> FloatArray:
+def _proven(config: Config, loops: list[Loop], damping: FloatArray, velocity: float) -> FloatArray:
     """(n,) the K up to which a theorem proves every hand and speed, to a per cent: with more K or more B never more."""
     found = np.zeros_like(damping)
 
@@ -283,7 +291,7 @@ def _proven(config: Config, loops: list[Loop], damping: FloatArray, softest: flo
         here = apply_settings(config, {"spring.stiffness": K, "spring.damping": B})
         return all(_proves(here, replace(loop, stiffness=K, damping=B), velocity) for loop in loops)
 
-    low = _SOFTEST * softest
+    low = _SOFT * loops[0].inertia / loops[0].period ** 2
     for i, B in enumerate(damping.tolist()):
         if not holds(B, low):
             break

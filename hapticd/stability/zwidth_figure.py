@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticd.figures.style import BLUE
+from hapticd.figures.style import BLUE, prefixed
 from hapticd.stability.map_figure import Shades, patches, shade
 from hapticd.stability.zwidth import ZWidth
 
@@ -30,8 +30,8 @@ def draw(found: ZWidth, title: str) -> Figure:
 
     linear = found.config.is_linear
     speed = "m/s" if linear else "rad/s"
-    per_K, K_unit = _prefixed(found.stiffness[-1], "N/m" if linear else "N m/rad")
-    per_B, B_unit = _prefixed(found.damping[-1], "N s/m" if linear else "N m s/rad")
+    per_K, K_unit = prefixed(found.stiffness[-1], "N/m" if linear else "N m/rad")
+    per_B, B_unit = prefixed(found.damping[-1], "N s/m" if linear else "N m s/rad")
     B, K = found.damping / per_B, found.stiffness / per_K
     figure = Figure(figsize=(10.0, 5.2), layout="constrained")
     left, right = figure.subplots(1, 2, sharex=True)
@@ -63,11 +63,3 @@ def draw(found: ZWidth, title: str) -> Figure:
     figure.legend(handles=[*patches(_SHADES), *lines], loc="outside lower center", ncols=4, fontsize=8)
     figure.suptitle(f"Z-width of {title}: motions through the origin of up to {found.fastest:.3g} {speed}", fontsize=11)
     return figure
-
-
-def _prefixed(largest: float, unit: str) -> tuple[float, str]:
-    """A factor and a unit with a prefix in which the numbers of an axis are short."""
-    for factor, prefix in ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ")):
-        if largest >= factor:
-            return factor, prefix + unit
-    return 1e-9, "n" + unit
