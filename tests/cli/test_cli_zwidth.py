@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import math
-import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -157,11 +155,27 @@ def test_what_cannot_be_is_refused_before_any_work(hapticd: Run, words: tuple[st
     assert said in answer.err
 
 
+INTERRUPTED = """
+import sys
+from hapticd.cli.main import main
+from hapticd.stability import zwidth
+run = zwidth.run_in_threads
+def said(*words):
+    print("running", file=sys.stderr, flush=True)
+    return run(*words)
+zwidth.run_in_threads = said
+sys.exit(main(["zwidth", "omega", "--points", "300"]))
+"""
+
+
 def test_ctrl_c_ends_it() -> None:
-    code = "from hapticd.cli.main import main; import sys; sys.exit(main(['zwidth', 'omega', '--points', '300']))"
-    process = subprocess.Popen([sys.executable, "-c", code], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-    time.sleep(6.0)  # long enough to be at it, on any machine a small part of the work
-    os.kill(process.pid, signal.SIGINT)
+    process = subprocess.Popen(
+        [sys.executable, "-c", INTERRUPTED], stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stderr is not None
+    while process.stderr.readline() != "running\n":
+        assert process.poll() is None
+    process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=60)
     assert process.returncode == 130
     assert out == ""
