@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config import Config, apply_settings
-from hapticd.stability.damping import Damper, passive_stiffness, velocity_filter
+from hapticd.stability.damping import passive_stiffness, velocity_filter
 from hapticd.stability.devices import HUMAN_OPERATOR, Hand
 from hapticd.stability.linear_loop import VelocityFilter, largest_damping, largest_stable
 from hapticd.stability.maps import GROWING, PERSISTENT
@@ -34,7 +34,7 @@ from hapticd.stability.sampled_loop import HORIZON, run_in_threads
 from hapticd.stability.storage import FloatArray
 from hapticd.stability.theorems import proven
 from hapticd.stability.tuning import Start
-from hapticd.stability.whole_loop import loop_record
+from hapticd.stability.whole_loop import blank
 
 #: What becomes of a motion, from the best to the worst.
 VERDICTS: Final = ("stable", "buzzes", "oscillates", "unstable")
@@ -233,6 +233,17 @@ def top_speed(config: Config, loop: Loop, B: FloatArray, K: FloatArray, velocity
     return np.where(np.isinf(slowest), loop.scales.xi_dot_to_velocity(_UNLIMITED), slowest)
 
 
+def motions(loop: Loop, estimate: VelocityFilter, B: FloatArray, K: FloatArray) -> NDArray[Any]:
+    """A loop with other springs and dampers, B and K (p,), at rest at its origin; (p,) of `whole_loop.LOOP`."""
+    starts = blank(B.size)
+    numbers = replace(loop, stiffness=1.0).numbers
+    for name in ("mu", "beta", "sigma", "kappa"):
+        starts[name] = getattr(numbers, name) / K
+    starts["tau_d"], starts["beta_v"] = numbers.tau_d, B / (K * loop.period)
+    starts["periods"], starts["keep"] = estimate
+    return starts
+
+
 @dataclass(frozen=True)
 class _Judge:
     """Runs points of the plane in every hand and at every speed, each as long as it is calm."""
@@ -263,12 +274,8 @@ class _Judge:
         slowest = np.minimum(_SLOWEST * T * np.sqrt((K + loop.hand_stiffness) / loop.inertia), fastest)
         # the golden ratio's multiples, so that no two speeds begin at the same place of a tick
         place = np.full(B.size, (which * 0.618034) % 1.0)
-        numbers = replace(loop, stiffness=1.0).numbers
-        speed = slowest * (fastest / slowest) ** (which / (SPEEDS - 1))
-        starts = loop_record(numbers, Damper(0.0, *self.estimate), place, speed)
-        for name in ("mu", "beta", "sigma", "kappa"):
-            starts[name] /= K
-        starts["beta_v"] = B / (K * T)
+        starts = motions(loop, self.estimate, B, K)
+        starts["xi"], starts["xi_dot"] = place, slowest * (fastest / slowest) ** (which / (SPEEDS - 1))
         periods = int(min(max(_TURNS * math.sqrt(float(starts["mu"].max())), _SHORTEST), _LONGEST))
         runs = run_in_threads(starts, periods, self.jobs)
         moving = (runs["reason"] == HORIZON) & ((runs["outcome"] != PERSISTENT) | (runs["amplitude"] >= 1.0))

@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from hapticd.config import apply_settings, load_config
-from hapticd.stability.damping import Damper
 from hapticd.stability.maps import GROWING
 from hapticd.stability.numbers import loop_from_config
-from hapticd.stability.sampled_loop import loop_record, run_loops
-from hapticd.stability.zwidth import BUZZES, UNSTABLE, VERDICTS, ZWidth, top_speed, zwidth
+from hapticd.stability.sampled_loop import run_loops
+from hapticd.stability.zwidth import BUZZES, UNSTABLE, VERDICTS, ZWidth, motions, top_speed, zwidth
 
 from .conftest import Run
 
@@ -79,12 +78,9 @@ def test_no_start_grows_from_a_point_that_is_calm(phantom: ZWidth) -> None:
     assert calm.size
     for i, j in random.permutation(calm)[:12].tolist():
         K, B = float(phantom.stiffness[j]), float(phantom.damping[i])
-        here = apply_settings(config, {"spring.stiffness": K, "spring.damping": B})
-        now = loop_from_config(here)
         fastest = float(loop.scales.velocity_to_xi_dot(top_speed(config, loop, np.array(B), np.array(K))))
-        starts = loop_record(
-            now.numbers, Damper(B / (K * now.period)), random.uniform(0, 1, 20), random.uniform(-fastest, fastest, 20)
-        )
+        starts = motions(loop, (1, 0.0), np.full(20, B), np.full(20, K))
+        starts["xi"], starts["xi_dot"] = random.uniform(0, 1, 20), random.uniform(-fastest, fastest, 20)
         runs = run_loops(starts, 20_000)
         assert not ((runs["outcome"] == GROWING) & (runs["amplitude"] >= 1.0)).any()
 
