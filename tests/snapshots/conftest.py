@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import pytest
@@ -24,14 +25,26 @@ class _Rounded(JSONSnapshotExtension):
 
 
 def rounded(data: Any) -> Any:
-    """Floats to nine significant digits; what a clock measured is left out, its key stays."""
+    """Floats to nine significant digits; what a clock measured or chaos counted is left out, its key stays."""
     if isinstance(data, float):
         return float(f"{data:.9g}")
+    if isinstance(data, str):
+        return without_counts(data)
     if isinstance(data, dict):
-        return {key: "measured" if key in WALL_CLOCK else rounded(value) for key, value in data.items()}
+        named = {**dict.fromkeys(WALL_CLOCK, "measured")}
+        if isinstance(data.get("explored"), dict):
+            named["explored"] = sorted(data["explored"])
+        return {key: named.get(key) or rounded(value) for key, value in data.items()}
     if isinstance(data, list | tuple):
         return [rounded(value) for value in data]
     return data
+
+
+def without_counts(text: str) -> str:
+    """What became of thousands of starts hangs on the last bit of each: the sentences about it lose their numbers."""
+    text = re.sub(r"(?<=[Ss]imulated exactly, ).*?(?=\n\n|$)", "…", text, flags=re.DOTALL)
+    text = re.sub(r"(?<=starts end in).*(\n {18}.*)*", " …", text)
+    return re.sub(r"(?<=To see one of them: hapticd simulate).*", " …", text)
 
 
 @pytest.fixture
