@@ -31,12 +31,11 @@ def test_dask_is_for_the_maps(hapticd: Run) -> None:
 
 def test_check_prints_the_bound_and_runs_the_exact_loop(hapticd: Run) -> None:
     case = ("--set", "servo.rate_hz=100", "--set", "encoder.decimation=217", "--deflection", "10.3")
-    assert hapticd("check", *case).code == 1
+    assert hapticd("check", *case, "--json").document["explored"]["moving_on"] > 0
     answer = hapticd("check", *case, "--set", "spring.damping=3e-4", "--json")
-    assert answer.code == 0
+    assert answer.document["explored"]["moving_on"] == 0
     damping = answer.document["damping"]
     assert damping["beta_v"] == pytest.approx(2.5)
     least = 0.012e-2 * float(lambda_(answer.document["tau_d"], 2.5))
     assert damping["passive"]["viscous_least"] == pytest.approx(least)
     assert not damping["passive"]["holds"]
-    assert damping["exact"][0]["outcome"] in ("monotone", "decaying")

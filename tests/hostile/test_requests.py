@@ -10,6 +10,7 @@ import pytest
 from benchmarks.hostile.api import Attack, State
 from hapticd.control.endpoints import JsonDict
 from hapticd.service.api import openapi_document
+from hapticd.servo.authority import Command
 from tests.service.fake_control import FakeControl, serve
 
 
@@ -26,9 +27,9 @@ def test_no_request_ends_in_a_failure_or_changes_something_and_is_refused(tmp_pa
 class Careless(FakeControl):
     """Changes something before it refuses."""
 
-    def set(self, settings: JsonDict, force: bool = False) -> JsonDict:
+    def set(self, settings: JsonDict, force: bool = False, *, command: Command | None = None) -> JsonDict:
         self.fault = {"code": "estop", "cause": "careless", "help": ""}
-        return super().set(settings, force)
+        return super().set(settings, force, command=command)
 
 
 def test_a_change_by_a_refused_request_would_be_seen(tmp_path: Path) -> None:
