@@ -53,8 +53,8 @@ def check(
     Where the config carries plant.uncertainty, as 'hapticd identify' writes it: the probability that the spring is stable,
     and passive, which parameter decides it, and the stiffness that is stable with 95 %.
 
-    Where no theorem proves that every motion dies out, 4,096 starts are simulated exactly, and what became of them is
-    told: stable is what all of them come to rest from.
+    Where no theorem proves that every motion dies out, up to 4,096 starts are simulated exactly, and what became of them
+    is told: stable is what all of them come to rest from.
 
     Exit code 1 means: not stable.
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from hapticd.service.background import Background
 from hapticd.servo import faults, layout
-from hapticd.stability.guard import explore_further
+from hapticd.stability.guard import explore_further, same_loop
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -36,7 +36,7 @@ class FurtherStarts:
 
     def __init__(self, rendering: Rendering) -> None:
         self._rendering = rendering
-        self._admitted: tuple[Config, float | None] | None = None
+        self._judged: tuple[Config, float | None, bool] | None = None
         self._tried: int | None = 0
         self._background = Background("hapticd-explore")
 
@@ -50,16 +50,19 @@ class FurtherStarts:
             self._background.ask(self._try)
 
     def _try(self) -> None:
-        rig, admitted = self._rendering.rig, self._rendering.admitted
-        rendered = rig.request
-        if admitted is None or admitted[0] != rig.config:
+        rig, judged = self._rendering.rig, self._rendering.judged
+        rendered, latency_s = rig.request, rig.driver.latency_s
+        # What was judged last may not have come into force; what was before it is rendered then.
+        if judged is None or not same_loop(judged[0], rig.config, latency_s):
+            judged = self._judged
+        if judged is None or not same_loop(judged[0], rig.config, latency_s):
             return
-        if admitted != self._admitted:
-            self._admitted, self._tried = admitted, 0
-        if self._tried is None or self._tried >= ENOUGH:
+        if judged != self._judged:
+            self._judged, self._tried = judged, 0
+        config, deflection, admitted = judged
+        if not admitted or self._tried is None or self._tried >= ENOUGH:
             return
-        config, deflection = admitted
-        found = explore_further(config, rig.driver.latency_s, deflection=deflection, skip=self._tried)
+        found = explore_further(config, latency_s, deflection=deflection, skip=self._tried)
         if found is None or not found.starts:
             self._tried = None
             return

@@ -36,13 +36,13 @@ class Rendering:
     Attributes:
         rig: the rig in force; a reload replaces it.
         authority: who may set it in motion.
-        admitted: the config and the motion, a deflection in coarse ticks, that the guard admitted last; None where it did
-            not.
+        judged: the config and the motion, a deflection in coarse ticks, that the guard let pass last, and whether it
+            admitted them; they were forced otherwise, or it only warned. None before the first.
     """
 
     def __init__(self, rig: Rig, authority: Authority) -> None:
         self.rig, self.authority = rig, authority
-        self.admitted: tuple[Config, float | None] | None = None
+        self.judged: tuple[Config, float | None, bool] | None = None
         self._recorded: Command | None = None
         self._recording = threading.Lock()
 
@@ -68,8 +68,9 @@ class Rendering:
         judgement = judge(config, self.rig.driver.latency_s, deflection=deflection, release=release, force=force)
         if origin_counts is not None and judgement.verdict != "off":
             judgement = weigh(judgement, predict(config, origin_counts, motion_of(self.rig)), config, force)
-        self.admitted = (config, deflection) if judgement.verdict == "admitted" else None
-        return enforce(judgement)
+        document = enforce(judgement)
+        self.judged = config, deflection, judgement.verdict == "admitted"
+        return document
 
     def switch_off(self) -> None:
         """Amplifier off, the recording of a run ended."""

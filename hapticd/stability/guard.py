@@ -2,8 +2,8 @@
 
 What a theorem proves is admitted. Without a motion that is also what is proven of slow ones (``D|E``): every later motion
 is judged again when it begins. All else is explored (`hapticd.stability.explore`), with the starts for which there is time:
-admitted is where all come to rest, or end in the buzz below one tick that ticks alone make (Fig. 8b); refused is where one
-moves on, or is undecided. `explore_further` goes on from there in the background.
+admitted is where all come to rest, or end in a buzz below one tick (Fig. 8b), whose largest amplitude is told; refused is
+where one moves on, or is undecided. `explore_further` goes on from there in the background.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class Judgement:
     """What the guard says.
 
     Attributes:
-        verdict: ``admitted``: it dies out; else ``refused``, ``forced`` (asked for all the same) or ``warned``, by policy;
+        verdict: ``admitted``: it dies out, or buzzes below one tick; else ``refused``, ``forced`` (asked for all the same) or ``warned``, by policy;
             ``off``: the guard does not look.
         reason: one sentence. region: of Fig. 3 or 5; None where nothing was worked out.
         help: what would make it stable, as ``hapticd check`` prints it; empty where it is admitted.

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from hapticd.service import further_starts
+from hapticd.service.refusals import Refused
 from hapticd.servo import atomics, layout
 from hapticd.servo.core import Request, ServoCore, parameters
 from tests.polling import wait_until
@@ -103,7 +104,29 @@ def test_nothing_is_searched_for_what_was_forced(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(further_starts, "explore_further", lambda *_, **__: Found(1, 1))
     with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, _):
         daemon.start()
-        daemon._rendering.admitted = None  # as after a start with force
+        assert daemon._rendering.judged is not None
+        daemon._rendering.judged = (*daemon._rendering.judged[:2], False)  # as after a start with force
         before = daemon.rig.core.load(atomics.TICKS)
         wait_until(lambda: daemon.rig.core.load(atomics.TICKS) > before + 1500, "a second and a half")
         assert daemon.status()["state"] == "running"
+
+
+@pytest.mark.realtime
+def test_neither_a_refused_nor_a_harmless_setting_ends_the_search(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    asked: list[int] = []
+
+    def explore_further(*_: Any, skip: int, **__: Any) -> Found:
+        asked.append(skip)
+        return Found(512, 0)
+
+    monkeypatch.setattr(further_starts, "explore_further", explore_further)
+    with daemon_on(monkeypatch, tmp_path, lambda n: 100) as (daemon, _):
+        daemon.start()
+        with pytest.raises(Refused):
+            daemon.set({"spring.stiffness": 5.0})
+        daemon.set({"safety.max_velocity": 90.0})
+        seen = len(asked)
+        wait_until(lambda: len(asked) > seen + 1, "two more searches")
+        assert asked == list(range(0, 512 * len(asked), 512))
