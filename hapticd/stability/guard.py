@@ -34,8 +34,8 @@ class Judgement:
     """What the guard says.
 
     Attributes:
-        verdict: ``admitted``: it dies out, or buzzes below one tick; else ``refused``, ``forced`` (asked for all the same) or
-            ``warned``, by policy; ``off``: the guard does not look.
+        verdict: ``admitted``: it dies out, or buzzes below one tick; else ``refused``, ``forced`` (asked for all the
+            same) or ``warned``, by policy; ``off``: the guard does not look.
         reason: one sentence. region: of Fig. 3 or 5; None where nothing was worked out.
         help: what would make it stable, as ``hapticd check`` prints it; empty where it is admitted.
         predicted: what the loop would do, for replies and runs; None where it was not run ahead.
