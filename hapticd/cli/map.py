@@ -18,7 +18,7 @@ from hapticd.figures.files import save_figure
 
 if TYPE_CHECKING:
     from hapticd.stability.map_engines import Results
-    from hapticd.stability.maps import Chunk, Maps, Study
+    from hapticd.stability.maps import Chunk, Maps
 
 _FIGURE_FORMATS = ("png", "svg", "pdf")
 _LISTED = 10
@@ -28,7 +28,6 @@ _DEFAULT = Path("maps.npz")
 @command(
     "hapticd map                                        Fig. 6 and 7 of the paper",
     "hapticd map --tau-d 0.5 --velocity 2 -o half.npz --figure half.svg",
-    "hapticd map --passivity --periods 20000 -o passivity",
     "hapticd map --beta-count 340 --sigma-count 210 --dask tcp://cluster:8786 -o fine.npz",
     codes=(exits.NO, exits.INTERRUPTED),
     name="map",
@@ -48,7 +47,6 @@ def region_map(
     jobs: Count | None = None,
     dask: str | None = None,
     force: bool = False,
-    passivity: bool = False,
 ) -> int:
     """Simulate a grid of friction values and compare what becomes of the motion with what the theory promises.
 
@@ -58,8 +56,6 @@ def region_map(
 
     Ctrl-C keeps what is finished; the same command again goes on from there. Exit code 1 means that some point
     contradicts its region; the points are listed.
-
-    With --passivity only a figure is written (-o FILE as .png, or --figure), and the answer is printed.
 
     Args:
         mu (MU): Inertia m/(K T^2).
@@ -80,16 +76,11 @@ def region_map(
         dask (ADDRESS): Compute on the workers of this Dask cluster instead, e.g. tcp://host:8786 (needs the optional
             extra 'dask').
         force: Begin anew and replace FILE, whatever it holds.
-        passivity: Instead: which points of these maps the passivity controller makes stable, and what it costs.
     """
-    if passivity and dask is not None:
-        raise UsageError("--dask is for the maps; --passivity takes seconds and is computed here")
     if figure is not None and no_figure:
         raise UsageError("--figure and --no-figure exclude each other")
     if jobs is not None and dask is not None:
         raise UsageError("--jobs is for this machine; how many workers a Dask cluster has is the cluster's affair")
-    if out == _DEFAULT and passivity:
-        out = Path("passivity")
     if not out.suffix and not out.is_dir():
         out = out.with_suffix(".npz")
     picture = None if no_figure else figure or out.with_suffix(".png")
@@ -112,8 +103,6 @@ def region_map(
             sigma_max=sigma_max,
             periods=periods,
         )
-        if passivity:
-            return _passivity(study, picture, jobs)
         maps = map_store.begin(out, study, force=force)
     except ValueError as error:
         raise UsageError(str(error)) from None
@@ -183,41 +172,3 @@ def _listed(title: str, rows: list[dict[str, Any]]) -> list[str]:
     if len(rows) > _LISTED:
         lines.append(f"  … {len(rows) - _LISTED} more with --json")
     return lines
-
-
-def _passivity(study: Study, picture: Path | None, jobs: int | None) -> int:
-    """Run the maps with and without the passivity controller, and draw what it changes."""
-    from hapticd.stability.passivity_map import passivity_map
-
-    found = passivity_map(study, jobs=jobs)
-    report = found.report
-    if picture is not None:
-        from hapticd.stability import passivity_figure
-
-        save_figure(passivity_figure.draw(found), picture, dpi=120)
-        report["figure"] = picture
-    output.emit(report, _describe_passivity(report))
-    return exits.DONE
-
-
-def _percent(fraction: float | None) -> str:
-    return "-" if fraction is None else f"{100.0 * fraction:.3g} %"
-
-
-def _describe_passivity(report: dict[str, Any]) -> str:
-    lines = [f"Passivity controller on the maps of Fig. 6 and 7, mu = {number(report['mu'])}"]
-    for row in report["maps"]:
-        force, share, left = row["added_force_ticks"], row["added_force_share"], row["left_amplitude_ticks"]
-        lines += [
-            f"tau_D {number(row['tau_d'])}, {row['counts_per_tick']} counts a tick: of {row['points']} points "
-            f"{row['unstable']} do not come to rest, {row['growing']} of them grow",
-            f"  made stable  {row['made_stable']}: {_percent(row['share_made_stable'])} of them, "
-            f"{_percent(row['share_made_stable_where_friction_holds_a_tick'])} of those with sigma >= 1/2",
-            f"  still going  {row['bounded']} bounded (median {number(left['median'])} ticks), {row['still_grows']} grow; "
-            f"spoilt {row['spoilt']}",
-            f"  added force  median {number(force['median'])}, at most {number(force['max'])} ticks; "
-            f"{_percent(share['median'])} of the largest force, at most {_percent(share['max'])}",
-        ]
-    if figure := report.get("figure"):
-        lines.append(f"figure  {figure}")
-    return "\n".join(lines)

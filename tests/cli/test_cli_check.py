@@ -8,6 +8,8 @@ from pathlib import Path
 
 import pytest
 
+from hapticd.stability.criterion import lambda_
+
 from .conftest import Run
 
 BOARDS = {"board": "tests.servo.scripted:Slow", "lost": "no_lab:Board"}
@@ -170,3 +172,15 @@ def test_check_says_what_the_daemon_would_do(hapticd: Run) -> None:
     guard = hapticd("check", *SLOW, "--deflection", "10.3", "--json").document["guard"]
     assert (guard["verdict"], guard["region"]) == ("refused", "D")
     assert "safety.guard" not in hapticd("check", *SLOW, "--deflection", "2.3").out
+
+
+def test_check_prints_the_bound_and_runs_the_exact_loop(hapticd: Run) -> None:
+    case = ("--set", "servo.rate_hz=100", "--set", "encoder.decimation=217", "--deflection", "10.3")
+    assert hapticd("check", *case, "--json").document["explored"]["moving_on"] > 0
+    answer = hapticd("check", *case, "--set", "spring.damping=3e-4", "--json")
+    assert answer.document["explored"]["moving_on"] == 0
+    damping = answer.document["damping"]
+    assert damping["beta_v"] == pytest.approx(2.5)
+    least = 0.012e-2 * float(lambda_(answer.document["tau_d"], 2.5))
+    assert damping["passive"]["viscous_least"] == pytest.approx(least)
+    assert not damping["passive"]["holds"]
