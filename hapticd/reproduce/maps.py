@@ -9,7 +9,8 @@ import numpy as np
 from hapticd.reproduce.items import Cell, Comparison, Item, Progress, Table, compare
 from hapticd.stability import map_figure, map_report, map_store
 from hapticd.stability.map_engines import local
-from hapticd.stability.maps import OUTCOMES, Maps, Study, run_points
+from hapticd.stability.maps import Maps, Study, run_points
+from hapticd.stability.outcome import OUTCOMES
 
 #: The paper's number of grid points; what they are, and the four velocities, is lost with its figures.
 PAPER_POINTS = 714

@@ -16,11 +16,10 @@ from hapticd.jit import njit
 from hapticd.record.schema import ROW, joined
 from hapticd.servo import atomics, faults, layout
 from hapticd.servo.core import Request, ServoCore, parameters
-from hapticd.stability.map_kernel import energy
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.outcome import Outcome, OutcomeTracker
 from hapticd.stability.sampled_loop import can_rest
-from hapticd.stability.whole_loop import record_of
+from hapticd.stability.whole_loop import energy, record_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -17,8 +17,9 @@ import numpy as np
 
 from hapticd.stability.limit_cycle import LimitCycle, predicted_cycle
 from hapticd.stability.locked_cycle import LockedCycle, locked_cycles
-from hapticd.stability.maps import OUTCOMES, run_points
+from hapticd.stability.maps import run_points
 from hapticd.stability.numbers import Dimensionless
+from hapticd.stability.outcome import OUTCOMES
 from hapticd.stability.regions import region
 
 #: Errors up to which prediction and simulation count as in agreement.

@@ -12,13 +12,16 @@ where φ₁, φ₂ are those of −β/μ (`hapticd.plant.exact`) and b is the wa
 
 from __future__ import annotations
 
+import functools
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.plant.exact import phi_functions
+from hapticd.stability.whole_loop import is_bare
 
 FloatArray = NDArray[np.float64]
 
@@ -44,10 +47,10 @@ class Escape:
     command: float
     friction: float
 
-    def threshold(self, sigma: float) -> float:
-        """What |wᵀz| must exceed for growth to be certain; infinite where the linear loop is stable."""
+    def threshold(self, sigma: FloatArray) -> FloatArray:
+        """(n,) what |wᵀz| must exceed for growth to be certain; infinite where the linear loop is stable."""
         if self.gain <= 1.0:
-            return math.inf
+            return np.full_like(sigma, np.inf)
         return (0.5 * self.command + sigma * self.friction) / (self.gain - 1.0) * (1.0 + _MARGIN)
 
 
@@ -56,6 +59,7 @@ def pending_commands(tau_d: float) -> int:
     return math.floor(tau_d) + 1
 
 
+@functools.lru_cache(maxsize=256)
 def escape(mu: float, beta: float, tau_d: float) -> Escape:
     """Eigenvalue, eigenvector and disturbance bound of the loop without quantiser and Coulomb friction."""
     A, b = linear_loop(mu, beta, tau_d)
@@ -107,3 +111,21 @@ def _piece(mu: float, beta: float, dt: float) -> tuple[FloatArray, FloatArray]:
     """Free motion and response to a unit force over dt ≤ 1."""
     e, phi1, phi2 = phi_functions(-beta * dt / mu)
     return np.array([[1.0, dt * phi1], [0.0, e]]), np.array([dt * dt * phi2, dt * phi1]) / mu
+
+
+_LINEAR = ("mu", "beta", "tau_d")
+
+
+def growth_proofs(loops: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]:
+    """What proves growth: (n,) which of the eigenvectors (m, 2, 2 + p), −1 for loops that are not bare; (n,) thresholds."""
+    which, thresholds = np.full(loops.size, -1), np.full(loops.size, np.inf)
+    places = np.flatnonzero(is_bare(loops))
+    alike: dict[tuple[float, ...], list[int]] = {}
+    for place, *key in zip(places.tolist(), *(loops[name][places].tolist() for name in _LINEAR), strict=True):
+        alike.setdefault(tuple(key), []).append(place)
+    linear = [escape(*key) for key in alike]
+    growth = np.zeros((max(len(linear), 1), 2, max((loop.real.size for loop in linear), default=0)))
+    for k, (loop, members) in enumerate(zip(linear, alike.values(), strict=True)):
+        growth[k, :, : loop.real.size] = loop.real, loop.imaginary
+        which[members], thresholds[members] = k, loop.threshold(loops["sigma"][members])
+    return which, growth, thresholds

@@ -34,8 +34,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.stability import sampled_loop as loops
-from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
+from hapticd.stability.outcome import GROWING, PERSISTENT
 from hapticd.stability.starts import HEAVIEST, horizon, starts_of
 from hapticd.stability.theorems import proof_of, unproven
 from hapticd.stability.whole_loop import LOOP, UNIFORM, record_of
@@ -306,9 +306,7 @@ def _answers(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
     reason, amplitude, outcome = runs["reason"], runs["amplitude"], runs["outcome"]
     chance = (begun["waveform"] == UNIFORM) & (reason != loops.REST)
     rests = np.isin(reason, (loops.REST, loops.VANISHED)) | ((amplitude < loops.CREEP) & ~chance)
-    ended = reason != loops.HORIZON
-    grows = (reason == loops.LEFT) | (~ended & (outcome == GROWING) & (amplitude >= _SMALL))
-    goes_on = ended | (outcome == PERSISTENT)
+    grows, goes_on = (outcome == GROWING) & (amplitude >= _SMALL), outcome == PERSISTENT
     found = np.select(
         [rests & ~grows, grows, amplitude < ONE_TICK, goes_on], [AT_REST, MOVES_ON, BUZZES, MOVES_ON], UNDECIDED
     )
@@ -320,8 +318,7 @@ def _summary(
 ) -> Explored:
     counted = np.bincount(answers, minlength=4)
     cycles = np.where(answers == AT_REST, 0.0, runs["amplitude"])
-    ended = runs["reason"] != loops.HORIZON
-    grows = (answers == MOVES_ON) & ((runs["reason"] == loops.LEFT) | (~ended & (runs["outcome"] == GROWING)))
+    grows = (answers == MOVES_ON) & (runs["outcome"] == GROWING)
     cycles[grows] = np.inf
     worst, repeats, periods = None, False, 0
     if counted[AT_REST] < answers.size:
@@ -379,6 +376,9 @@ def _repeated(begun: NDArray[Any], runs: NDArray[Any], answer: int) -> Iterator[
             again["xi"], again["xi_dot"] = place
             found = loops.run_loops(again, _REPEATED)
             if _answers(again, found)[0] == answer:
+                if found["reason"][0] == loops.ESCAPED:  # what is certain now has yet to show
+                    again["search"] = 0
+                    found = loops.run_loops(again, _REPEATED)
                 yield place, found[0]
 
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from hapticd.stability.criterion import lambda_
 from hapticd.stability.map_report import regions_of
-from hapticd.stability.maps import OUTCOMES, Maps, Study
+from hapticd.stability.maps import Maps, Study
 from hapticd.stability.numbers import Dimensionless
+from hapticd.stability.outcome import OUTCOMES
 from hapticd.stability.regions import critical_sigma
 from hapticd.stability.storage import FloatArray, velocity_bound
 

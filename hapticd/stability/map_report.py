@@ -15,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.stability.criterion import dissipation_margin
-from hapticd.stability.maps import OUTCOMES, PERSISTENT, Maps, PointArray
+from hapticd.stability.maps import Maps, PointArray
+from hapticd.stability.outcome import OUTCOMES, PERSISTENT
 from hapticd.stability.storage import velocity_bound
 
 #: Outcomes that agree with what a region promises; a region not named promises nothing.

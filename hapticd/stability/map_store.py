@@ -19,15 +19,15 @@ import numpy as np
 
 from hapticd.figures.files import atomic_write
 from hapticd.record.metadata import versions
-from hapticd.stability import map_kernel
 from hapticd.stability.map_engines import Results
-from hapticd.stability.maps import OUTCOMES, POINT, Chunk, Maps, Study
+from hapticd.stability.maps import POINT, Chunk, Maps, Study
+from hapticd.stability.outcome import OUTCOMES
+from hapticd.stability.sampled_loop import ESCAPED, HORIZON, LEFT, RECURRED, REST
 
 #: Changes when the meaning of a stored number does; maps of another format are not continued.
-FORMAT: Final = 1
+FORMAT: Final = 2
 
-_REASONS = {"rest": map_kernel.REST, "recurred": map_kernel.RECURRED, "escaped": map_kernel.ESCAPED}
-_REASONS |= {"left": map_kernel.LEFT, "horizon": map_kernel.HORIZON}
+_REASONS = {"rest": REST, "recurred": RECURRED, "escaped": ESCAPED, "left": LEFT, "horizon": HORIZON}
 # A study is written whole each time: so many seconds of work, or times the writing itself takes, can be lost to a power
 # cut (nothing to Ctrl-C).
 _SAVE_EVERY_S: Final = 5.0

@@ -21,16 +21,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.stability import map_kernel as kernel
-from hapticd.stability.escape import Escape, escape
-from hapticd.stability.outcome import STRETCHES, TREND_TOLERANCE, decide
+from hapticd.stability.outcome import STRETCHES, TREND_TOLERANCE
+from hapticd.stability.sampled_loop import HORIZON, RECURRED, REST, run_loops
 from hapticd.stability.storage import FloatArray
+from hapticd.stability.whole_loop import blank
 
-#: Outcomes in the order of their codes.
-OUTCOMES: Final = ("monotone", "decaying", "persistent", "growing")
-MONOTONE, DECAYING, PERSISTENT, GROWING = range(4)
-
-#: What is kept of a point. ``reason`` is one of `map_kernel`'s; ``cycle`` is 0 where no exact recurrence was found;
+#: What is kept of a point. ``reason`` is one of `sampled_loop`'s; ``cycle`` is 0 where no exact recurrence was found;
 #: ``amplitude`` is half of peak to peak in ticks, 0 at rest, infinite when growing; ``omega`` is in rad per period;
 #: ``settled`` tells whether it has stopped changing: at rest, recurring, or energy constant over the tail within 1 %.
 POINT: Final = np.dtype(
@@ -214,35 +210,21 @@ def run_points(
         xi_dot: (n,) initial velocity in ticks per period.
         periods: horizon, at least 12.
         xi: (n,) initial position in ticks; 0 when left out.
-        early: end a run when its outcome is certain. False goes on to the horizon (or 10⁹ ticks), where rule 4 decides what
-            is not at rest; it is there to check that the early ends change nothing.
+        early: end a run when its outcome is certain. False ends it only at rest, beyond 10⁹ ticks and at the horizon, where
+            rule 4 decides; it is there to check that the early ends change nothing.
 
     Returns:
         (n,) of `POINT`.
     """
-    # neighbours share β: the linear loop behind the escape test does not depend on σ
-    loops: dict[float, Escape] = {}
-    for value in beta.tolist():
-        if value not in loops:
-            loops[value] = escape(mu, value, tau_d)
-    linear = [loops[value] for value in beta.tolist()]
-    starts, ends = np.zeros(beta.size, kernel.START), np.zeros(beta.size, kernel.END)
-    starts["beta"], starts["sigma"], starts["xi"], starts["xi_dot"] = beta, sigma, 0.0 if xi is None else xi, xi_dot
-    starts["threshold"] = [loop.threshold(s) for loop, s in zip(linear, sigma.tolist(), strict=True)]
-    growth = np.array([(loop.real, loop.imaginary) for loop in linear]).reshape(beta.size, 2, -1)
-    kernel.run_points(mu, tau_d, starts, periods, early, growth, ends)
+    loops = blank(beta.size)
+    loops["mu"], loops["beta"], loops["sigma"], loops["tau_d"] = mu, beta, sigma, tau_d
+    loops["xi"], loops["xi_dot"] = 0.0 if xi is None else xi, xi_dot
+    loops["search"] = periods if early else 0
+    runs = run_loops(loops, periods)
     points = np.zeros(beta.size, POINT)
-    for name in ("reason", "periods", "cycle", "xi", "xi_dot", "amplitude", "omega"):
-        points[name] = ends[name]
-    rose, reason, peaks = ends["rose"], ends["reason"], ends["peaks"]
-    points["outcome"] = np.select(
-        [reason == kernel.REST, reason == kernel.RECURRED], [np.where(rose, DECAYING, MONOTONE), PERSISTENT], GROWING
-    )
-    spread = np.abs(peaks[:, -1] - peaks[:, 0]) <= TREND_TOLERANCE * np.maximum(peaks[:, 0], peaks[:, -1])
-    points["settled"] = np.where(reason == kernel.HORIZON, spread, np.isin(reason, (kernel.REST, kernel.RECURRED)))
-    for k in np.flatnonzero(reason == kernel.HORIZON):
-        outcome = OUTCOMES.index(decide(bool(rose[k]), peaks[k], at_rest=False, grew_past_limit=False))
-        if (outcome == GROWING and linear[k].gain <= 1.0) or (outcome in (MONOTONE, DECAYING) and sigma[k] < 0.5):
-            outcome = PERSISTENT
-        points["outcome"][k] = outcome
+    for name in set(POINT.names or ()) - {"settled"}:
+        points[name] = runs[name]
+    reason, first, last = runs["reason"], runs["peaks"][:, 0], runs["peaks"][:, -1]
+    constant = np.abs(last - first) <= TREND_TOLERANCE * np.maximum(first, last)
+    points["settled"] = np.where(reason == HORIZON, constant, np.isin(reason, (REST, RECURRED)))
     return points

@@ -28,6 +28,10 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 Outcome = Literal["monotone", "decaying", "persistent", "growing"]
 
+#: Outcomes in the order of their codes.
+OUTCOMES: Final = ("monotone", "decaying", "persistent", "growing")
+MONOTONE, DECAYING, PERSISTENT, GROWING = range(4)
+
 #: A rise of the energy smaller than this fraction of it is rounding.
 RISE_TOLERANCE: Final = 1e-9
 #: Stretches into which the second half of a run is cut.

@@ -8,7 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.stability.map_kernel import LIMIT
+from hapticd.stability.whole_loop import LIMIT
 
 #: Amplitude of the slightest start, ticks.
 _SMALLEST: Final = 0.2

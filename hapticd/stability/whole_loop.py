@@ -1,22 +1,26 @@
-"""A loop with all that the servo renders as one record, and the configuration that it is of."""
+"""A loop with all that the servo renders as one record: what it commands and stores, and the configuration that it is of."""
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.jit import njit
 from hapticd.plant.amplifier import converter_grid
 from hapticd.stability.damped import sprung
 from hapticd.stability.damping import Damper, passive_viscous, velocity_filter
-from hapticd.stability.map_kernel import LIMIT
 from hapticd.stability.numbers import Dimensionless, Loop
 from hapticd.stability.outcome import STRETCHES
 
 if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.stability.storage import FloatArray
+
+#: Position in ticks at which a run ends as grown, if growth was not proven before.
+LIMIT: Final = 1e9
 
 #: A loop and the start of its motion; `blank` has what is neutral.
 LOOP: Final = np.dtype(
@@ -50,20 +54,26 @@ LOOP: Final = np.dtype(
         ("known", "?"),  # whether the servo has run before, at `past` ticks per period to where the motion starts
         ("past", "f8"),
         ("far", "f8"),  # beyond which it counts as gone, ticks
-        ("search", "i8"),  # the first window of a search, periods; 0 for none
+        (
+            "search",
+            "i8",
+        ),  # the first window of a search, periods; 0 for none: it ends only at rest, `far` and the horizon
     ],
     align=True,
 )
 WAVEFORMS: Final = ("none", "sine", "triangle", "square", "uniform")
 UNIFORM: Final = WAVEFORMS.index("uniform")
 
-#: What became of it. ``amplitude`` (ticks, half of peak to peak) and ``omega`` (rad per period) are of the last twelfth of
-#: the horizon, or of the last window of a search, 0 at rest; ``outcome`` is an index into `OUTCOMES`.
+#: What became of it. ``outcome`` is an index into `OUTCOMES`, ``reason`` one of `hapticd.stability.sampled_loop`. ``cycle``:
+#: periods after which it recurs, 0 if that was not found. ``amplitude`` (ticks, half of peak to peak, turning points located
+#: exactly) and ``omega`` (rad per period, π times the mean number of reversals) are of one cycle if it recurs, of the last
+#: window of a search that settles, else of the last twelfth of the horizon; 0 at rest, an infinite amplitude where it grows.
 RUN: Final = np.dtype(
     [
         ("outcome", "i8"),
         ("reason", "i8"),
         ("periods", "i8"),
+        ("cycle", "i8"),
         ("rose", "?"),
         ("xi", "f8"),
         ("xi_dot", "f8"),
@@ -85,6 +95,79 @@ def blank(shape: int | tuple[int, ...]) -> NDArray[Any]:
     loops["bias"], loops["periods"], loops["grain"], loops["ticks"] = 0.5, 1, 1, True
     loops["clip"], loops["force_limit"], loops["far"] = np.inf, np.inf, LIMIT
     return loops
+
+
+@njit(inline=True)
+def energy(x: float, v: float, mu: float) -> float:
+    """H_T (35) in units of KΔ²."""
+    tick = math.floor(x)
+    return 0.5 * mu * v * v + (0.5 * tick * tick + (tick + 0.5) * (x - tick))
+
+
+@njit(inline=True)
+def stored(ticks: bool, mu: float, kappa: float, x: float, v: float) -> float:
+    """Energy of a state in KΔ², a hand's stiffness included; without ticks the spring's is ½ξ²."""
+    own = energy(x, v, mu) if ticks else 0.5 * (mu * v * v + x * x)
+    return own + 0.5 * kappa * x * x if kappa > 0.0 else own
+
+
+@njit(inline=True)
+def wave(waveform: int, phase: float) -> float:
+    """Sine, triangle or square of unit peak at ``phase`` turns, 0 ≤ phase < 1, rising from 0 (square: +1 first)."""
+    if waveform == 1:
+        return math.sin(2.0 * math.pi * phase)
+    if waveform == 2:
+        quarter = phase + 0.25
+        return 1.0 - 4.0 * abs(quarter - math.floor(quarter) - 0.5)
+    return 1.0 if phase < 0.5 else -1.0
+
+
+@njit(inline=True)
+def read(loop: Any, x: float, dither: float) -> float:
+    """What the spring reads: the tick, with position dither that of the count and the dither."""
+    if loop.position_dither > 0.0:
+        return float(math.floor(math.floor(x * loop.grain) / loop.grain + loop.position_dither * dither))
+    return float(math.floor(x)) if loop.ticks else x
+
+
+@njit(inline=True)
+def asked(loop: Any, read: float, velocity: float) -> float:
+    """Force of spring and damper for what they read, in ticks; a wall does not pull."""
+    force = -(read + loop.bias) - loop.beta_v * velocity if loop.ticks else -read - loop.beta_v * velocity
+    if (loop.side > 0.0 and (read < 0.0 or force > 0.0)) or (loop.side < 0.0 and (read >= 0.0 or force < 0.0)):
+        return 0.0
+    return float(force)
+
+
+@njit(inline=True)
+def delivered(loop: Any, force: float) -> float:
+    """What amplifier and converter make of a force, in ticks."""
+    force = max(-loop.clip, min(loop.clip, force))
+    if loop.step > 0.0:
+        force = loop.step * max(-loop.codes - 1.0, min(loop.codes, np.rint(force / loop.step)))
+        force = max(-loop.clip, min(loop.clip, force))
+    return float(force)
+
+
+@njit(inline=True)
+def stays(loop: Any, x: float, force: float) -> bool:
+    """Whether stiction holds a mass that stands at x, under this force and under any that dither can make of it."""
+    low = delivered(loop, asked(loop, read(loop, x, 1.0), 0.0) - loop.force_dither)
+    high = delivered(loop, asked(loop, read(loop, x, -1.0), 0.0) + loop.force_dither)
+    pull, sigma = loop.kappa * x, loop.sigma
+    return bool(abs(low - pull) <= sigma and abs(high - pull) <= sigma and abs(force - pull) <= sigma)
+
+
+#: What is neutral in a bare loop, beside `blank`; `periods`, `keep` and `seed` then say nothing.
+_NEUTRAL: Final = ("kappa", "side", "beta_v", "position_dither", "force_dither", "step", "counts")
+
+
+def is_bare(loops: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which loops (n,) are the spring of eq. 7–9 and nothing more."""
+    bare = loops["ticks"] & (loops["bias"] == 0.5) & np.isinf(loops["clip"])
+    for name in _NEUTRAL:
+        bare = bare & (loops[name] == 0)
+    return np.asarray(bare)
 
 
 def loop_record(numbers: Dimensionless, damper: Damper, xi: FloatArray, xi_dot: FloatArray) -> NDArray[Any]:

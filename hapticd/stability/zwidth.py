@@ -17,7 +17,9 @@ A point is *calm* if its motions die out or end in less than one tick. Beside it
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
@@ -28,9 +30,9 @@ from hapticd.config import Config, apply_settings
 from hapticd.stability.damping import passive_stiffness, velocity_filter
 from hapticd.stability.devices import HUMAN_OPERATOR, Hand
 from hapticd.stability.linear_loop import VelocityFilter, largest_damping, largest_stable
-from hapticd.stability.maps import GROWING, PERSISTENT
 from hapticd.stability.numbers import Loop, loop_from_config
-from hapticd.stability.sampled_loop import HORIZON, run_in_threads
+from hapticd.stability.outcome import GROWING, PERSISTENT
+from hapticd.stability.sampled_loop import HORIZON, run_loops
 from hapticd.stability.storage import FloatArray
 from hapticd.stability.theorems import proven
 from hapticd.stability.tuning import Start
@@ -58,6 +60,8 @@ _SOFT: Final = 1e-9
 """K in m/T² from which a proof is looked for."""
 _MARGIN: Final = 1.15
 """What the axes show beyond the boundary of the linear loop."""
+_CHUNK = 100
+"""Loops that a thread takes at a time."""
 
 
 @dataclass(frozen=True)
@@ -277,17 +281,24 @@ class _Judge:
         starts = motions(loop, self.estimate, B, K)
         starts["xi"], starts["xi_dot"] = place, slowest * (fastest / slowest) ** (which / (SPEEDS - 1))
         periods = int(min(max(_TURNS * math.sqrt(float(starts["mu"].max())), _SHORTEST), _LONGEST))
-        runs = run_in_threads(starts, periods, self.jobs)
+        runs = _run_in_threads(starts, periods, self.jobs)
         moving = (runs["reason"] == HORIZON) & ((runs["outcome"] != PERSISTENT) | (runs["amplitude"] >= 1.0))
         if moving.any():
             first = starts[moving]
             stops = 0.0
             if loop.coulomb > 0.0:
                 stops = _STOPS * float((first["xi_dot"] * first["mu"] / first["sigma"]).max())
-            runs[moving] = run_in_threads(first, int(min(max(stops, _LONGEST), _ENDLESS)), self.jobs)
+            runs[moving] = _run_in_threads(first, int(min(max(stops, _LONGEST), _ENDLESS)), self.jobs)
         small = runs["amplitude"] < 1.0
         goes_on = np.where(small, BUZZES, np.where(runs["outcome"] == GROWING, UNSTABLE, OSCILLATES))
         return np.where(runs["outcome"] < PERSISTENT, STABLE, goes_on).astype(np.int8)
+
+
+def _run_in_threads(loops: NDArray[Any], periods: int, jobs: int | None) -> NDArray[Any]:
+    """`run_loops` on threads; None for one per core that this process may use."""
+    parts = [loops[k : k + _CHUNK] for k in range(0, loops.size, _CHUNK)]
+    with ThreadPoolExecutor(jobs or len(os.sched_getaffinity(0)), thread_name_prefix="loops") as pool:
+        return np.concatenate(list(pool.map(lambda part: run_loops(part, periods), parts)))
 
 
 def _proven(config: Config, loops: list[Loop], damping: FloatArray, velocity: float) -> FloatArray:

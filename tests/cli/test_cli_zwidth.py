@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from hapticd.config import apply_settings, load_config
-from hapticd.stability.maps import GROWING
 from hapticd.stability.numbers import loop_from_config
+from hapticd.stability.outcome import GROWING
 from hapticd.stability.sampled_loop import run_loops
 from hapticd.stability.zwidth import BUZZES, UNSTABLE, VERDICTS, ZWidth, motions, top_speed, zwidth
 

@@ -1,4 +1,4 @@
-"""The exact loop with damping, held against the maps' kernel, the linear loop, and the servo in virtual time."""
+"""The exact loop: bare against whole, and held against the linear loop and the servo in virtual time."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ import pytest
 
 from hapticd.config import parse_config
 from hapticd.servo.simulate import simulate
+from hapticd.stability.criterion import lambda_
 from hapticd.stability.damping import Damper, damper_from_config
 from hapticd.stability.escape import linear_loop
-from hapticd.stability.maps import OUTCOMES, run_points
 from hapticd.stability.numbers import Dimensionless, loop_from_config
-from hapticd.stability.sampled_loop import run_loops
-from hapticd.stability.whole_loop import loop_record
+from hapticd.stability.outcome import DECAYING, GROWING, OUTCOMES, PERSISTENT
+from hapticd.stability.sampled_loop import CREEP, ESCAPED, HORIZON, LEFT, RECURRED, REST, run_loops
+from hapticd.stability.whole_loop import is_bare, loop_record
 
 UNDAMPED = Damper(0.0)
 PERIODS = 50_000
@@ -26,18 +27,73 @@ RIG: dict[str, Any] = {
 }
 
 
+def bare_and_whole(tau_d: float, search: int) -> tuple[Any, Any]:
+    """Runs of the same loops by either compilation of the kernel: a peak current beyond any force makes a loop not bare."""
+    beta, sigma, xi_dot = (
+        a.ravel() for a in np.meshgrid([0.2, 0.7, 1.2, 2.4], [0.3, 0.5, 0.9, 2.0], [0.05, 5.0, 40.0])
+    )
+    loops = loop_record(Dimensionless(100.0, 0.0, 0.0, tau_d), UNDAMPED, np.full(beta.size, 0.3), xi_dot)
+    loops["beta"], loops["sigma"], loops["search"] = beta, sigma, search
+    loops["known"], loops["past"] = np.arange(beta.size) % 2 == 0, xi_dot
+    whole = loops.copy()
+    whole["clip"] = 1e15
+    assert is_bare(loops).all()
+    assert not is_bare(whole).any()
+    return run_loops(loops, 20_000), run_loops(whole, 20_000)
+
+
+@pytest.mark.parametrize("tau_d", [0.0, 0.4, 1.25])
+def test_a_bare_loop_is_the_whole_one_with_nothing_more_in_it(tau_d: float) -> None:
+    bare, whole = bare_and_whole(tau_d, search=0)
+    np.testing.assert_array_equal(np.maximum(bare["outcome"], DECAYING), np.maximum(whole["outcome"], DECAYING))
+    assert {REST, LEFT} <= set(bare["reason"].tolist())
+    for name in ("rose", "xi", "xi_dot", "amplitude", "omega", "periods"):
+        goes_on = whole["reason"] != REST
+        np.testing.assert_array_equal(bare[name][goes_on], whole[name][goes_on], err_msg=name)
+    rests = whole["reason"] == REST
+    np.testing.assert_allclose(bare["xi"][rests], whole["xi"][rests], rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("tau_d", [0.0, 1.25])
-def test_without_damping_it_is_the_loop_of_the_maps(tau_d: float) -> None:
-    beta, sigma = (axis.ravel() for axis in np.meshgrid([0.2, 0.7, 1.2], [0.3, 0.9, 2.0]))
-    mapped = run_points(100.0, beta, sigma, tau_d, np.full(9, 5.0), 20_000)
-    for point, b, s in zip(mapped, beta, sigma, strict=True):
-        loops = loop_record(Dimensionless(100.0, b, s, tau_d), UNDAMPED, np.zeros(1), np.full(1, 5.0))
-        run = run_loops(loops, 20_000)[0]
-        same = {"monotone": "calm", "decaying": "calm"}
-        expected, found = OUTCOMES[point["outcome"]], OUTCOMES[run["outcome"]]
-        assert same.get(found, found) == same.get(expected, expected)
-        if found in same:
-            assert run["xi"] == pytest.approx(point["xi"], abs=1e-9)
+def test_what_is_certain_of_a_bare_loop_comes_true_in_the_whole_one_and_sooner(tau_d: float) -> None:
+    bare, whole = bare_and_whole(tau_d, search=512)
+    escaped, rests = bare["reason"] == ESCAPED, bare["reason"] == REST
+    assert escaped.any()
+    assert rests.any()
+    assert (whole["outcome"][escaped] == GROWING).all()
+    assert ((whole["outcome"][rests] < PERSISTENT) | (whole["amplitude"][rests] < CREEP)).all()
+    assert bare["periods"].sum() < whole["periods"].sum()
+    at_least_as_soon = bare["periods"] <= whole["periods"]
+    assert at_least_as_soon[~escaped].all()
+
+
+def test_a_cycle_is_measured_over_itself() -> None:
+    loops = loop_record(Dimensionless(100.0, 0.75, 0.2), UNDAMPED, np.zeros(2), np.full(2, 0.05))
+    loops["search"] = 50_000
+    loops["clip"][1] = 1e15
+    bare, whole = run_loops(loops, 50_000)
+    for found in (bare, whole):
+        assert found["reason"] == RECURRED
+        assert found["cycle"] > 0
+    assert (bare["amplitude"], bare["omega"]) == (whole["amplitude"], whole["omega"])
+    loops["search"] = 0
+    for later in run_loops(loops, 50_000):
+        assert later["reason"] == HORIZON
+        assert later["amplitude"] == pytest.approx(bare["amplitude"], rel=1e-12)
+        assert later["omega"] == pytest.approx(bare["omega"], rel=1e-3)
+
+
+@pytest.mark.parametrize("counts", [1, 217])
+def test_the_controller_stops_what_grows_and_not_what_cannot_rest(counts: int) -> None:
+    beta, sigma = (axis.ravel() for axis in np.meshgrid([0.25, 0.5, 1.0, 1.5], [0.35, 0.7, 1.4, 2.1, 2.8]))
+    loops = loop_record(Dimensionless(100.0, 0.0, 0.0), UNDAMPED, np.zeros(beta.size), np.full(beta.size, 10.0))
+    loops["beta"], loops["sigma"] = beta, sigma
+    bare = run_loops(loops, 4000)["outcome"]
+    assert (bare == GROWING).any()
+    loops["counts"], loops["stiffest"] = counts, 2.0 * float(lambda_(0.0))
+    outcome = run_loops(loops, 4000)["outcome"]
+    assert (outcome[sigma < 0.5] == PERSISTENT).all()
+    assert (outcome[(sigma >= 0.5) & (bare >= PERSISTENT)] < PERSISTENT).all()
 
 
 @pytest.mark.parametrize(
