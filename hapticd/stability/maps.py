@@ -6,8 +6,7 @@ Outcome of a point, by rules that have no scale of their own:
 2. At rest, every force to come held by stiction: ``monotone`` if the energy never rose, else ``decaying``.
 3. Its state recurred bit for bit: ``persistent``.
 4. Still undecided at the horizon: the trend of the energy over the second half decides (`outcome.decide`), except where
-   it would contradict what is certain: a run cannot grow for ever where the linear loop is stable, nor vanish where σ < ½,
-   because then no position holds the mass against a force that is never below ½. Both are then ``persistent``.
+   it would contradict what is certain (`sampled_loop`); then it is ``persistent``.
 
 Only rule 4 knows the horizon. With a delay, energies are compared at h + τ_D, where the theorem does.
 """

@@ -14,7 +14,8 @@ exponentials of `hapticd.plant.exact` are computed once a run. A run ends
 * beyond `far`, 10⁹ ticks or less;
 * at the horizon, where the trend of the energy decides (`hapticd.stability.outcome`), but for what it cannot see: a damper
   lets the mass creep towards the edge of stiction for ever, which counts as rest; where no tick has a force that friction
-  holds (`can_rest`; σ < ½ with ticks alone), nothing that moves dies out; where the linear loop is stable, nothing grows.
+  holds (`can_rest`; with ticks alone no force is below ½, so where σ < ½), nothing that moves dies out; where the linear
+  loop is stable, nothing grows.
 
 A run that *searches* also ends
 

@@ -57,22 +57,13 @@ def starts_of(
     stands = min(sigma + 3.0, reach)
     x = np.where(touched, stands * (2.0 * (memory * 7.0 % 1.0) - 1.0), x)
     v = np.where(touched, side * low * (max(reach, low) / max(low, 1e-300)) ** (0.5 * size) / weight, v)
+    x, past = np.clip(x, -widest, widest), np.where(memory < 0.4, v, 0.0)
+    known = ~released & ~passing & (memory < 0.6)
+    if motion is not None and first == 0:  # as `simulate` has it: the servo remembers nothing
+        (x[0], v[0]), known[0], past[0], phase[0] = motion, False, 0.0, loop["phase"][0]
     begun = np.repeat(loop, count)
-    begun["xi"], begun["xi_dot"] = np.clip(x, -widest, widest), v
-    begun["known"] = ~released & ~passing & (memory < 0.6)
-    begun["past"] = np.where(memory < 0.4, v, 0.0)
+    begun["xi"], begun["xi_dot"], begun["known"], begun["past"] = x, v, known, past
     begun["phase"], begun["seed"] = phase, loop["seed"][0] + number
     begun["far"] = np.minimum(LIMIT, 1e3 * (10.0 + np.abs(x) + weight * np.abs(v)))
-    begun["search"] = _window(loop)
-    if motion is not None and first == 0:
-        begun[0:1] = alone(loop, *motion)
-    return begun
-
-
-def alone(loop: NDArray[Any], xi: float, xi_dot: float) -> NDArray[Any]:
-    """A start as ``simulate`` has it: the servo remembers nothing; (1,) of `LOOP`."""
-    begun = loop.copy()
-    begun["xi"], begun["xi_dot"] = xi, xi_dot
-    begun["far"] = min(LIMIT, 1e3 * (10.0 + abs(xi) + math.sqrt(min(float(loop["mu"][0]), HEAVIEST)) * abs(xi_dot)))
     begun["search"] = _window(loop)
     return begun

@@ -11,13 +11,12 @@ from numpy.typing import NDArray
 from hapticd.jit import njit
 from hapticd.plant.amplifier import converter_grid
 from hapticd.stability.damped import sprung
-from hapticd.stability.damping import Damper, passive_viscous, velocity_filter
-from hapticd.stability.numbers import Dimensionless, Loop
+from hapticd.stability.damping import passive_viscous, velocity_filter
+from hapticd.stability.numbers import Loop
 from hapticd.stability.outcome import STRETCHES
 
 if TYPE_CHECKING:
     from hapticd.config import Config
-    from hapticd.stability.storage import FloatArray
 
 #: Position in ticks at which a run ends as grown, if growth was not proven before.
 LIMIT: Final = 1e9
@@ -168,17 +167,6 @@ def is_bare(loops: NDArray[Any]) -> NDArray[np.bool_]:
     for name in _NEUTRAL:
         bare = bare & (loops[name] == 0)
     return np.asarray(bare)
-
-
-def loop_record(numbers: Dimensionless, damper: Damper, xi: FloatArray, xi_dot: FloatArray) -> NDArray[Any]:
-    """One loop with n starts; (n,) of `LOOP`."""
-    loops = blank(np.broadcast(xi, xi_dot).size)
-    for name in ("mu", "beta", "sigma", "tau_d", "kappa"):
-        loops[name] = getattr(numbers, name)
-    for name in ("beta_v", "periods", "keep"):
-        loops[name] = getattr(damper, name)
-    loops["xi"], loops["xi_dot"] = xi, xi_dot
-    return loops
 
 
 def record_of(config: Config, loop: Loop) -> NDArray[Any]:

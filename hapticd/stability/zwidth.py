@@ -281,20 +281,20 @@ class _Judge:
         starts = motions(loop, self.estimate, B, K)
         starts["xi"], starts["xi_dot"] = place, slowest * (fastest / slowest) ** (which / (SPEEDS - 1))
         periods = int(min(max(_TURNS * math.sqrt(float(starts["mu"].max())), _SHORTEST), _LONGEST))
-        runs = _run_in_threads(starts, periods, self.jobs)
+        runs = run_in_threads(starts, periods, self.jobs)
         moving = (runs["reason"] == HORIZON) & ((runs["outcome"] != PERSISTENT) | (runs["amplitude"] >= 1.0))
         if moving.any():
             first = starts[moving]
             stops = 0.0
             if loop.coulomb > 0.0:
                 stops = _STOPS * float((first["xi_dot"] * first["mu"] / first["sigma"]).max())
-            runs[moving] = _run_in_threads(first, int(min(max(stops, _LONGEST), _ENDLESS)), self.jobs)
+            runs[moving] = run_in_threads(first, int(min(max(stops, _LONGEST), _ENDLESS)), self.jobs)
         small = runs["amplitude"] < 1.0
         goes_on = np.where(small, BUZZES, np.where(runs["outcome"] == GROWING, UNSTABLE, OSCILLATES))
         return np.where(runs["outcome"] < PERSISTENT, STABLE, goes_on).astype(np.int8)
 
 
-def _run_in_threads(loops: NDArray[Any], periods: int, jobs: int | None) -> NDArray[Any]:
+def run_in_threads(loops: NDArray[Any], periods: int, jobs: int | None) -> NDArray[Any]:
     """`run_loops` on threads; None for one per core that this process may use."""
     parts = [loops[k : k + _CHUNK] for k in range(0, loops.size, _CHUNK)]
     with ThreadPoolExecutor(jobs or len(os.sched_getaffinity(0)), thread_name_prefix="loops") as pool:

@@ -15,9 +15,9 @@ from hapticd.stability.damping import Damper, passive_beta
 from hapticd.stability.energy_replay import O_OBSERVED, O_PUT_OUT, EnergyEstimate
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.sampled_loop import run_loops
-from hapticd.stability.whole_loop import loop_record
 from tests.servo.scripted import Scripted, core_for, rows_of
 from tests.servo.scripted import config as scripted_config
+from tests.stability.motion import loop_record
 
 CASE_D: dict[str, Any] = {"servo": {"rate_hz": 100}, "encoder": {"decimation": 217}}
 IDEAL = {"bandwidth_hz": 0, "dac_bits": 0, "peak_current": None, "continuous_current": None}

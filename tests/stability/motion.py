@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.plant.exact import propagate
+from hapticd.stability.damping import Damper
 from hapticd.stability.numbers import Dimensionless
-from hapticd.stability.storage import storage
+from hapticd.stability.storage import FloatArray, storage
+from hapticd.stability.whole_loop import blank
 
 
 @dataclass
@@ -63,3 +66,14 @@ def simulate(numbers: Dimensionless, xi: float, xi_dot: float, periods: int, lim
             break
     run.samples.append((xi, xi_dot))
     return run
+
+
+def loop_record(numbers: Dimensionless, damper: Damper, xi: FloatArray, xi_dot: FloatArray) -> NDArray[Any]:
+    """One loop with n starts; (n,) of `LOOP`."""
+    loops = blank(np.broadcast(xi, xi_dot).size)
+    for name in ("mu", "beta", "sigma", "tau_d", "kappa"):
+        loops[name] = getattr(numbers, name)
+    for name in ("beta_v", "periods", "keep"):
+        loops[name] = getattr(damper, name)
+    loops["xi"], loops["xi_dot"] = xi, xi_dot
+    return loops

@@ -16,7 +16,9 @@ from hapticd.stability.escape import linear_loop
 from hapticd.stability.numbers import Dimensionless, loop_from_config
 from hapticd.stability.outcome import DECAYING, GROWING, OUTCOMES, PERSISTENT
 from hapticd.stability.sampled_loop import CREEP, ESCAPED, HORIZON, LEFT, RECURRED, REST, run_loops
-from hapticd.stability.whole_loop import is_bare, loop_record
+from hapticd.stability.whole_loop import is_bare
+
+from .motion import loop_record
 
 UNDAMPED = Damper(0.0)
 PERIODS = 50_000
