@@ -69,7 +69,7 @@ def save(figure: Figure, stem: Path) -> None:
 
 def prefixed(largest: float, unit: str) -> tuple[float, str]:
     """A factor and a unit with a prefix in which the numbers of an axis are short."""
-    for factor, prefix in ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ")):
+    for factor, prefix in ((1e6, "M"), (1e3, "k"), (1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n")):
         if largest >= factor:
             return factor, prefix + unit
-    return 1e-9, "n" + unit
+    return 1e-12, "p" + unit

@@ -15,7 +15,7 @@ SI units; positions from the spring's origin. The same kernel serves run files a
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import from_dtype, types
@@ -31,240 +31,183 @@ from hapticd.record.schema import (
     Rows,
     check_rows,
 )
+from hapticd.stability.energy_records import ENERGIES, PLACES, QUEUE_LENGTH, REPLAY, model_of
 from hapticd.stability.passivity import spring_potential
 from hapticd.stability.segments import move_with_stiffness
-from hapticd.stability.storage import FloatArray
 
 if TYPE_CHECKING:
     from hapticd.config import Config
 
-(
-    P_INERTIA, P_VISCOUS, P_COULOMB, P_HAND_STIFFNESS, P_HAND_REST, P_STIFFNESS, P_RESOLUTION, P_BIAS, P_SIDE, P_RAW,
-    P_ORIGIN, P_TORQUE_CONSTANT, P_LAG, P_WITHIN_PERIOD, PARAMETERS,
-) = range(15)  # fmt: skip
-
-(
-    S_POSITION, S_VELOCITY, S_TIME, S_FORCE, S_VISCOUS, S_COULOMB, S_GENERATED, S_UNEXPLAINED, S_SETTINGS, S_START,
-    S_STORED, S_SEEN, S_RUNNING, S_TICK, S_COUNTS, S_HEAD, S_TAIL, S_ACTING, S_BEGAN, S_ROWS, S_CURRENT, S_EXCITED,
-    S_PUT_OUT, S_OBSERVED, STATE_WORDS,
-) = range(25)  # fmt: skip
-
-#: Columns of a row's energies, all since the start: stored, viscous, coulomb, generated, unexplained; and the position;
-#: and what the passivity observer books from counts and currents alone: put out by the current, generated.
-O_STORED, O_VISCOUS, O_COULOMB, O_GENERATED, O_UNEXPLAINED, O_POSITION, O_PUT_OUT, O_OBSERVED, OUTPUTS = range(9)
-#: Columns of the places visited while the force of a row acted: at its start and end, the extremes.
-L_START, L_END, L_LOW, L_HIGH, PLACES = range(5)
-
-QUEUE_LENGTH: Final = 4096
 _MASK = QUEUE_LENGTH - 1
 #: Share of a correction within one count that is taken for a wrong velocity.
 _GAIN = 0.1
-_SIDES: Final = {"both": 0.0, "positive": 1.0, "negative": -1.0}
 
 _f8 = types.float64
-_F = types.Array(_f8, 1, "C")
-_F2 = types.Array(_f8, 2, "C")
-_ROWS = types.Array(from_dtype(ROW), 1, "C")
+_replay = from_dtype(REPLAY)
+_replays, _rows, _energies, _places = (
+    types.Array(from_dtype(record), 1, "C") for record in (REPLAY, ROW, ENERGIES, PLACES)
+)
 
 
-def replay_parameters(config: Config, latency_s: float = 0.0, origin_counts: int | None = None) -> FloatArray:
-    """The model of a config as the kernel's parameters, (PARAMETERS,).
-
-    Args:
-        config: a resolved configuration. latency_s: the driver's declared latency.
-        origin_counts: raw count of the spring's origin in force; None: the config's.
-    """
-    p = np.zeros(PARAMETERS)
-    raw, origin = config.raw_resolution, config.origin_counts if origin_counts is None else origin_counts
-    p[P_INERTIA] = config.plant.inertia + config.hand.inertia
-    p[P_VISCOUS] = config.plant.viscous + config.hand.damping
-    p[P_COULOMB] = config.plant.coulomb
-    p[P_HAND_STIFFNESS] = config.hand.stiffness
-    p[P_HAND_REST] = (config.origin_counts - origin) * raw
-    p[P_STIFFNESS], p[P_RESOLUTION] = config.spring.stiffness, config.resolution
-    p[P_BIAS] = 0.5 if config.spring.half_tick_bias else 0.0
-    p[P_SIDE] = _SIDES[config.spring.side]
-    p[P_RAW], p[P_ORIGIN] = raw, origin
-    p[P_TORQUE_CONSTANT] = config.amplifier.torque_constant
-    p[P_LAG] = config.amplifier.delay + latency_s
-    periods = config.delay.computation_s / config.period
-    # a delay of whole periods must not become one of a whole period less a rounding
-    p[P_WITHIN_PERIOD] = max(0.0, periods - math.floor(periods + 1e-6)) * config.period
-    return p
+@njit(_f8(_replay, _f8), inline=True, counted=False)
+def _potential(r: Any, x: float) -> float:
+    model = r.model
+    return float(model.stiffness * model.tick * model.tick * spring_potential(x / model.tick, model.bias, model.side))
 
 
-def replay_state() -> FloatArray:
-    """A kernel's memory before the first row: state, then the queue of commands on their way."""
-    return np.zeros(STATE_WORDS + 3 * QUEUE_LENGTH)
-
-
-@njit(_f8(_F, _f8), inline=True)
-def _potential(p: NDArray[np.float64], x: float) -> float:
-    tick = p[P_RESOLUTION]
-    return float(p[P_STIFFNESS] * tick * tick * spring_potential(x / tick, p[P_BIAS], p[P_SIDE]))
-
-
-@njit(_f8(_F, _F))
-def stored_energy(p: NDArray[np.float64], s: NDArray[np.float64]) -> float:
+@njit(_f8(_replay), counted=False)
+def _stored(r: Any) -> float:
     """H_T (35) of the model's present state in J, a hand's spring included."""
-    stretch = s[S_POSITION] - p[P_HAND_REST]
-    elastic = _potential(p, s[S_POSITION]) + 0.5 * p[P_HAND_STIFFNESS] * stretch * stretch
-    return float(elastic + 0.5 * p[P_INERTIA] * s[S_VELOCITY] * s[S_VELOCITY])
+    stretch = r.position - r.model.hand_rest
+    elastic = _potential(r, r.position) + 0.5 * r.model.hand_stiffness * stretch * stretch
+    return float(elastic + 0.5 * r.model.inertia * r.velocity * r.velocity)
 
 
-@njit(types.void(_F, _F, _f8, _F2), inline=True)
-def _advance(p: NDArray[np.float64], s: NDArray[np.float64], until: float, places: NDArray[np.float64]) -> None:
+@njit(types.void(_replay, _f8, _places), inline=True, counted=False)
+def _advance(r: Any, until: float, places: NDArray[Any]) -> None:
     """Move the model under its present force, and book the energies while the spring is rendered."""
-    dt = until - s[S_TIME]
+    dt = until - r.time
     if not dt > 0.0:
         return
-    s[S_TIME] = until
-    begin, rest = s[S_POSITION], p[P_HAND_REST]
-    x, v, drag, path, low, high = move_with_stiffness(
-        begin - rest, s[S_VELOCITY], dt, s[S_FORCE], p[P_INERTIA], p[P_VISCOUS], p[P_COULOMB], p[P_HAND_STIFFNESS]
+    r.time = until
+    model, begin, rest = r.model, r.position, r.model.hand_rest
+    x, r.velocity, drag, path, low, high = move_with_stiffness(
+        begin - rest, r.velocity, dt, r.force, model.inertia, model.viscous, model.coulomb, model.hand_stiffness
     )
     x += rest
-    s[S_POSITION], s[S_VELOCITY] = x, v
-    if s[S_RUNNING] == 0.0:
+    r.position = x
+    if not r.running:
         return
-    s[S_VISCOUS] += drag
-    s[S_COULOMB] += p[P_COULOMB] * path
-    s[S_GENERATED] += s[S_FORCE] * (x - begin) + _potential(p, x) - _potential(p, begin)
-    row = int(s[S_ACTING])
-    if 0 <= row < len(places):
-        places[row, L_LOW] = min(places[row, L_LOW], low + rest)
-        places[row, L_HIGH] = max(places[row, L_HIGH], high + rest)
+    r.energies.viscous += drag
+    r.energies.coulomb += model.coulomb * path
+    r.energies.generated += r.force * (x - begin) + _potential(r, x) - _potential(r, begin)
+    if 0 <= r.acting < len(places):
+        place = places[r.acting]
+        place.low = min(place.low, low + rest)
+        place.high = max(place.high, high + rest)
 
 
-@njit(types.void(_F, _F, _f8, _F2))
-def _advance_through_commands(
-    p: NDArray[np.float64], s: NDArray[np.float64], until: float, places: NDArray[np.float64]
-) -> None:
-    while s[S_TAIL] < s[S_HEAD]:
-        slot = STATE_WORDS + 3 * (int(s[S_TAIL]) & _MASK)
-        if s[slot] > until:
+@njit(types.void(_replay, _f8, _places), counted=False)
+def _advance_through_commands(r: Any, until: float, places: NDArray[Any]) -> None:
+    while r.tail < r.head:
+        command = r.queue[r.tail & _MASK]
+        if command.time > until:
             break
-        _advance(p, s, s[slot], places)
-        row = int(s[S_ACTING])
-        if 0 <= row < len(places):
-            places[row, L_END] = s[S_POSITION]
-        s[S_FORCE], s[S_ACTING] = s[slot + 1], s[slot + 2] - s[S_BEGAN]
-        row = int(s[S_ACTING])
-        if 0 <= row < len(places):
-            places[row, L_START] = places[row, L_LOW] = places[row, L_HIGH] = s[S_POSITION]
-        s[S_TAIL] += 1.0
-    _advance(p, s, until, places)
+        _advance(r, command.time, places)
+        if 0 <= r.acting < len(places):
+            places[r.acting].end = r.position
+        r.force, r.acting = command.force, command.row - r.began
+        if 0 <= r.acting < len(places):
+            place = places[r.acting]
+            place.start = place.low = place.high = r.position
+        r.tail += 1
+    _advance(r, until, places)
 
 
-@njit(types.void(_F, _F, _f8, _f8))
-def _correct(p: NDArray[np.float64], s: NDArray[np.float64], counts: float, dt: float) -> None:
+@njit(types.void(_replay, _f8), counted=False)
+def _correct(r: Any, dt: float) -> None:
     """Bring the model into the count that was read; friction and spring are booked on the way there."""
-    raw = p[P_RAW]
-    low, high = counts * raw, (counts + 1.0 - 1e-9) * raw
-    x = s[S_POSITION]
+    model, energies, x = r.model, r.energies, r.position
+    raw = model.count
+    low, high = r.counts * raw, (r.counts + 1.0 - 1e-9) * raw
     error = min(max(x, low), high) - x
     if error == 0.0 or not dt > 0.0:
         return
-    before, potential = stored_energy(p, s), _potential(p, x)
+    before, potential = _stored(r), _potential(r, x)
     size = abs(error)
     velocity = (max(size - raw, 0.0) + _GAIN * min(size, raw)) / dt
-    s[S_POSITION] = x + error
-    s[S_VELOCITY] += math.copysign(velocity, error)
-    if s[S_RUNNING] == 0.0:
+    r.position = x + error
+    r.velocity += math.copysign(velocity, error)
+    if not r.running:
         return
-    viscous, coulomb = p[P_VISCOUS] * error * error / dt, p[P_COULOMB] * size
-    generated = s[S_FORCE] * error + _potential(p, s[S_POSITION]) - potential
-    s[S_VISCOUS] += viscous
-    s[S_COULOMB] += coulomb
-    s[S_GENERATED] += generated
-    s[S_UNEXPLAINED] += stored_energy(p, s) - before + viscous + coulomb - generated
+    viscous, coulomb = model.viscous * error * error / dt, model.coulomb * size
+    generated = r.force * error + _potential(r, r.position) - potential
+    energies.viscous += viscous
+    energies.coulomb += coulomb
+    energies.generated += generated
+    energies.unexplained += _stored(r) - before + viscous + coulomb - generated
 
 
-@njit(types.void(_F, _F, _f8), inline=True)
-def _observe(p: NDArray[np.float64], s: NDArray[np.float64], counts: float) -> None:
+@njit(types.void(_replay, types.int64), inline=True, counted=False)
+def _observe(r: Any, counts: int) -> None:
     """What `hapticd.servo.passivity` books for the period before a row."""
-    before, now = (s[S_COUNTS] + 0.5) * p[P_RAW], (counts + 0.5) * p[P_RAW]
-    work = s[S_CURRENT] * p[P_TORQUE_CONSTANT] * (now - before)
-    s[S_PUT_OUT] += work
-    s[S_OBSERVED] += work + _potential(p, now) - _potential(p, before)
+    before, now = (r.counts + 0.5) * r.model.count, (counts + 0.5) * r.model.count
+    work = r.current * r.model.torque_constant * (now - before)
+    r.energies.put_out += work
+    r.energies.observed += work + _potential(r, now) - _potential(r, before)
 
 
-@njit(types.void(_F, _F, _f8, _f8))
-def _begin_anew(p: NDArray[np.float64], s: NDArray[np.float64], counts: float, now: float) -> None:
+@njit(types.void(_replay, types.int64, _f8), counted=False)
+def _begin_anew(r: Any, counts: int, now: float) -> None:
     """Place the model in the middle of the count that was read: at the first row, and where rows are lost.
 
     The velocity at the first row is the one that the state was made with.
     """
-    before = stored_energy(p, s)
-    dt = now - s[S_TIME]
-    if s[S_SEEN] != 0.0:
-        s[S_VELOCITY] = (counts - s[S_COUNTS]) * p[P_RAW] / dt if dt > 0.0 else 0.0
-    s[S_POSITION] = (counts + 0.5) * p[P_RAW]
-    s[S_TIME] = now
-    s[S_TAIL] = s[S_HEAD]
-    s[S_ACTING] = -1.0
-    if s[S_RUNNING] != 0.0:
-        s[S_UNEXPLAINED] += stored_energy(p, s) - before
+    before = _stored(r)
+    dt = now - r.time
+    if r.seen:
+        r.velocity = (counts - r.counts) * r.model.count / dt if dt > 0.0 else 0.0
+    r.position = (counts + 0.5) * r.model.count
+    r.time, r.tail, r.acting = now, r.head, -1
+    if r.running:
+        r.energies.unexplained += _stored(r) - before
 
 
-@njit(types.void(_F, _F, _ROWS, _F2, _F2))
-def replay(
-    p: NDArray[np.float64], s: NDArray[np.float64], rows: Rows, out: NDArray[np.float64], places: NDArray[np.float64]
-) -> None:
+@njit(types.void(_replays, _rows, _energies, _places), counted=False)
+def replay(kept: NDArray[Any], rows: Rows, energies: NDArray[Any], places: NDArray[Any]) -> None:
     """Take in the next rows.
 
     Args:
-        p: (PARAMETERS,). s: (STATE_WORDS + …,) kept between calls.
-        rows: (n,) of `record.ROW`, in order.
-        out: (n, OUTPUTS) energies after each row, or (0, OUTPUTS).
-        places: (n, PLACES) where the mass was while each row's force acted, or (0, PLACES); left as it is where that
-            is not known to its end.
+        kept: (1,) of `REPLAY`, from call to call. rows: (n,) of `record.ROW`, in order.
+        energies: (n,) of `ENERGIES` after each row, or (0,).
+        places: (n,) of `PLACES`, or (0,); left as they are where the force did not act to its end.
     """
-    s[S_BEGAN], s[S_ACTING] = s[S_ROWS], -1.0
+    r = kept[0]
+    r.began, r.acting = r.rows, -1
     for k in range(len(rows)):
         row = rows[k]
         late = max(row.wake_late_ns, 0) * 1e-9
         now = row.time_s + late
-        dt = now - s[S_TIME]
-        counts = float(row.encoder_counts) - p[P_ORIGIN]
-        lost = row.tick != s[S_TICK] + 1.0 and row.flags & FLAG_MISSED_PERIOD == 0
-        if s[S_SEEN] == 0.0 or lost or not dt > 0.0:
-            _begin_anew(p, s, counts, now)
+        dt = now - r.time
+        counts = row.encoder_counts - r.model.origin
+        lost = row.tick != r.tick + 1 and row.flags & FLAG_MISSED_PERIOD == 0
+        if not r.seen or lost or not dt > 0.0:
+            _begin_anew(r, counts, now)
+            r.counts = counts
         else:
-            _advance_through_commands(p, s, now, places)
+            _advance_through_commands(r, now, places)
+            if r.running and not r.excited:
+                _observe(r, counts)
+            r.counts = counts
             if row.flags & FLAG_MISSED_EXCHANGE == 0:
-                _correct(p, s, counts, dt)
-            if s[S_RUNNING] != 0.0 and s[S_EXCITED] == 0.0:
-                _observe(p, s, counts)
-        s[S_TICK], s[S_COUNTS], s[S_SEEN] = float(row.tick), counts, 1.0
+                _correct(r, dt)
+        r.tick, r.seen = row.tick, True
 
         running = row.flags & FLAG_RUNNING != 0
-        if running and s[S_RUNNING] == 0.0:
-            s[S_VISCOUS : S_SETTINGS + 1] = 0.0
-            s[S_PUT_OUT : S_OBSERVED + 1] = 0.0
-            s[S_START] = stored_energy(p, s)
-        s[S_RUNNING] = 1.0 if running else 0.0
+        if running and not r.running:
+            booked = r.energies
+            booked.viscous = booked.coulomb = booked.generated = booked.unexplained = booked.settings = 0.0
+            booked.put_out = booked.observed = 0.0
+            booked.start = _stored(r)
         if running:
-            s[S_STORED] = stored_energy(p, s)
-        s[S_CURRENT], s[S_EXCITED] = row.current_command_A, float(row.flags & FLAG_EXCITATION)
+            r.energies.stored = _stored(r)
+        r.running, r.excited = running, row.flags & FLAG_EXCITATION != 0
+        r.current = row.current_command_A
 
-        if s[S_HEAD] - s[S_TAIL] < QUEUE_LENGTH:
-            slot = STATE_WORDS + 3 * (int(s[S_HEAD]) & _MASK)
-            wait = max(late, p[P_WITHIN_PERIOD]) if running else late
-            s[slot] = row.time_s + wait + p[P_LAG]
-            s[slot + 1] = row.current_command_A * p[P_TORQUE_CONSTANT]
-            s[slot + 2] = s[S_ROWS]
-            s[S_HEAD] += 1.0
-        s[S_ROWS] += 1.0
-        if len(out) > 0:
-            out[k, O_STORED], out[k, O_VISCOUS], out[k, O_COULOMB] = s[S_STORED], s[S_VISCOUS], s[S_COULOMB]
-            out[k, O_GENERATED], out[k, O_UNEXPLAINED] = s[S_GENERATED], s[S_UNEXPLAINED] + s[S_SETTINGS]
-            out[k, O_POSITION] = s[S_POSITION]
-            out[k, O_PUT_OUT], out[k, O_OBSERVED] = s[S_PUT_OUT], s[S_OBSERVED]
+        if r.head - r.tail < QUEUE_LENGTH:
+            command = r.queue[r.head & _MASK]
+            wait = max(late, r.model.within_period) if running else late
+            command.time, command.row = row.time_s + wait + r.model.lag, r.rows
+            command.force = row.current_command_A * r.model.torque_constant
+            r.head += 1
+        r.rows += 1
+        if len(energies) > 0:
+            energies[k] = r.energies
+        if len(places) > 0:
+            places[k].sampled = r.position
 
 
-_NO_OUTPUT = np.zeros((0, OUTPUTS))
-_NO_PLACES = np.zeros((0, PLACES))
+_NO_ENERGIES, _NO_PLACES = np.zeros(0, ENERGIES), np.zeros(0, PLACES)
 
 
 class EnergyEstimate:
@@ -288,30 +231,30 @@ class EnergyEstimate:
     def __init__(
         self, config: Config, latency_s: float = 0.0, origin_counts: int | None = None, velocity: float = 0.0
     ) -> None:
-        self._parameters = replay_parameters(config, latency_s, origin_counts)
-        self._state = replay_state()
-        self._state[S_VELOCITY] = velocity
+        self._kept = np.zeros(1, REPLAY)
+        self._kept["model"] = model_of(config, latency_s, origin_counts)
+        self._kept["velocity"] = velocity
 
     def configure(self, config: Config, latency_s: float = 0.0, origin_counts: int | None = None) -> None:
         """Take changed settings into force from the next row on.
 
         What the spring holds more or less because of them is work of the settings, kept apart in ``settings_J``.
         """
-        s, old = self._state, self._parameters
-        new = replay_parameters(config, latency_s, origin_counts)
-        before = stored_energy(old, s)
-        shift = (old[P_ORIGIN] - new[P_ORIGIN]) * new[P_RAW]
-        s[S_POSITION] += shift
-        s[S_COUNTS] += old[P_ORIGIN] - new[P_ORIGIN]
-        self._parameters = new
-        if s[S_RUNNING]:
-            s[S_STORED] = stored_energy(new, s)
-            s[S_SETTINGS] += s[S_STORED] - before
+        r, model = self._kept[0], model_of(config, latency_s, origin_counts)
+        before = _stored(r)
+        shift = self.origin_counts - int(model["origin"])
+        r["position"] += shift * model["count"]
+        r["counts"] += shift
+        r["model"] = model
+        if r["running"]:
+            energies = r["energies"]
+            energies["stored"] = _stored(r)
+            energies["settings"] += energies["stored"] - before
 
     @property
     def origin_counts(self) -> int:
         """Raw count of the spring's origin in force."""
-        return int(self._parameters[P_ORIGIN])
+        return int(self._kept[0]["model"]["origin"])
 
     def update(self, rows: Rows) -> None:
         """Take in the next rows, (n,) of `record.ROW` in order; n may be 0.
@@ -320,7 +263,7 @@ class EnergyEstimate:
             TypeError: the rows are not of `record.ROW`.
         """
         check_rows(rows)
-        replay(self._parameters, self._state, np.ascontiguousarray(rows), _NO_OUTPUT, _NO_PLACES)
+        replay(self._kept, np.ascontiguousarray(rows), _NO_ENERGIES, _NO_PLACES)
 
     def status(self) -> dict[str, Any]:
         """Energies in J since the last start.
@@ -330,25 +273,25 @@ class EnergyEstimate:
             (changed settings) and ``unexplained_J``: a hand's work and the model's errors. They balance:
             stored = stored_at_start − dissipated + generated + settings + unexplained. ``estimate`` says what they are.
         """
-        s = self._state
+        energies = self._kept[0]["energies"]
         return {
             "estimate": "through the model",
-            "stored_J": float(s[S_STORED]),
-            "stored_at_start_J": float(s[S_START]),
-            "dissipated_J": float(s[S_VISCOUS] + s[S_COULOMB]),
-            "generated_J": float(s[S_GENERATED]),
-            "settings_J": float(s[S_SETTINGS]),
-            "unexplained_J": float(s[S_UNEXPLAINED]),
+            "stored_J": float(energies["stored"]),
+            "stored_at_start_J": float(energies["start"]),
+            "dissipated_J": float(energies["viscous"] + energies["coulomb"]),
+            "generated_J": float(energies["generated"]),
+            "settings_J": float(energies["settings"]),
+            "unexplained_J": float(energies["unexplained"]),
         }
 
-    def replayed(self, rows: Rows) -> tuple[FloatArray, FloatArray]:
+    def replayed(self, rows: Rows) -> tuple[NDArray[Any], NDArray[Any]]:
         """`update`, with what it found in every row.
 
         Returns:
-            (n, OUTPUTS) energies in J and positions, and (n, PLACES) places visited while each row's force acted, not
-            a number where that is not known to its end.
+            (n,) of `ENERGIES`, J, and (n,) of `PLACES`, rad or m, in which ``end`` is not a number where the row's force
+            is not known to its end.
         """
         check_rows(rows)
-        out, places = np.zeros((rows.size, OUTPUTS)), np.full((rows.size, PLACES), np.nan)
-        replay(self._parameters, self._state, np.ascontiguousarray(rows), out, places)
-        return out, places
+        energies, places = np.zeros(rows.size, ENERGIES), np.full(rows.size, np.nan, PLACES)
+        replay(self._kept, np.ascontiguousarray(rows), energies, places)
+        return energies, places

@@ -24,6 +24,8 @@ Positions are those of the raw counts, each at its middle: inside one count the 
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 from numba import types
 
@@ -31,10 +33,17 @@ from hapticd.jit import njit
 
 _f8 = types.float64
 
+#: ``spring.side`` → what `spring_potential` takes for it.
+SIDES: Final = {"both": 0.0, "positive": 1.0, "negative": -1.0}
+
 
 @njit(_f8(_f8, _f8, _f8), inline=True)
 def spring_potential(xi: float, bias: float, side: float) -> float:
-    """Potential of the rendered spring at ξ ticks in KΔ²: (34), for a wall or without the half-tick bias its like."""
+    """Potential of the rendered spring at ξ ticks in KΔ²: (34), for a wall or without the half-tick bias its like.
+
+    Args:
+        xi: position. bias: ½, or 0 without the half tick. side: of `SIDES`.
+    """
     if xi * side < 0.0:
         return 0.0
     n = np.floor(xi)

@@ -160,16 +160,15 @@ def _energy(axis: Any, both: Sequence[Signals]) -> None:
         _nothing(axis, both[0].why_no_energy or "no ledger")
         return
     for line, each in known:
-        energy = each.energy
-        assert energy is not None
-        thin = _thin(energy.time_s.size)
-        time_s = energy.time_s[thin] - energy.time_s[0]
-        lost = energy.viscous + energy.coulomb
+        assert each.energy is not None
+        energies, time_s = each.energy.energies, each.energy.time_s
+        thin = _thin(time_s.size)
+        time_s = time_s[thin] - time_s[0]
         for values, colour, label in (
-            (energy.stored, INK, "stored"),
-            (lost, BLUE, "dissipated"),
-            (energy.generated, RED, "generated"),
-            (energy.unexplained, GREY, "unexplained"),
+            (energies["stored"], INK, "stored"),
+            (energies["viscous"] + energies["coulomb"], BLUE, "dissipated"),
+            (energies["generated"], RED, "generated"),
+            (each.energy.unexplained, GREY, "unexplained"),
         ):
             axis.plot(
                 time_s, 1e3 * values[thin], line, color=colour, lw=1.3, label=label if each is known[0][1] else None

@@ -12,7 +12,7 @@ from hapticd.record.schema import FLAG_CLAMPED, FLAG_EXCITATION
 from hapticd.servo.excitation import build
 from hapticd.servo.simulate import simulate
 from hapticd.stability.damping import Damper, passive_beta
-from hapticd.stability.energy_replay import O_OBSERVED, O_PUT_OUT, EnergyEstimate
+from hapticd.stability.energy_replay import EnergyEstimate
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.sampled_loop import run_loops
 from tests.servo.scripted import Scripted, core_for, rows_of
@@ -59,11 +59,11 @@ def test_the_observer_books_the_work_of_the_current_sent_less_what_the_spring_gi
 def test_a_replay_of_the_rows_finds_the_same_energies_in_every_row() -> None:
     cfg = config("observe")
     rows, report = run(cfg, 0.4, deflection=10.3)
-    out, _ = EnergyEstimate(cfg).replayed(rows)
-    assert out[-1, O_PUT_OUT] == pytest.approx(report["passivity"]["put_out_J"], rel=1e-12)
-    assert out[-1, O_OBSERVED] == pytest.approx(report["passivity"]["generated_J"], rel=1e-12)
+    energies, _ = EnergyEstimate(cfg).replayed(rows)
+    assert energies["put_out"][-1] == pytest.approx(report["passivity"]["put_out_J"], rel=1e-12)
+    assert energies["observed"][-1] == pytest.approx(report["passivity"]["generated_J"], rel=1e-12)
     half, short = run(cfg, 0.2, deflection=10.3)
-    assert out[len(half) - 1, O_OBSERVED] == pytest.approx(short["passivity"]["generated_J"], rel=1e-12)
+    assert energies["observed"][len(half) - 1] == pytest.approx(short["passivity"]["generated_J"], rel=1e-12)
 
 
 def test_observing_changes_nothing_and_off_books_nothing() -> None:

@@ -13,10 +13,11 @@ from hapticd.record import RunWriter, read_run
 from hapticd.record.errors import RunFileError
 from hapticd.record.schema import FLAG_RUNNING, Rows
 from hapticd.servo.simulate import simulate
-from hapticd.stability import energy_replay as e
+from hapticd.stability.energy_records import model_of
 from hapticd.stability.energy_replay import EnergyEstimate
 from hapticd.stability.ledger import Ledger, ledger
 from hapticd.stability.numbers import from_config
+from hapticd.stability.passivity import spring_potential
 from hapticd.stability.run_energy import RunEnergy, run_energy
 
 IDEAL = {"amplifier.bandwidth_hz": 0, "amplifier.dac_bits": 0, "encoder.decimation": 217}
@@ -75,17 +76,17 @@ def test_an_ideal_recording_gives_the_energies_of_the_exact_motion(case: tuple[R
     scale = float(np.abs(truth.generated[:until]).sum() + truth.dissipated[:until].sum()) * found.unit
     early = until - max(0, round(truth.numbers.tau_d) + 1)
     for value, sums in (
-        (found.viscous[-1], truth.viscous),
-        (found.coulomb[-1], truth.coulomb),
-        (found.generated[-1], truth.generated),
+        (found.energies["viscous"][-1], truth.viscous),
+        (found.energies["coulomb"][-1], truth.coulomb),
+        (found.energies["generated"][-1], truth.generated),
     ):
         between = sorted((sums[:early].sum() * found.unit, sums[: until + 1].sum() * found.unit))
         assert between[0] - 0.01 * scale <= value <= between[1] + 0.01 * scale
-    assert found.stored[0] == pytest.approx(truth.stored[0] * found.unit, rel=0.02)
+    assert found.energies["stored"][0] == pytest.approx(truth.stored[0] * found.unit, rel=0.02)
     assert abs(found.unexplained[-1]) <= 0.005 * scale
     assert found.explained is not None
     assert found.explained > 0.98
-    assert np.abs(found.residual).max() <= 1e-12 * (found.stored.max() + scale)
+    assert np.abs(found.residual).max() <= 1e-12 * (found.energies["stored"].max() + scale)
 
 
 @pytest.mark.parametrize("case", CASES, indirect=True)
@@ -114,7 +115,7 @@ def test_a_wrong_model_shows_as_unexplained_energy(tmp_path: Path) -> None:
     assert fooled.explained is not None
     assert fooled.explained < 0.9 < 0.99 < honest.explained
     # half the Coulomb friction: the other half is missing
-    assert fooled.unexplained[-1] == pytest.approx(-0.5 * honest.coulomb[-1], rel=0.1)
+    assert fooled.unexplained[-1] == pytest.approx(-0.5 * honest.energies["coulomb"][-1], rel=0.1)
 
 
 @pytest.mark.parametrize(
@@ -128,9 +129,10 @@ def test_a_wrong_model_shows_as_unexplained_energy(tmp_path: Path) -> None:
 def test_potential_of_other_springs(
     settings: dict[str, object], inside: list[tuple[float, float]], outside: list[float]
 ) -> None:
-    p = e.replay_parameters(make(settings))
+    model = model_of(make(settings))
+    bias, side = float(model["bias"]), float(model["side"])
     for xi, expected in [*inside, *((xi, 0.0) for xi in outside)]:
-        assert e.spring_potential(xi, p[e.P_BIAS], p[e.P_SIDE]) == pytest.approx(expected)
+        assert spring_potential(xi, bias, side) == pytest.approx(expected)
 
 
 def test_what_is_read_in_chunks_is_what_is_read_at_once() -> None:
@@ -197,7 +199,7 @@ def test_settings_changed_in_a_run_are_followed(tmp_path: Path) -> None:
     event = {"row": 50, "event": "set", "tick": 50, "changed": {"spring.stiffness": 0.024}}
     found = run_energy(read_run(written(tmp_path / "run.arrow", config, rows, events=(event,))))
     assert any("settings were changed" in note for note in found.notes)
-    assert np.abs(found.residual).max() <= 1e-12 * found.stored.max()
+    assert np.abs(found.residual).max() <= 1e-12 * found.energies["stored"].max()
     assert found.bounds is not None
     assert found.bounds.way.size < 51
 
@@ -225,7 +227,7 @@ def test_a_foreign_file_needs_a_config(tmp_path: Path) -> None:
     estimate = EnergyEstimate(config)
     estimate.update(rows)
     found = run_energy(read_run(path), config)
-    assert found.generated[-1] == pytest.approx(estimate.status()["generated_J"], rel=1e-6)
+    assert found.energies["generated"][-1] == pytest.approx(estimate.status()["generated_J"], rel=1e-6)
 
 
 def test_a_run_without_a_spring_has_no_ledger(tmp_path: Path) -> None:
