@@ -27,8 +27,7 @@ _LEAST_SHARE: Final = 0.012
 
 def critical_line(mu: float, tau_d: float, xi_dot_max: float, beta: FloatArray) -> FloatArray:
     """(n,) σ of the critical line, (12) or, with delay, theorem 2, at each β."""
-    numbers = Dimensionless(mu, 0.0, 0.0, tau_d)
-    return np.array([critical_sigma(numbers, xi_dot_max, b) for b in beta.tolist()])
+    return critical_sigma(Dimensionless(mu, 0.0, 0.0, tau_d), xi_dot_max, beta)
 
 
 def draw_plane(

@@ -66,8 +66,7 @@ def plane(config: Config, deflection: float = DEFLECTION, latency_s: float = 0.0
     if math.isinf(n.mu):
         return {**lines, "beta": [], "paper": []}
     top = float(velocity_bound(deflection, 0.0, n.mu, n.tau_d, n.kappa))
-    paper = np.array([critical_sigma(n, top, beta) for beta in BETA])
-    return {**lines, "beta": BETA, "paper": paper}
+    return {**lines, "beta": BETA, "paper": critical_sigma(n, top, BETA)}
 
 
 def preview(document: dict[str, Any], settings: dict[str, Any], deflection: float, latency_s: float) -> dict[str, Any]:

@@ -10,8 +10,12 @@ from __future__ import annotations
 import math
 from typing import Final
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from hapticd.stability.criterion import coulomb_margin, criterion_margin, lambda_, passive_margin, viscous_margin
 from hapticd.stability.numbers import Dimensionless
+from hapticd.stability.storage import FloatArray
 
 #: What each region means, for people.
 MEANING: Final[dict[str, str]] = {
@@ -59,6 +63,7 @@ def region(numbers: Dimensionless, xi_dot_max: float | None = None) -> str:
     return "E" if dissipating else "D"
 
 
-def critical_sigma(numbers: Dimensionless, xi_dot_max: float, beta: float) -> float:
-    """σ on the critical line at β, where the criterion holds with equality: q + ξ̇_max(λ − β), and not below q."""
-    return numbers.quantum + max(0.0, xi_dot_max * (float(lambda_(numbers.tau_d)) - beta))
+def critical_sigma(numbers: Dimensionless, xi_dot_max: float, beta: ArrayLike) -> FloatArray:
+    """σ on the critical line at each β, where the criterion holds with equality: q + ξ̇_max(λ − β), and not below q."""
+    missing = float(lambda_(numbers.tau_d)) - np.asarray(beta, dtype=np.float64)
+    return np.asarray(numbers.quantum + np.maximum(0.0, xi_dot_max * missing))
