@@ -36,7 +36,7 @@ def energy(run: RunArgument, out: Path | None = None, config: ModelOption = None
     found = run_energy(recorded, load_config(config) if config else None)
     report = {"run": run, **found.report}
     if out is not None:
-        from hapticd.stability.energy_figure import energy_figure
+        from hapticd.stability.figures.energy import energy_figure
 
         energy_figure(found, out, run.name)
         report["figure"] = out

@@ -121,9 +121,9 @@ def region_map(
         raise UsageError(str(error)) from None
     found: dict[str, Any] = {**map_report.report(maps), "output": out}
     if picture is not None and not interrupted:
-        from hapticd.stability import map_figure
+        from hapticd.stability.figures.map import draw
 
-        save_figure(map_figure.draw(maps), picture)
+        save_figure(draw(maps), picture)
         found["figure"] = picture
     output.emit(found, describe(maps, found))
     if interrupted:

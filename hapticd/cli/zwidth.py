@@ -99,9 +99,9 @@ def zwidth(
     report: dict[str, Any] = {"zwidth": name, **found.report}
     if out is not None:
         from hapticd.figures.files import save_figure
-        from hapticd.stability import zwidth_figure
+        from hapticd.stability.figures.zwidth import draw
 
-        save_figure(zwidth_figure.draw(found, Path(name).name), out)
+        save_figure(draw(found, Path(name).name), out)
         report["figure"] = out
     output.emit(report, describe(report, config))
 

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from hapticd.reproduce.items import Cell, Comparison, Item, Progress, Table, compare
-from hapticd.stability import map_figure, map_report, map_store
+from hapticd.stability import map_report, map_store
+from hapticd.stability.figures.map import draw
 from hapticd.stability.map_engines import local
 from hapticd.stability.maps import Maps, Study, run_points
 from hapticd.stability.outcome import OUTCOMES
@@ -50,7 +51,7 @@ def _item(name: str, title: str, tau_d: float, see: tuple[str, ...], quick: bool
     maps = Maps(study)
     map_store.fill(maps, local, None, progress)
     found = map_report.report(maps)
-    figure = map_figure.draw(maps)
+    figure = draw(maps)
     velocities = ", ".join(f"{velocity:g}" for velocity in study.velocities)
     return Item(
         name=name,

@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 from scipy import linalg
 
 from hapticd.figures.files import save_figure
-from hapticd.stability import map_engines, map_figure, map_report, map_store, sampled_loop
+from hapticd.stability import map_engines, map_report, map_store, sampled_loop
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.escape import escape, linear_loop
+from hapticd.stability.figures.map import boundaries, draw
 from hapticd.stability.locked_cycle import locked_cycles
 from hapticd.stability.maps import Chunk, Maps, Study, chunks, run_points
 from hapticd.stability.numbers import Dimensionless
@@ -243,7 +244,7 @@ def test_a_study_that_cannot_be_made_names_what_is_wrong(wrong: dict[str, object
 
 @pytest.mark.parametrize(("tau_d", "velocity"), [(0.0, 5.0), (1.25, 1.0), (1.25, 5.0)])
 def test_the_lines_drawn_are_where_the_criterion_turns(tau_d: float, velocity: float) -> None:
-    lines = map_figure.boundaries(100.0, tau_d, velocity, np.linspace(0.0, 2.75, 12))
+    lines = boundaries(100.0, tau_d, velocity, np.linspace(0.0, 2.75, 12))
     bound = float(velocity_bound(0.0, velocity, 100.0, tau_d))
     for beta, sigma in lines["critical"].tolist():
         assert criterion_margin(Dimensionless(100.0, beta, sigma, tau_d), bound) == pytest.approx(0.0, abs=1e-9)
@@ -252,7 +253,7 @@ def test_the_lines_drawn_are_where_the_criterion_turns(tau_d: float, velocity: f
 
 
 def test_the_figure_shows_every_map(eight_maps: Maps, tmp_path: Path) -> None:
-    figure = map_figure.draw(eight_maps)
+    figure = draw(eight_maps)
     assert len(figure.axes) == 8
     assert {text.get_text() for text in figure.axes[5].texts} - {"F2"} == {"B", "C", "D", "E", "F1"}
     save_figure(figure, tmp_path / "maps.png")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hapticd.figures.files import save_figure
-from hapticd.figures.style import prefixed
+from hapticd.figures.style import new_figure, prefixed
 from hapticd.stability.bounds import generation_bound
 
 if TYPE_CHECKING:
@@ -28,13 +28,10 @@ def energy_figure(energy: RunEnergy, path: Path, title: str) -> None:
     Args:
         energy: what to draw. path: the file, replaced if it exists. title: name of the run.
     """
-    from matplotlib.figure import Figure
-
     checked = energy.bounds is not None and energy.bounds.way.size > 0
-    figure = Figure(figsize=(9.0, 9.0 if checked else 6.0), layout="constrained")
-    rows = figure.subplots(
-        3 if checked else 2, 1, gridspec_kw={"height_ratios": (1.0, 1.7, 1.7)[: 3 if checked else 2]}
-    )
+    figure = new_figure(9.0, 9.0 if checked else 6.0)
+    heights = (1.0, 1.7, 1.7) if checked else (1.0, 1.7)
+    rows = figure.subplots(len(heights), 1, gridspec_kw={"height_ratios": heights})
     figure.suptitle(f"Energy of {title}, estimated through the model", fontsize=12, x=0.01, ha="left")
     thin = slice(None, None, max(1, energy.time_s.size // _POINTS))
     time = energy.time_s[thin] - energy.time_s[0]

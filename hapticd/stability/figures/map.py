@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.figures.style import new_figure
 from hapticd.stability.criterion import lambda_
 from hapticd.stability.map_report import regions_of
 from hapticd.stability.maps import Maps, Study
@@ -49,17 +50,15 @@ def boundaries(mu: float, tau_d: float, xi_dot_0: float, beta: FloatArray) -> di
     return {
         "viscous": np.array([[line, 0.0], [line, 1e6]]),
         "coulomb": np.array([[0.0, 0.5], [1e6, 0.5]]),
-        "critical": np.array([[b, critical_sigma(numbers, bound, b)] for b in critical_beta.tolist()]),
+        "critical": np.column_stack([critical_beta, critical_sigma(numbers, bound, critical_beta)]),
     }
 
 
 def draw(maps: Maps) -> Figure:
     """One panel a map: rows by delay, columns by initial velocity."""
-    from matplotlib.figure import Figure
-
     study = maps.study
     rows, columns = len(study.delays), len(study.velocities)
-    figure = Figure(figsize=(3.1 * columns + 0.6, 3.0 * rows + 1.0), layout="constrained")
+    figure = new_figure(3.1 * columns + 0.6, 3.0 * rows + 1.0)
     panels = figure.subplots(rows, columns, squeeze=False)
     for d, tau_d in enumerate(study.delays):
         for v, velocity in enumerate(study.velocities):
@@ -81,7 +80,7 @@ def draw(maps: Maps) -> Figure:
 
 def plane(axes: Axes, study: Study, tau_d: float, velocity: float, codes: NDArray[Any], shades: Shades) -> None:
     """A (β, σ) plane of a study, its points in the shades of their codes (β, σ), the boundaries drawn over it."""
-    beta, sigma = edges(study.betas(tau_d)), edges(study.sigmas)
+    beta, sigma = (edges(centres, centres[0]) for centres in (study.betas(tau_d), study.sigmas))
     shade(axes, beta, sigma, codes, shades)
     lines = boundaries(study.mu, tau_d, velocity, np.linspace(0.0, beta[-1], 301))
     for name, line in lines.items():
@@ -116,7 +115,6 @@ def _name_regions(axes: Axes, maps: Maps, delay: int, velocity: int) -> None:
         axes.text(*place, name, color=_LINE, weight="bold", ha="center", va="center", fontsize=9, bbox=box)
 
 
-def edges(centres: FloatArray) -> FloatArray:
-    """Borders of the cells around evenly spaced centres, the first of which lies one step from zero."""
-    step = centres[0]
+def edges(centres: FloatArray, step: float) -> FloatArray:
+    """Borders of the cells around evenly spaced centres."""
     return np.asarray(np.append(centres - 0.5 * step, centres[-1] + 0.5 * step))

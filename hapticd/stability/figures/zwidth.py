@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final
 
-import numpy as np
-
-from hapticd.figures.style import BLUE, prefixed
-from hapticd.stability.map_figure import Shades, patches, shade
+from hapticd.figures.style import BLUE, new_figure, prefixed
+from hapticd.stability.figures.map import Shades, edges, patches, shade
 from hapticd.stability.zwidth import ZWidth
 
 if TYPE_CHECKING:
@@ -26,14 +24,12 @@ _HANDS: Final = ("#c0392b", "#d4803a", "#b9a03a", "#7a8a3a", "#3a8a8a")
 
 def draw(found: ZWidth, title: str) -> Figure:
     """Two panels over the same B."""
-    from matplotlib.figure import Figure
-
     linear = found.config.is_linear
     speed = "m/s" if linear else "rad/s"
     per_K, K_unit = prefixed(found.stiffness[-1], "N/m" if linear else "N m/rad")
     per_B, B_unit = prefixed(found.damping[-1], "N s/m" if linear else "N m s/rad")
     B, K = found.damping / per_B, found.stiffness / per_K
-    figure = Figure(figsize=(10.0, 5.2), layout="constrained")
+    figure = new_figure(10.0, 5.2)
     left, right = figure.subplots(1, 2, sharex=True)
     for held, colour in zip(found.held, _HANDS, strict=False):
         left.plot(B, held.linear / per_K, color=colour, lw=1.6, label=held.name)
@@ -41,8 +37,8 @@ def draw(found: ZWidth, title: str) -> Figure:
     left.set_ylim(0.0, 1.4 * max(1e-9, *(held.linear.max() / per_K for held in found.held)))
     left.legend(fontsize=8, loc="upper right", frameon=True, framealpha=0.9)
 
-    edges_B = np.append(B - 0.5 * B[1], B[-1] + 0.5 * B[1])
-    edges_K = np.concatenate([[0.0], K + 0.5 * K[0]])
+    edges_B, edges_K = edges(B, B[1]), edges(K, K[0])
+    edges_K[0] = 0.0
     shade(right, edges_B, edges_K, found.outcome, _SHADES)
     lines = [
         *right.plot(B, found.exact / per_K, color=_EXACT, lw=1.4, label="calm below"),

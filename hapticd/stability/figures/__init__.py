@@ -1,0 +1,1 @@
+"""Figures of the theory, a file a subject; each is given what was found, and computes nothing."""
