@@ -8,10 +8,10 @@ import numpy as np
 
 from hapticd.figures.style import GREY, INK, RED, new_figure
 from hapticd.reproduce.items import Comparison, Item, Progress, Table, compare
+from hapticd.reproduce.spring_diagrams import SPRINGS, SpringDiagrams, press_and_release, spring_diagrams
 from hapticd.stability.bounds import check_bounds
 from hapticd.stability.ledger import ledger
 from hapticd.stability.numbers import Dimensionless
-from hapticd.stability.spring_diagrams import SPRINGS, SpringDiagrams, press_and_release, spring_diagrams
 from hapticd.stability.storage import rho
 
 if TYPE_CHECKING:
