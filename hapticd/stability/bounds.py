@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from hapticd.stability.ledger import Ledger
+from hapticd.stability.ledger import Ledger, generated
 from hapticd.stability.storage import FloatArray
 
 #: A bound counts as violated when it is exceeded by more than this fraction of the energies involved.
@@ -34,22 +34,6 @@ def generation_bound(way: ArrayLike, late: ArrayLike = 0.0) -> FloatArray:
     """
     D, d = np.broadcast_arrays(np.asarray(way, dtype=np.float64), np.asarray(late, dtype=np.float64))
     return np.asarray(0.5 * D * D + (0.5 + np.abs(d)) * np.abs(D))
-
-
-def generated(sampled: ArrayLike, start: ArrayLike, way: ArrayLike) -> FloatArray:
-    """E_g of a motion from `start` over `way` ticks under the force of the position `sampled` (29), exactly.
-
-    It is ∫(⌊χ⌋ − ⌊ξ(h)⌋)dχ, in a form that does not cancel far from the origin.
-    """
-    begin = np.asarray(start, dtype=np.float64)
-    tick = np.floor(begin)
-    return _generated(tick - np.floor(np.asarray(sampled, dtype=np.float64)), begin - tick, np.asarray(way))
-
-
-def _generated(ticks_late: FloatArray, rho: FloatArray, way: FloatArray) -> FloatArray:
-    reach = rho + way
-    n = np.floor(reach)
-    return np.asarray(ticks_late * way + 0.5 * n * (n - 1.0) + n * (reach - n))
 
 
 @dataclass(frozen=True)
@@ -95,7 +79,7 @@ def places_checked(
         _supremum(tick_sampled - tick, tick + 1.0 - start, -late, start - low),
     )
     scale = 1.0 + generation_bound(np.maximum(high - start, start - low), late)
-    return Bounds(way, late, generated(sampled, start, way), excess, scale)
+    return Bounds(way, late, generated(tick - tick_sampled, start - tick, way), excess, scale)
 
 
 def _supremum(ticks_late: FloatArray, rho: FloatArray, late: FloatArray, reach: FloatArray) -> FloatArray:
@@ -106,5 +90,5 @@ def _supremum(ticks_late: FloatArray, rho: FloatArray, late: FloatArray, reach: 
     candidates += [ticks_late + j - 0.5 - np.abs(late) for j in range(_TICKS_SEARCHED)]
     for candidate in candidates:
         way = np.clip(candidate, 0.0, reach)
-        best = np.maximum(best, _generated(ticks_late, rho, way) - generation_bound(way, late))
+        best = np.maximum(best, generated(ticks_late, rho, way) - generation_bound(way, late))
     return best

@@ -33,7 +33,7 @@ from hapticd.record.schema import (
 )
 from hapticd.stability.energy_records import ENERGIES, PLACES, QUEUE_LENGTH, REPLAY, model_of
 from hapticd.stability.passivity import spring_potential
-from hapticd.stability.segments import move_with_stiffness
+from hapticd.stability.segments import move
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -71,7 +71,7 @@ def _advance(r: Any, until: float, places: NDArray[Any]) -> None:
         return
     r.time = until
     model, begin, rest = r.model, r.position, r.model.hand_rest
-    x, r.velocity, drag, path, low, high = move_with_stiffness(
+    x, r.velocity, drag, path, low, high = move(
         begin - rest, r.velocity, dt, r.force, model.inertia, model.viscous, model.coulomb, model.hand_stiffness
     )
     x += rest

@@ -55,73 +55,50 @@ def glide_with_square(speed: float, dt: float, g: float, rate: float) -> tuple[f
     return way, end, square, time
 
 
-@njit(types.UniTuple(_f8, 6)(_f8, _f8, _f8, _f8, _f8, _f8, _f8))
+@njit(types.UniTuple(_f8, 6)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8))
 def move(
-    x: float, v: float, dt: float, force: float, inertia: float, viscous: float, coulomb: float
+    x: float, v: float, dt: float, force: float, inertia: float, viscous: float, coulomb: float, stiffness: float
 ) -> tuple[float, float, float, float, float, float]:
-    """Move exactly under a constant force, as :func:`hapticd.plant.exact.propagate` does, and account for friction.
+    """Move exactly as :func:`hapticd.plant.spring.propagate_with_stiffness` does, and account for friction.
 
     Args:
         x: position. v: velocity. dt: duration, ≥ 0. force: constant, friction not included.
-        inertia: > 0. viscous: ≥ 0. coulomb: ≥ 0, also the stiction.
+        inertia: > 0. viscous: ≥ 0. coulomb: ≥ 0, also the stiction. stiffness: of a spring that is relaxed at x = 0, ≥ 0.
 
     Returns:
-        Position and velocity after `dt`; b∫v² dt (eq. 36); the way ∫|v| dt, of which Coulomb friction takes c times
-        the length; the lowest and the highest position on the way.
+        Position and velocity after `dt`; b∫v² dt (eq. 36), never negative, with a stiffness good to rounding of the
+        energies exchanged; the way ∫|v| dt, of which Coulomb friction takes c times the length; the lowest and the
+        highest position on the way.
     """
-    square, path = 0.0, 0.0
-    low, high = x, x
-    for _ in range(2):  # to the first stop, and on from there
-        if v == 0.0 and abs(force) <= coulomb:
-            break
-        sign = math.copysign(1.0, v if v != 0.0 else force)
-        way, end, more, time = glide_with_square(abs(v), dt, (sign * force - coulomb) / inertia, viscous / inertia)
-        x += sign * way
-        v = sign * end
-        square += more
-        path += way
-        low, high = min(low, x), max(high, x)
-        if end != 0.0:
-            break
-        dt -= time
-    return x, v, viscous * square, path, low, high
-
-
-@njit(types.UniTuple(_f8, 6)(_f8, _f8, _f8, _f8, _f8, _f8, _f8, _f8))
-def move_with_stiffness(
-    x: float, v: float, dt: float, force: float, inertia: float, viscous: float, coulomb: float, stiffness: float
-) -> tuple[float, float, float, float, float, float]:
-    """`move` with a hand's spring −stiffness·x added; b∫v² from the work done on each piece between two stops.
-
-    Returns:
-        As `move`; b∫v² is good to rounding of the energies that are exchanged, and never negative.
-    """
-    if stiffness == 0.0:
-        return move(x, v, dt, force, inertia, viscous, coulomb)
-    alpha, omega2 = 0.5 * viscous / inertia, stiffness / inertia
-    drag, path = 0.0, 0.0
+    square, drag, path = 0.0, 0.0, 0.0
     low, high = x, x
     while True:
         pull = force - stiffness * x
         if v != 0.0:
             sign = math.copysign(1.0, v)
         elif abs(pull) <= coulomb:
-            return x, 0.0, drag, path, low, high
+            break
         else:
             sign = math.copysign(1.0, pull)
-        speed = abs(v)
-        net = sign * pull - coulomb
-        rest = time_to_rest(speed, net / inertia, alpha, omega2)
-        last = not rest < dt
-        rate, s, p = spring_functions(dt if last else rest, alpha, omega2)
-        way = speed * s + net / inertia * p
-        end = speed * rate + net / inertia * s if last else 0.0
-        drag += max(0.0, way * (net - 0.5 * stiffness * way) + 0.5 * inertia * (speed - end) * (speed + end))
+        speed, net = abs(v), sign * pull - coulomb
+        if stiffness == 0.0:
+            way, end, more, time = glide_with_square(speed, dt, net / inertia, viscous / inertia)
+            last = not time < dt
+            square += more
+        else:
+            alpha, omega2 = 0.5 * viscous / inertia, stiffness / inertia
+            time = time_to_rest(speed, net / inertia, alpha, omega2)
+            last = not time < dt
+            rate, s, p = spring_functions(dt if last else time, alpha, omega2)
+            way = speed * s + net / inertia * p
+            end = speed * rate + net / inertia * s if last else 0.0
+            drag += max(0.0, way * (net - 0.5 * stiffness * way) + 0.5 * inertia * (speed - end) * (speed + end))
         x += sign * way
+        v = sign * end
         path += way
         low, high = min(low, x), max(high, x)
-        v = sign * end
         # The second: a half period too short to move the clock.
-        if last or (dt - rest == dt and speed == 0.0):
-            return x, v, drag, path, low, high
-        dt -= rest
+        if last or (dt - time == dt and speed == 0.0):
+            break
+        dt -= time
+    return x, v, drag + viscous * square, path, low, high

@@ -7,10 +7,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hapticd.stability.bounds import Bounds, check_bounds, generated, generation_bound
-from hapticd.stability.ledger import Ledger, ledger
+from hapticd.stability.bounds import Bounds, check_bounds, generation_bound
+from hapticd.stability.ledger import Ledger, generated, ledger
 from hapticd.stability.numbers import Dimensionless
-from hapticd.stability.storage import FloatArray, potential
+from hapticd.stability.storage import FloatArray, potential, rho
 
 POINTS = st.builds(
     Dimensionless,
@@ -42,7 +42,8 @@ def test_friction_and_the_bound_on_s_hold_at_every_moment(numbers: Dimensionless
     for end in (account.low[first:], account.high[first:], account.xi[first + 1 :]):
         received = 0.5 * (end * end - start * start) - (np.floor(sampled) + 0.5) * (end - start)
         assert np.all(received <= generation_bound(end - start, start - sampled) + 1e-9 * bounds.scale)
-    assert bounds.generated == pytest.approx(account.generated[first:], rel=1e-9, abs=1e-9 * bounds.scale.max())
+    direct = account.force[first:] * bounds.way + np.diff(potential(account.xi[first:]))
+    assert bounds.generated == pytest.approx(direct, rel=1e-9, abs=1e-9 * bounds.scale.max())
 
 
 @settings(max_examples=150, deadline=None)
@@ -53,9 +54,9 @@ def test_the_worst_moment_is_found(numbers: Dimensionless, xi: float, xi_dot: fl
     k = min(k, bounds.way.size - 1)
     start, sampled = account.xi[first + k], account.sampled[first + k]
     low, high = account.low[first + k], account.high[first + k]
-    ways = np.linspace(low - start, high - start, 3001)
+    ways, late = np.linspace(low - start, high - start, 3001), np.floor(start) - np.floor(sampled)
     grain = (high - low) / 3000.0 * 2.0 * (2.0 + abs(start - sampled) + (high - low))
-    tried = max(0.0, float((generated(sampled, start, ways) - generation_bound(ways, start - sampled)).max()))
+    tried = max(0.0, float((generated(late, rho(start), ways) - generation_bound(ways, start - sampled)).max()))
     slack = 1e-9 * bounds.scale[k]
     assert tried - slack <= bounds.excess[k] <= tried + grain + slack
 
@@ -82,4 +83,5 @@ def test_bounds_in_numbers() -> None:
 def test_generated_energy_in_closed_form(sampled: float, late: float, way: float) -> None:
     start = sampled + late
     direct = -(np.floor(sampled) + 0.5) * way + float(potential(start + way) - potential(start))
-    assert generated(sampled, start, way) == pytest.approx(direct, abs=1e-9)
+    found = generated(np.floor(start) - np.floor(sampled), rho(start), np.asarray(way))
+    assert found == pytest.approx(direct, abs=1e-9)

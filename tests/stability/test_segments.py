@@ -14,7 +14,7 @@ from scipy import integrate
 
 from hapticd.plant.exact import propagate
 from hapticd.plant.spring import propagate_with_stiffness
-from hapticd.stability.segments import glide_with_square, move, move_with_stiffness
+from hapticd.stability.segments import glide_with_square, move
 
 unit = st.floats(-1.0, 1.0)
 positive = st.floats(1e-3, 1e3)
@@ -50,7 +50,7 @@ def test_integrals_of_one_piece_have_all_their_digits(v: float, dt: float, g: fl
 @settings(max_examples=300, deadline=None)
 @given(unit, st.floats(-5.0, 5.0), st.floats(0.0, 5.0), st.floats(-5.0, 5.0), positive, friction, friction)
 def test_moves_as_the_plant_does(x: float, v: float, dt: float, force: float, m: float, b: float, c: float) -> None:
-    position, velocity, drag, path, low, high = move(x, v, dt, force, m, b, c)
+    position, velocity, drag, path, low, high = move(x, v, dt, force, m, b, c, 0.0)
     expected = propagate(x, v, dt, force, m, b, c)
     scale = max(1.0, abs(expected[0]), abs(expected[1]))
     assert (position, velocity) == pytest.approx(expected, rel=1e-12, abs=1e-13 * scale)
@@ -87,7 +87,7 @@ def test_friction_energies_against_quadrature(
     pieces = list(itertools.pairwise(edges))
     square = sum(integrate.quad(lambda t: velocity(t) ** 2, a, z, epsabs=1e-12)[0] for a, z in pieces)
     way = sum(integrate.quad(lambda t: abs(velocity(t)), a, z, epsabs=1e-12)[0] for a, z in pieces)
-    *_, drag, path, low, high = move_with_stiffness(x, v, dt, force, m, b, c, k)
+    *_, drag, path, low, high = move(x, v, dt, force, m, b, c, k)
     places = np.array([propagate_with_stiffness(x, v, t, force, m, b, c, k)[0] for t in grid])
     assert drag == pytest.approx(b * square, rel=1e-7, abs=1e-12)
     assert path == pytest.approx(way, rel=1e-6)
@@ -103,5 +103,5 @@ def test_a_hands_spring_against_an_ode_solver() -> None:
         return [y[1], (force - b * y[1] - k * y[0]) / m, b * y[1] ** 2]
 
     solved = integrate.solve_ivp(rates, (0.0, 7.0), [0.5, 1.0, 0.0], rtol=1e-12, atol=1e-13, method="DOP853")
-    x, v, drag, *_ = move_with_stiffness(0.5, 1.0, 7.0, force, m, b, 0.0, k)
+    x, v, drag, *_ = move(0.5, 1.0, 7.0, force, m, b, 0.0, k)
     assert (x, v, drag) == pytest.approx(tuple(solved.y[:, -1]), rel=1e-9)
