@@ -84,7 +84,7 @@ def check(
         document["table_ii"] = _table_ii(device)
     title = device.name if device is not None else (source or "re35")
     if out is not None:
-        from hapticd.stability.check_figure import check_figure
+        from hapticd.stability.figures.check import check_figure
 
         if found.loop.stiffness == 0.0:
             raise UsageError("spring.stiffness is 0: there is no operating point to draw")

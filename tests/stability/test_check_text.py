@@ -15,9 +15,9 @@ from hapticd.config import Config, apply_settings, load_config
 from hapticd.config.units import deflection_ticks
 from hapticd.stability.advice import Change, Unit, advise
 from hapticd.stability.assessment import Assessment, Verdict, assess
-from hapticd.stability.check_figure import check_figure
 from hapticd.stability.devices import TABLE_II
 from hapticd.stability.explore import GUARD, REMEDY
+from hapticd.stability.figures.check import check_figure
 from hapticd.stability.regions import MEANING
 from hapticd.stability.report import HEADLINES, WHY, advice_text, number, report
 from hapticd.stability.tuning import Start, margin, stiffness_max_dissipating

@@ -11,8 +11,8 @@ from scipy.stats import norm
 
 from hapticd.config import ConfigError, parse_config
 from hapticd.stability.assessment import assess
-from hapticd.stability.check_figure import check_figure
 from hapticd.stability.criterion import lambda_
+from hapticd.stability.figures.check import check_figure
 from hapticd.stability.tuning import stiffness_max_passive
 from hapticd.stability.uncertainty import Confidence, confidence
 
