@@ -6,6 +6,7 @@ claim and every refusal.
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from dataclasses import asdict
@@ -14,9 +15,9 @@ from typing import Final
 from benchmarks.report import Figure, progress, run_alone
 from tests.stability.claims import CLASSES, Tally, held_against, interval
 
-COUNTS: Final = {"damping": 400, "B": 400}
-COUNT: Final = 200
-STARTS: Final = 1000
+COUNTS: Final = {"damping": 2000, "B": 2000}
+COUNT: Final = 500
+STARTS: Final = 10_000
 _SEED: Final = 51_000
 _PERCENT = 100.0
 
@@ -44,11 +45,16 @@ def _figures(kind: str, found: Tally) -> list[Figure]:
 def measure(quick: bool) -> list[Figure]:
     """False claims and needless refusals of each class."""
     figures = []
+    jobs = len(os.sched_getaffinity(0))
     for kind in CLASSES:
-        begin = time.perf_counter()
         count = 20 if quick else COUNTS.get(kind, COUNT)
-        found = held_against(kind, count, _SEED, 300 if quick else STARTS)
-        progress(f"{kind}: {found.drawn} loops, {time.perf_counter() - begin:.0f} s")
+        begin = time.perf_counter()
+
+        def tell(done: int, kind: str = kind, count: int = count, begin: float = begin) -> None:
+            if done % -(-count // 10) == 0:
+                progress(f"{kind}: {done} of {count} loops, {time.perf_counter() - begin:.0f} s")
+
+        found = held_against(kind, count, _SEED, 300 if quick else STARTS, jobs=jobs, tell=tell)
         figures += _figures(kind, found)
     return figures
 

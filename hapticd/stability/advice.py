@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Final
 
 from drivers import max_rate
-from hapticd.config import ConfigError, apply_settings
+from hapticd.config import Config, ConfigError, apply_settings
 from hapticd.config.keys import unit_of
 from hapticd.config.sections import Servo
 from hapticd.stability.assessment import CALM, Assessment, assess
@@ -31,6 +31,8 @@ _SCANNED: Final = 5000
 _DIGITS: Final = range(2, 15)
 #: How far rounding may move a value, as a fraction of it.
 _SLACK: Final = 0.03
+#: Ticks of a buzz that a change may leave: what a damper's kicks at an edge make, not what sampling and ticks do.
+_LEFT: Final = 0.02
 #: What a virtual damping that does not hold is tried to be multiplied with, the nearest first.
 _DAMPING_FACTORS: Final = (0.8, 1.25, 0.6, 1.6, 0.4, 2.5, 0.25, 4.0, 0.1, 10.0, 0.0)
 #: What is tried where there is none, as parts of m/T.
@@ -46,6 +48,7 @@ class Change:
         before: its value now. after: the value that is safe.
         unit: its unit.
         region: the region then. margin: the paper's margin then, in ticks of force.
+        buzz: amplitude in ticks of the largest oscillation that is left; 0 where all that was tried comes to rest.
     """
 
     key: str
@@ -54,6 +57,7 @@ class Change:
     unit: str
     region: str
     margin: float
+    buzz: float = 0.0
 
     @property
     def size(self) -> float:
@@ -70,6 +74,7 @@ class Change:
             "unit": self.unit,
             "region_after": self.region,
             "margin_after": self.margin,
+            "buzz_after": self.buzz,
         }
 
 
@@ -127,17 +132,32 @@ def _apply(found: Assessment, key: str, before: float, after: float) -> Change |
         config = apply_settings(found.config, {key: after})
     except ConfigError:
         return None
-    then = assess(config, start=found.start, latency_s=found.latency_s, effort=REMEDY, cycles=False)
-    if not _rests(then):
+    then = _tried(found, config, found.start)
+    if not _helps(then):
         return None
     unit = "counts a tick" if key == "encoder.decimation" else unit_of(key, config.is_linear)
-    return Change(key, before, after, unit, then.region, criterion_margin(then.numbers, then.xi_dot_max))
+    margin = criterion_margin(then.numbers, then.xi_dot_max)
+    return Change(key, before, after, unit, then.region, margin, _buzz(then))
 
 
-def _rests(then: Assessment) -> bool:
-    """Whether every motion comes to rest, or the one that is asked about does and others at most buzz below one tick."""
+def _tried(found: Assessment, config: Config, start: Start | None) -> Assessment:
+    """What the theory says of a change; without a motion it need not look on once a buzz is left."""
+    effort = replace(REMEDY, motion_rests=True) if start is not None else replace(REMEDY, until=_LEFT)
+    return assess(config, start=start, latency_s=found.latency_s, effort=effort, cycles=False)
+
+
+def _helps(then: Assessment) -> bool:
+    """Whether the motion that is asked about comes to rest and others at most buzz below one tick; without one, all."""
+    if then.verdict == "stable":
+        return True
     explored = then.explored
-    return then.verdict == "stable" or (explored is not None and explored.admissible and explored.motion_rests is True)
+    if explored is None or not explored.admissible:
+        return False
+    return explored.motion_rests is True if then.start is not None else explored.largest_cycle < _LEFT
+
+
+def _buzz(then: Assessment) -> float:
+    return 0.0 if then.explored is None else then.explored.largest_cycle
 
 
 def _searched(
@@ -242,12 +262,12 @@ def _motion(found: Assessment, asked_in: Unit | None) -> Change | None:
     if solved is None or solved <= 0.0:
         return None
     after = _rounded(safe, solved)
-    then = assess(found.config, start=begun(after), latency_s=found.latency_s, effort=REMEDY, cycles=False)
-    if not _rests(then):
+    then = _tried(found, found.config, begun(after))
+    if not _helps(then):
         return None
     margin = criterion_margin(then.numbers, then.xi_dot_max)
     before, after = (math.copysign(value, asked) for value in (size, after))
-    return Change(key, before, after, given.name, then.region, margin)
+    return Change(key, before, after, given.name, then.region, margin, _buzz(then))
 
 
 def _grip(found: Assessment) -> Change | None:

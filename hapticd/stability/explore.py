@@ -60,7 +60,8 @@ class Effort:
     Attributes:
         starts: at most. periods: after which no further start begins; `least` starts run in any case.
         horizon: periods after which one start is undecided. batch: starts that are run together.
-        until_one: whether one start that is not to be admitted is enough.
+        until: amplitude in ticks of a cycle that is enough, undecided starts and growth included; None: all are run.
+        motion_rests: whether it is enough, too, that the motion asked about does not come to rest.
     """
 
     starts: int
@@ -68,15 +69,16 @@ class Effort:
     horizon: int
     batch: int = 32
     least: int = 64
-    until_one: bool = False
+    until: float | None = None
+    motion_rests: bool = False
 
 
 #: About a second, and about 0.1 s of one core.
 CHECK: Final = Effort(4096, 10_000_000, 200_000)
-GUARD: Final = Effort(2048, 400_000, 40_000, batch=8, least=16, until_one=True)
+GUARD: Final = Effort(2048, 400_000, 40_000, batch=8, least=16, until=ONE_TICK)
 #: What a change that is offered is checked with, and one draw of what is uncertain.
-REMEDY: Final = Effort(256, 60_000, 40_000, batch=8, least=16, until_one=True)
-DRAW: Final = Effort(32, 20_000, 20_000, batch=16, least=16, until_one=True)
+REMEDY: Final = Effort(256, 60_000, 40_000, batch=8, least=16, until=ONE_TICK)
+DRAW: Final = Effort(32, 20_000, 20_000, batch=16, least=16, until=ONE_TICK)
 
 
 @dataclass(frozen=True)
@@ -257,7 +259,8 @@ def _explored(
         while done < effort.starts and (spent < effort.periods or done < effort.least):
             # as many as there is likely to be time for, from what the starts before took
             left = (effort.periods - spent) * done // max(spent, 1) if done else 0
-            count = min(max(effort.batch * _TOGETHER, min(left, _AT_ONCE)), effort.starts - done)
+            first = _FEW if effort.until is not None and not done else effort.batch * _TOGETHER
+            count = min(max(first, min(left, _AT_ONCE)), effort.starts - done)
             begun = starts_of(loop, motion, reach, widest, skip + done, count)
             ended = run(begun, longest, effort.batch if done == 0 else _AT_ONCE // 8)
             answer = _answers(begun, ended)
@@ -268,13 +271,20 @@ def _explored(
             spent += int(ended["periods"].sum())
             if motion is not None and done == count:
                 motion_rests = skip > 0 or bool(answer[0] == AT_REST)
-            if effort.until_one and (answer >= MOVES_ON).any():
+                if effort.motion_rests and not motion_rests:
+                    break
+            if (
+                effort.until is not None
+                and ((answer >= MOVES_ON) | ((answer == BUZZES) & (ended["amplitude"] >= effort.until))).any()
+            ):
                 break
     return _summary(np.concatenate(starts), np.concatenate(runs), np.concatenate(answers), of_ticks, motion_rests)
 
 
 #: Batches that are run before it is asked whether there is time for more.
 _TOGETHER: Final = 2
+#: Starts that are run first where one that moves on is enough.
+_FEW: Final = 4
 #: Most starts between two looks at the budget.
 _AT_ONCE: Final = 256
 

@@ -219,7 +219,8 @@ def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
         damps = change.key == "spring.damping" or found.damped is not None
         why = "simulated exactly" if damps else f"region {change.region}"
         harsh = ", hardly a wall any more" if change.key == "spring.stiffness" and change.size > math.log(10.0) else ""
-        lines.append(f"{_INDENT}{what:<20} {values:<32} {_LABELS[change.key]}{harsh} ({why})")
+        left = f"; a buzz of {number(change.buzz, 2)} ticks is left" if change.buzz else ""
+        lines.append(f"{_INDENT}{what:<20} {values:<32} {_LABELS[change.key]}{harsh} ({why}{left})")
     if found.verdict == "depends":
         lines.append("Or keep below the speed limit; ask about a motion of yours with --velocity or --deflection.")
     return "\n".join(lines)

@@ -12,6 +12,8 @@ from hapticd.stability.whole_loop import LIMIT
 
 #: Amplitude of the slightest start, ticks.
 _SMALLEST: Final = 0.2
+#: From how little of a kick, and by what factor to how much.
+_SPREAD: Final = (0.03, 100.0)
 HEAVIEST: Final = 1e6
 """μ beyond which energy is no measure of a place."""
 
@@ -30,6 +32,15 @@ def _window(loop: NDArray[Any]) -> int:
     """First window of a search: some time constants of the friction."""
     mu, beta = float(loop["mu"][0]), float(loop["beta"][0])
     return int(min(max(256.0, 4.0 * mu / beta if beta > 0.0 else math.inf), 4096.0))
+
+
+def _kick(loop: NDArray[Any]) -> float:
+    """Speed that the damper's answer to one tick gives a mass that stands beside an edge, whatever friction leaves of it.
+
+    A cycle about an edge that this answer drives is that small, and so is what leads into it.
+    """
+    force = float(loop["beta_v"][0]) * (1.0 - float(loop["keep"][0])) / float(loop["periods"][0])
+    return abs(force + 0.5 - float(loop["sigma"][0])) / min(float(loop["mu"][0]), HEAVIEST)
 
 
 #: Powers of the plastic number's like in six dimensions (M. Roberts): no two starts are near each other in any of them.
@@ -57,8 +68,16 @@ def starts_of(
     stands = min(sigma + 3.0, reach)
     x = np.where(touched, stands * (2.0 * (memory * 7.0 % 1.0) - 1.0), x)
     v = np.where(touched, side * low * (max(reach, low) / max(low, 1e-300)) ** (0.5 * size) / weight, v)
-    x, past = np.clip(x, -widest, widest), np.where(memory < 0.4, v, 0.0)
-    known = ~released & ~passing & (memory < 0.6)
+    # where there is a damper, its kicks at an edge: most at the origin's, some at others where the mass can stand
+    kicked = (kind >= 0.5) & (kind < 0.65) & (float(loop["beta_v"][0]) > 0.0)
+    kick = min(_kick(loop), reach / weight)
+    kick = kick * _SPREAD[0] * _SPREAD[1] ** size
+    edge = np.where(angle < 0.75, 0.0, np.rint(stands * (2.0 * (size * 7.0 % 1.0) - 1.0)))
+    x = np.where(kicked, edge + kick * (2.0 * phase - 1.0), x)
+    v = np.where(kicked, kick * (2.0 * (angle * 16.0 % 1.0) - 1.0), v)
+    less = reach / np.maximum(np.hypot(x * math.sqrt(1.0 + kappa), v * weight), max(reach, 1e-300))
+    x, v = np.clip(x * less, -widest, widest), v * less
+    known, past = ~released & ~passing & (kicked | (memory < 0.6)), np.where(memory < 0.4, v, 0.0)
     if motion is not None and first == 0:  # as `simulate` has it: the servo remembers nothing
         (x[0], v[0]), known[0], past[0], phase[0] = motion, False, 0.0, loop["phase"][0]
     begun = np.repeat(loop, count)

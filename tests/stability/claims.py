@@ -6,9 +6,10 @@ admit. Draws have their own seeds: nothing was developed on them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
-from typing import Any, Final
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field, fields
+from typing import Any, Final, TypedDict
 
 import numpy as np
 from scipy.stats import beta as beta_distribution
@@ -17,10 +18,17 @@ from hapticd.config import Config, parse_config
 from hapticd.stability.assessment import assess
 from hapticd.stability.explore import GUARD, Effort
 from hapticd.stability.guard import judge
-from tests.stability.independent import BUZZES, MOVES_ON, runs, starts_within
+from tests.stability.independent import BUZZES, MOVES_ON, UNDECIDED, Floats, runs, starts_within
 
 CLASSES: Final = ("damping", "B", "converter", "dither", "fractional delay", "one-sided", "averaged velocity")
 _K, _T, _TICK = 0.012, 1e-3, 2.0 * np.pi / 8192
+
+
+class Motion(TypedDict, total=False):
+    """Arguments of `judge` and `assess`: a deflection, or a velocity, or neither."""
+
+    deflection: float
+    velocity: float
 
 
 @dataclass(frozen=True)
@@ -31,7 +39,7 @@ class Question:
     motion: tuple[float, float] | None
 
     @property
-    def asked(self) -> dict[str, float]:
+    def asked(self) -> Motion:
         """The motion as arguments."""
         if self.motion is None:
             return {}
@@ -85,7 +93,7 @@ class Tally:
 
     Attributes:
         drawn: questions. proven, explored, slow, refused: admitted by a proof, by exploration, for slow motions alone
-            (``D|E`` without a motion), and not admitted.
+            (``D|E`` without a motion), which says nothing of fast ones and is not run, and not admitted.
         false_proven: proven, and a start without memory goes on. false_explored: admitted by exploration,
             and a start moves on. stable, false_stable: called stable by exploration, and a start goes on, however little.
         provable_refused: refused where a proof covers it. calm: without a start that moves on, and not proven.
@@ -107,6 +115,11 @@ class Tally:
     calm_refused: int = 0
     listed: list[str] = field(default_factory=list)
 
+    def __iadd__(self, other: Tally) -> Tally:
+        for each in fields(self):
+            setattr(self, each.name, getattr(self, each.name) + getattr(other, each.name))
+        return self
+
 
 def interval(found: int, among: int) -> tuple[float, float]:
     """95 % interval of a share (Clopper and Pearson)."""
@@ -115,47 +128,90 @@ def interval(found: int, among: int) -> tuple[float, float]:
     return low, high
 
 
-def held_against(kind: str, count: int, seed: int, starts: int, effort: Effort = GUARD) -> Tally:
+#: Periods of a first look at a start, and of the second at one that would refute a claim.
+_LOOK, _LOOK_AGAIN = 2_000, 32_000
+#: Starts between which it is asked whether the answer is known.
+_SOME = 500
+
+
+def _refuting(config: Config, starts: Floats, against: tuple[int, ...], *, all_of_them: bool) -> int:
+    """How many starts end in one of ``against``, which a longer look confirms; or whether any does."""
+    found = 0
+    for first in range(0, len(starts), _SOME):
+        some = starts[first : first + _SOME]
+        ended = runs(config, some, _LOOK)[:, 0]
+        doubtful = some[np.isin(ended, (*against, UNDECIDED))]
+        if not all_of_them:
+            doubtful = doubtful[:8]
+        if len(doubtful):
+            found += int(np.isin(runs(config, doubtful, _LOOK_AGAIN)[:, 0], against).sum())
+        if found and not all_of_them:
+            break
+    return found
+
+
+def held_against(
+    kind: str,
+    count: int,
+    seed: int,
+    starts: int,
+    effort: Effort = GUARD,
+    jobs: int = 1,
+    tell: Callable[[int], None] | None = None,
+) -> Tally:
     """Ask about fresh configurations and run them.
 
     Args:
         kind: the class. count: how many. seed: of the draw. starts: of each in the independent simulator.
-        effort: of what is called stable; the guard has its own.
+        effort: of what is called stable; the guard has its own. jobs: threads; the answer does not depend on it.
+        tell: is given the number of questions that are answered.
     """
-    rng = np.random.default_rng(seed + 77)
     tally = Tally()
-    for number, question in enumerate(draw(kind, count, seed)):
-        config, motion = question.config, question.motion
-        said, found = judge(config, 0.0, **question.asked), assess(config, effort=effort, **question.asked)
-        tally.drawn += 1
-        known = f"{kind} {seed}/{number} {question.asked} {said.reason}"
-        if found.proven:
-            tally.proven += 1
-            ended = runs(config, starts_within(config, motion, max(starts // 8, 2), rng, memory=False))
-            if np.isin(ended[:, 0], (BUZZES, MOVES_ON)).any():
-                tally.false_proven += 1
-                tally.listed.append(f"false proven: {known}")
-            tally.provable_refused += said.verdict != "admitted"
-            continue
-        ended = runs(config, starts_within(config, motion, starts, rng))
-        moving = int((ended[:, 0] == MOVES_ON).sum())
-        admitted = said.verdict == "admitted"
-        assert found.explored is not None
-        slow = admitted and "simulated exactly" not in said.reason
-        tally.slow += slow
-        tally.explored += admitted and not slow
-        tally.refused += not admitted
-        if admitted and not slow and moving:
-            tally.false_explored += 1
-            tally.listed.append(f"false explored: {moving} of {starts}: {known}")
-        if found.explored.stable:
-            tally.stable += 1
-            if restless := int(np.isin(ended[:, 0], (BUZZES, MOVES_ON)).sum()):
-                tally.false_stable += 1
-                tally.listed.append(f"false stable: {restless} of {starts}: {known}")
-        if moving == 0:
-            tally.calm += 1
-            tally.calm_refused += not admitted
-            if not admitted:
-                tally.listed.append(f"refused: {known}")
+
+    def answered(numbered: tuple[int, Question]) -> Tally:
+        number, question = numbered
+        return _held(question, starts, effort, np.random.default_rng([seed, number]), f"{kind} {seed}/{number}")
+
+    with ThreadPoolExecutor(jobs) as pool:
+        for done, one in enumerate(pool.map(answered, enumerate(draw(kind, count, seed))), start=1):
+            tally += one
+            if tell is not None:
+                tell(done)
     return tally
+
+
+def _held(question: Question, starts: int, effort: Effort, rng: np.random.Generator, name: str) -> Tally:
+    config, motion = question.config, question.motion
+    said, found = judge(config, 0.0, **question.asked), assess(config, effort=effort, **question.asked)
+    admitted = said.verdict == "admitted"
+    name = f"{name} {question.asked} {said.reason}"
+    one = Tally(drawn=1)
+    if found.proven:
+        one.proven, one.provable_refused = 1, int(not admitted)
+        begun = starts_within(config, motion, starts, rng, memory=False)
+        if _refuting(config, begun, (BUZZES, MOVES_ON), all_of_them=False):
+            one.false_proven = 1
+            one.listed.append(f"false proven: {name}")
+        return one
+    assert found.explored is not None
+    if admitted and "simulated exactly" not in said.reason:
+        one.slow = 1
+        return one
+    begun = starts_within(config, motion, starts, rng)
+    if found.explored.stable:
+        one.stable = 1
+        if restless := _refuting(config, begun, (BUZZES, MOVES_ON), all_of_them=True):
+            one.false_stable = 1
+            one.listed.append(f"false stable: {restless} of {starts}: {name}")
+    moving = 0
+    if not found.explored.stable or one.false_stable:
+        moving = _refuting(config, begun, (MOVES_ON,), all_of_them=admitted)
+    one.explored, one.refused = int(admitted), int(not admitted)
+    if admitted and moving:
+        one.false_explored = 1
+        one.listed.append(f"false explored: {moving} of {starts}: {name}")
+    if not moving:
+        one.calm, one.calm_refused = 1, int(not admitted)
+        if not admitted:
+            one.listed.append(f"refused: {name}")
+    return one

@@ -126,7 +126,30 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
     stood, check, before_it, heading, turns = 0, horizon // 8, np.inf, 0.0, 0
     chance = int(1e6 * start[3]) + 1
     out[1] = 0.0
+    # Brent's search for a state that comes again, bit for bit; then the cycle is followed once more for its size
+    mark, marked, place_marked, speed_marked, estimate_marked, phase_marked = 1, 0, np.nan, np.nan, np.nan, np.nan
+    sent_marked, seen_marked, closing = np.zeros(whole + 1), np.zeros(window), 0
     for h in range(_LONGER * horizon):
+        if h == closing > 0:
+            size = 0.5 * (ends[1] - ends[0]) / delta
+            out[0], out[1] = BUZZES if size < 1.0 else MOVES_ON, size
+            return
+        if closing == 0 and x == place_marked and v == speed_marked and phase == phase_marked:
+            same = estimate == estimate_marked and (p[TARGET] == 0 or p[WAVE] != 3)
+            for k in range(whole + 1):
+                same = same and sent[(h - 1 - k) % _MEMORY] == sent_marked[k]
+            for k in range(window):
+                same = same and seen[(h - 1 - k) % _MEMORY] == seen_marked[k]
+            if same and v != 0.0:
+                closing = 2 * h - marked
+                ends[0] = ends[1] = x
+        if h == mark and closing == 0:
+            mark, marked = 2 * h, h
+            place_marked, speed_marked, estimate_marked, phase_marked = x, v, estimate, phase
+            for k in range(whole + 1):
+                sent_marked[k] = sent[(h - 1 - k) % _MEMORY]
+            for k in range(window):
+                seen_marked[k] = seen[(h - 1 - k) % _MEMORY]
         tick = math.floor(math.floor(x / p[COUNT]) / p[DECIMATION])
         back = min(window, h + remembered)
         if not first:
@@ -169,7 +192,7 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
         if not abs(x) < _FAR * delta:
             out[0], out[1] = MOVES_ON, np.inf
             return
-        if h + 1 == check:
+        if h + 1 == check and closing == 0:
             size = 0.5 * (ends[1] - ends[0]) / delta
             out[1] = size
             ends[0] = ends[1] = x
@@ -180,8 +203,8 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
                 out[0] = BUZZES
                 return
             if check >= horizon:
-                # what still shrinks, or creeps one way, is followed on, in windows that double
-                if turns > 1 and (size < 1.0 or size > 0.999 * before_it):
+                # what shrinks above a tick, grows below one, or creeps one way is followed on, in windows that double
+                if turns > 1 and (size <= 1.02 * before_it if size < 1.0 else size > 0.999 * before_it):
                     out[0] = BUZZES if size < 1.0 else MOVES_ON
                     return
                 out[0] = UNDECIDED

@@ -274,7 +274,7 @@ def test_going_on_in_the_background_finds_what_the_first_starts_did_not() -> Non
 
 def test_a_judgement_is_bounded_in_periods_and_not_in_time() -> None:
     for effort in (GUARD, REMEDY):
-        found = explore(config(B), effort=replace(effort, until_one=False))
+        found = explore(config(B), effort=replace(effort, until=None))
         most = 2 * effort.batch
         assert found.starts <= max(effort.least, effort.starts)
         assert found.longest <= effort.horizon
