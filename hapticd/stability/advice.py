@@ -147,13 +147,15 @@ def _tried(found: Assessment, config: Config, start: Start | None) -> Assessment
 
 
 def _helps(then: Assessment) -> bool:
-    """Whether the motion that is asked about comes to rest and others at most buzz below one tick; without one, all."""
+    """Whether the motion that is asked about comes to rest and others at most buzz below one tick; without one, all do."""
     if then.verdict == "stable":
         return True
     explored = then.explored
     if explored is None or not explored.admissible:
         return False
-    return explored.motion_rests is True if then.start is not None else explored.largest_cycle < _LEFT
+    if then.start is not None:
+        return explored.motion_rests is True
+    return not explored.of_ticks and explored.largest_cycle < _LEFT
 
 
 def _buzz(then: Assessment) -> float:

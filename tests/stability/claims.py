@@ -129,25 +129,20 @@ def interval(found: int, among: int) -> tuple[float, float]:
 
 
 #: Periods of a first look at a start, and of the second at one that would refute a claim.
-_LOOK, _LOOK_AGAIN = 2_000, 32_000
-#: Starts between which it is asked whether the answer is known.
-_SOME = 500
+_LOOK, _LOOK_AGAIN = 2_000, 16_000
+#: Starts between which it is asked whether the answer is known, and how many of them are looked at again.
+_SOME, _AGAIN = 500, 8
 
 
-def _refuting(config: Config, starts: Floats, against: tuple[int, ...], *, all_of_them: bool) -> int:
-    """How many starts end in one of ``against``, which a longer look confirms; or whether any does."""
-    found = 0
+def _refuting(config: Config, starts: Floats, against: tuple[int, ...]) -> int:
+    """How many of the first starts that seem to end in one of ``against`` do so on a longer look; 0: none of all."""
     for first in range(0, len(starts), _SOME):
         some = starts[first : first + _SOME]
         ended = runs(config, some, _LOOK)[:, 0]
-        doubtful = some[np.isin(ended, (*against, UNDECIDED))]
-        if not all_of_them:
-            doubtful = doubtful[:8]
-        if len(doubtful):
-            found += int(np.isin(runs(config, doubtful, _LOOK_AGAIN)[:, 0], against).sum())
-        if found and not all_of_them:
-            break
-    return found
+        doubtful = some[np.isin(ended, (*against, UNDECIDED))][:_AGAIN]
+        if len(doubtful) and (found := int(np.isin(runs(config, doubtful, _LOOK_AGAIN)[:, 0], against).sum())):
+            return found
+    return 0
 
 
 def held_against(
@@ -189,7 +184,7 @@ def _held(question: Question, starts: int, effort: Effort, rng: np.random.Genera
     if found.proven:
         one.proven, one.provable_refused = 1, int(not admitted)
         begun = starts_within(config, motion, starts, rng, memory=False)
-        if _refuting(config, begun, (BUZZES, MOVES_ON), all_of_them=False):
+        if _refuting(config, begun, (BUZZES, MOVES_ON)):
             one.false_proven = 1
             one.listed.append(f"false proven: {name}")
         return one
@@ -200,16 +195,16 @@ def _held(question: Question, starts: int, effort: Effort, rng: np.random.Genera
     begun = starts_within(config, motion, starts, rng)
     if found.explored.stable:
         one.stable = 1
-        if restless := _refuting(config, begun, (BUZZES, MOVES_ON), all_of_them=True):
+        if restless := _refuting(config, begun, (BUZZES, MOVES_ON)):
             one.false_stable = 1
-            one.listed.append(f"false stable: {restless} of {starts}: {name}")
+            one.listed.append(f"false stable: {restless} or more of {starts}: {name}")
     moving = 0
     if not found.explored.stable or one.false_stable:
-        moving = _refuting(config, begun, (MOVES_ON,), all_of_them=admitted)
+        moving = _refuting(config, begun, (MOVES_ON,))
     one.explored, one.refused = int(admitted), int(not admitted)
     if admitted and moving:
         one.false_explored = 1
-        one.listed.append(f"false explored: {moving} of {starts}: {name}")
+        one.listed.append(f"false explored: {moving} or more of {starts}: {name}")
     if not moving:
         one.calm, one.calm_refused = 1, int(not admitted)
         if not admitted:

@@ -204,7 +204,7 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
                 return
             if check >= horizon:
                 # what shrinks above a tick, grows below one, or creeps one way is followed on, in windows that double
-                if turns > 1 and (size <= 1.02 * before_it if size < 1.0 else size > 0.999 * before_it):
+                if turns > 1 and (size <= 1.1 * before_it if size < 1.0 else size > 0.999 * before_it):
                     out[0] = BUZZES if size < 1.0 else MOVES_ON
                     return
                 out[0] = UNDECIDED

