@@ -9,8 +9,7 @@ import numpy as np
 
 from hapticd.figures.style import BLUE, GREY, INK, ORANGE, RED, new_figure
 from hapticd.reproduce.items import Comparison, Item, Progress, Table, compare
-from hapticd.stability.describing_function import encoder_gain, encoder_gain_small, nyquist
-from hapticd.stability.limit_cycle import LimitCycle, limit_cycles
+from hapticd.stability.describing_function import LimitCycle, encoder_gain, encoder_gain_small, limit_cycles, nyquist
 from hapticd.stability.numbers import Dimensionless
 
 if TYPE_CHECKING:

@@ -75,7 +75,7 @@ def release(case: Case, *, damping_ratio: float | None = None) -> Release:
         case: which.
         damping_ratio: δ_A of the 3 kHz, 14-bit amplifier of Sec. V; an ideal amplifier when left out.
     """
-    config = _config(case, damping_ratio)
+    config = config_of(case, damping_ratio)
     rows: list[Any] = []
     report = simulate(config, case.periods / case.rate_hz, deflection=case.deflection, on_rows=rows.append)
     sampled = np.concatenate(rows)
@@ -102,13 +102,14 @@ def oscillation(run: Release) -> tuple[float, float]:
 
 def neighbours(case: Case, spread: float, count: int) -> PointArray:
     """What becomes of releases within ±`spread` ticks of the case's, by the kernel of the maps; (count,) of `maps.POINT`."""
-    n = from_config(_config(case, None))
+    n = from_config(config_of(case))
     xi = case.deflection + np.linspace(-spread, spread, count)
     beta, sigma = np.full(count, n.beta), np.full(count, n.sigma)
     return run_points(n.mu, beta, sigma, 0.0, np.zeros(count), case.periods, xi=xi)
 
 
-def _config(case: Case, damping_ratio: float | None) -> Config:
+def config_of(case: Case, damping_ratio: float | None = None) -> Config:
+    """The configuration of a case; see `release`."""
     settings = {"servo.rate_hz": str(case.rate_hz), "encoder.decimation": str(case.decimation)}
     if damping_ratio is None:
         settings |= {"amplifier.bandwidth_hz": "0", "amplifier.dac_bits": "0"}

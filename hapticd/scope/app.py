@@ -67,7 +67,7 @@ class ScopeServer:
         self.connections = 0
         self._pools = {
             name: ThreadPoolExecutor(workers, thread_name_prefix=f"scope-{name}")
-            for name, workers in (("stop", 2), ("command", 1), ("theory", 1), ("file", 1))
+            for name, workers in (("stop", 2), ("command", 1), ("theory", 1), ("explore", 1), ("file", 1))
         }
 
     def close(self) -> None:
@@ -118,6 +118,11 @@ class ScopeServer:
         body = await fields_of(request, settings=dict, deflection=float)
         latency_s = self._known()["latency_s"]
         return await self.on("theory", theory.preview, self._config(), body["settings"], body["deflection"], latency_s)
+
+    async def ends(self, request: Request) -> Any:
+        """In what starts end, by exploration: on a thread of its own, so that a setting that is dragged waits for none."""
+        await fields_of(request)
+        return await self.on("explore", theory.ends, self._config(), self._known()["latency_s"])
 
     async def simulate(self, request: Request) -> Response:
         """The exact simulation of a release."""
@@ -225,6 +230,7 @@ def create_app(server: ScopeServer, names: Names) -> ASGIApp:
         "record": (server.record, "command", True),
         "lease": (server.take, "command", False),
         "preview": (server.preview, "look", False),
+        "ends": (server.ends, "look", False),
         "simulate": (server.simulate, "look", False),
         "open": (server.open, "look", False),
         "save": (server.save, "look", False),

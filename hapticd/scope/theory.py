@@ -13,13 +13,19 @@ import numpy as np
 from hapticd.config import Config, apply_settings, config_digest, parse_config
 from hapticd.servo.excitation import SHAPES
 from hapticd.stability.criterion import velocity_limit
-from hapticd.stability.limit_cycle import predicted_cycle
+from hapticd.stability.describing_function import predicted_cycle
+from hapticd.stability.explore import Effort, explore
 from hapticd.stability.numbers import Loop, loop_from_config
 from hapticd.stability.regions import MEANING, critical_sigma, region
+from hapticd.stability.report import number
 from hapticd.stability.storage import equivalent_deflection, velocity_bound
+from hapticd.stability.theorems import proven
 
 DEFLECTION: Final = 10.3
 """Motion for which the speed-dependent boundaries are drawn until the page asks for another, coarse ticks."""
+EFFORT: Final = Effort(starts=1024, periods=2_000_000, horizon=20_000)
+"""Some tenths of a second of a thread that nothing waits for but the page's one line."""
+_TOLD: Final = 3
 BETA: Final = np.geomspace(1e-3, 1e2, 201)
 
 
@@ -77,6 +83,29 @@ def preview(document: dict[str, Any], settings: dict[str, Any], deflection: floa
     """
     config = parse_config(document, "the daemon's config")
     return plane(apply_settings(config, settings, source="settings"), deflection, latency_s)
+
+
+def ends(document: dict[str, Any], latency_s: float = 0.0) -> dict[str, Any]:
+    """In what the starts end that the safety limits admit, as one line; `explore` keeps it by config.
+
+    Returns:
+        ``words``; ``starts`` that were run, 0 where a theorem or the lack of a spring makes that needless.
+    """
+    config = parse_config(document, "the daemon's config")
+    loop = loop_from_config(config, latency_s)
+    if loop.stiffness == 0.0:
+        return {"words": "no spring", "starts": 0}
+    if proven(config, loop, None):
+        return {"words": "rest 100 %, proven", "starts": 0}
+    found = explore(config, loop=loop, effort=EFFORT)
+    parts = [f"{name} {100.0 * share:.2g} %" for share, name, _ in found.ends[:_TOLD]]
+    if others := found.ends[_TOLD:]:
+        parts.append(
+            f"{len(others)} other{'s' * (len(others) > 1)} {100.0 * sum(share for share, _, _ in others):.2g} %"
+        )
+    if 0.0 < found.largest_cycle < math.inf:
+        parts.append(f"largest ±{number(found.largest_cycle, 2)} ticks")
+    return {"words": "; ".join(parts), "starts": found.starts}
 
 
 def _point(loop: Loop, deflection: float) -> dict[str, Any]:

@@ -19,9 +19,8 @@ from hapticd.config import Config
 from hapticd.stability.cautions import cautions
 from hapticd.stability.criterion import criterion_margin, sampling_bound_ok, velocity_limit
 from hapticd.stability.damped import Damped, damped
+from hapticd.stability.describing_function import LimitCycle, predicted_cycle, settled_cycle
 from hapticd.stability.explore import CHECK, Effort, Explored, explore
-from hapticd.stability.limit_cycle import LimitCycle, predicted_cycle, settled_cycle
-from hapticd.stability.locked_cycle import LockedCycle, locked_cycles
 from hapticd.stability.numbers import Dimensionless, Loop, loop_from_config
 from hapticd.stability.regions import MEANING, region
 from hapticd.stability.storage import equivalent_deflection
@@ -35,8 +34,6 @@ CALM: Final = frozenset({"A", "E", "F1", "F1|F2"})
 #: Regions in which an oscillation is one that gains energy by itself.
 _SHAKES: Final = frozenset({"C", "D"})
 
-#: Inertia up to which the locked cycles are looked for: there are about √μ of them.
-_LOCKED_UP_TO: Final = 1e6
 #: Top speed in ticks per period up to which energies are finite with room to spare.
 _FASTEST: Final = 1e100
 #: Below this many ticks a motion is as good as the smallest disturbance.
@@ -60,7 +57,6 @@ class Assessment:
         velocity_limit: largest ξ̇_max that dissipates (15), in ticks per period.
         stiffness_passive, stiffness_dissipating: largest K at any speed, and for this motion; None without one.
         cycle: the self-sustained oscillation that the motion ends in (describing function); None if it ends in none.
-        locked: the cycles below one tick that the sampled loop can really lock into, if it ends in a cycle.
         damped: what holds with the virtual damping; None without any. Region, limits and margins are then those of the
             spring alone, and there is no cycle.
         warnings: what the theory leaves out here, in words.
@@ -83,7 +79,6 @@ class Assessment:
     stiffness_passive: float
     stiffness_dissipating: float | None
     cycle: LimitCycle | None
-    locked: tuple[LockedCycle, ...]
     damped: Damped | None
     warnings: tuple[str, ...]
 
@@ -112,7 +107,6 @@ class Assessment:
                 "predicted": self.cycle is not None,
                 "amplitude_ticks": self.cycle and self.cycle.amplitude,
                 "frequency_hz": self.cycle and hertz(self.cycle.omega),
-                "locked": [{"amplitude_ticks": c.amplitude, "frequency_hz": hertz(c.omega)} for c in self.locked],
             },
             "damping": self.damped and self.damped.document,
             "sampling_bound_ok": math.isinf(n.mu) or sampling_bound_ok(n),
@@ -188,7 +182,6 @@ def assess(
         stiffness_passive=stiffness_max_passive(loop),
         stiffness_dissipating=None if start is None else stiffness_max_dissipating(loop, start),
         cycle=cycle,
-        locked=() if cycle is None or numbers.mu > _LOCKED_UP_TO else tuple(locked_cycles(numbers)),
         damped=with_damping,
         warnings=cautions(config, loop, xi_dot_max, deflection),
     )

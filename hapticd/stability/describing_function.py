@@ -9,18 +9,35 @@ G e^{−jτ_Lω} = −1/D (62), that is, where
 κ is the stiffness of a hand relative to the spring's, 0 in the paper. Here D is kept whole; the paper's approximations
 D ≈ 2/(πM) for M < 1 and D ≈ 1 for M > 1 have functions of their own. (In (71) the left sides are 1·cos and 1·sin.)
 M in ticks, ω in rad per period. Functions broadcast unless they say otherwise.
+
+For every amplitude the real part gives the frequency and the imaginary part the net gain (`balance`), whose zeros are limit
+cycles, stable where it falls through zero as the amplitude grows (Loeb). Below one tick there is at most one: M times the
+gain falls with M there. Above, D(M) has a kink with vertical tangent at every whole tick, so each interval [l, l + 1] is
+searched with points that crowd at l; from 40 ticks on D is nearly 1 and only the paper's large-amplitude cycle is left. Near
+β = τ_L the ripple of D about 1 makes a ladder of stable cycles above one tick.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Final
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from hapticd.stability.numbers import Dimensionless
 
 FloatArray = NDArray[np.float64]
 ComplexArray = NDArray[np.complex128]
 
 #: Above this amplitude D is taken from its asymptote 1; the error is below 2·M^(−3/2).
 _ASYMPTOTIC = 1e5
+#: Errors up to which a predicted cycle and an exact one count as in agreement.
+AMPLITUDE_TOLERANCE: Final = 0.15
+FREQUENCY_TOLERANCE: Final = 0.10
+_SEARCHED: Final = 40
+_POINTS: Final = 24
+_LARGEST: Final = 1e9
 
 
 def encoder_gain(M: ArrayLike) -> FloatArray:
@@ -75,17 +92,15 @@ def frequency(gain: ArrayLike, mu: float, tau_l: float, kappa: float = 0.0) -> F
     return np.where(exists, 0.5 * (low + high), np.nan)
 
 
-def balance(
-    M: ArrayLike, mu: float, beta: float, sigma: float, tau_l: float, kappa: float = 0.0
-) -> tuple[FloatArray, FloatArray]:
+def balance(M: ArrayLike, numbers: Dimensionless) -> tuple[FloatArray, FloatArray]:
     """How an oscillation of amplitude M fares: (ω, D sin τ_Lω − βω − 4σ/(πM)) with ω(M) from `frequency`.
 
     The second value is the net gain: positive, the amplitude grows; zero, a limit cycle; negative, it shrinks.
     """
-    amplitude = np.asarray(M, dtype=np.float64)
+    amplitude, n = np.asarray(M, dtype=np.float64), numbers
     gain = encoder_gain(amplitude)
-    omega = frequency(gain, mu, tau_l, kappa)
-    return omega, np.asarray(gain * np.sin(tau_l * omega) - beta * omega - 4.0 * sigma / (np.pi * amplitude))
+    omega = frequency(gain, n.mu, n.tau_l, n.kappa)
+    return omega, np.asarray(gain * np.sin(n.tau_l * omega) - n.beta * omega - 4.0 * n.sigma / (np.pi * amplitude))
 
 
 def small_amplitude(omega: ArrayLike, mu: float, tau_l: float) -> FloatArray:
@@ -124,3 +139,69 @@ def large_sigma_series(beta: ArrayLike, M: ArrayLike, mu: float, tau_l: float) -
 def stability_sigma(beta: ArrayLike, mu: float, tau_l: float) -> FloatArray:
     """Least σ for stability of oscillations above one tick (eq. 75): π(τ_L − β)/(4√μ), for μ ≫ τ_L²/2."""
     return np.asarray(np.pi / (4.0 * np.sqrt(mu)) * (tau_l - np.asarray(beta, dtype=np.float64)))
+
+
+@dataclass(frozen=True)
+class LimitCycle:
+    """One self-sustained oscillation ξ = M sin ωτ.
+
+    Attributes:
+        amplitude: M in coarse ticks.
+        omega: ω in rad per period; `Scales.omega_to_hz` gives Hz.
+        stable: whether a slightly different amplitude returns to it.
+    """
+
+    amplitude: float
+    omega: float
+    stable: bool
+
+
+def limit_cycles(numbers: Dimensionless) -> list[LimitCycle]:
+    """All limit cycles of an operating point, smallest amplitude first; none without a spring."""
+    if np.isinf(numbers.mu):
+        return []
+    amplitudes = _search_points()
+    _, gain = balance(amplitudes, numbers)
+    crossing = np.flatnonzero(gain[:-1] * gain[1:] < 0.0)
+    falling = gain[crossing] > 0.0
+    roots = _bisect(numbers, amplitudes[crossing], amplitudes[crossing + 1], falling)
+    omega, _ = balance(roots, numbers)
+    return [LimitCycle(float(m), float(w), bool(s)) for m, w, s in zip(roots, omega, falling, strict=True)]
+
+
+def settled_cycle(numbers: Dimensionless, amplitude: float) -> LimitCycle | None:
+    """The stable limit cycle that an oscillation of this amplitude ends in; None if it grows for ever or dies out.
+
+    Args:
+        numbers: the operating point.
+        amplitude: starting amplitude in ticks, positive.
+    """
+    _, gain = balance(np.array([amplitude]), numbers)
+    grows = bool(gain[0] > 0.0)
+    stable = [c for c in limit_cycles(numbers) if c.stable and (c.amplitude > amplitude) == grows]
+    return stable[0 if grows else -1] if stable else None
+
+
+def predicted_cycle(numbers: Dimensionless) -> LimitCycle | None:
+    """The oscillation that the smallest disturbance grows into: None if it dies out, or grows without bound.
+
+    It exists for σ < ½ only (Sec. VII-C).
+    """
+    return settled_cycle(numbers, float(_search_points()[0])) if np.isfinite(numbers.mu) else None
+
+
+def _search_points() -> FloatArray:
+    below = np.geomspace(1e-12, 1.0, 64)
+    crowded = np.linspace(0.0, 1.0, _POINTS + 1)[1:] ** 3
+    inner = (np.arange(1.0, _SEARCHED)[:, None] + crowded).ravel()
+    return np.concatenate((below, inner, np.geomspace(_SEARCHED, _LARGEST, 200)[1:]))
+
+
+def _bisect(numbers: Dimensionless, low: FloatArray, high: FloatArray, falling: NDArray[np.bool_]) -> FloatArray:
+    """The zeros of the net gain, one in each bracket; `falling` where the gain is positive at the lower end."""
+    for _ in range(54):
+        middle = np.sqrt(low * high)
+        _, gain = balance(middle, numbers)
+        right = (gain > 0.0) == falling
+        low, high = np.where(right, middle, low), np.where(right, high, middle)
+    return np.asarray(np.sqrt(low * high))

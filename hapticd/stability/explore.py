@@ -34,23 +34,29 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.stability import sampled_loop as loops
+from hapticd.stability.cycles import (
+    AT_REST,
+    BUZZES,
+    MOVES_ON,
+    ONE_TICK,
+    UNDECIDED,
+    Cycle,
+    answers_of,
+    growing,
+    sorted_into,
+)
 from hapticd.stability.numbers import Loop, loop_from_config
-from hapticd.stability.outcome import GROWING, PERSISTENT
 from hapticd.stability.starts import HEAVIEST, horizon, starts_of
 from hapticd.stability.theorems import proof_of, unproven
-from hapticd.stability.whole_loop import LOOP, UNIFORM, record_of
+from hapticd.stability.whole_loop import LOOP, record_of
 
 if TYPE_CHECKING:
     from hapticd.config import Config
 
-ONE_TICK: Final = 1.0
 #: Ticks per period where no limit is set.
 _UNLIMITED: Final = 1e3
 #: How far above what theorem 2 leaves the fastest start is, and so many ticks.
 _BEYOND, _TICKS = 3.0, 10.0
-#: Ticks below which an oscillation that rises a little is no growth yet.
-_SMALL: Final = 0.5
-AT_REST, BUZZES, MOVES_ON, UNDECIDED = range(4)
 
 
 @dataclass(frozen=True)
@@ -79,19 +85,6 @@ GUARD: Final = Effort(2048, 400_000, 40_000, batch=8, least=16, until=ONE_TICK)
 #: What a change that is offered is checked with, and one draw of what is uncertain.
 REMEDY: Final = Effort(256, 60_000, 40_000, batch=8, least=16, until=ONE_TICK)
 DRAW: Final = Effort(32, 20_000, 20_000, batch=16, least=16, until=ONE_TICK)
-
-
-@dataclass(frozen=True)
-class Cycle:
-    """Oscillations of about one frequency in which starts end.
-
-    Attributes:
-        share: of the starts. periods: of the servo that one swing takes, rounded. amplitude: of the largest, ticks.
-    """
-
-    share: float
-    periods: int
-    amplitude: float
 
 
 @dataclass(frozen=True)
@@ -174,6 +167,13 @@ class Explored:
         return f"hapticd simulate {' '.join(said)} --duration {max(1.0, 3.0 * self.worst_periods * period_s):.2g}"
 
     @property
+    def ends(self) -> list[tuple[float, str, Cycle | None]]:
+        """What the starts end in: share, what it is called, and the cycle if it is one."""
+        others = (self.at_rest, "rest"), (self.growing, "growth"), (self.undecided, "undecided")
+        told: list[tuple[float, str, Cycle | None]] = [(n / self.starts, name, None) for n, name in others if n]
+        return told + [(cycle.share, cycle.words, cycle) for cycle in self.cycles]
+
+    @property
     def document(self) -> dict[str, Any]:
         """The key ``explored`` of ``hapticd check --json``."""
         return {
@@ -222,6 +222,29 @@ def explore(
         approximate.append("the amplifier's lag is taken as the delay of (5)")
     if left_out := [text for text in unproven(config) if "passivity" not in text]:
         approximate.append(f"without {', '.join(left_out)}")
+    reach, widest = admitted(config, loop, record, motion)
+    found = explore_loop(record, reach, widest, motion=motion, effort=effort, skip=skip, jobs=jobs)
+    return replace(found, approximate=tuple(approximate))
+
+
+def explore_loop(
+    record: NDArray[Any],
+    reach: float,
+    widest: float = math.inf,
+    *,
+    motion: tuple[float, float] | None = None,
+    effort: Effort = CHECK,
+    skip: int = 0,
+    jobs: int | None = 1,
+) -> Explored:
+    """The same of a loop, (1,) of `LOOP`, from starts with as much energy as ``reach`` ticks at rest, and no wider."""
+    return _explored(record.tobytes(), motion, reach, widest, effort, skip, jobs)
+
+
+def admitted(
+    config: Config, loop: Loop, record: NDArray[Any], motion: tuple[float, float] | None
+) -> tuple[float, float]:
+    """How far starts go: ticks at rest that have as much energy, and the widest place in ticks."""
     weight, widest = math.sqrt(min(float(record["mu"][0]), HEAVIEST)), math.inf
     if motion is None:
         limits = config.safety.max_velocity, config.safety.max_excursion
@@ -233,8 +256,7 @@ def explore(
     if proof is not None and proof.numbers.beta > proof.lam:
         faster = max(0.0, proof.q - proof.numbers.sigma) / (proof.numbers.beta - proof.lam)
         reach = min(reach, _BEYOND * (faster * weight + proof.q) + _TICKS)
-    found = _explored(record.tobytes(), motion, reach, widest, effort, skip, jobs)
-    return replace(found, approximate=tuple(approximate))
+    return reach, widest
 
 
 @functools.lru_cache(maxsize=128)
@@ -255,7 +277,7 @@ def _explored(
     of_ticks = not loops.can_rest(bare[0])
     spent, done, longest = 0, 0, horizon(loop, reach, effort.horizon)
     motion_rests: bool | None = None
-    with _Threads(jobs) as run:
+    with Threads(jobs) as run:
         while done < effort.starts and (spent < effort.periods or done < effort.least):
             # as many as there is likely to be time for, from what the starts before took
             left = (effort.periods - spent) * done // max(spent, 1) if done else 0
@@ -263,7 +285,7 @@ def _explored(
             count = min(max(first, min(left, _AT_ONCE)), effort.starts - done)
             begun = starts_of(loop, motion, reach, widest, skip + done, count)
             ended = run(begun, longest, effort.batch if done == 0 else _AT_ONCE // 8)
-            answer = _answers(begun, ended)
+            answer = answers_of(begun, ended)
             starts.append(begun)
             runs.append(ended)
             answers.append(answer)
@@ -289,14 +311,14 @@ _FEW: Final = 4
 _AT_ONCE: Final = 256
 
 
-class _Threads:
+class Threads:
     """Runs batches of loops, in the thread that asks or in several."""
 
     def __init__(self, jobs: int | None) -> None:
         self._jobs = jobs or len(os.sched_getaffinity(0))
         self._pool: ThreadPoolExecutor | None = None
 
-    def __enter__(self) -> _Threads:
+    def __enter__(self) -> Threads:
         if self._jobs > 1:
             self._pool = ThreadPoolExecutor(self._jobs, thread_name_prefix="explore")
         return self
@@ -306,21 +328,10 @@ class _Threads:
             self._pool.shutdown()
 
     def __call__(self, begun: NDArray[Any], periods: int, batch: int) -> NDArray[Any]:
+        """What becomes of the starts, (n,) of `RUN`; so many periods at most, so many starts at a time."""
         parts = [begun[k : k + batch] for k in range(0, begun.size, batch)]
         mapped = map if self._pool is None else self._pool.map
         return np.concatenate(list(mapped(lambda part: loops.run_loops(part, periods), parts)))
-
-
-def _answers(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
-    """AT_REST … UNDECIDED of each run."""
-    reason, amplitude, outcome = runs["reason"], runs["amplitude"], runs["outcome"]
-    chance = (begun["waveform"] == UNIFORM) & (reason != loops.REST)
-    rests = np.isin(reason, (loops.REST, loops.VANISHED)) | ((amplitude < loops.CREEP) & ~chance)
-    grows, goes_on = (outcome == GROWING) & (amplitude >= _SMALL), outcome == PERSISTENT
-    found = np.select(
-        [rests & ~grows, grows, amplitude < ONE_TICK, goes_on], [AT_REST, MOVES_ON, BUZZES, MOVES_ON], UNDECIDED
-    )
-    return found.astype(np.int8)
 
 
 def _summary(
@@ -328,8 +339,9 @@ def _summary(
 ) -> Explored:
     counted = np.bincount(answers, minlength=4)
     cycles = np.where(answers == AT_REST, 0.0, runs["amplitude"])
-    grows = (answers == MOVES_ON) & (runs["outcome"] == GROWING)
+    grows = growing(runs)
     cycles[grows] = np.inf
+    goes_on = runs[np.isin(answers, (BUZZES, MOVES_ON)) & ~grows]
     worst, repeats, periods = None, False, 0
     if counted[AT_REST] < answers.size:
         # of those that move on the largest, one that `simulate` can repeat before others
@@ -357,21 +369,10 @@ def _summary(
         worst_periods=periods,
         of_ticks=of_ticks,
         motion_rests=motion_rests,
-        cycles=_cycles(runs[np.isin(answers, (BUZZES, MOVES_ON)) & ~grows], answers.size),
+        cycles=tuple(
+            replace(cycle, share=cycle.share * goes_on.size / answers.size) for cycle in sorted_into(goes_on)[0]
+        ),
     )
-
-
-def _cycles(going: NDArray[Any], starts: int) -> tuple[Cycle, ...]:
-    """The oscillations of runs that go on, by how long a swing takes."""
-    going = going[going["omega"] > 0.0]
-    swings = np.rint(2.0 * math.pi / going["omega"]).astype(np.int64)
-    found = [
-        Cycle(
-            float((swings == periods).sum() / starts), int(periods), float(going["amplitude"][swings == periods].max())
-        )
-        for periods in np.unique(swings)
-    ]
-    return tuple(sorted(found, key=lambda cycle: -cycle.share))
 
 
 def _repeated(begun: NDArray[Any], runs: NDArray[Any], answer: int) -> Iterator[tuple[tuple[float, float], Any]]:
@@ -385,7 +386,7 @@ def _repeated(begun: NDArray[Any], runs: NDArray[Any], answer: int) -> Iterator[
             again["known"], again["phase"], again["clip"] = False, 0.0, np.inf
             again["xi"], again["xi_dot"] = place
             found = loops.run_loops(again, _REPEATED)
-            if _answers(again, found)[0] == answer:
+            if answers_of(again, found)[0] == answer:
                 if found["reason"][0] == loops.ESCAPED:  # what is certain now has yet to show
                     again["search"] = 0
                     found = loops.run_loops(again, _REPEATED)

@@ -11,7 +11,7 @@ from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, Verdict
 from hapticd.stability.criterion import criterion_margin, lambda_
 from hapticd.stability.devices import HUMAN_OPERATOR, Device, compare, grip_fraction
-from hapticd.stability.explore import Cycle
+from hapticd.stability.explore import Explored
 from hapticd.stability.regions import MEANING
 from hapticd.stability.theorems import unproven
 
@@ -45,8 +45,8 @@ WHY: Final[dict[str, str]] = {
     "they are.",
 }  # fmt: skip
 
-#: Oscillations in which starts end, as many as are told.
-_CYCLES: Final = 4
+#: Of what starts end in, as many as are told one by one.
+_ENDS: Final = 5
 
 _LABELS: Final = {
     "spring.stiffness": "a softer spring",
@@ -174,19 +174,11 @@ def _numbers(found: Assessment) -> Iterator[str]:
     if found.damped is not None:
         yield from _damping(found, stiffness_unit)
     if found.explored is not None and found.explored.cycles:
-        yield from _cycles(found.explored.cycles, found.loop.period)
+        yield from _ends(found.explored, found.loop.period)
     if found.cycle is not None:
         hertz = float(scales.omega_to_hz(found.cycle.omega))
         amplitude = number(found.cycle.amplitude)
         yield f"limit cycle       amplitude {amplitude} ticks at {number(hertz)} Hz (describing function)"
-    if len(found.locked) > 1:
-        fast, slow = found.locked[0], found.locked[-1]
-        high, low = float(scales.omega_to_hz(fast.omega)), float(scales.omega_to_hz(slow.omega))
-        yield (
-            "                  locks to whole periods or wanders between them, by how it starts: "
-            f"{number(fast.amplitude)} at {number(high)} Hz"
-        )
-        yield f"                  to {number(slow.amplitude)} at {number(low)} Hz"
 
 
 def _damping(found: Assessment, stiffness_unit: str) -> Iterator[str]:
@@ -226,17 +218,20 @@ def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
     return "\n".join(lines)
 
 
-def _cycles(cycles: Sequence[Cycle], period_s: float) -> Iterator[str]:
-    """In which oscillations starts end, with what share of them."""
+def _ends(explored: Explored, period_s: float) -> Iterator[str]:
+    """What starts end in, with what share of them."""
     label = "starts end in"
-    for cycle in cycles[:_CYCLES]:
-        frequency, share = 1.0 / (cycle.periods * period_s), 100.0 * cycle.share
-        yield f"{label:<18}{share:.2g} %: {number(cycle.amplitude, 2)} ticks at {number(frequency)} Hz"
+    for share, name, cycle in explored.ends[:_ENDS]:
+        text = f"{100.0 * share:.2g} %: {name}"
+        if cycle is not None:
+            text += f", {number(cycle.amplitude, 2)} ticks"
+            text += f" at {number(1.0 / (cycle.periods * period_s))} Hz" if cycle.periods else ""
+        yield f"{label:<18}{text}"
         label = ""
-    if len(cycles) > _CYCLES:
-        share = 100.0 * sum(cycle.share for cycle in cycles[_CYCLES:])
-        largest = max(cycle.amplitude for cycle in cycles[_CYCLES:])
-        yield f"{label:<18}{share:.2g} %: {len(cycles) - _CYCLES} others, up to {number(largest, 2)} ticks"
+    if others := [(share, cycle.amplitude) for share, _, cycle in explored.ends[_ENDS:] if cycle is not None]:
+        shares, amplitudes = zip(*others, strict=True)
+        count = f"{len(others)} other{'s' * (len(others) > 1)}"
+        yield f"{label:<18}{100.0 * sum(shares):.2g} %: {count}, up to {number(max(amplitudes), 2)} ticks"
 
 
 def _plainly(value: float) -> str:

@@ -19,8 +19,9 @@ exponentials of `hapticd.plant.exact` are computed once a run. A run ends
 
 A run that *searches* also ends
 
-* recurred: everything that the loop remembers is bit for bit that of an earlier sample; the loop is deterministic, so it
-  repeats from there (Brent's search: the reference moves on at powers of two). One cycle more measures it;
+* recurred: everything that the loop remembers is that of an earlier sample (Brent's search). One cycle more measures it. In
+  a region map that is bit for bit; in an exploration to nine digits of how far it goes: where a cycle lies within its tick
+  hardly matters to it, so that its roundings add up for ever;
 * escaped, where it is bare: the state is where growth can be proven (`hapticd.stability.escape`);
 * settled: in three windows, each twice as long as the one before, it goes equally far (1 %, much less above one tick). A
   region map has a first window as long as its horizon: nothing is settled there that does not recur.
@@ -60,6 +61,8 @@ REST, RECURRED, ESCAPED, LEFT, HORIZON, VANISHED, SETTLED = range(7)
 _VANISHED = 1e-12
 #: Ticks within which a motion that goes on is a creep.
 CREEP: Final = 1e-9
+#: How equal two states of a motion that recurs are, of how far it goes, and a dither's phase, in turns.
+_SAME: Final = 1e-9
 #: How equal the windows of a search are when a motion counts as settled, how many after the first, the share of friction's
 #: work that may be left over, and the amplitude in ticks from which a buzz is followed to the horizon.
 _SETTLED, _WINDOWS, _NET, _NEARLY = 0.01, 2, 0.03, 0.8
@@ -142,6 +145,8 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
     measuring, begun, low, high, reversals, heading = settles, 0, x, x, 0, v
     look, amplitude, equal = loop.search, np.inf, 0
     reference, next_reference, x_saved, v_saved = 0, 1, np.nan, np.nan
+    back_low, back_high, pushed = x, x, 0.0
+    alike, weight = _SAME if settles else 0.0, math.sqrt(mu)
     velocity_saved, phase_saved, counted_saved, excess_saved = velocity, phase, counted, excess
     run.reason, run.cycle, run.added, run.largest = HORIZON, 0, 0.0, 0.0
     slot = sample_slot = 0
@@ -157,7 +162,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
             stretch += 1
             edge = half + (stretch + 1) * (periods - half) // STRETCHES
             if stretch == STRETCHES - 1 and not settles:
-                measuring, begun, low, high = True, h, x, x
+                measuring, begun, low, high, pushed = True, h, x, x, 0.0
         if settles and h == look:
             before_it, amplitude = amplitude, 0.5 * (high - low)
             # above a tick, beside what friction alone would have taken away meanwhile
@@ -169,22 +174,25 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
                 run.reason = SETTLED
                 break
             look = h + 2 * (h - begun)
-            begun, low, high, reversals = h, x, x, 0
+            begun, low, high, reversals, pushed = h, x, x, 0, 0.0
         if searching:
-            if x == x_saved and v == v_saved and velocity == velocity_saved and phase == phase_saved:
-                same = counted == counted_saved and excess == excess_saved
+            near = alike * (back_high - back_low)
+            if abs(x - x_saved) <= near and weight * abs(v - v_saved) <= near and abs(phase - phase_saved) <= alike:
+                same = counted == counted_saved and abs(excess - excess_saved) <= near
+                same = same and abs(velocity - velocity_saved) <= near
                 same = same and not (dithered and loop.waveform == UNIFORM)
                 for k in range(pending):
-                    same = same and ring[(slot + k) % pending] == ring_saved[k]
+                    same = same and abs(ring[(slot + k) % pending] - ring_saved[k]) <= near
                 for k in range(window if loop.beta_v > 0.0 else 0):
                     same = same and samples[(sample_slot + k) % window] == samples_saved[k]
                 if same:
                     run.reason, run.cycle = RECURRED, h - reference
                     searching = settles = False
                     edge, end = -1, h + run.cycle
-                    measuring, begun, low, high, reversals = True, h, x, x, 0
+                    measuring, begun, low, high, reversals, pushed = True, h, x, x, 0, 0.0
             if h == next_reference:
-                reference, next_reference = h, 2 * h
+                reference, next_reference = h, h + max(1, h // 4) if settles else 2 * h
+                back_low = back_high = x
                 x_saved, v_saved, velocity_saved, phase_saved = x, v, velocity, phase
                 counted_saved, excess_saved = counted, excess
                 for k in range(pending):
@@ -243,6 +251,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
             if not ticks and last <= _VANISHED * first:
                 run.reason = VANISHED
                 break
+        pushed += force
         before = ring[slot]
         ring[slot] = force
         slot = slot + 1 if slot + 1 < pending else 0
@@ -269,6 +278,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
                 reversals += int(heading * v < 0.0)
             heading = v if v != 0.0 else heading  # the last velocity of the motion, which may stand meanwhile
         still = still + 1 if v == 0.0 and x == start else 0
+        back_low, back_high = min(back_low, x), max(back_high, x)
         h += 1
     run.peaks[STRETCHES - 1] = peak
     if bare and run.reason == HORIZON:
@@ -277,6 +287,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
             run.reason, x, v = REST, stop, 0.0
     run.periods, run.xi, run.xi_dot, run.rose = h - run.cycle, x, v, rose
     run.amplitude = run.omega = 0.0
+    run.centre, run.lean = 0.5 * (low + high), pushed / max(h - begun, 1)
     if run.reason == LEFT or run.reason == ESCAPED:
         run.amplitude = np.inf
     elif run.reason == HORIZON or run.reason == SETTLED or run.reason == RECURRED:

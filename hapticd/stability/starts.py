@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.stability.storage import FloatArray
 from hapticd.stability.whole_loop import LIMIT
 
 #: Amplitude of the slightest start, ticks.
@@ -80,9 +81,17 @@ def starts_of(
     known, past = ~released & ~passing & (kicked | (memory < 0.6)), np.where(memory < 0.4, v, 0.0)
     if motion is not None and first == 0:  # as `simulate` has it: the servo remembers nothing
         (x[0], v[0]), known[0], past[0], phase[0] = motion, False, 0.0, loop["phase"][0]
-    begun = np.repeat(loop, count)
-    begun["xi"], begun["xi_dot"], begun["known"], begun["past"] = x, v, known, past
+    begun = alone(loop, x, v)
+    begun["known"], begun["past"] = known, past
     begun["phase"], begun["seed"] = phase, loop["seed"][0] + number
-    begun["far"] = np.minimum(LIMIT, 1e3 * (10.0 + np.abs(x) + weight * np.abs(v)))
+    return begun
+
+
+def alone(loop: NDArray[Any], xi: FloatArray, xi_dot: FloatArray) -> NDArray[Any]:
+    """Starts as ``simulate`` has them: the servo remembers nothing; (n,) of `LOOP` for (n,) places and speeds."""
+    begun = np.repeat(loop, xi.size)
+    begun["xi"], begun["xi_dot"] = xi, xi_dot
+    weight = math.sqrt(min(float(loop["mu"][0]), HEAVIEST))
+    begun["far"] = np.minimum(LIMIT, 1e3 * (10.0 + np.abs(xi) + weight * np.abs(xi_dot)))
     begun["search"] = _window(loop)
     return begun

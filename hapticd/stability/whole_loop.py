@@ -12,7 +12,7 @@ from hapticd.jit import njit
 from hapticd.plant.amplifier import converter_grid
 from hapticd.stability.damped import sprung
 from hapticd.stability.damping import passive_viscous, velocity_filter
-from hapticd.stability.numbers import Loop
+from hapticd.stability.numbers import Dimensionless, Loop
 from hapticd.stability.outcome import STRETCHES
 
 if TYPE_CHECKING:
@@ -78,6 +78,8 @@ RUN: Final = np.dtype(
         ("xi_dot", "f8"),
         ("amplitude", "f8"),
         ("omega", "f8"),
+        ("centre", "f8"),  # ticks, the middle of where it goes
+        ("lean", "f8"),  # mean force, ticks: not 0 where it goes longer one way than the other
         ("added", "f8"),  # largest force that the passivity controller added, ticks
         ("largest", "f8"),  # largest force asked for at all, ticks
         ("peaks", "f8", STRETCHES),
@@ -169,15 +171,21 @@ def is_bare(loops: NDArray[Any]) -> NDArray[np.bool_]:
     return np.asarray(bare)
 
 
+def bare_loop(numbers: Dimensionless) -> NDArray[Any]:
+    """The spring of eq. 2 at an operating point, at rest at its origin; (1,) of `LOOP`."""
+    loop = blank(1)
+    for name in ("mu", "beta", "sigma", "tau_d", "kappa"):
+        loop[name] = getattr(numbers, name)
+    return loop
+
+
 def record_of(config: Config, loop: Loop) -> NDArray[Any]:
     """A configuration as a loop to be run, at rest at its origin; (1,) of `LOOP`."""
     loop = sprung(loop)
     numbers, scales, spring, dither = loop.numbers, loop.scales, config.spring, config.dither
     amplifier = config.amplifier
     per_ampere = amplifier.torque_constant / scales.force
-    record = blank(1)
-    for name in ("mu", "beta", "sigma", "tau_d", "kappa"):
-        record[name] = getattr(numbers, name)
+    record = bare_loop(numbers)
     record["bias"] = 0.5 if spring.half_tick_bias else 0.0
     record["side"] = _SIDES[spring.side]
     record["beta_v"] = loop.damping / (loop.stiffness * loop.period)

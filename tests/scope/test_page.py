@@ -80,6 +80,13 @@ def test_stiffness_dragged_over_a_boundary(page: Page, testbed: Testbed) -> None
     assert page.locator(".trail-dot").count() >= 1
 
 
+def test_what_starts_end_in_follows_the_settings(page: Page, testbed: Testbed) -> None:
+    expect(page.locator("#ends")).to_have_text("rest 100 %, proven")
+    testbed.client.set({"safety.guard": "warn", "encoder.decimation": 2172})
+    expect(page.locator("#ends")).to_contain_text("wandering")
+    expect(page.locator("#ends")).to_contain_text("largest ±0.0")
+
+
 def test_a_refusal_stands_at_its_control_in_the_daemons_words(page: Page, testbed: Testbed) -> None:
     enter(page, "servo-rate_hz", 123456)
     expect(page.locator("#set-servo-rate_hz-refusal")).to_contain_text("servo.rate_hz")

@@ -13,6 +13,7 @@ from hapticd.scope import theory
 from hapticd.stability.assessment import assess
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.numbers import from_config
+from hapticd.stability.report import number
 from hapticd.stability.storage import velocity_bound
 
 CASES = [
@@ -66,6 +67,30 @@ def test_a_preview_changes_nothing_and_refuses_what_the_daemon_would() -> None:
     assert str(document) == before
     with pytest.raises(ConfigError, match=r"spring\.stiffness"):
         theory.preview(document, {"spring.stiffness": -1}, 10.3, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"spring.stiffness": 0}, "no spring"),
+        ({"amplifier.bandwidth_hz": 0, "amplifier.dac_bits": 0}, "rest 100 %, proven"),
+        ({"encoder.decimation": 1000}, "periods"),
+        ({"encoder.decimation": 217, "servo.rate_hz": 100, "amplifier.bandwidth_hz": 0}, "rest"),
+    ],
+)
+def test_what_starts_end_in_is_what_check_explores(settings: dict[str, float], words: str) -> None:
+    config = apply_settings(load_config(None), settings)
+    found = theory.ends(config.model_dump(mode="json"))
+    assert words in found["words"]
+    explored = assess(config).explored
+    assert (explored is None) == (found["starts"] == 0)
+    if explored is not None:
+        assert 64 <= found["starts"] <= theory.EFFORT.starts
+        fewer = assess(config, effort=theory.EFFORT).explored
+        assert fewer is not None
+        share, name, _ = fewer.ends[0]
+        assert found["words"].startswith(f"{name} {100.0 * share:.2g} %")
+        assert found["words"].endswith(f"largest ±{number(fewer.largest_cycle, 2)} ticks")
 
 
 def test_without_a_spring_there_is_no_boundary() -> None:

@@ -22,6 +22,7 @@ from hapticd.stability.describing_function import (
     small_sigma,
     stability_sigma,
 )
+from hapticd.stability.numbers import Dimensionless
 
 
 @pytest.mark.parametrize("M", [0.02, 0.7, 1.0, 1.3, 2.0, 4.9, 17.5])
@@ -76,11 +77,11 @@ def test_a_very_stiff_hand_leaves_no_frequency() -> None:
 def test_on_the_exact_cycle_eq_62_holds() -> None:
     mu, beta, tau_l, M = 5.0, 0.3, 0.75, 1.7
     # choose σ so that this M is a cycle, then look at the Nyquist curve itself
-    omega, gain_without = balance(M, mu, beta, 0.0, tau_l)
+    omega, gain_without = balance(M, Dimensionless(mu, beta, 0.0, tau_l - 0.5))
     sigma = float(gain_without) * math.pi * M / 4.0
     curve = complex(nyquist(omega, mu, beta, tau_l, sigma, M))
     assert curve == pytest.approx(-1.0 / float(encoder_gain(M)), rel=1e-9)
-    assert float(balance(M, mu, beta, sigma, tau_l)[1]) == pytest.approx(0.0, abs=1e-12)
+    assert float(balance(M, Dimensionless(mu, beta, sigma, tau_l - 0.5))[1]) == pytest.approx(0.0, abs=1e-12)
 
 
 @pytest.mark.parametrize("tau_l", [0.5, 1.75])
@@ -93,7 +94,7 @@ def test_small_family_is_exact_below_one_tick(tau_l: float, beta: float) -> None
         if not (0.0 < M < 1.0 and sigma > 0.0):
             continue
         assert sigma < 0.5
-        w, gain = balance(M, mu, beta, sigma, tau_l)
+        w, gain = balance(M, Dimensionless(mu, beta, sigma, tau_l - 0.5))
         assert (float(w), float(gain)) == (pytest.approx(omega, rel=1e-9), pytest.approx(0.0, abs=1e-9))
 
 
@@ -101,7 +102,7 @@ def test_large_family_is_near_the_exact_one_above_one_tick() -> None:
     mu, tau_l = 5.0, 0.5
     for M in (10.4, 30.7):
         sigma = float(large_sigma(0.2, M, mu, tau_l))
-        _, gain = balance(M, mu, 0.2, sigma, tau_l)
+        _, gain = balance(M, Dimensionless(mu, 0.2, sigma, tau_l - 0.5))
         assert abs(float(gain)) < 0.01
         assert sigma == pytest.approx(
             math.pi

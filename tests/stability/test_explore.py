@@ -14,10 +14,10 @@ from hapticd.servo.simulate import simulate
 from hapticd.stability import explore as exploring
 from hapticd.stability import sampled_loop
 from hapticd.stability.assessment import assess
+from hapticd.stability.cycles import UNDECIDED, answers_of
 from hapticd.stability.explore import CHECK, GUARD, REMEDY, Explored, explore
 from hapticd.stability.guard import explore_further, judge
 from hapticd.stability.numbers import Dimensionless, Scales, loop_from_config, physical
-from hapticd.stability.report import report
 from hapticd.stability.starts import starts_of
 from hapticd.stability.whole_loop import record_of
 from tests.stability.claims import CLASSES, draw, held_against
@@ -295,8 +295,8 @@ def test_start_by_start_another_simulator_says_the_same(kind: str) -> None:
         begun = np.repeat(record_of(given, loop_from_config(given)), len(starts))
         begun["xi"], begun["xi_dot"], begun["phase"] = starts[:, 0], starts[:, 1], starts[:, 3]
         begun["search"] = 512
-        ours = exploring._answers(begun, sampled_loop.run_loops(begun, 32_000))
-        decided = np.isin(theirs, (RESTS, BUZZES, MOVES_ON)) & (ours != exploring.UNDECIDED)
+        ours = answers_of(begun, sampled_loop.run_loops(begun, 32_000))
+        decided = np.isin(theirs, (RESTS, BUZZES, MOVES_ON)) & (ours != UNDECIDED)
         same += int((ours[decided] == theirs[decided]).sum())
         different += int((ours[decided] != theirs[decided]).sum())
     assert same > 50
@@ -316,31 +316,6 @@ def test_many_fresh_loops_are_what_they_are_called(kind: str) -> None:
     found = held_against(kind, 300, seed=102, starts=2000)
     assert (found.false_proven, found.provable_refused) == (0, 0), found.listed
     assert found.false_explored <= 1, found.listed
-
-
-def cycles_at(sigma: float) -> dict[int, float]:
-    """Share of the starts that end in swings of so many periods, at μ = 100 and β = 0.75."""
-    loop = physical(Dimensionless(100.0, 0.75, sigma), Scales(0.012, config({}).resolution, 1e-3))
-    values = {"plant.inertia": loop.inertia, "plant.viscous": loop.viscous, "plant.coulomb": loop.coulomb}
-    found = assess(config(values))
-    assert found.explored is not None
-    assert found.explored.buzzing == found.explored.starts
-    assert max(cycle.amplitude for cycle in found.explored.cycles) == found.explored.largest_cycle
-    assert "starts end in" in report(found, [], "rig.yaml")
-    return {cycle.periods: cycle.share for cycle in found.explored.cycles}
-
-
-def test_in_which_cycle_a_start_ends_and_how_often() -> None:
-    """Shares of 3,000 starts of a simulation written apart: half swings of 4, 5, 3, 6, 7 and 8 periods."""
-    shares = cycles_at(0.2)
-    expected = {8: 0.31, 10: 0.27, 6: 0.19, 12: 0.16, 14: 0.07, 16: 0.005}
-    assert shares == {periods: pytest.approx(share, abs=0.04) for periods, share in expected.items()}
-
-
-def test_cycles_that_are_not_symmetric_are_among_them() -> None:
-    shares = cycles_at(0.1)
-    assert sum(share for periods, share in shares.items() if periods % 2) > 0.05
-    assert sum(shares.values()) == pytest.approx(1.0)
 
 
 def test_a_buzz_of_the_dampers_kicks_at_an_edge_is_found() -> None:

@@ -5,11 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from hapticd.stability.describing_function import balance, small_amplitude, small_sigma
-from hapticd.stability.limit_cycle import limit_cycles, predicted_cycle, settled_cycle
-from hapticd.stability.locked_cycle import locked_cycles
+from hapticd.stability.describing_function import (
+    balance,
+    limit_cycles,
+    predicted_cycle,
+    settled_cycle,
+    small_amplitude,
+    small_sigma,
+)
 from hapticd.stability.numbers import Dimensionless, Loop
 
+from .locked_cycle import locked_cycles
 from .motion import simulate
 
 
@@ -55,7 +61,7 @@ def test_near_the_edge_of_region_b_cycles_reach_many_ticks() -> None:
 def test_every_cycle_is_a_zero_of_the_net_gain(point: tuple[float, float, float, float]) -> None:
     n = Dimensionless(*point)
     for cycle in limit_cycles(n):
-        omega, gain = balance(cycle.amplitude, n.mu, n.beta, n.sigma, n.tau_l)
+        omega, gain = balance(cycle.amplitude, n)
         assert float(gain) == pytest.approx(0.0, abs=1e-9)
         assert float(omega) == pytest.approx(cycle.omega, rel=1e-9)
 

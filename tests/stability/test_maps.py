@@ -14,13 +14,13 @@ from hapticd.stability import map_engines, map_report, map_store, sampled_loop
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.escape import escape, linear_loop
 from hapticd.stability.figures.map import boundaries, draw
-from hapticd.stability.locked_cycle import locked_cycles
 from hapticd.stability.maps import Chunk, Maps, Study, chunks, run_points
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.outcome import GROWING, OUTCOMES, PERSISTENT
 from hapticd.stability.regions import region
 from hapticd.stability.storage import velocity_bound
 
+from .locked_cycle import locked_cycles
 from .motion import simulate
 
 COARSE = Study(beta_count=12, sigma_count=9, periods=20_000)

@@ -1,6 +1,7 @@
 """The picture of ``hapticd check``: operating point, critical line and regions on the (β, σ) plane (left of Fig. 8).
 
-Beside it the stiffness and damping against frequency that a hand feels (`hapticd.stability.linear_loop`).
+Beside it the stiffness and damping against frequency that a hand feels (`hapticd.stability.linear_loop`) and, where no proof
+covers the loop, what every start ends in (`hapticd.stability.figures.basins`).
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from hapticd.figures.style import BLUE, BUZZ, LOCAL, STABLE, UNSTABLE, prefixed
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, assess
 from hapticd.stability.damping import velocity_filter
+from hapticd.stability.figures.basins import basins, draw_basins
 from hapticd.stability.linear_loop import effective
 from hapticd.stability.numbers import loop_from_config
 from hapticd.stability.regions import critical_sigma
@@ -52,8 +54,9 @@ def check_figure(
 
     if found.loop.stiffness == 0.0:
         raise ValueError("spring.stiffness is 0: there is no operating point to draw")
-    figure = Figure(figsize=(12.0, 5.6), layout="constrained")
-    plane, felt = figure.subfigures(1, 2, squeeze=False, width_ratios=(7.2, 4.8))[0]
+    widths = (7.2, 4.8) if found.explored is None else (7.2, 4.8, 5.6)
+    figure = Figure(figsize=(sum(widths), 5.6), layout="constrained")
+    plane, felt, *ends = figure.subfigures(1, len(widths), squeeze=False, width_ratios=widths)[0]
     axis = plane.subplots()
     targets = _targets(found, changes)
     shown = [(then.numbers.beta, then.numbers.sigma) for then in targets.values()]
@@ -79,6 +82,8 @@ def check_figure(
     axis.set_title(f"{title}: region {found.region}", loc="left", fontsize=12)
     axis.legend(fontsize=8, frameon=True, framealpha=0.9, loc="best")
     _felt(felt.subplots(2, 1, sharex=True), found)
+    if found.explored is not None:
+        draw_basins(ends[0], basins(found), found.explored)
     save_figure(figure, path)
 
 

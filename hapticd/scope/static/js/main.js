@@ -212,6 +212,7 @@ function takeConfig(message) {
   if (!entry.value) entry.value = String(message.plane.point.deflection);
   if (deflection() === message.plane.point.deflection) plane.show(message.plane, units);
   else showPlane();
+  showEnds();
   controls.confirm(message.config, units.position === "m");
   const names = byId("excite-name");
   if (!names.children.length) names.append(...message.excitations.map((/** @type {string} */ name) => make("option", {}, name)));
@@ -221,6 +222,20 @@ function takeConfig(message) {
 async function showPlane() {
   const found = await ask("preview", { settings: {}, deflection: deflection() }).catch(() => null);
   if (found) plane.show(found, units);
+}
+
+let endsAsked = false;
+/** What starts end in; one question at a time, and another one when the config has changed meanwhile. */
+async function showEnds() {
+  if (endsAsked) return;
+  endsAsked = true;
+  for (let asked = null; asked !== hello; ) {
+    asked = hello;
+    say("ends", "being worked out");
+    const found = await ask("ends", {}).catch(() => null);
+    say("ends", found ? found.words : "–");
+  }
+  endsAsked = false;
 }
 
 /** @param {string | null} why */

@@ -1,4 +1,4 @@
-"""Limit cycles below one tick, exactly: the sampled relay locks to whole numbers of periods.
+"""Symmetric limit cycles below one tick in closed form, which exploration must find: the relay locks to whole periods.
 
 Below one tick the quantised spring (8) is a relay ±½ that switches at samples only. If the samples are positive p times
 and then negative p times, the force is a square wave of half-period p, and the motion it makes is known in closed form:
