@@ -34,8 +34,8 @@ def simulate(
     Args:
         config: a `Config`, nested mappings, a file, a preset's name; None for the simulated RE35 testbed.
         duration: virtual time, s; or text with a unit, ``"500ms"``.
-        deflection: begin at rest at this deflection from the spring's origin, in coarse ticks; or ``"30deg"``, ``"2mm"``.
-        velocity: begin at the origin with this velocity, in coarse ticks per period; or ``"2rad/s"``, ``"60rpm"``.
+        deflection: begin at this deflection from the spring's origin, in coarse ticks; or ``"30deg"``, ``"2mm"``; 0 if None.
+        velocity: begin with this velocity, in coarse ticks per period; or ``"2rad/s"``, ``"60rpm"``; at rest if None.
         settings: dotted key to value, applied to the config.
         safety: apply the config's safety trips, as the daemon does.
         seed: of everything random; ``dither.seed`` by default.
@@ -50,11 +50,9 @@ def simulate(
     Raises:
         ConfigError: anything wrong in the config.
         UnitError: a unit that does not fit.
-        ValueError: both a deflection and a velocity, or a duration shorter than one period.
+        ValueError: a duration shorter than one period.
         ExcitationError: no such experiment, or one beyond a limit of the config.
     """
-    if deflection is not None and velocity is not None:
-        raise ValueError("a run begins with a deflection or with a velocity, not with both")
     resolved = config_of(config, settings)
     from hapticd.servo.simulate import simulate as run
 

@@ -99,8 +99,12 @@ def test_units_and_settings(run: hapticd.Run) -> None:
     np.testing.assert_allclose(same.columns["true_position"], run.columns["true_position"], atol=1e-9)
     with pytest.raises(UnitError, match="the device is rotary"):
         hapticd.simulate(deflection="2mm")
-    with pytest.raises(ValueError, match="not with both"):
-        hapticd.simulate(deflection=1, velocity=1)
+    both = hapticd.simulate(
+        {"encoder": {"decimation": 217}}, 0.1, deflection=1, velocity=0.5
+    )  # as `check` shows a start
+    tick = 217 * 2 * np.pi / 8192
+    assert both.columns["true_position"][0] == pytest.approx(tick)
+    assert both.columns["true_velocity"][0] == pytest.approx(500 * tick)
     with pytest.raises(hapticd.ConfigError, match=r"spring\.stiffness"):
         hapticd.simulate(settings={"spring.stifness": 1})
 
