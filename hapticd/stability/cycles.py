@@ -20,7 +20,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.stability import sampled_loop as loops
-from hapticd.stability.outcome import GROWING, PERSISTENT
+from hapticd.stability.escape import never_grows
+from hapticd.stability.outcome import GROWING, PERSISTENT, STRETCHES
 from hapticd.stability.whole_loop import UNIFORM
 
 ONE_TICK: Final = 1.0
@@ -62,14 +63,28 @@ class Cycle:
         return name + (self.kind == "asymmetric") * ", uneven" + (self.amplitude >= ONE_TICK) * ", above a tick"
 
 
+#: Quarters of a horizon for which a rise from its third to its last is thought to go on.
+_FURTHER: Final = 40
+
+
 def answers_of(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
     """AT_REST … UNDECIDED of each run; (n,) of `LOOP` and of `RUN`."""
     reason, amplitude, outcome = runs["reason"], runs["amplitude"], runs["outcome"]
     chance = (begun["waveform"] == UNIFORM) & (reason != loops.REST)
     rests = np.isin(reason, (loops.REST, loops.VANISHED)) | ((amplitude < loops.CREEP) & ~chance)
     grows, goes_on = growing(runs), outcome == PERSISTENT
+    # what has neither recurred nor settled below a tick may grow very slowly, where nothing forbids it
+    unsettled = (reason == loops.HORIZON) & (amplitude < ONE_TICK) & ~chance & ~rests & ~grows
+    unsettled[unsettled] = ~never_grows(begun[unsettled])
+    # a damper's cycles wander; it takes a rise that would lead beyond a tick
+    half = STRETCHES // 2
+    earlier, later = runs["peaks"][:, :half].max(axis=1), runs["peaks"][:, half:].max(axis=1)
+    rise = np.sqrt(np.divide(later, earlier, out=np.ones(runs.size), where=earlier > 0.0))
+    unsettled &= (begun["beta_v"] == 0.0) | (amplitude * rise**_FURTHER >= ONE_TICK)
     found = np.select(
-        [rests & ~grows, grows, amplitude < ONE_TICK, goes_on], [AT_REST, MOVES_ON, BUZZES, MOVES_ON], UNDECIDED
+        [rests & ~grows, grows, (amplitude < ONE_TICK) & ~unsettled, goes_on & ~unsettled],
+        [AT_REST, MOVES_ON, BUZZES, MOVES_ON],
+        UNDECIDED,
     )
     return found.astype(np.int8)
 

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.plant.exact import phi_functions
+from hapticd.stability.criterion import lambda_
 from hapticd.stability.whole_loop import is_bare
 
 FloatArray = NDArray[np.float64]
@@ -129,3 +130,8 @@ def growth_proofs(loops: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.fl
         growth[k, :, : loop.real.size] = loop.real, loop.imaginary
         which[members], thresholds[members] = k, loop.threshold(loops["sigma"][members])
     return which, growth, thresholds
+
+
+def never_grows(loops: NDArray[Any]) -> NDArray[np.bool_]:
+    """Which loops (n,) theorem 2 keeps bounded, whatever their force's error is: β > λ(τ_D, β_v)."""
+    return np.asarray((loops["beta"] > lambda_(loops["tau_d"], loops["beta_v"])) & (loops["counts"] == 0))

@@ -253,7 +253,7 @@ def admitted(
     else:
         reach = math.hypot(motion[0] * math.sqrt(1.0 + float(record["kappa"][0])), motion[1] * weight)
     proof = proof_of(config, loop)
-    if proof is not None and proof.numbers.beta > proof.lam:
+    if proof is not None and proof.numbers.beta > proof.lam and math.isfinite(proof.top_speed(0.0)):
         faster = max(0.0, proof.q - proof.numbers.sigma) / (proof.numbers.beta - proof.lam)
         reach = min(reach, _BEYOND * (faster * weight + proof.q) + _TICKS)
     return reach, widest

@@ -135,7 +135,7 @@ def explore_further(
     if proof is not None:
         # without a motion slow ones are enough, as in `judge`
         fastest = Start.in_ticks(loop, *motion).xi_dot_max(loop) if motion else 0.0
-        if proof.margin(fastest) >= 0.0 and proof.speed_limit > 0.0:
+        if fastest <= proof.speed_limit > 0.0:
             return None
     return explore(config, loop=loop, motion=motion, effort=GUARD, skip=skip)
 

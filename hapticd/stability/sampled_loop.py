@@ -42,7 +42,7 @@ from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions, step, time_and_way_to_rest
 from hapticd.plant.noise import next_uniform
 from hapticd.plant.spring import propagate_with_stiffness
-from hapticd.stability.escape import growth_proofs
+from hapticd.stability.escape import growth_proofs, never_grows
 from hapticd.stability.outcome import (
     DECAYING,
     GROWING,
@@ -341,11 +341,12 @@ def run_loops(loops: NDArray[Any], periods: int) -> NDArray[Any]:
     at_rest, grew = (reason == REST) | (reason == VANISHED), (reason == LEFT) | (reason == ESCAPED)
     runs["outcome"] = np.select([at_rest, grew], [calm, GROWING], PERSISTENT)
     settles = (loops["search"] > 0) & (loops["search"] < periods)
-    for k in np.flatnonzero(reason == HORIZON):
+    undecided = np.flatnonzero(reason == HORIZON)
+    for k, bound in zip(undecided, never_grows(loops[undecided]), strict=True):
         run = runs[k]
         creeps = bool(run["amplitude"] < CREEP)
         outcome = OUTCOMES.index(decide(bool(run["rose"]), run["peaks"], at_rest=creeps, grew_past_limit=False))
-        bounded = bare[k] >= 0 and thresholds[k] == np.inf
+        bounded = bound or (bare[k] >= 0 and thresholds[k] == np.inf)
         # that of a search whose windows differ may be on its way to a buzz
         restless = outcome in (MONOTONE, DECAYING) and not settles[k] and not can_rest(loops[k])
         run["outcome"] = PERSISTENT if restless or (outcome == GROWING and bounded) else outcome

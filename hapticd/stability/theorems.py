@@ -48,20 +48,48 @@ class Proof:
 
     Attributes:
         numbers: the operating point. q: the largest error of its force, in ticks. lam: λ, its λ.
-        speed_limit: ξ̇ up to which S cannot rise, ticks per period; infinite where no speed matters.
-        words: one sentence that says so.
         offset: of the spring's origin from that of the ticks. late: how long a first force takes to arrive in full beyond
             the delay, periods. differenced: (n − 1) β_v/2 and β_v Σ(1/j − 1/n), by which S may rise in the first n periods.
+        periods: n. damps: whether there is a virtual damping.
     """
 
     numbers: Dimensionless
     q: float
     lam: float
-    speed_limit: float
-    words: str
     offset: float = 0.0
     late: float = 0.0
     differenced: tuple[float, float] = (0.0, 0.0)
+    periods: int = 1
+    damps: bool = False
+
+    @property
+    def speed_limit(self) -> float:
+        """ξ̇_max (13) up to which S cannot rise but once, ticks per period, where `margin` is zero; 0: nothing is proven.
+
+        `top_speed` solved for its argument; infinite where no speed matters.
+        """
+        missing, left = self.lam - self.numbers.beta, self.numbers.sigma - self.q
+        a = 0.5 * self.numbers.mu - self.differenced[0]
+        if left < 0.0 or a <= 0.0:
+            return 0.0
+        if missing <= 0.0:
+            return math.inf
+        u = left / missing
+        late, once = self.late * u, self.offset * self.numbers.tau_d + self.differenced[1]
+        square = late * late + 2.0 * u * (a * u - once)
+        reach = math.sqrt(square) - late if square > 0.0 else 0.0
+        return max(0.0, (reach - self.offset) / math.sqrt(self.numbers.mu))
+
+    @property
+    def words(self) -> str:
+        """One sentence that says up to which speed S cannot rise."""
+        which = "theorem 1" if self.numbers.tau_d == 0.0 and not self.damps else "theorem 2"
+        limit = self.speed_limit
+        how = "at any speed" if math.isinf(limit) else f"up to {limit:.3g} ticks per period"
+        text = f"{which} proves that the energy S cannot rise {how} (λ = {self.lam:.3f}, q = {self.q:.3f})"
+        if self.periods > 1:
+            text += f", but for the first {self.periods} periods, in which the velocity is differenced over fewer"
+        return text
 
     def top_speed(self, xi_dot_max: float) -> float:
         """The speed that is never exceeded where S cannot rise but once.
@@ -98,7 +126,7 @@ def proof_of(config: Config, loop: Loop) -> Proof | None:
         return None
     numbers, amplifier, spring = loop.numbers, config.amplifier, config.spring
     q, grown = numbers.quantum, (0.0, 0.0)
-    beta_v = 0.0
+    beta_v, n = 0.0, 1
     if spring.damping > 0.0:
         damper = damper_from_config(config, loop)
         beta_v, n = damper.beta_v, damper.periods
@@ -111,14 +139,8 @@ def proof_of(config: Config, loop: Loop) -> Proof | None:
         natural = 2.0 * math.pi * amplifier.bandwidth_hz * loop.period
         lam, gain, late = lagged(before, natural, amplifier.damping_ratio, beta_v)
         q *= gain
-    missing, left = lam - numbers.beta, numbers.sigma - q
-    limit = 0.0 if left < 0.0 else math.inf if missing <= 0.0 else left / missing
-    which = "theorem 1" if numbers.tau_d == 0.0 and beta_v == 0.0 else "theorem 2"
-    how = "at any speed" if math.isinf(limit) else f"up to {limit:.3g} ticks per period"
-    words = f"{which} proves that the energy S cannot rise {how} (λ = {lam:.3f}, q = {q:.3f})"
-    if grown[0]:
-        words += f", but for the first {damper.periods} periods, in which the velocity is differenced over fewer"
-    return Proof(numbers, q, lam, limit, words, 0.0 if spring.half_tick_bias else 0.5, late, grown)
+    offset = 0.0 if spring.half_tick_bias else 0.5
+    return Proof(numbers, q, lam, offset, late, grown, n, beta_v > 0.0)
 
 
 def proven(config: Config, loop: Loop, xi_dot_max: float | None) -> bool:

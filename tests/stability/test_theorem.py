@@ -118,7 +118,7 @@ def test_the_first_periods_of_an_averaged_velocity() -> None:
         grown = 0.5 * one["beta_v"] * (n - 1), one["beta_v"] * sum(1.0 / j - 1.0 / n for j in range(1, n))
         numbers = Dimensionless(*(float(one[name]) for name in ("mu", "beta", "sigma", "tau_d")))
         start = math.hypot(one["xi_dot"], one["xi"] / math.sqrt(one["mu"]))
-        top[k] = Proof(numbers, float(q[k]), float(lam[k]), 0.0, "", differenced=grown).top_speed(start)
+        top[k] = Proof(numbers, float(q[k]), float(lam[k]), differenced=grown).top_speed(start)
     bounded = np.isfinite(top)
     c["sigma"] = q + (lam - c["beta"]) * np.where(bounded, top, 0.0)
     out = runs(c[bounded])
@@ -200,7 +200,7 @@ def test_a_current_loop_of_second_order_is_a_mixture_of_delays() -> None:
         lam, gain, late = lagged(tau, natural, damping)
         xi, xi_dot = (rng.uniform(-20, 20), 0.0) if rng.random() < 0.5 else (0.0, rng.uniform(-6, 6))
         beta = lam * rng.choice([1.0, rng.uniform(0.1, 1.0)])
-        proof = Proof(Dimensionless(mu, beta, 0.0, tau), 0.5 * gain, lam, 0.0, "", late=late)
+        proof = Proof(Dimensionless(mu, beta, 0.0, tau), 0.5 * gain, lam, late=late)
         top = proof.top_speed(math.hypot(xi_dot, xi / math.sqrt(mu)))
         sigma = proof.q + (lam - beta) * top
         _, largest, reached = behind_a_current_loop(mu, beta, sigma, tau, natural, damping, xi, xi_dot)
