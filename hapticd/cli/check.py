@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -91,7 +92,10 @@ def check(
         check_figure(found, changes, out, title, sure)
         document["figure"] = out
     # a device's own text is about the row as printed; with settings changed it would be about something else
-    text = report(found, changes, title, None if assignments else device)
+    same = shlex.join(
+        [*([source] if source else []), *(part for each in assignments or () for part in ("--set", each))]
+    )
+    text = report(found, changes, title, None if assignments else device, same)
     if sure is not None:
         unit = "N/m" if config.is_linear else "N m/rad"
         said = f"with plant.uncertainty: {sure.text}"

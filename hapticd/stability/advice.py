@@ -21,7 +21,7 @@ from hapticd.stability.assessment import CALM, Assessment, assess
 from hapticd.stability.boundary import boundary
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.devices import HUMAN_OPERATOR
-from hapticd.stability.explore import REMEDY
+from hapticd.stability.explore import GUARD, REMEDY
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
 from hapticd.stability.tuning import Start, grip_damping
@@ -141,9 +141,13 @@ def _apply(found: Assessment, key: str, before: float, after: float) -> Change |
 
 
 def _tried(found: Assessment, config: Config, start: Start | None) -> Assessment:
-    """What the theory says of a change; without a motion it need not look on once a buzz is left."""
+    """What the theory says of a change, with more starts for `check`; without a motion not beyond a buzz that is left."""
     effort = replace(REMEDY, motion_rests=True) if start is not None else replace(REMEDY, until=_LEFT)
-    return assess(config, start=start, latency_s=found.latency_s, effort=effort, cycles=False)
+    then = assess(config, start=start, latency_s=found.latency_s, effort=effort, cycles=False)
+    if found.effort.starts <= GUARD.starts or not _helps(then):
+        return then
+    more = replace(effort, starts=GUARD.starts, periods=GUARD.periods // 2)
+    return assess(config, start=start, latency_s=found.latency_s, effort=more, cycles=False)
 
 
 def _helps(then: Assessment) -> bool:

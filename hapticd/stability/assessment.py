@@ -59,7 +59,7 @@ class Assessment:
         cycle: the self-sustained oscillation that the motion ends in (describing function); None if it ends in none.
         damped: what holds with the virtual damping; None without any. Region, limits and margins are then those of the
             spring alone, and there is no cycle.
-        warnings: what the theory leaves out here, in words.
+        warnings: what the theory leaves out here, in words. effort: of the exploration.
     """
 
     config: Config
@@ -81,6 +81,7 @@ class Assessment:
     cycle: LimitCycle | None
     damped: Damped | None
     warnings: tuple[str, ...]
+    effort: Effort = CHECK
 
     @property
     def document(self) -> dict[str, Any]:
@@ -184,6 +185,7 @@ def assess(
         cycle=cycle,
         damped=with_damping,
         warnings=cautions(config, loop, xi_dot_max, deflection),
+        effort=effort,
     )
 
 
@@ -195,7 +197,7 @@ def _verdict(where: str, proof: Proof | None, explored: Explored | None) -> Verd
         return "depends"
     if explored.moving_on:
         return "unstable" if explored.growing or where in _SHAKES else "buzzes"
-    return "undecided" if explored.undecided else "buzzes"
+    return "undecided" if explored.undecided or explored.rings else "buzzes"
 
 
 def _cycle(numbers: Dimensionless, deflection: float | None, velocity: float | None) -> LimitCycle | None:

@@ -54,7 +54,9 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 #: Ticks per period where no limit is set.
-_UNLIMITED: Final = 1e3
+UNLIMITED: Final = 1e3
+#: Damping ratio below which a current loop is no delay: with 0.7 its step response overshoots by 4.6 %.
+_RINGS: Final = 0.7
 #: How far above what theorem 2 leaves the fastest start is, and so many ticks.
 _BEYOND, _TICKS = 3.0, 10.0
 
@@ -102,6 +104,7 @@ class Explored:
         of_ticks: whether a buzz is what ticks alone make of this device.
         motion_rests: whether the motion asked about comes to rest; None without one.
         approximate: what the runs take differently from the device.
+        rings: whether the amplifier's current loop overshoots so much that a delay does not stand for it.
     """
 
     starts: int
@@ -119,16 +122,17 @@ class Explored:
     motion_rests: bool | None
     approximate: tuple[str, ...] = ()
     cycles: tuple[Cycle, ...] = ()
+    rings: bool = False
 
     @property
     def stable(self) -> bool:
         """Whether all came to rest."""
-        return self.at_rest == self.starts
+        return self.at_rest == self.starts and not self.rings
 
     @property
     def admissible(self) -> bool:
-        """Whether none moved on, and none is undecided."""
-        return self.moving_on == self.undecided == 0
+        """Whether none moved on, none is undecided, and the runs are of this device."""
+        return self.moving_on == self.undecided == 0 and not self.rings
 
     @property
     def bound(self) -> float:
@@ -141,7 +145,11 @@ class Explored:
         if self.moving_on or self.undecided:
             parts = []
             if self.moving_on:
-                how = "growing" if math.isinf(self.largest_cycle) else f"with up to {self.largest_cycle:.3g} ticks"
+                how = (
+                    f"{self.growing:,} of them growing"
+                    if self.growing
+                    else f"with up to {self.largest_cycle:.3g} ticks"
+                )
                 parts.append(f"{self.moving_on:,} of {self.starts:,} starts moved on, {how}")
             if self.undecided:
                 parts.append(
@@ -157,12 +165,13 @@ class Explored:
             text += "" if self.of_ticks else ", though Coulomb friction could hold the ticks"
         return text
 
-    def command(self, period_s: float) -> str:
-        """How ``hapticd simulate`` shows the worst start; empty where it does not."""
+    def command(self, period_s: float, arguments: str = "") -> str:
+        """How ``hapticd simulate`` with the configuration's arguments shows the worst start; empty where it does not."""
         if self.worst_start is None or not self.repeats:
             return ""
         xi, xi_dot = self.worst_start
-        said = [f"--deflection {xi:.12g}"] if xi else []
+        said = [arguments] if arguments else []
+        said += [f"--deflection {xi:.12g}"] if xi else []
         said += [f"--velocity {xi_dot:.12g}"] if xi_dot or not xi else []
         return f"hapticd simulate {' '.join(said)} --duration {max(1.0, 3.0 * self.worst_periods * period_s):.2g}"
 
@@ -191,6 +200,7 @@ class Explored:
             "repeats": self.repeats,
             "cycles": [asdict(cycle) for cycle in self.cycles],
             "approximate": list(self.approximate),
+            "rings": self.rings,
             "words": self.words,
         }
 
@@ -217,14 +227,20 @@ def explore(
     """
     loop = loop or loop_from_config(config, latency_s)
     record = record_of(config, loop)
-    approximate = []
-    if config.amplifier.bandwidth_hz:
+    approximate, amplifier = [], config.amplifier
+    rings = amplifier.bandwidth_hz > 0.0 and amplifier.damping_ratio < _RINGS
+    if rings:
+        ratio = f"amplifier.damping_ratio is {amplifier.damping_ratio:g}"
+        approximate.append(
+            f"the amplifier rings ({ratio}), which its delay (5) does not show: give it {_RINGS:g} or more"
+        )
+    elif amplifier.bandwidth_hz:
         approximate.append("the amplifier's lag is taken as the delay of (5)")
     if left_out := [text for text in unproven(config) if "passivity" not in text]:
         approximate.append(f"without {', '.join(left_out)}")
     reach, widest = admitted(config, loop, record, motion)
     found = explore_loop(record, reach, widest, motion=motion, effort=effort, skip=skip, jobs=jobs)
-    return replace(found, approximate=tuple(approximate))
+    return replace(found, approximate=tuple(approximate), rings=rings)
 
 
 def explore_loop(
@@ -248,7 +264,7 @@ def admitted(
     weight, widest = math.sqrt(min(float(record["mu"][0]), HEAVIEST)), math.inf
     if motion is None:
         limits = config.safety.max_velocity, config.safety.max_excursion
-        reach = weight * (limits[0] * config.period / config.resolution if limits[0] else _UNLIMITED)
+        reach = weight * (limits[0] * config.period / config.resolution if limits[0] else UNLIMITED)
         widest = limits[1] / config.resolution if limits[1] else math.inf
     else:
         reach = math.hypot(motion[0] * math.sqrt(1.0 + float(record["kappa"][0])), motion[1] * weight)

@@ -18,7 +18,7 @@ from hapticd.stability.criterion import velocity_limit
 from hapticd.stability.explore import GUARD, Explored, explore
 from hapticd.stability.numbers import Loop, from_config, loop_from_config
 from hapticd.stability.regions import MEANING, region
-from hapticd.stability.report import advice_text, number
+from hapticd.stability.report import advice_text, caveat, number
 from hapticd.stability.theorems import proof_of
 from hapticd.stability.tuning import Start
 
@@ -163,7 +163,7 @@ def _reason(found: Assessment) -> str:
     text = _where(found.loop, found.config, found.region, motion)
     if found.explored is None:
         return f"{text}; {found.proof.words}" if found.proven and found.proof is not None else text
-    text += f"; simulated exactly, {found.explored.words}"
+    text += f"; simulated exactly, {found.explored.words}{caveat(found)}"
     return f"{text}: they stay below one tick" if found.explored.admissible and found.explored.buzzing else text
 
 

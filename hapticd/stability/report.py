@@ -11,7 +11,7 @@ from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, Verdict
 from hapticd.stability.criterion import criterion_margin, lambda_
 from hapticd.stability.devices import HUMAN_OPERATOR, Device, compare, grip_fraction
-from hapticd.stability.explore import Explored
+from hapticd.stability.explore import UNLIMITED, Explored
 from hapticd.stability.regions import MEANING
 from hapticd.stability.theorems import unproven
 
@@ -62,19 +62,23 @@ _WIDTH = 100
 _INDENT = "  "
 
 
-def report(found: Assessment, changes: Sequence[Change], name: str, device: Device | None = None) -> str:
+def report(
+    found: Assessment, changes: Sequence[Change], name: str, device: Device | None = None, arguments: str = ""
+) -> str:
     """The whole text.
 
     Args:
         found: what the theory says. changes: what would make it stable.
         name: what to call the configuration. device: its row of Table II, if it is one of these.
+        arguments: with which another command is about the same configuration.
     """
+    stable_but = caveat(found) if found.verdict == "stable" else ""
     sections = [
-        f"{name}{_motion(found)}: {HEADLINES[found.verdict]}",
+        f"{name}{_motion(found)}: {HEADLINES[found.verdict]}{stable_but}",
         _paragraph(_why(found)),
         "\n".join(_numbers(found)),
     ]
-    if found.explored is not None and (command := found.explored.command(found.loop.period)):
+    if found.explored is not None and (command := found.explored.command(found.loop.period, arguments)):
         sections.append(f"To see one of them: {command}")
     if changes:
         sections.append(advice_text(found, changes))
@@ -112,10 +116,12 @@ def _proof(found: Assessment) -> str:
     else:
         asked = f"λ = {number(found.proof.lam)} and q = {number(found.proof.q)}"
         text = f" No theorem proves it: with all that is in the loop they ask for {asked}."
-    text += f" Simulated exactly, {found.explored.words}."
-    if found.explored.approximate:
-        text += f" ({'; '.join(found.explored.approximate)}.)"
-    return text
+    return f"{text} Simulated exactly, {found.explored.words}{caveat(found)}."
+
+
+def caveat(found: Assessment) -> str:
+    """What the runs take differently from the device, in brackets; empty where nothing, or where a proof needs no runs."""
+    return f" ({'; '.join(found.explored.approximate)})" if found.explored and found.explored.approximate else ""
 
 
 def number(value: float | None, digits: int = 3) -> str:
@@ -143,7 +149,11 @@ def _motion(found: Assessment) -> str:
         return f", released at rest from {found.deflection:g} ticks"
     if found.velocity is not None:
         return f", moving at {found.velocity:g} ticks per period"
-    return ", at any speed"
+    if found.explored is None or found.verdict != "stable":
+        return ", at any speed"
+    if limit := found.config.safety.max_velocity:
+        return f", at up to {number(limit)} {'m/s' if found.config.is_linear else 'rad/s'}"
+    return f", at up to {UNLIMITED:g} ticks per period"
 
 
 def _numbers(found: Assessment) -> Iterator[str]:
@@ -222,7 +232,7 @@ def _ends(explored: Explored, period_s: float) -> Iterator[str]:
     """What starts end in, with what share of them."""
     label = "starts end in"
     for share, name, cycle in explored.ends[:_ENDS]:
-        text = f"{100.0 * share:.2g} %: {name}"
+        text = f"{number(100.0 * share, 2)} %: {name}"
         if cycle is not None:
             text += f", {number(cycle.amplitude, 2)} ticks"
             text += f" at {number(1.0 / (cycle.periods * period_s))} Hz" if cycle.periods else ""
@@ -231,7 +241,7 @@ def _ends(explored: Explored, period_s: float) -> Iterator[str]:
     if others := [(share, cycle.amplitude) for share, _, cycle in explored.ends[_ENDS:] if cycle is not None]:
         shares, amplitudes = zip(*others, strict=True)
         count = f"{len(others)} other{'s' * (len(others) > 1)}"
-        yield f"{label:<18}{100.0 * sum(shares):.2g} %: {count}, up to {number(max(amplitudes), 2)} ticks"
+        yield f"{label:<18}{number(100.0 * sum(shares), 2)} %: {count}, up to {number(max(amplitudes), 2)} ticks"
 
 
 def _plainly(value: float) -> str:

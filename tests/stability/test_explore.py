@@ -19,6 +19,7 @@ from hapticd.stability.explore import CHECK, GUARD, REMEDY, Explored, explore
 from hapticd.stability.guard import explore_further, judge
 from hapticd.stability.numbers import Dimensionless, Scales, loop_from_config, physical
 from hapticd.stability.starts import starts_of
+from hapticd.stability.theorems import proof_of
 from hapticd.stability.whole_loop import record_of
 from tests.stability.claims import CLASSES, draw, held_against
 from tests.stability.independent import BUZZES, MOVES_ON, RESTS, runs, starts_within
@@ -329,3 +330,54 @@ def test_a_buzz_of_the_dampers_kicks_at_an_edge_is_found() -> None:
         assert found.largest_cycle < 0.01
         alike = runs(question.config, starts_within(question.config, question.motion, 2000, np.random.default_rng(5)))
         assert alike[alike[:, 0] == BUZZES, 1].max(initial=0.0) <= 1.01 * found.largest_cycle
+
+
+#: A very heavy device that grows by a hundredth in a minute from what it is released at.
+SLOWLY = {"plant.inertia": 1.907364e-3, "plant.viscous": 3.9828e-6, "plant.coulomb": 0.0}
+#: An averaged velocity whose first periods can put in more than the mass stores: nothing is proven.
+OVERBRAKED = {
+    "plant.inertia": 2.682e-7, "plant.viscous": 2.0256e-5, "plant.coulomb": 1.44685e-4,
+    "spring.damping": 8.4744e-4, "spring.velocity_periods": 5,
+}  # fmt: skip
+
+
+def test_a_spring_that_grows_slowly_below_a_tick_is_no_buzz() -> None:
+    given = config(SLOWLY)
+    said = judge(given, 0.0, deflection=0.7315)
+    assert said.verdict == "refused"
+    assert "undecided" in said.reason or "moved on" in said.reason
+
+
+def test_nothing_is_proven_where_the_first_periods_of_an_average_may_put_in_more_than_the_mass_stores() -> None:
+    given = config(OVERBRAKED)
+    proof = proof_of(given, loop_from_config(given))
+    assert proof is not None
+    assert proof.speed_limit == 0.0
+    assert judge(given, 0.0).verdict == "refused"
+    ended = runs(given, np.array([[0.0, -1e-4, 0.0, 0.0], [0.0, -0.0158, 0.0, 0.0]]))
+    assert (ended[:, 0] == MOVES_ON).all()
+
+
+def test_the_speed_limit_is_where_the_margin_is_zero() -> None:
+    for question in draw("averaged velocity", 40, 77):
+        proof = proof_of(question.config, loop_from_config(question.config))
+        assert proof is not None
+        if 0.0 < proof.speed_limit < math.inf:
+            assert proof.margin(proof.speed_limit) == pytest.approx(0.0, abs=1e-6)
+        assert proof.margin(1.01 * proof.speed_limit + 1e-9) < 0.0 or proof.speed_limit == math.inf
+
+
+def test_what_rings_is_not_explored_as_a_delay() -> None:
+    ringing = config(V | {"amplifier.bandwidth_hz": 70.0, "amplifier.damping_ratio": 0.3})
+    found = assess(ringing)
+    assert found.explored is not None
+    assert found.explored.rings
+    assert found.verdict != "stable"
+    assert judge(ringing, 0.0, velocity=0.1).verdict == "refused"
+
+
+def test_below_one_tick_theorem_2_forbids_growth_under_dither() -> None:
+    dithered = {"plant.inertia": 1.2e-6, "plant.viscous": 9.6e-6, "plant.coulomb": 5.52233084e-6}
+    found = assess(config(dithered | {"dither.target": "position", "dither.amplitude": 3, "dither.frequency_hz": 40}))
+    assert found.explored is not None
+    assert found.explored.growing == 0
