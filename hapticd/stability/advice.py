@@ -142,12 +142,11 @@ def _apply(found: Assessment, key: str, before: float, after: float) -> Change |
 
 def _tried(found: Assessment, config: Config, start: Start | None) -> Assessment:
     """What the theory says of a change, with more starts for `check`; without a motion not beyond a buzz that is left."""
-    effort = replace(REMEDY, motion_rests=True) if start is not None else replace(REMEDY, until=_LEFT)
-    then = assess(config, start=start, latency_s=found.latency_s, effort=effort, cycles=False)
-    if found.effort.starts <= GUARD.starts or not _helps(then):
-        return then
-    more = replace(effort, starts=GUARD.starts, periods=GUARD.periods // 2)
-    return assess(config, start=start, latency_s=found.latency_s, effort=more, cycles=False)
+    effort = REMEDY
+    if found.effort.starts > GUARD.starts:
+        effort = replace(REMEDY, starts=GUARD.starts, periods=GUARD.periods // 2)
+    effort = replace(effort, motion_rests=True) if start is not None else replace(effort, until=_LEFT)
+    return assess(config, start=start, latency_s=found.latency_s, effort=effort, cycles=False)
 
 
 def _helps(then: Assessment) -> bool:
