@@ -121,7 +121,7 @@ class CanopenDriver(Driver):
         self._monitor = Monitor(options.node_id)
         listen(network, self._monitor)
         try:
-            drive = bring_up(network, self._monitor, options, self._profile, self._eds, self.config.amplifier)
+            drive = bring_up(network, self._monitor, options, self._profile, self._eds, self.config)
             if options.compiled and drive.echoes:
                 raise DriverError(
                     f"{options.interface} {options.channel} gives our own frames back (receive_own_messages): switch that "

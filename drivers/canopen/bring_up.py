@@ -14,6 +14,7 @@ from typing import Final
 import canopen
 
 from drivers.canopen import layout as w
+from drivers.canopen import plausible
 from drivers.canopen.bus import (
     Monitor,
     listen_for_master,
@@ -38,6 +39,7 @@ from drivers.canopen.state_machine import (
 )
 from drivers.canopen.units import Rated
 from drivers.interface import DriverError
+from hapticd.config import Config
 from hapticd.config.sections import Amplifier
 
 _CIA_402: Final = 402
@@ -68,7 +70,7 @@ def bring_up(
     options: Options,
     profile: Profile,
     eds: Path,
-    amplifier: Amplifier,
+    config: Config,
 ) -> Drive:
     """Bring the drive up; it ends operational, at zero and disabled.
 
@@ -94,9 +96,12 @@ def bring_up(
     mode = _choose_mode(objects, profile)
     _set_mode(objects, mode)
     objects.apply(profile.slopes)
-    rated = _rated(objects, profile, amplifier)
+    amplifier = config.amplifier
+    rated = _rated(objects, profile, options, config)
+    _check_what_it_says(objects, profile, rated, config)
     _set_limits(objects, profile, rated, amplifier)
     command = rated.command_per_ampere(mode.target.unit, amplifier.peak_current)
+    plausible.check_step(f"{mode.name}, 0x{mode.target.object:04x}", 1.0 / command, amplifier.peak_current)
     actual = rated.ampere_per_raw(profile.actual.unit)
     objects.set(mode.target.object, 0, 0, f"target of {mode.name}")
     back = _read_back(objects, options, mode)
@@ -241,7 +246,7 @@ def _read_back(objects: Objects, options: Options, mode: Mode) -> tuple[Entry, .
     return (demand, display) if can_send(objects, display) else (demand,)
 
 
-def _rated(objects: Objects, profile: Profile, amplifier: Amplifier) -> Rated:
+def _rated(objects: Objects, profile: Profile, options: Options, config: Config) -> Rated:
     def value(index: int | None, what: str) -> int | None:
         present = index is not None and objects.present(index, 0, what)
         return objects.read(index, 0, what) if present and index is not None else None
@@ -250,9 +255,19 @@ def _rated(objects: Objects, profile: Profile, amplifier: Amplifier) -> Rated:
         value(profile.rated_current, "rated current (mA)"),
         value(profile.rated_torque, "rated torque (mN m)"),
     )
-    rated = Rated(current, torque, amplifier.torque_constant)
-    rated.check()
-    return rated
+    return plausible.rated_values(current, torque, options, config)
+
+
+def _check_what_it_says(objects: Objects, profile: Profile, rated: Rated, config: Config) -> None:
+    index, what = profile.encoder_resolution, "position encoder resolution"
+    counts_per_rev = config.encoder.counts_per_rev
+    if index is not None and counts_per_rev is not None and all(objects.present(index, sub, what) for sub in (1, 2)):
+        plausible.check_encoder(index, objects.read(index, 1, what), objects.read(index, 2, what), counts_per_rev)
+    index, what = profile.max_torque, "max torque (‰)"
+    if index is not None and rated.torque is not None and objects.present(index, 0, what):
+        raw = objects.read(index, 0, what)
+        limit = raw * rated.ampere_per_raw("permille_rated_torque")
+        plausible.check_max_torque(index, raw, limit, config.amplifier.peak_current)
 
 
 def _set_limits(objects: Objects, profile: Profile, rated: Rated, amplifier: Amplifier) -> None:
@@ -261,6 +276,9 @@ def _set_limits(objects: Objects, profile: Profile, rated: Rated, amplifier: Amp
         if not asked or (limit.optional and not objects.present(limit.object, 0, limit.what)):
             continue
         scale = 1e3 if limit.unit == "ms" else 1.0 / rated.ampere_per_raw(limit.unit)
+        if limit.unit != "ms":
+            found = objects.read(limit.object, 0, limit.what)
+            plausible.check_limit(limit.what, limit.object, found, found / scale, limit.key, asked)
         try:
             objects.set(limit.object, 0, round(asked * scale), limit.what)
         except DriverError as error:

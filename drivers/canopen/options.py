@@ -45,6 +45,10 @@ class Options:
     read_back: bool = True
     """Have the drive's demand and mode come back on every SYNC (TPDO 2), where the profile names them and the drive has
     them."""
+    rated_current: float | None = None
+    """Rated current of the motor in A: what 1000 ‰ are, where the drive says it in another unit or not at all."""
+    rated_torque: float | None = None
+    """Rated torque of the motor, N m (or N), likewise."""
     bus: dict[str, Any] = field(default_factory=dict)
     """Further arguments for the python-can interface, such as ``port`` of udp_multicast."""
 
@@ -83,6 +87,10 @@ class Options:
                 raise _wrong(key, value, "must be a time from 0 to 1 s")
             if key in given:
                 given[key] = float(value)
+        for key, unit in (("rated_current", "A"), ("rated_torque", "N m or N")):
+            value = given.get(key, 1.0)
+            if isinstance(value, bool) or not isinstance(value, int | float) or not 0.0 < value < math.inf:
+                raise _wrong(key, value, f"must be above 0 {unit}")
         if given.get("reply_timeout_s") == 0.0:
             raise _wrong("reply_timeout_s", 0, "must be above 0 s")
         return cls(**given)

@@ -88,6 +88,10 @@ class Profile(_Part):
     """Object in mA."""
     rated_torque: Index | None = None
     """Object in 0.001 N m."""
+    max_torque: Index | None = 0x6072
+    """Object in ‰ of the rated torque at which the drive clips its target."""
+    encoder_resolution: Index | None = 0x608F
+    """Counts (sub 1) in revolutions (sub 2) of the encoder behind ``position``; null: another encoder than the motor's."""
     slopes: tuple[Setting, ...] = ()
     limits: tuple[LimitSetting, ...] = ()
     reactions: tuple[Setting, ...] = ()

@@ -9,39 +9,11 @@ from numpy.typing import NDArray
 
 from drivers.canopen import layout as w
 from drivers.canopen.bus import describe_command
+from drivers.canopen.emcy import error_code_text
 from drivers.canopen.others import UNNAMED
 from drivers.canopen.state_machine import FAULT_BIT, name_of, transition
 
 _NMT_STATES: Final = {4: "stopped", 5: "operational", 127: "pre-operational"}
-
-# CiA 301, table 26 and CiA 402-2, annex: the ranges that a drive's user meets.
-_ERROR_CODES: Final = (
-    (0x2310, 0xFFFF, "continuous over-current"),
-    (0x2320, 0xFFFF, "short circuit"),
-    (0x2000, 0xF000, "current"),
-    (0x3210, 0xFFFF, "over-voltage"),
-    (0x3220, 0xFFFF, "under-voltage"),
-    (0x3000, 0xF000, "voltage"),
-    (0x4000, 0xF000, "temperature"),
-    (0x5000, 0xF000, "drive hardware"),
-    (0x6000, 0xF000, "drive software"),
-    (0x7300, 0xFF00, "sensor, such as the encoder"),
-    (0x7000, 0xF000, "additional modules"),
-    (0x8250, 0xFFFF, "RPDO time-out: the drive did not hear the loop's commands in time"),
-    (0x8130, 0xFFFF, "life guard or heartbeat: the drive did not hear the loop in time"),
-    (0x8100, 0xFF00, "communication"),
-    (0x8600, 0xFF00, "position controller"),
-    (0xFF00, 0xFF00, "vendor's own"),
-    (0x1000, 0xF000, "generic"),
-)
-
-
-def error_code_text(code: int) -> str:
-    """An EMCY error code in words, by its class."""
-    for value, mask, text in _ERROR_CODES:
-        if code & mask == value:
-            return text
-    return "not in CiA 301"
 
 
 def _deaf(block: NDArray[Any]) -> str:

@@ -2,7 +2,7 @@
 
 A torque object counts in ‰ of the rated torque 0x6076 (0.001 N m), a current object in ‰ of the rated current 0x6075 (mA)
 (CiA 402-2). A torque object is turned into a current with the config's torque constant, so that the torque of the spring
-is right to the last ‰; the drive's own torque per ampere, 0x6076 / 0x6075, must agree with it.
+is right to the last ‰.
 """
 
 from __future__ import annotations
@@ -12,38 +12,19 @@ from typing import Final
 
 from drivers.interface import DriverError
 
-_KT_TOLERANCE: Final = 0.1
 RAW_MAX: Final = 32767
 
 
 @dataclass(frozen=True)
 class Rated:
-    """What the drive says of its motor."""
+    """What 1000 ‰ are; :func:`drivers.canopen.plausible.rated_values` makes it."""
 
-    current_ma: int | None
-    """0x6075, mA; None where it does not say."""
-    torque_mnm: int | None
-    """0x6076, 0.001 N m (or 0.001 N)."""
+    current: float | None
+    """A; None where neither the drive nor the config says."""
+    torque: float | None
+    """N m (or N)."""
     torque_constant: float
     """amplifier.torque_constant of the config, N m/A or N/A."""
-
-    def check(self) -> None:
-        """Refuse rated values that are zero or that contradict the config.
-
-        Raises:
-            DriverError: with both numbers.
-        """
-        for what, value in (("rated current 0x6075", self.current_ma), ("rated torque 0x6076", self.torque_mnm)):
-            if value == 0:
-                raise DriverError(f"{what} is 0: the motor is not set up in the drive, so its ‰ mean nothing")
-        if self.current_ma and self.torque_mnm:
-            own = self.torque_mnm / self.current_ma
-            if abs(own - self.torque_constant) > _KT_TOLERANCE * self.torque_constant:
-                raise DriverError(
-                    f"the drive's motor has {own:.4g} N m/A (rated torque 0x6076 = {self.torque_mnm} mN m at rated current "
-                    f"0x6075 = {self.current_ma} mA), amplifier.torque_constant is {self.torque_constant:.4g}: one of the "
-                    "two is for another motor"
-                )
 
     def ampere_per_raw(self, unit: str) -> float:
         """A per raw unit of a ``unit`` of :mod:`drivers.canopen.profile`.
@@ -55,10 +36,10 @@ class Rated:
             return 0.01
         if unit == "milliampere":
             return 0.001
-        if unit == "permille_rated_torque" and self.torque_mnm:
-            return 1e-6 * self.torque_mnm / self.torque_constant
-        if self.current_ma:
-            return 1e-6 * self.current_ma
+        if unit == "permille_rated_torque" and self.torque:
+            return 1e-3 * self.torque / self.torque_constant
+        if self.current:
+            return 1e-3 * self.current
         raise DriverError(f"the profile counts in {unit}, but the drive has no rated value for it (0x6075, 0x6076)")
 
     def command_per_ampere(self, unit: str, peak_current: float | None) -> float:

@@ -183,7 +183,11 @@ REFUSALS: list[tuple[dict[str, Any], dict[str, Any], str]] = [
         {},
         "amplifier.continuous_current = 2 A: continuous current limit (0.01 A) (0x2111): 200",
     ),
-    ({}, {"amplifier": {"peak_current": 400}}, "40000 does not fit into the 16 bits of the EDS"),
+    (
+        {"aborts": {(0x6072, 0): 0x06020000}},
+        {"amplifier": {"peak_current": 400}},
+        "40000 does not fit into the 16 bits of the EDS",
+    ),
     (
         {"write_aborts": {(0x1A00, 3): 0x06040041}},
         {},
@@ -240,6 +244,145 @@ def test_refusals(bench: Bench, lies: dict[str, Any], sections: dict[str, Any], 
         open_driver(**sections)
     assert text in str(caught.value)
     assert str(caught.value).startswith("unix_seqpacket ")
+
+
+ONLY_TORQUE = {"aborts": {(0x6075, 0): 0x06020000}}
+IMPLAUSIBLE: list[tuple[dict[str, Any], dict[str, Any], dict[str, Any], tuple[str, ...]]] = [
+    (
+        {**ONLY_TORQUE, "overrides": {(0x6076, 0): 6}},
+        {},
+        {},
+        (
+            "rated torque 0x6076 = 6 mN m is a rated current of 0.205 A, 0.103 times amplifier.continuous_current = 2 A",
+            "makes 9.73 times of every current",
+            "6 cN m would be 2.05 A, so the drive most likely counts in cN m",
+            "driver.rated_torque (in N m)",
+        ),
+    ),
+    (
+        {**ONLY_TORQUE, "overrides": {(0x6076, 0): 58400}},
+        {},
+        {},
+        (
+            "0x6076 = 58400 mN m is a rated current of 2e+03 A",
+            "58400 µN m would be 2 A, so the drive most likely counts in µN m",
+        ),
+    ),
+    (
+        {**ONLY_TORQUE, "overrides": {(0x6076, 0): 584}},
+        {},
+        {},
+        ("584 0.1 mN m would be 2 A",),
+    ),
+    (
+        {**ONLY_TORQUE, "overrides": {(0x6076, 0): 6}},
+        {},
+        {"amplifier": {"continuous_current": 0}},
+        ("0.103 times a third of amplifier.peak_current = 2 A",),
+    ),
+    (
+        {"overrides": {(0x6076, 0): 6}},
+        {},
+        {},
+        (
+            "the drive's motor has 0.003 N m/A (rated torque 0x6076 = 6 mN m at rated current 0x6075 = 2000 mA), "
+            "amplifier.torque_constant is 0.0292: 6 cN m would be 2.05 A, so the drive most likely counts in cN m",
+        ),
+    ),
+    (
+        {"overrides": {(0x6076, 0): 58400, (0x6075, 0): 2_000_000}},
+        {},
+        {},
+        ("rated current 0x6075 = 2000000 mA is a rated current of 2e+03 A, 1e+03 times", "counts in µA"),
+    ),
+    (
+        {"overrides": {(0x6075, 0): 2}, "aborts": {(0x6076, 0): 0x06020000}},
+        {},
+        {},
+        (
+            "rated current 0x6075 = 2 mA is a rated current of 0.002 A",
+            "2 A would be 2 A, so the drive most likely counts in A",
+        ),
+    ),
+    (
+        {**ONLY_TORQUE, "overrides": {(0x6076, 0): 20}},
+        {},
+        {},
+        ("0.342 times amplifier.continuous_current", "In no usual unit would it be near 2 A"),
+    ),
+    (
+        {**ONLY_TORQUE, "overrides": {(0x6076, 0): 400}},
+        {},
+        {"encoder": {"counts_per_metre": 1e6}, "amplifier": {"torque_constant": 20.0}, "plant": {"inertia": 0.1}},
+        ("rated torque 0x6076 = 400 mN is a rated current of 0.02 A", "400 0.1 N would be 2 A"),
+    ),
+    (
+        {"overrides": {(0x6076, 0): 58400}},
+        {"rated_torque": 0.077},
+        {},
+        ("driver.rated_torque = 0.077 N m, but rated torque 0x6076 = 58400 is that in none of N m, cN m",),
+    ),
+    (
+        {"overrides": {(0x6072, 0): 1000}},
+        {},
+        {},
+        ("max torque 0x6072 = 1000 ‰ clips the command at 1.99 A, and amplifier.peak_current is 6 A",),
+    ),
+    (
+        {"overrides": {(0x608F, 1): 2048}},
+        {},
+        {},
+        (
+            "position encoder resolution 0x608f is 2048 counts in 1 revolutions, 2048 counts/rev; encoder.counts_per_rev is "
+            "8192: one of the two counts lines",
+        ),
+    ),
+    (
+        {"overrides": {(0x608F, 1): 10000}},
+        {},
+        {},
+        ("10000 counts/rev; encoder.counts_per_rev is 8192: one of the two is for another encoder",),
+    ),
+    (
+        {"overrides": {(0x2110, 0): 100}},
+        {},
+        {},
+        ("amplifier.peak_current = 6 A is 6 times the limit that the drive came with: peak current limit (0.01 A)",),
+    ),
+    (
+        {"overrides": {(0x6502, 0): 1 << 3}},
+        {},
+        {"amplifier": {"peak_current": 0.2, "continuous_current": 0.1}, "dither": {"target": "none"}},
+        ("0x6075 = 2000 mA is a rated current of 2 A, 20 times amplifier.continuous_current = 0.1 A",),
+    ),
+    (
+        {"overrides": {(0x6502, 0): 1 << 3}},
+        {"rated_current": 2.0, "rated_torque": 0.058},
+        {"amplifier": {"peak_current": 0.2, "continuous_current": 0.1}},
+        ("one step of the command (programmed current, 0x2340) is 0.01 A, and amplifier.peak_current = 0.2 A is 20",),
+    ),
+]
+
+
+@pytest.mark.parametrize(("lies", "options", "sections", "texts"), IMPLAUSIBLE)
+def test_what_a_drive_says_is_not_believed(
+    bench: Bench, lies: dict[str, Any], options: dict[str, Any], sections: dict[str, Any], texts: tuple[str, ...]
+) -> None:
+    fake, open_driver = bench
+    drive = fake(**lies)
+    with pytest.raises(DriverError) as caught:
+        open_driver(options, **sections)
+    for text in texts:
+        assert text in str(caught.value)
+    assert drive.node.nmt.state == "PRE-OPERATIONAL"
+
+
+@pytest.mark.parametrize(("raw", "unit"), [(58400, 1e-6), (6, 1e-2), (58, 1e-3)])
+def test_a_stated_rated_torque_goes_before_the_drives_number(bench: Bench, raw: int, unit: float) -> None:
+    fake, open_driver = bench
+    fake(**ONLY_TORQUE, overrides={(0x6076, 0): raw})
+    driver = open_driver({"rated_torque": 0.0584})
+    assert "cyclic synchronous torque, 2 mA a step" in driver.describe()
 
 
 def edited_eds(tmp_path: Path, old: str, new: str) -> Path:
@@ -348,6 +491,8 @@ def test_an_interface_that_gives_frames_back_is_refused_on_the_compiled_path(
         ({"reply_timeout_s": 0}, "driver.reply_timeout_s = 0: must be above 0 s"),
         ({"reply_timeout_s": 0.001}, "driver.reply_timeout_s = 0.001 s is more than 80% of the servo period (0.0008 s"),
         ({"latency_s": -1}, "driver.latency_s = -1: must be a time from 0 to 1 s"),
+        ({"rated_torque": 0}, "driver.rated_torque = 0: must be above 0 N m"),
+        ({"rated_current": "2 A"}, "driver.rated_current = '2 A': must be above 0 A"),
         ({"channel": 5}, "driver.channel = 5: must be text"),
         ({"interface": "udp_multicast"}, "driver.channel is missing: name the channel of udp_multicast"),
         ({"bus": 3}, "driver.bus = 3: must be a mapping"),

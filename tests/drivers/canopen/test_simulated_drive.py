@@ -304,6 +304,18 @@ def test_a_drive_that_lies_about_its_current_is_passed_on_as_it_says(
     [
         (("--missing", "0x2113"), {}, "the drive has no object 0x2113, though the EDS copley.eds has it"),
         (("--set", "0x6076=0"), {}, "rated torque 0x6076 is 0"),
+        (
+            ("--missing", "0x6075", "--set", "0x6076=6"),
+            {},
+            "6 cN m would be 2.05 A, so the drive most likely counts in cN m",
+        ),
+        (
+            ("--missing", "0x6075", "--set", "0x6076=58400"),
+            {},
+            "58400 µN m would be 2 A, so the drive most likely counts in µN m",
+        ),
+        (("--set", "0x608F:1=2048"), {}, "encoder.counts_per_rev is 8192: one of the two counts lines"),
+        (("--set", "0x6072=1000"), {}, "max torque 0x6072 = 1000 ‰ clips the command at 1.99 A"),
         (("--node-id", "7"), {}, "node 1 does not answer, but there is node 7: set driver.node_id = 7"),
         ((), {"profile": "cia402"}, "consumer heartbeat time: the drive has no object 0x1016:1"),
     ],

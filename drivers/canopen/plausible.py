@@ -1,0 +1,214 @@
+"""Plausibility of what a drive says: rated values, limits, encoder and step, against each other and against the config.
+
+A drive that counts in another unit than its profile says, or that was set up for another motor, turns every command into a
+multiple of what was meant. Nothing on the bus would show it: the demand comes back in the same wrong unit.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from drivers.canopen.units import Rated
+from drivers.interface import DriverError
+
+if TYPE_CHECKING:
+    from drivers.canopen.options import Options
+    from hapticd.config import Config
+
+LEAST: Final = 0.5
+MOST: Final = 5.0
+"""The rated current may be so many times ``amplifier.continuous_current``: less would be an overload asked for in plain
+words, more is a drive far too large, or a unit."""
+AGREE: Final = 0.1
+"""Two statements of the same thing may differ by so much."""
+LIMIT_RAISED: Final = 5.0
+"""So many times may the config raise a limit that the drive came with."""
+FEWEST_STEPS: Final = 30.0
+"""Steps of the command up to the peak current."""
+_ENCODER_AGREE: Final = 1e-3
+_NEAR: Final = 1.6
+
+_CURRENT: Final = (("A", 1.0), ("0.1 A", 0.1), ("0.01 A", 0.01), ("mA", 1e-3), ("0.1 mA", 1e-4), ("µA", 1e-6))
+_TORQUE: Final = (
+    ("N m", 1.0),
+    ("cN m", 1e-2),
+    ("oz in", 7.0616e-3),
+    ("mN m", 1e-3),
+    ("0.1 mN m", 1e-4),
+    ("g cm", 9.80665e-5),
+    ("µN m", 1e-6),
+)
+_FORCE: Final = (("N", 1.0), ("0.1 N", 0.1), ("cN", 1e-2), ("mN", 1e-3), ("0.1 mN", 1e-4), ("µN", 1e-6))
+
+
+@dataclass(frozen=True)
+class _Rating:
+    """One rated value: the object's number, the units that it may be in (SI first), and what the config states of it."""
+
+    what: str
+    raw: int
+    units: tuple[tuple[str, float], ...]
+    unit: str
+    """The one that the profile says, of CiA 402."""
+    key: str
+    stated: float | None
+    per_ampere: float
+    """SI units per A."""
+
+    @property
+    def value(self) -> float:
+        """SI: as stated, else as the drive says."""
+        return self.raw * dict(self.units)[self.unit] if self.stated is None else self.stated
+
+    @property
+    def current(self) -> float:
+        """A."""
+        return self.value / self.per_ampere
+
+    def __str__(self) -> str:
+        if self.stated is not None:
+            return f"driver.{self.key} = {self.stated:g} {self.units[0][0]}"
+        return f"{self.what} = {self.raw} {self.unit}"
+
+    def likely(self, current: float) -> str | None:
+        """The unit in which the number is nearest to a current in A, if it comes near, in words."""
+        wanted = current * self.per_ampere
+        name, scale = min(self.units, key=lambda unit: abs(math.log(self.raw * unit[1] / wanted)))
+        if self.stated is not None or name == self.unit or not 1.0 / _NEAR < self.raw * scale / wanted < _NEAR:
+            return None
+        current = self.raw * scale / self.per_ampere
+        return f"{self.raw} {name} would be {current:.3g} A, so the drive most likely counts in {name}"
+
+    def check_stated(self) -> None:
+        """What the config states must be the drive's number in some unit."""
+        if self.raw == 0:
+            raise DriverError(f"{self.what} is 0: the motor is not set up in the drive, so its ‰ mean nothing")
+        if self.stated is None or any(abs(self.raw * scale / self.stated - 1.0) <= AGREE for _, scale in self.units):
+            return
+        raise DriverError(
+            f"{self}, but {self.what} = {self.raw} is that in none of {', '.join(name for name, _ in self.units)}: one of "
+            "the two is for another motor"
+        )
+
+    def check_usual(self, usual: float, key: str) -> None:
+        """What only the drive says, against the current of a key of the amplifier, A; 0: none."""
+        if self.stated is not None or usual == 0.0 or LEAST <= self.current / usual <= MOST:
+            return
+        guess = self.likely(usual) or f"In no usual unit would it be near {usual:g} A"
+        raise DriverError(
+            f"{self} is a rated current of {self.current:.3g} A, {self.current / usual:.3g} times "
+            f"{key} = {usual:g} A; {LEAST:g} to {MOST:g} times are believed, for a drive that means {usual:g} A by it makes "
+            f"{usual / self.current:.3g} times of every current that is commanded. {guess}. Correct the object or the "
+            f"config, or state what the motor's data sheet says as driver.{self.key} (in {self.units[0][0]})"
+        )
+
+
+def rated_values(current: int | None, torque: int | None, options: Options, config: Config) -> Rated:
+    """The drive's rated values, checked against each other and against the config.
+
+    Args:
+        current, torque: objects 0x6075 (mA) and 0x6076 (0.001 N m or N) as read; None where the drive has none.
+        options: of the driver; its rated values go before the drive's. config: amplifier and kind of axis.
+
+    Raises:
+        DriverError: with the object, its value, what it would mean, the config's key, and the unit that would fit.
+    """
+    amplifier = config.amplifier
+    constant = amplifier.torque_constant
+    key, usual = "amplifier.continuous_current", amplifier.continuous_current or 0.0
+    if not usual and amplifier.peak_current:
+        key, usual = "a third of amplifier.peak_current", amplifier.peak_current / 3.0
+    units, unit = (_FORCE, "mN") if config.is_linear else (_TORQUE, "mN m")
+    stated_current, stated_torque = options.rated_current, options.rated_torque
+    ratings: dict[str, _Rating] = {}
+    if current is not None:
+        ratings["current"] = _Rating(
+            "rated current 0x6075", current, _CURRENT, "mA", "rated_current", stated_current, 1.0
+        )
+    if torque is not None:
+        ratings["torque"] = _Rating("rated torque 0x6076", torque, units, unit, "rated_torque", stated_torque, constant)
+    for rating in ratings.values():
+        rating.check_stated()
+    if len(ratings) == 2:
+        _check_quotient(ratings["current"], ratings["torque"], constant)
+    for rating in ratings.values():
+        rating.check_usual(usual, key)
+    return Rated(
+        ratings["current"].value if "current" in ratings else stated_current,
+        ratings["torque"].value if "torque" in ratings else stated_torque,
+        constant,
+    )
+
+
+def _check_quotient(current: _Rating, torque: _Rating, constant: float) -> None:
+    own = torque.value / current.value
+    if abs(own - constant) <= AGREE * constant:
+        return
+    guesses = [guess for guess in (torque.likely(current.current), current.likely(torque.current)) if guess]
+    raise DriverError(
+        f"the drive's motor has {own:.4g} {torque.units[0][0]}/A ({torque} at {current}), amplifier.torque_constant is "
+        f"{constant:.4g}: {'; or '.join(guesses) or 'one of the two is for another motor'}"
+    )
+
+
+def check_limit(what: str, index: int, raw: int, found: float, key: str, asked: float) -> None:
+    """Refuse to raise a limit that the drive came with by more than a factor: commissioning set it for this motor.
+
+    Raises:
+        DriverError: with both currents in A.
+    """
+    if found > 0.0 and asked > LIMIT_RAISED * found:
+        raise DriverError(
+            f"amplifier.{key} = {asked:g} A is {asked / found:.3g} times the limit that the drive came with: {what} "
+            f"(0x{index:04x}) = {raw}, {found:g} A. No more than {LIMIT_RAISED:g} times are believed: is the config in mA? "
+            "Else set the drive's own limit up for this motor first"
+        )
+
+
+def check_max_torque(index: int, raw: int, limit: float, peak: float | None) -> None:
+    """Refuse a drive that clips the command below the config's peak current.
+
+    Raises:
+        DriverError: with both currents in A.
+    """
+    if peak and limit < (1.0 - AGREE) * peak:
+        raise DriverError(
+            f"max torque 0x{index:04x} = {raw} ‰ clips the command at {limit:.3g} A, and amplifier.peak_current is {peak:g} "
+            "A: theory and trips would reckon with a current that never comes; raise the one or lower the other"
+        )
+
+
+def check_encoder(index: int, increments: int, turns: int, counts_per_rev: float) -> None:
+    """Refuse an encoder resolution of the drive that is not the config's.
+
+    Raises:
+        DriverError: with both, and the usual reason.
+    """
+    if increments == 0 or turns == 0:
+        return
+    own = increments / turns
+    ratio = own / counts_per_rev
+    if abs(ratio - 1.0) <= _ENCODER_AGREE:
+        return
+    lines = any(abs(ratio / usual - 1.0) < _ENCODER_AGREE for usual in (4.0, 0.25))
+    why = "one of the two counts lines, which have 4 edges each" if lines else "one of the two is for another encoder"
+    raise DriverError(
+        f"position encoder resolution 0x{index:04x} is {increments} counts in {turns} revolutions, {own:g} counts/rev; "
+        f"encoder.counts_per_rev is {counts_per_rev:g}: {why}"
+    )
+
+
+def check_step(target: str, step: float, peak: float | None) -> None:
+    """Refuse a step of the command that leaves too few of them up to the peak current.
+
+    Raises:
+        DriverError: with both currents in A.
+    """
+    if peak and step * FEWEST_STEPS > peak:
+        raise DriverError(
+            f"one step of the command ({target}) is {step:.3g} A, and amplifier.peak_current = {peak:g} A is "
+            f"{peak / step:.3g} of them where {FEWEST_STEPS:g} are needed: the drive is too large for this motor, or its "
+            "rated values are in another unit"
+        )
