@@ -14,7 +14,7 @@ from drivers.interface import (
     new_exchange,
 )
 from drivers.python_driver import PythonDriver
-from drivers.registry import DriverInfo, create, declared_latency, discover, max_rate
+from drivers.registry import DriverInfo, create, declared_latency, declared_step, discover, max_rate
 
 __all__ = [
     "DEVICE_FAULT",
@@ -30,6 +30,7 @@ __all__ = [
     "PythonDriver",
     "create",
     "declared_latency",
+    "declared_step",
     "discover",
     "driver_options",
     "max_rate",

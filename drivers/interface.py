@@ -154,6 +154,17 @@ class Driver(abc.ABC):
         return cls.latency_s
 
     @classmethod
+    def declared_step(cls, config: Config) -> float:
+        """Step in A of the command that the device takes, without opening anything; 0: none beside ``amplifier.dac_bits``.
+
+        ``check`` counts half of it among the errors of the force.
+
+        Raises:
+            DriverConfigError: the driver refuses its options.
+        """
+        return 0.0
+
+    @classmethod
     def max_rate_hz(cls, config: Config) -> float:
         """Highest servo rate in Hz that the link to the device carries, without opening anything; infinite if not known.
 

@@ -74,6 +74,15 @@ def declared_latency(config: Config) -> tuple[float, str | None]:
         return 0.0, f"driver {name!r} cannot be loaded ({text}): its latency is not known and is taken as 0"
 
 
+def declared_step(config: Config) -> float:
+    """Step in A of the command that the device of the config's driver takes; 0 where there is none, or none is known."""
+    try:
+        driver = _class_of(config.driver.name)
+        return 0.0 if driver is None else driver.declared_step(config)
+    except Exception:  # `declared_latency` says what is wrong with it
+        return 0.0
+
+
 def max_rate(config: Config) -> tuple[float, str]:
     """Highest servo rate in Hz that the link of the config's driver carries, and why; infinite where it is not known."""
     try:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from drivers.canopen import bus_load, cyclic
+from drivers.canopen import bus_load, cyclic, plausible
 from drivers.canopen import layout as w
 from drivers.canopen.options import Options
 from drivers.canopen.profile import load_profile
@@ -74,6 +74,11 @@ class CanopenDriver(Driver):
     def declared_latency_s(cls, config: Config) -> float:
         """The option ``latency_s``, or what TPDO, RPDO and processing take at the config's bit rate, s."""
         return Options.parse(driver_options(config)).declared_latency_s()
+
+    @classmethod
+    def declared_step(cls, config: Config) -> float:
+        """One step of the target, A: by the stated rated values, or the coarsest that bring-up lets through."""
+        return plausible.declared_step(Options.parse(driver_options(config)), config)
 
     @classmethod
     def max_rate_hz(cls, config: Config) -> float:

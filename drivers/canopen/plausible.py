@@ -8,8 +8,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from drivers.canopen.profile import load_profile
 from drivers.canopen.units import Rated
 from drivers.interface import DriverError
 
@@ -115,11 +118,8 @@ def rated_values(current: int | None, torque: int | None, options: Options, conf
     Raises:
         DriverError: with the object, its value, what it would mean, the config's key, and the unit that would fit.
     """
-    amplifier = config.amplifier
-    constant = amplifier.torque_constant
-    key, usual = "amplifier.continuous_current", amplifier.continuous_current or 0.0
-    if not usual and amplifier.peak_current:
-        key, usual = "a third of amplifier.peak_current", amplifier.peak_current / 3.0
+    constant = config.amplifier.torque_constant
+    key, usual = _usual(config)
     units, unit = (_FORCE, "mN") if config.is_linear else (_TORQUE, "mN m")
     stated_current, stated_torque = options.rated_current, options.rated_torque
     ratings: dict[str, _Rating] = {}
@@ -151,6 +151,34 @@ def _check_quotient(current: _Rating, torque: _Rating, constant: float) -> None:
         f"the drive's motor has {own:.4g} {torque.units[0][0]}/A ({torque} at {current}), amplifier.torque_constant is "
         f"{constant:.4g}: {'; or '.join(guesses) or 'one of the two is for another motor'}"
     )
+
+
+@cache
+def _units(profile: str, changed_ns: int) -> frozenset[str]:
+    return frozenset(mode.target.unit for mode in load_profile(profile)[0].modes)
+
+
+def declared_step(options: Options, config: Config) -> float:
+    """The coarsest step of the command that bring-up lets through, A; exact where the config states the rated values.
+
+    Raises:
+        DriverConfigError: there is no such profile.
+    """
+    usual = MOST * _usual(config)[1]
+    torque = usual if options.rated_torque is None else options.rated_torque / config.amplifier.torque_constant
+    current = usual if options.rated_current is None else options.rated_current
+    rated = Rated(current, torque * config.amplifier.torque_constant, config.amplifier.torque_constant)
+    path = Path(options.profile)
+    units = _units(options.profile, path.stat().st_mtime_ns if path.is_file() else 0)
+    return max(rated.ampere_per_raw(unit) for unit in units) if rated.current and rated.torque else 0.0
+
+
+def _usual(config: Config) -> tuple[str, float]:
+    """What a rated current is held against: the config's key in words, and A; 0 without any limit."""
+    amplifier = config.amplifier
+    if amplifier.continuous_current:
+        return "amplifier.continuous_current", amplifier.continuous_current
+    return "a third of amplifier.peak_current", (amplifier.peak_current or 0.0) / 3.0
 
 
 def check_limit(what: str, index: int, raw: int, found: float, key: str, asked: float) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from drivers import max_rate
+from drivers import declared_step, max_rate
 from hapticd.config import Config
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant.amplifier import converter_grid
@@ -59,13 +59,14 @@ def _interface(config: Config, loop: Loop) -> Iterator[str]:
             "the limit; take a finer encoder, a slower servo or a higher limit"
         )
     amplifier = config.amplifier
-    if amplifier.dac_bits and amplifier.dac_full_scale and loop.stiffness > 0.0:
-        step, _ = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
-        step *= amplifier.torque_constant
+    converter, own = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)[0], declared_step(config)
+    if loop.stiffness > 0.0:
+        step = max(converter, own) * amplifier.torque_constant
         if step > loop.scales.force:
             unit = "N" if config.is_linear else "N m"
+            of = f"the {amplifier.dac_bits}-bit converter" if converter >= own else f"driver {config.driver.name}"
             yield (
-                f"one step of the {amplifier.dac_bits}-bit converter is {step:.3g} {unit}, more than the "
+                f"one step of {of} is {step:.3g} {unit}, more than the "
                 f"{loop.scales.force:.3g} {unit} of one encoder tick: the command is coarser than the encoder, and Coulomb "
                 f"friction must hold {loop.numbers.quantum:.3g} ticks"
             )

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from drivers import declared_step
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant.amplifier import converter_grid
 
@@ -235,9 +236,9 @@ def _position_error(config: Config) -> float:
 
 
 def _force_error(config: Config) -> float:
-    """Half a step of the converter, and current dither, as a force in N m or N."""
+    """Half a step of the converter, or of the device where that is coarser, and current dither, as a force in N m or N."""
     amplifier = config.amplifier
-    step, _ = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
+    step = max(converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)[0], declared_step(config))
     dither = config.dither.amplitude if config.dither.target == "current" else 0.0
     return (0.5 * step + dither) * amplifier.torque_constant
 
