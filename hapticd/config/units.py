@@ -1,14 +1,16 @@
-"""Quantities as people write them: ``0.5rad``, ``30deg``, ``2mm``, ``10.3ticks``, ``90 deg/s``, ``500ms``.
+"""Quantities as people write them: ``0.5rad``, ``30deg``, ``2mm``, ``10.3ticks``, ``3Nm/rad``, ``60 g cm²``, ``500ms``.
 
-A coarse tick means something else after every change of the decimation, an angle does not. A number without a unit keeps the
-meaning that its option states. The tables are those of ``hapticd import``, too.
+One parser for every door: config files, ``set``, options, ``init``, the map of an import. A coarse tick means something else
+after every change of the decimation, an angle does not. A number without a unit keeps the meaning that its place states.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Mapping
+from functools import cache
 from typing import TYPE_CHECKING, Final
 
 from hapticd.config.nearest import nearest_name
@@ -31,22 +33,71 @@ CURRENT_UNITS: Final = {"A": 1.0, "mA": 1e-3, "uA": 1e-6}
 TORQUE_UNITS: Final = {"N m": 1.0, "mN m": 1e-3, "uN m": 1e-6, "N cm": 1e-2}
 FORCE_UNITS: Final = {"N": 1.0, "mN": 1e-3, "kN": 1e3}
 _OF_THE_ENCODER: Final = ("ticks", "counts")
+UNITS: Final = frozenset(
+    {*TIME_UNITS, *ANGLE_UNITS, *LENGTH_UNITS, *CURRENT_UNITS, *TORQUE_UNITS, *FORCE_UNITS, *_OF_THE_ENCODER}
+)
+
+_NEWTON: Final = (1.0, {"kg": 1, "m": 1, "s": -2})
+_ATOMS: Final[Mapping[str, tuple[float, Mapping[str, int]]]] = {
+    "s": (1.0, {"s": 1}),
+    "min": (60.0, {"s": 1}),
+    "h": (3600.0, {"s": 1}),
+    "Hz": (1.0, {"s": -1}),
+    "m": (1.0, {"m": 1}),
+    "in": (0.0254, {"m": 1}),
+    "g": (1e-3, {"kg": 1}),
+    "A": (1.0, {"A": 1}),
+    "N": _NEWTON,
+    "oz": (0.27801385, _NEWTON[1]),
+    "lbf": (4.4482216, _NEWTON[1]),
+    **{name: (size, {"rad": 1}) for name, size in ANGLE_UNITS.items()},
+    "rpm": (2.0 * math.pi / 60.0, {"rad": 1, "s": -1}),
+    "counts": (1.0, {"counts": 1}),
+    "lines": (4.0, {"counts": 1}),
+    "cpr": (1.0 / (2.0 * math.pi), {"counts": 1, "rad": -1}),
+    "ppr": (4.0 / (2.0 * math.pi), {"counts": 1, "rad": -1}),
+    "bits": (1.0, {"bits": 1}),
+    "bytes": (1.0, {"bytes": 1}),
+    "ticks": (1.0, {"ticks": 1}),
+    "period": (1.0, {"period": 1}),
+    "exchanges": (1.0, {"exchanges": 1}),
+}
+_PREFIXES: Final = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "k": 1e3, "M": 1e6, "G": 1e9}
+_PREFIXED: Final = frozenset({"s", "m", "g", "A", "N", "Hz", "bytes"})
 _SPELLINGS: Final = {
     "tick": "ticks",
     "count": "counts",
-    "°": "deg",
+    "bit": "bits",
+    "byte": "bytes",
+    "B": "bytes",
+    "kB": "kbytes",
+    "MB": "Mbytes",
+    "GB": "Gbytes",
     "degree": "deg",
     "degrees": "deg",
-    "µm": "um",
-    "μm": "um",
-    "µs": "us",
-    "μs": "us",
+    "radian": "rad",
+    "radians": "rad",
     "turn": "rev",
     "turns": "rev",
     "sec": "s",
+    "second": "s",
+    "seconds": "s",
+    "amp": "A",
+    "amps": "A",
+    "ampere": "A",
     "periods": "period",
+    "hz": "Hz",
+    "khz": "kHz",
+    "ozf": "oz",
 }
+_SIGNS: Final = str.maketrans(
+    {"µ": "u", "μ": "u", "²": "2", "³": "3", "°": "deg", "·": " ", "*": " ", "^": "", "⋅": " "}
+)
+_JOINED: Final = re.compile(r"([mukc]?N|[mk]?g|oz)([cm]?m|in)(2?)")
+"""Nm, mNm, Ncm, gcm2, ozin: two units without a space between them."""
+_TOKEN: Final = re.compile(r"([A-Za-z]+)(-?\d*)")
 _WRITTEN: Final = re.compile(r"\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_DIGITS: Final = 12
 
 
 class UnitError(ValueError):
@@ -69,7 +120,67 @@ def split(text: str) -> tuple[float, str]:
         raise UnitError(f"{text!r} is not a number{hint}") from None
     if not math.isfinite(value):
         raise UnitError(f"{text!r} is not a finite number")
-    return value, "/".join(_SPELLINGS.get(part.strip(), part.strip()) for part in unit.split("/")) if unit else ""
+    return value, spelled(unit)
+
+
+def spelled(unit: str) -> str:
+    """A unit in this module's own spelling: ``Nm/°`` is ``N m/deg``, ``[µs]`` is ``us``; an unknown one stays what it is."""
+    plain = unit.strip().strip("[]()").translate(_SIGNS)
+    return "/".join(" ".join(_words(part)) for part in plain.split("/")) if plain else ""
+
+
+def _words(part: str) -> list[str]:
+    words: list[str] = []
+    for word in part.split():
+        joined = _JOINED.fullmatch(word) if word not in _ATOMS else None
+        words += [joined[1], joined[2] + joined[3]] if joined else [_SPELLINGS.get(word, word)]
+    return words
+
+
+@cache
+def _size(unit: str) -> tuple[float, frozenset[tuple[str, int]]] | None:
+    """A unit in SI, and its dimensions; None for an unknown one."""
+    size, dimensions = 1.0, Counter[str]()
+    for place, part in enumerate(spelled(unit).split("/")):
+        for word in part.split():
+            if word == "1":
+                continue
+            found = _TOKEN.fullmatch(word)
+            atom = _atom(found[1]) if found else None
+            if found is None or atom is None:
+                return None
+            power = int(found[2] or 1) * (-1 if place else 1)
+            size *= atom[0] ** power
+            dimensions.update({name: power * times for name, times in atom[1].items()})
+    return size, frozenset((name, power) for name, power in dimensions.items() if power)
+
+
+def _atom(name: str) -> tuple[float, Mapping[str, int]] | None:
+    if name in _ATOMS:
+        return _ATOMS[name]
+    if name[:1] in _PREFIXES and name[1:] in _PREFIXED:
+        size, dimensions = _ATOMS[name[1:]]
+        return _PREFIXES[name[0]] * size, dimensions
+    return None
+
+
+def in_unit(text: str, unit: str) -> float:
+    """A quantity as a number of a unit, such as ``N m/rad``; a bare number is one already.
+
+    Raises:
+        UnitError: no finite number, an unknown unit, or one of another kind.
+    """
+    value, own = split(text)
+    if not own:
+        return value
+    wanted, given = _size(unit), _size(own)
+    if unit == "counts/rev" and own in ("counts", "lines"):  # data sheets leave "a revolution" out
+        given = _size(f"{own}/rev")
+    if given is None:
+        raise UnitError(f"{text!r}: unknown unit {own!r}; give it in {unit or 'no unit'}")
+    if wanted is None or wanted[1] != given[1]:
+        raise UnitError(f"{text!r} is of another kind; give it in {unit or 'no unit'}")
+    return float(f"{value * given[0] / wanted[0]:.{_DIGITS}g}")
 
 
 def deflection_ticks(asked: float | str, config: Config) -> float:

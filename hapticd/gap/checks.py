@@ -123,7 +123,13 @@ def _wraps(recording: Recording, model: Config) -> Iterator[str]:
         for row in np.flatnonzero(np.abs(np.abs(steps) - span) < _WRAP_TOLERANCE * span):
             if float(np.median(np.abs(steps[max(row - 5, 0) : row + 6]))) < _WRAP_TOLERANCE * span:
                 jump = f"jumps by {steps[row]:.0f} counts in one sample at row {row + 1}"
-                hint = f"import it with position.wrap: {span:.0f}"
+                size = span * recording.resolution
+                other = (
+                    f"{size:.6g} where it is in m"
+                    if recording.is_linear
+                    else f"{np.rad2deg(size):.6g} where it is in deg"
+                )
+                hint = f"import it with position.wrap: {span:.0f} where the map's unit is count, {other}"
                 yield f"position {jump}: a counter that overflows at {span:.0f}; {hint}"
                 return
 

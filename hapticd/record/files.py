@@ -62,13 +62,18 @@ def written(target: Path) -> Iterator[Path]:
     """A file to write in the place of another; that one is there whole afterwards, or as it was.
 
     Raises:
-        RunFileError: it cannot be written.
+        RunFileError: it cannot be written; nothing is left of it.
     """
     try:
         with atomic_write(target) as part:
             yield part
     except OSError as error:
         raise RunFileError(f"cannot write {target}: {error.strerror or error}") from error
+    except RecordingError as error:
+        # What a recording says of itself is of the scratch file, which is gone by now.
+        cause = error.__cause__
+        why = cause.strerror if isinstance(cause, OSError) and cause.strerror else str(error)
+        raise RunFileError(f"cannot write {target}: {why}; nothing is left of it") from error
 
 
 def why_unwritable(directory: Path) -> str | None:

@@ -6,8 +6,8 @@ from the first one on, before they lose digits. Positions become counts of the s
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config import Config, load_config
-from hapticd.config.units import CURRENT_UNITS, TIME_UNITS
+from hapticd.config.units import ANGLE_UNITS, CURRENT_UNITS, UNITS, spelled
 from hapticd.record.errors import RunFileError
 from hapticd.record.files import refuse_existing, written
 from hapticd.record.importing_map import COUNT, ImportMap, Signal
@@ -23,6 +23,7 @@ from hapticd.record.importing_sources import Source, read_source
 from hapticd.record.metadata import run_metadata
 from hapticd.record.reader import median_period, time_warnings
 from hapticd.record.schema import FLAG_RUNNING, Rows, empty_rows
+from hapticd.record.stamps import read_stamps
 from hapticd.record.writer import RunWriter
 
 FloatArray = NDArray[np.float64]
@@ -59,7 +60,7 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
     """Read a foreign file and write it as a native run; the file appears whole under its name or not at all.
 
     Args:
-        source: .csv, .mat, .npy or .parquet.
+        source: text (.csv, .txt, .tsv, .dat, .asc), .mat, .npy, .npz or .parquet.
         mapping: what its columns are.
         out: the run file to write.
         force: replace a file that exists.
@@ -80,12 +81,13 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
         # What leaves floating point is found, and named by its row.
         counts_per_unit = _counts_per_unit(path, mapping, model)
-        rows, origin = _rows(columns, mapping, model, counts_per_unit)
+        rows, origin, notes = _rows(columns, mapping, model, counts_per_unit)
     metadata = _metadata(path, mapping, model, counts_per_unit, origin)
     with written(target) as part, RunWriter(part, metadata) as writer:
         writer.write(rows)
     resolution = (1.0 if mapping.is_linear else 2.0 * np.pi) / counts_per_unit
-    return imported(target, rows, resolution, is_linear=mapping.is_linear, is_force=mapping.force is not None)
+    done = imported(target, rows, resolution, is_linear=mapping.is_linear, is_force=mapping.force is not None)
+    return replace(done, warnings=(*notes, *done.warnings))
 
 
 def imported(
@@ -142,11 +144,16 @@ def _unit(mapping: ImportMap) -> str:
     return mapping.position.unit or ("m" if mapping.is_linear else "rad")
 
 
-def _rows(source: Source, mapping: ImportMap, model: Config | None, counts_per_unit: float) -> tuple[Rows, float]:
+def _rows(
+    source: Source, mapping: ImportMap, model: Config | None, counts_per_unit: float
+) -> tuple[Rows, float, list[str]]:
+    notes = list(_other_units(source, mapping))
     position = _finite(source, mapping.position, "position")
+    notes += _about_wraps(position, mapping)
     if mapping.position.wrap is not None:
         position = np.unwrap(position, period=mapping.position.wrap)
-    time_s, origin = _time(source, mapping, position.size)
+    time_s, origin, of_time = _time(source, mapping, position.size)
+    notes += of_time
     counts = _counts(source.path, position, mapping, model, counts_per_unit)
     command_key = "current" if mapping.current is not None else "force"
     command = mapping.current or mapping.force
@@ -182,7 +189,45 @@ def _rows(source: Source, mapping: ImportMap, model: Config | None, counts_per_u
         rows["current_command_A"], rows["force_command"] = driven, driven * constant
     rows["current_measured_A"] = measured
     rows["flags"] = FLAG_RUNNING
-    return rows, origin
+    return rows, origin, notes
+
+
+def _other_units(source: Source, mapping: ImportMap) -> Iterator[str]:
+    """Where the file's own row of units says something else than the map."""
+    for key, default in (
+        ("time", "s"), ("position", _unit(mapping)), ("current", "A"), ("current_measured", "A"),
+        ("force", next(iter(mapping.force_units))),
+    ):  # fmt: skip
+        part = getattr(mapping, key)
+        said = source.unit(part.column) if part is not None and part.column is not None else None
+        if said is not None and spelled(said) in UNITS and spelled(said) != spelled(part.unit or default):
+            yield f"{key}.unit is {part.unit or default}, but the file says {said!r} of column {part.column}"
+
+
+def _about_wraps(position: FloatArray, mapping: ImportMap) -> Iterator[str]:
+    """A wrap that changes nothing, or a jump that looks like one that is missing in the map."""
+    wrap, unit, factor = mapping.position.wrap, _unit(mapping), abs(mapping.position.factor)
+    steps = np.abs(np.diff(position))
+    row = int(np.argmax(steps)) if steps.size else 0
+    jump = float(steps[row]) if steps.size else 0.0
+    if wrap is not None and jump > 0.5 * wrap:
+        return
+    turn = 2.0 * np.pi / ANGLE_UNITS[unit] if unit in ANGLE_UNITS else mapping.encoder.counts_per_rev or 0.0
+    usual = [(wrap or 0.0) * factor, turn, *(2.0**bits for bits in (8, 10, 12, 14, 16) if unit == COUNT)]
+    near = next((size for size in usual if size != wrap and 0.9 * size < jump <= 1.01 * size), None)
+    if wrap is not None:
+        remedy = f"; position.wrap: {near:.6g} would" if near else ""
+        if near and factor != 1.0 and near == wrap * factor:
+            remedy += ", for it is taken after position.factor"
+        yield (
+            f"position.wrap = {wrap:g} {unit} never acts: from sample to sample the position moves by no more than "
+            f"{jump:.6g} {unit}{remedy}"
+        )
+    elif near and np.ptp(position) <= 1.01 * near and jump > 10.0 * np.quantile(steps, 0.9):
+        yield (
+            f"position jumps by {jump:.6g} {unit} at row {row + 1}: does it start again there? position.wrap: {near:.6g} "
+            "carries it on"
+        )
 
 
 def _torque_constant(mapping: ImportMap, model: Config | None) -> float:
@@ -191,23 +236,14 @@ def _torque_constant(mapping: ImportMap, model: Config | None) -> float:
     return model.amplifier.torque_constant if model is not None else float("nan")
 
 
-def _time(source: Source, mapping: ImportMap, samples: int) -> tuple[FloatArray, float]:
-    """Stamps in s, and the stamp that was taken off them, in the file's unit."""
+def _time(source: Source, mapping: ImportMap, samples: int) -> tuple[FloatArray, float, list[str]]:
+    """Stamps in s, the stamp that was taken off them, in the file's unit, and what is to be known of them."""
     if mapping.time.column is None:
         assert mapping.time.rate_hz is not None  # the map was checked
         time_s = np.arange(samples) / mapping.time.rate_hz
         _check_finite(source.path, f"time.rate_hz = {mapping.time.rate_hz:g}", time_s)
-        return time_s, 0.0
-    stamps = source.column(mapping.time.column, "time.column")
-    origin = 0.0
-    if stamps.dtype.kind == "i" and stamps.size:
-        # Nanoseconds since 1970 do not fit into a double; their differences do.
-        origin = float(stamps[0])
-        stamps = stamps - stamps[0]
-    time_s = np.asarray(stamps, dtype=np.float64)
-    _check_finite(source.path, "time", time_s)
-    unit = TIME_UNITS[mapping.time.unit]
-    return time_s if unit == 1.0 else time_s * unit, origin
+        return time_s, 0.0, []
+    return read_stamps(source, mapping.time, mapping.time.column)
 
 
 def _counts(
@@ -239,7 +275,7 @@ def _span(path: Path, time_s: FloatArray, mapping: ImportMap) -> slice:
 
 
 def _values(source: Source, signal: Signal, key: str) -> FloatArray:
-    raw = np.asarray(source.column(signal.column, f"{key}.column"), dtype=np.float64)
+    raw = np.asarray(source.numbers(signal.column, f"{key}.column"), dtype=np.float64)
     return np.asarray((raw * signal.factor + signal.offset) * signal.sign)
 
 

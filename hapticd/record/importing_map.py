@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, StrictBool, StrictInt, StrictStr, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, StrictBool, StrictInt, StrictStr, ValidationError
 
 from hapticd.config.explain import key_path
 from hapticd.config.fields import Number, quantity
@@ -14,11 +14,27 @@ from hapticd.config.nearest import nearest_key
 from hapticd.config.problems import ConfigError, Problem
 from hapticd.config.reading import read_text, read_yaml
 from hapticd.config.text import shown
-from hapticd.config.units import ANGLE_UNITS, CURRENT_UNITS, FORCE_UNITS, LENGTH_UNITS, TIME_UNITS, TORQUE_UNITS
+from hapticd.config.units import (
+    ANGLE_UNITS,
+    CURRENT_UNITS,
+    FORCE_UNITS,
+    LENGTH_UNITS,
+    TIME_UNITS,
+    TORQUE_UNITS,
+    spelled,
+)
 
 Reference = StrictStr | StrictInt
 
 COUNT = "count"
+
+
+def _spelled(unit: object) -> object:
+    own = spelled(unit) if isinstance(unit, str) else unit
+    return COUNT if own == "counts" else own
+
+
+Unit = Annotated[StrictStr, BeforeValidator(_spelled)]
 
 
 class _Part(BaseModel):
@@ -28,8 +44,10 @@ class _Part(BaseModel):
 class Signal(_Part):
     """One column and how it becomes a quantity: (column · factor + offset) · sign, in ``unit``."""
 
-    column: Reference = quantity(..., "Column: name, number from 0, or path inside a .mat struct (a.b)")
-    unit: StrictStr | None = quantity(None, "Unit of the column after factor and offset; null: SI")
+    column: Reference = quantity(
+        ..., "Column: name, number from 0, or place in a .mat or .npz (a.b, Y(2).Data, q(:,3), q[:,2])"
+    )
+    unit: Unit | None = quantity(None, "Unit of the column after factor and offset; null: SI")
     factor: Number = quantity(1.0, "Number the column is multiplied by, before the unit")
     offset: Number = quantity(0.0, "Number added after the factor, before the unit")
     sign: Literal[1, -1] = quantity(1, "-1 where the file counts the other way round")
@@ -39,7 +57,12 @@ class Time(_Part):
     """Time stamps: a column, or a rate for a file without one."""
 
     column: Reference | None = quantity(None, "Column of the time stamps")
-    unit: StrictStr = quantity("s", "Unit of the time stamps: " + ", ".join(TIME_UNITS))
+    unit: Unit = quantity("s", "Unit of the time stamps: " + ", ".join(TIME_UNITS))
+    wrap: Number | None = quantity(
+        None,
+        "Range after which the stamps start again (4294967296 of micros()), in their unit: they are carried on",
+        gt=0,
+    )
     rate_hz: Number | None = quantity(None, "Sampling rate of a file without time stamps", "Hz", gt=0)
 
 
@@ -62,11 +85,13 @@ class Encoder(_Part):
 
 
 class Csv(_Part):
-    """How a .csv file is written; lines that begin with # before the data are passed over."""
+    """How a text file is written; null: as its first lines look. Lines with # before the data are passed over."""
 
-    delimiter: StrictStr = quantity(",", "Character between two values; \\t for a tab")
+    delimiter: StrictStr | None = quantity(None, "Character between two values; \\t for a tab, a space for any number")
     decimal: Literal[".", ","] = quantity(".", "Decimal point")
-    header: StrictBool = quantity(True, "The first line holds the names of the columns")
+    header: StrictBool | None = quantity(
+        None, "The first line holds the names of the columns; null: unless it holds numbers (names may stand behind #)"
+    )
     skip_lines: StrictInt = quantity(0, "Lines to pass over before that", ge=0, le=1_000_000)
 
 
@@ -86,9 +111,11 @@ class ImportMap(_Part):
     model: StrictStr | None = quantity(
         None, "Config file or preset of the device that was recorded; kept in the run, as in a native one"
     )
-    variable: StrictStr | None = quantity(None, ".mat: variable or struct (a.b) in which the columns are looked up")
+    variable: StrictStr | None = quantity(
+        None, ".mat, .npz: variable or struct (a.b, Y(2)) in which the columns are looked up"
+    )
     channels: Literal["auto", "rows", "columns"] = quantity(
-        "auto", ".npy, .mat matrix: the axis that holds the channels; auto: the shorter one"
+        "auto", ".npy, matrix of .mat or .npz: the axis that holds the channels; auto: the shorter one"
     )
     csv: Csv = quantity(Csv, "How a .csv file is written")
     from_s: Number | None = quantity(None, "Leave out what comes before, in s from the file's first sample", "s")

@@ -1,11 +1,12 @@
-"""Columns out of foreign files: .csv, .mat (structs within structs), .npy (either way round) and .parquet."""
+"""Columns out of foreign files: text, .mat (structs, cells, matrices), .npy (either way round), .npz and .parquet."""
 
 from __future__ import annotations
 
-import io
+import re
 import tokenize
 import warnings
-from collections.abc import Callable, Mapping
+import zipfile
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,19 +16,23 @@ from numpy.typing import NDArray
 from hapticd.config.nearest import nearest_name
 from hapticd.config.opening import open_regular
 from hapticd.config.text import decimal_comma
+from hapticd.record.csv_layout import look, squeezed
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
-from hapticd.record.matfile import is_level_5, read_level_5
-from hapticd.record.reader import column_names, delimiter_hint, read_parquet, refuse_utf16
+from hapticd.record.matfile import read_mat
+from hapticd.record.reader import column_names, delimiter_hint, not_utf8, read_parquet, refuse_utf16
+from hapticd.record.sizes import check_unpacked, unpack_limit
 
 _NAMES_SHOWN = 12
+_OF_MATRIX = re.compile(r"(.+?)(?:\(:,(\d+)\)|\((\d+),:\)|\[:,(\d+)\]|\[(\d+)(?:,:)?\])")
+"""A column or row of a matrix: q(:,3) and q(3,:) as MATLAB counts, q[:,2] and q[2] as numpy does."""
 
 
-def _some(names: Mapping[str, Any]) -> str:
+def _some(names: Iterable[str]) -> str:
     """The first names, and how many more there are."""
-    shown = list(names)[:_NAMES_SHOWN]
-    more = len(names) - len(shown)
-    return ", ".join(shown) + (f" and {more} more" if more else "")
+    listed = list(names)
+    more = len(listed) - _NAMES_SHOWN
+    return ", ".join(listed[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 class Source:
@@ -35,44 +40,114 @@ class Source:
 
     Args:
         path: the file, for messages.
-        named: name → values, 1-D.
-        numbered: columns in the file's order.
+        names: of the columns, in the file's order; None: they have numbers only. A name may occur twice.
+        arrays: the columns; one with two dimensions is a matrix of columns, which has no number.
+        left_out: what no column can come from, with its shape.
+        units: of each column, as far as the file says.
     """
 
-    def __init__(self, path: Path, named: Mapping[str, NDArray[Any]], numbered: list[NDArray[Any]]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        names: Sequence[str] | None,
+        arrays: Sequence[NDArray[Any]],
+        left_out: Mapping[str, str] | None = None,
+        units: Sequence[str] = (),
+    ) -> None:
         self.path = path
-        self.named = dict(named)
-        self.numbered = numbered
+        self.names = list(names or ())
+        self.arrays = list(arrays)
+        self.numbered = [array for array in arrays if array.ndim <= 1]
+        self._left_out = dict(left_out or {})
+        self._units = list(units)
 
     def column(self, reference: Reference, key: str) -> NDArray[Any]:
-        """Values of one column, (n,), of an integer or floating-point type.
+        """Values of one column, (n,), of an integer or floating-point type, or of texts or instants.
 
         Args:
             reference: name or number. key: the map's key, for messages.
 
         Raises:
-            RunFileError: there is no such column, or it holds no numbers.
+            RunFileError: there is no such column, or more than one.
         """
-        if isinstance(reference, int):
-            if not 0 <= reference < len(self.numbered):
-                limit = f"the file has columns 0 to {len(self.numbered) - 1}" if self.numbered else "it has none"
-                raise RunFileError(f"{self.path}: {key} = {reference}: no such column; {limit}")
-            values = self.numbered[reference]
-        elif reference in self.named:
-            values = self.named[reference]
-        else:
-            close = nearest_name(reference, self.named)
-            has = _some(self.named) or "no named columns; use numbers from 0"
-            hint = f"did you mean {close}? (it has: {has})" if close else f"the file has: {has}"
-            hint = delimiter_hint(self.named) or hint
-            raise RunFileError(f"{self.path}: {key} = {reference}: no such column; {hint}")
+        values = np.atleast_1d(self._find(reference, f"{self.path}: {key} = {reference}"))
         if values.dtype.kind == "u":
             values = values.astype(np.int64 if values.size == 0 or int(values.max()) < 2**63 else np.float64)
         if not values.size:
             raise RunFileError(f"{self.path}: {key} = {reference}: the column is empty")
+        return values
+
+    def numbers(self, reference: Reference, key: str) -> NDArray[Any]:
+        """Values of one column of numbers, (n,).
+
+        Raises:
+            RunFileError: there is no such column, or it holds no numbers.
+        """
+        values = self.column(reference, key)
         if values.dtype.kind not in "if":
             raise RunFileError(f"{self.path}: {key} = {reference}: the column holds {_other(values)}, not numbers")
         return values
+
+    def unit(self, reference: Reference) -> str | None:
+        """The unit that the file itself says of a column."""
+        at = reference if isinstance(reference, int) else self.names.index(reference) if reference in self.names else -1
+        return self._units[at] or None if 0 <= at < len(self._units) else None
+
+    def _find(self, reference: Reference, where: str) -> NDArray[Any]:
+        if isinstance(reference, int):
+            if 0 <= reference < len(self.numbered):
+                return self.numbered[reference]
+            limit = f"the file has columns 0 to {len(self.numbered) - 1}" if self.numbered else "it has none"
+            raise RunFileError(f"{where}: no such column; {limit}")
+        found = [number for number, name in enumerate(self.names) if name == reference]
+        if len(found) > 1:
+            numbers = ", ".join(map(str, found))
+            raise RunFileError(
+                f"{where}: {len(found)} columns have that name; give the number of one: {numbers} (from 0)"
+            )
+        if found:
+            if (array := self.arrays[found[0]]).ndim <= 1:
+                return array
+            raise RunFileError(f"{where}: a matrix of {_shape(array)}; one column of it is {_parts(reference, array)}")
+        if (part := _OF_MATRIX.fullmatch(reference)) and self.names.count(part[1]) == 1:
+            array = self.arrays[self.names.index(part[1])]
+            column, row = (_index(part[2], part[4]), _index(part[3], part[5]))
+            axis, at = (1, column) if column is not None else (0, row or 0)
+            if array.ndim == 2 and 0 <= at < array.shape[axis]:
+                return np.asarray(array.take(at, axis))
+            raise RunFileError(f"{where}: {part[1]} has {_shape(array)}")
+        raise RunFileError(f"{where}: no such column; {self._hint(reference)}")
+
+    def _hint(self, reference: str) -> str:
+        if any("\ufffd" in name for name in self.names):
+            return not_utf8(self.path)
+        if reference in self._left_out:
+            return f"it is {self._left_out[reference]}, which no column can come from"
+        shown = [
+            name if array.ndim <= 1 else _parts(name, array)
+            for name, array in zip(self.names, self.arrays, strict=False)
+        ]
+        close = nearest_name(reference, self.names)
+        has = _some(shown) or "no named columns; use numbers from 0"
+        if self._left_out:
+            has += f"; left out: {_some(f'{name} ({what})' for name, what in self._left_out.items())}"
+        hint = f"did you mean {close}? (it has: {has})" if close else f"the file has: {has}"
+        return delimiter_hint(self.names) or hint
+
+
+def _index(matlab: str | None, numpy: str | None) -> int | None:
+    return int(matlab) - 1 if matlab is not None else int(numpy) if numpy is not None else None
+
+
+def _shape(array: NDArray[Any]) -> str:
+    return " x ".join(map(str, array.shape)) + (" values" if array.ndim == 1 else "")
+
+
+def _parts(name: str, array: NDArray[Any]) -> str:
+    """How the columns of a matrix are called, by its shorter axis."""
+    rows = array.shape[0] < array.shape[1]
+    first, last = (f"{name}({end},:)" if rows else f"{name}(:,{end})" for end in (1, min(array.shape)))
+    return f"{first} to {last}"
 
 
 def _other(values: NDArray[Any]) -> str:
@@ -118,40 +193,38 @@ def _csv(path: Path, mapping: ImportMap) -> Source:
     import pyarrow.csv as pacsv
 
     style = mapping.csv
-    delimiter = "\t" if style.delimiter == "\\t" else style.delimiter
-    if len(delimiter) != 1:
-        raise RunFileError(f"{path}: csv.delimiter = {delimiter!r}: must be one character, or \\t for a tab")
+    asked = "\t" if style.delimiter == "\\t" else style.delimiter
+    if asked is not None and len(asked) != 1:
+        raise RunFileError(f"{path}: csv.delimiter = {asked!r}: must be one character, or \\t for a tab")
     refuse_utf16(path)
-    skip = style.skip_lines
-    with path.open(encoding="utf-8-sig", errors="replace") as file:
-        lines = (line for number, line in enumerate(file) if number >= style.skip_lines)
-        for line in lines:
-            if not line.startswith("#"):
-                break
-            skip += 1
+    layout = look(path, asked, style.header, style.skip_lines)
+    spaced = layout.delimiter == " "
     try:
         table = pacsv.read_csv(
-            path,
-            read_options=pacsv.ReadOptions(skip_rows=skip, autogenerate_column_names=not style.header),
-            parse_options=pacsv.ParseOptions(delimiter=delimiter),
+            squeezed(path) if spaced else path,
+            read_options=pacsv.ReadOptions(skip_rows=layout.skip, autogenerate_column_names=True),
+            parse_options=pacsv.ParseOptions(delimiter="\t" if spaced else layout.delimiter),
             convert_options=pacsv.ConvertOptions(decimal_point=style.decimal),
         )
     except pa.ArrowException as error:
         why = str(error).splitlines()[0]
+        if layout.names and "Empty CSV" in why:
+            return Source(path, layout.names, [np.empty(0)] * len(layout.names))
         if "columns, got" in why:
-            why += f" (csv.delimiter is {style.delimiter!r}, csv.skip_lines {style.skip_lines})"
+            why += f" (csv.delimiter is {layout.delimiter!r}, csv.skip_lines {style.skip_lines})"
         raise RunFileError(f"{path} is not a readable CSV file: {why}") from None
-    return _from_table(path, table, named=style.header)
+    if layout.names and len(layout.names) != table.num_columns:
+        raise RunFileError(
+            f"{path}: {len(layout.names)} names, but {table.num_columns} columns of values (csv.delimiter is "
+            f"{layout.delimiter!r}, csv.skip_lines {style.skip_lines})"
+        )
+    return Source(path, layout.names, [column.to_numpy() for column in table.columns], units=layout.units)
 
 
 def _parquet(path: Path, mapping: ImportMap) -> Source:
-    return _from_table(path, read_parquet(path), named=True)
-
-
-def _from_table(path: Path, table: Any, *, named: bool) -> Source:
+    table = read_parquet(path)
     names = [name.strip() for name in column_names(path, table)]
-    numbered = [column.to_numpy() for column in table.columns]
-    return Source(path, dict(zip(names, numbered, strict=True)) if named else {}, numbered)
+    return Source(path, names, [column.to_numpy() for column in table.columns])
 
 
 def _npy(path: Path, mapping: ImportMap) -> Source:
@@ -166,11 +239,36 @@ def _npy(path: Path, mapping: ImportMap) -> Source:
         why = "it holds no plain array of numbers" if "pickle" in str(error) else str(error)
         raise RunFileError(f"{path} is not a readable .npy file: {why}") from None
     if not isinstance(data, np.ndarray):
-        raise RunFileError(f"{path} holds several arrays (.npz); save the one that is meant as .npy")
+        raise RunFileError(f"{path} holds several arrays: it is an .npz; rename it")
     if data.dtype.names:
-        numbered = [data[name].ravel() for name in data.dtype.names]
-        return Source(path, dict(zip(data.dtype.names, numbered, strict=True)), numbered)
-    return Source(path, {}, _channels(path, data, mapping))
+        return Source(path, data.dtype.names, [data[name].ravel() for name in data.dtype.names])
+    return Source(path, None, _channels(path, data, mapping))
+
+
+def _npz(path: Path, mapping: ImportMap) -> Source:
+    limit = unpack_limit(path.stat().st_size)
+    found: dict[str, NDArray[Any]] = {}
+    left_out: dict[str, str] = {}
+    try:
+        with zipfile.ZipFile(path) as members:
+            check_unpacked(path, sum(member.file_size for member in members.infolist()), limit)
+        with np.load(path, allow_pickle=False) as archive:
+            for name in archive.files:
+                try:
+                    found[name] = np.squeeze(archive[name])
+                except ValueError:
+                    left_out[name] = "an array of Python objects"
+    except (
+        ValueError,
+        TypeError,
+        ArithmeticError,
+        SyntaxError,
+        EOFError,
+        NotImplementedError,
+        zipfile.BadZipFile,
+    ) as error:
+        raise RunFileError(f"{path} is not a readable .npz file: {error}") from None
+    return _named(path, found, left_out, mapping)
 
 
 def _channels(path: Path, data: NDArray[Any], mapping: ImportMap) -> list[NDArray[Any]]:
@@ -183,44 +281,36 @@ def _channels(path: Path, data: NDArray[Any], mapping: ImportMap) -> list[NDArra
 
 
 def _mat(path: Path, mapping: ImportMap) -> Source:
-    with open_regular(path) as file:
-        data = file.read()
-    named: dict[str, Any] = read_level_5(path, data) if is_level_5(data) else _mat_level_4(path, data)
+    return _named(path, *read_mat(path), mapping)
+
+
+def _named(path: Path, found: dict[str, NDArray[Any]], left_out: dict[str, str], mapping: ImportMap) -> Source:
+    """Arrays with names; of ``variable``, what is inside it, or the channels of the matrix that it is."""
     wanted = mapping.variable
     if wanted is not None:
-        inside = {
-            name.removeprefix(f"{wanted}."): value for name, value in named.items() if name.startswith(f"{wanted}.")
-        }
-        if not inside and wanted not in named:
-            close = nearest_name(wanted, {*named, *(name.rpartition(".")[0] for name in named)} - {""})
-            hint = f"did you mean {close}?" if close else f"it has: {_some(named)}"
+        if wanted in found:
+            return Source(path, None, _channels(path, found[wanted], mapping))
+        inside = re.compile(re.escape(wanted) + r"(\.|(?=[({]))")
+        every = list(found)
+        found = {inside.sub("", name, count=1): value for name, value in found.items() if inside.match(name)}
+        left_out = {inside.sub("", name, count=1): what for name, what in left_out.items() if inside.match(name)}
+        if not found:
+            close = nearest_name(wanted, {*every, *(name.rpartition(".")[0] for name in every)} - {""})
+            hint = f"did you mean {close}?" if close else f"it has: {_some(every)}"
             raise RunFileError(f"{path}: variable = {wanted}: no such variable; {hint}")
-        if not inside:
-            return Source(path, {}, _channels(path, np.asarray(named[wanted]), mapping))
-        named = inside
-    columns = {name: np.atleast_1d(value) for name, value in named.items() if np.ndim(value) <= 1}
-    return Source(path, columns, list(columns.values()))
-
-
-def _mat_level_4(path: Path, data: bytes) -> dict[str, Any]:
-    from scipy.io import loadmat
-    from scipy.io.matlab import MatReadError, matfile_version
-
-    memory: Any = io.BytesIO(data)  # a read of more than there is gives what there is, and takes no more
-    try:
-        if matfile_version(memory)[0] != 0:
-            raise RunFileError(f"{path} is not a readable .mat file: its header is damaged")
-        with warnings.catch_warnings(), np.errstate(all="ignore"):  # infinite times i, text beyond its type
-            warnings.simplefilter("error")
-            contents = loadmat(memory, squeeze_me=True)
-    except (MatReadError, ValueError, TypeError, OSError, LookupError, ArithmeticError, UserWarning) as error:
-        raise RunFileError(f"{path} is not a readable .mat file: {error}") from None
-    return {name: np.asarray(value) for name, value in contents.items() if not name.startswith("__")}
+    left_out |= {name: f"an array of {_shape(value)}" for name, value in found.items() if value.ndim > 2}
+    columns = {name: value for name, value in found.items() if value.ndim <= 2}
+    return Source(path, list(columns), list(columns.values()), left_out)
 
 
 _READERS: dict[str, Callable[[Path, ImportMap], Source]] = {
     ".csv": _csv,
+    ".txt": _csv,
+    ".tsv": _csv,
+    ".dat": _csv,
+    ".asc": _csv,
     ".mat": _mat,
     ".npy": _npy,
+    ".npz": _npz,
     ".parquet": _parquet,
 }

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config.opening import open_regular
+from hapticd.record.csv_layout import look
 from hapticd.record.errors import RunFileError
 from hapticd.record.mcap import read_mcap
 from hapticd.record.metadata import decode_metadata, to_plain
@@ -178,7 +179,7 @@ def column_names(path: Path, table: Any) -> list[str]:
         return [str(name) for name in table.column_names]
     except UnicodeDecodeError:
         if path.suffix.lower() == ".csv":
-            raise RunFileError(_not_utf8(path, "Latin-1", "latin1")) from None
+            raise RunFileError(not_utf8(path)) from None
         raise RunFileError(f"{path} is damaged: its columns have no legible names") from None
 
 
@@ -191,10 +192,11 @@ def refuse_utf16(path: Path) -> None:
     with path.open("rb") as file:
         begins = file.read(2)
     if b"\0" in begins or begins in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
-        raise RunFileError(_not_utf8(path, "UTF-16", "utf-16"))
+        raise RunFileError(not_utf8(path, "UTF-16", "utf-16"))
 
 
-def _not_utf8(path: Path, likely: str, code: str) -> str:
+def not_utf8(path: Path, likely: str = "Latin-1", code: str = "latin1") -> str:
+    """What to do about a text in another encoding."""
     return f"{path} is not UTF-8 ({likely}?); 'iconv -f {code} -t utf-8 {path.name} > utf8.csv' converts it"
 
 
@@ -259,10 +261,12 @@ def _read_csv(path: Path) -> Any:
             if line.startswith(CSV_METADATA_LINE):
                 key, _, value = line.removeprefix(CSV_METADATA_LINE).strip().partition(": ")
                 stored[f"hapticd.{key}"] = value
+    # numpy writes the names behind a #
+    behind = look(path, ",").names if comments and not set(header) & set("abcdf_") else None
     try:
         table = pacsv.read_csv(
             path,
-            read_options=pacsv.ReadOptions(skip_rows=comments),
+            read_options=pacsv.ReadOptions(skip_rows=comments, column_names=behind),
             convert_options=pacsv.ConvertOptions(column_types=dict.fromkeys(_FLOATS, pa.float64())),
         )
     except (pa.ArrowException, OSError) as error:

@@ -10,7 +10,6 @@ import struct
 import subprocess
 import sys
 import warnings
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +29,7 @@ from drivers.canopen.profile import FOLDER
 from hapticd.config import ConfigError, load_config, parse_yaml
 from hapticd.record import RunFileError, read_run
 from hapticd.record.listing import listed
-from hapticd.record.matfile import is_level_5, read_level_5
+from hapticd.record.matfile import read_mat
 
 from ..docs.snippets import ROOT
 
@@ -242,7 +241,8 @@ def test_matlab_files_are_read_as_scipy_reads_them(tmp_path: Path, packed: bool)
     }
     path = tmp_path / "data.mat"
     savemat(path, contents, do_compression=packed)
-    ours = read_level_5(path, path.read_bytes())
+    ours, left_out = read_mat(path)
+    assert left_out == {}
     theirs = loadmat(path, struct_as_record=False, squeeze_me=True)
     theirs |= {"s.a": theirs["s"].a, "s.deeper.b": theirs["s"].deeper.b, "s.deeper.name": theirs["s"].deeper.name}
     assert ours.keys() == {name for name in theirs if not name.startswith("__")} - {"s"}
@@ -254,8 +254,10 @@ def test_matlab_files_are_read_as_scipy_reads_them(tmp_path: Path, packed: bool)
 
 def test_what_no_column_can_come_from_is_named(tmp_path: Path) -> None:
     path = tmp_path / "data.mat"
-    savemat(path, {"c": np.array([np.ones(2), "x"], dtype=object), "many": [{"a": 1.0}, {"a": 2.0}]})
-    assert read_level_5(path, path.read_bytes())["c"] == "a cell array"
+    savemat(path, {"c": np.array([np.ones(2), "x"], dtype=object), "many": [{"a": 1.0}, {"a": 2.0}], "e": {"f": []}})
+    found, left_out = read_mat(path)
+    assert set(found) == {"c{1}", "c{2}", "many{1}.a", "many{2}.a", "e.f"}
+    assert left_out == {}
 
 
 def test_a_wrong_type_code_is_an_error_and_not_the_end_of_the_process(tmp_path: Path) -> None:
@@ -263,19 +265,28 @@ def test_a_wrong_type_code_is_an_error_and_not_the_end_of_the_process(tmp_path: 
     savemat(sink, {"t": np.arange(50.0)})
     data = bytearray(sink.getvalue())
     data[data.index(b"\x09\x00\x00\x00\x90\x01")] = 0xC8
-    assert is_level_5(bytes(data))
-    with pytest.raises(RunFileError, match="'t' holds values of the unknown type 200"):
-        read_level_5(tmp_path / "data.mat", bytes(data))
+    (tmp_path / "data.mat").write_bytes(data)
+    with pytest.raises(RunFileError, match=r"data.mat is not a readable .mat file: "):
+        read_mat(tmp_path / "data.mat")
 
 
 @pytest.mark.usefixtures("small_limit")
 def test_a_matlab_file_unpacks_up_to_a_limit(tmp_path: Path) -> None:
-    packed = zlib.compress(bytes(1 << 23), 9)
-    header = b"MATLAB 5.0".ljust(124) + b"\x00\x01IM"
-    data = header + (15).to_bytes(4, "little") + len(packed).to_bytes(4, "little") + packed
-    assert len(data) < 10_000
+    savemat(tmp_path / "bomb.mat", {"t": np.zeros(1 << 20)}, do_compression=True)
+    assert (tmp_path / "bomb.mat").stat().st_size < 20_000
     with pytest.raises(RunFileError, match=LIMIT):
-        read_level_5(tmp_path / "bomb.mat", data)
+        read_mat(tmp_path / "bomb.mat")
+
+
+def test_a_matlab_file_that_asks_for_all_memory_gets_none(tmp_path: Path) -> None:
+    sink = io.BytesIO()
+    savemat(sink, {"t": np.zeros((3, 7))})
+    data = bytearray(sink.getvalue())
+    at = data.index((3).to_bytes(4, "little") + (7).to_bytes(4, "little"))
+    data[at : at + 8] = (1 << 20).to_bytes(4, "little") + (1 << 18).to_bytes(4, "little")
+    (tmp_path / "data.mat").write_bytes(data)
+    with pytest.raises(RunFileError, match=r"data.mat (unpacks to more than|is not a readable .mat file)"):
+        read_mat(tmp_path / "data.mat")
 
 
 # EDS, YAML

@@ -1,0 +1,100 @@
+"""How a text file of numbers is laid out: its delimiter, its names, a row of units. What the map says goes first."""
+
+from __future__ import annotations
+
+import io
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+DELIMITERS: Final = ("\t", ";", "|", ",")
+_LOOKED_AT: Final = 1000
+"""Lines before the data."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How a file is read.
+
+    Attributes:
+        delimiter: one character; a space stands for any number of spaces and tabs.
+        names: of the columns; none where the file has none.
+        units: what a row below the names says of each column.
+        skip: lines before the first row of numbers.
+    """
+
+    delimiter: str
+    names: list[str] | None
+    units: list[str]
+    skip: int
+
+
+def look(path: Path, delimiter: str | None = None, header: bool | None = None, skip_lines: int = 0) -> Layout:
+    """The layout of a file, from its first lines.
+
+    Names stand in the first line, or, as numpy writes them, behind ``#`` in the line before the first row.
+
+    Args:
+        path: the file. delimiter: as the map says; None: the one that splits the first lines alike.
+        header: as the map says; None: the first line holds names unless all of it are numbers.
+        skip_lines: lines to pass over.
+    """
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        lines = list(itertools.islice(file, skip_lines, skip_lines + _LOOKED_AT))
+    at = next((number for number, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
+    rows = [line for line in lines[at : at + 3] if line.strip()]
+    sign = delimiter or _delimiter(rows)
+    fields = [_split(row, sign) for row in rows]
+    skip = skip_lines + at
+    if not fields:
+        return Layout(sign, None, [], skip)
+    named = header if header is not None else not _numeric(fields[0]) or _counted(fields[0])
+    if named:
+        units = fields[1] if len(fields) > 2 and _is_units(fields[1], fields[2]) else []
+        return Layout(sign, fields[0], units, skip + 1 + bool(units))
+    comment = _split(lines[at - 1].lstrip("#"), sign) if header is None and at > 0 else []
+    return Layout(sign, comment if len(comment) == len(fields[0]) > 1 else None, [], skip)
+
+
+def squeezed(path: Path) -> io.BytesIO:
+    """The file with one tab for every run of spaces and tabs."""
+    with path.open("rb") as file:
+        return io.BytesIO(b"\n".join(b"\t".join(line.split()) for line in file))
+
+
+def _delimiter(rows: Sequence[str]) -> str:
+    for sign in DELIMITERS:
+        counts = {row.count(sign) for row in rows[-2:]}
+        if len(counts) == 1 and counts != {0}:
+            return sign
+    counts = {len(row.split()) for row in rows[-2:]}
+    return " " if len(counts) == 1 and counts.isdisjoint({0, 1}) and _numeric(rows[-1].split()) else ","
+
+
+def _split(line: str, delimiter: str) -> list[str]:
+    parts = line.split() if delimiter == " " else line.split(delimiter)
+    return [part.strip().strip('"').strip() for part in parts]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text.replace(",", ".", 1))
+    except ValueError:
+        return False
+    return True
+
+
+def _numeric(fields: Sequence[str]) -> bool:
+    return all(_is_number(text) for text in fields)
+
+
+def _counted(fields: Sequence[str]) -> bool:
+    """Columns that are named 0, 1, 2, as pandas does where they have no names."""
+    return len(fields) > 1 and list(fields) == [str(number) for number in range(len(fields))]
+
+
+def _is_units(row: Sequence[str], after: Sequence[str]) -> bool:
+    """A row below the names without a number in it, before one that has some."""
+    return not any(_is_number(text) for text in row) and any(_is_number(text) for text in after)
