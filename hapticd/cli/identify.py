@@ -10,11 +10,12 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import (
-    Positive,
+    Quantity,
     RunsArgument,
     SettingsOption,
     SocketOption,
     connect,
+    device_unit,
     model_of_daemon,
     model_of_run,
 )
@@ -37,7 +38,7 @@ def identify(
     out: Path | None = None,
     live: bool = False,
     keep_spring: bool = False,
-    known_inertia: Positive | None = None,
+    known_inertia: Quantity | None = None,
     socket: SocketOption = None,
     assignments: SettingsOption = None,
 ) -> None:
@@ -83,8 +84,9 @@ def identify(
         paths = [find_run(run) for run in runs or ()]
         nominal = model_of_run(paths[0], model, assignments)
         recordings = [load_any(path, nominal) for path in paths]
+    inertia = device_unit(known_inertia, "kg m²", "kg", nominal.is_linear)
     with output.progress_bar("identify") as bar:
-        found = identify_device(recordings, nominal, known_inertia=known_inertia, progress=bar)
+        found = identify_device(recordings, nominal, known_inertia=inertia, progress=bar)
     document = {**found.document, "config": out}
     if out is not None:
         from hapticd.figures.files import write_text

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, Finite, Positive, SettingsOption, resolve_config
+from hapticd.cli.options import ConfigArgument, Duration, Rate, SettingsOption, resolve_config
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -22,8 +22,8 @@ if TYPE_CHECKING:
 )
 def latency(
     config: ConfigArgument = None,
-    rate: list[Finite] | None = None,
-    seconds: Positive = 5.0,
+    rate: list[Rate] | None = None,
+    seconds: Duration = 5.0,
     out: Path | None = None,
     assignments: SettingsOption = None,
 ) -> int:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -205,6 +205,45 @@ def positive(text: str) -> float:
     return value
 
 
+def in_unit_of(unit: str) -> Callable[[str], float]:
+    """A parser of numbers above zero with or without a unit of that kind.
+
+    Raises:
+        typer.BadParameter: from the parser, where it is none.
+    """
+
+    def parse(text: str) -> float:
+        from hapticd.config.units import UnitError, in_unit
+
+        try:
+            value = in_unit(str(text), unit)
+        except UnitError as error:
+            raise typer.BadParameter(str(error)) from None
+        if value <= 0:
+            raise typer.BadParameter(f"{text!r} is not above zero")
+        return value
+
+    return parse
+
+
+def device_unit(text: str | None, rotary: str, linear: str, is_linear: bool) -> float | None:
+    """An option whose unit depends on the device, in SI; above zero.
+
+    Raises:
+        UnitError: another kind of quantity. UsageError: not above zero.
+    """
+    from hapticd.config.units import in_unit
+
+    if text is None:
+        return None
+    value = in_unit(text, linear if is_linear else rotary)
+    if value <= 0:
+        raise UsageError(f"{text!r} is not above zero")
+    return value
+
+
+Rate = Annotated[float, typer.Option(metavar="HZ", parser=in_unit_of("Hz"))]
+Length = Annotated[float, typer.Option(metavar="M", parser=in_unit_of("m"))]
 Finite = Annotated[float, typer.Option(parser=finite)]
 Positive = Annotated[float, typer.Option(parser=positive)]
 Duration = Annotated[float, typer.Option(metavar="S", parser=duration)]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import Positive, SocketOption, connect
+from hapticd.cli.options import Duration, SocketOption, connect
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
 from hapticd.control.fault_text import fault_lines
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     codes=(exits.NO, exits.UNREACHABLE, exits.INTERRUPTED),
     endpoint=Endpoints.status,
 )
-def _status(watch: bool = False, interval: Positive = 0.5, socket: SocketOption = None) -> int:
+def _status(watch: bool = False, interval: Duration = 0.5, socket: SocketOption = None) -> int:
     """The exit code is 1 while a fault is latched.
 
     Args:

@@ -18,6 +18,7 @@ from hapticd.config.model import Config, gives_linear_encoder
 from hapticd.config.nearest import nearest_name
 from hapticd.config.presets import PRESETS, preset_names
 from hapticd.config.problems import ConfigError, Problem
+from hapticd.config.quantities import with_units
 from hapticd.config.reading import read_text, read_yaml
 from hapticd.config.text import shown
 
@@ -166,15 +167,18 @@ def _validate(mapping: object, source_name: str) -> tuple[Config | None, list[Pr
     """Validate, take out what is wrong, and validate again, so that checks between keys are reported in the same go."""
     data = _plain(mapping)
     linear = isinstance(data, dict) and gives_linear_encoder(data)
-    problems: list[Problem] = []
-    wrong: set[str] = set()
+    problems: list[Problem] = list(with_units(data, source_name, linear)) if isinstance(data, dict) else []
+    told = frozenset(problem.key for problem in problems)
+    wrong = set(told)
     while True:
         try:
             return Config.model_validate(data), problems
         except ValidationError as error:
             found = explain(error, source_name, linear)
             locations = {details["loc"] for details in error.errors(include_url=False)}
-        problems += [problem for problem, involves in found if not _any_within(involves, wrong)]
+        problems += [
+            problem for problem, involves in found if problem.key not in told and not _any_within(involves, wrong)
+        ]
         wrong |= {problem.key for problem, _ in found} | {problem.nearest for problem, _ in found if problem.nearest}
         if () in locations:  # the checks between sections come last, so nothing is left to be found
             return None, problems

@@ -86,6 +86,7 @@ _SPELLINGS: Final = {
     "amps": "A",
     "ampere": "A",
     "periods": "period",
+    "RPM": "rpm",
     "hz": "Hz",
     "khz": "kHz",
     "ozf": "oz",
@@ -96,12 +97,17 @@ _SIGNS: Final = str.maketrans(
 _JOINED: Final = re.compile(r"([mukc]?N|[mk]?g|oz)([cm]?m|in)(2?)")
 """Nm, mNm, Ncm, gcm2, ozin: two units without a space between them."""
 _TOKEN: Final = re.compile(r"([A-Za-z]+)(-?\d*)")
-_WRITTEN: Final = re.compile(r"\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(.*?)\s*")
+_WRITTEN: Final = re.compile(r"\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(|[^\d\s+\-.,:/].*?)\s*")
 _DIGITS: Final = 12
 
 
 class UnitError(ValueError):
     """A quantity that cannot be read, or is of the wrong kind; the text says what would be right."""
+
+    @property
+    def about(self) -> str:
+        """The text without the quantity, for a message that shows it elsewhere."""
+        return re.sub(r"^'[^']*':? ", "", str(self))
 
 
 def split(text: str) -> tuple[float, str]:

@@ -6,10 +6,8 @@ and lines.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import pi
 from typing import TYPE_CHECKING, Any, Final
 
 from hapticd.config import Config, ConfigError, Problem, apply_settings, parse_config, parse_yaml, unit_of
@@ -17,6 +15,7 @@ from hapticd.config.keys import leaf_fields
 from hapticd.config.nearest import nearest_name
 from hapticd.config.reading import read_text, read_yaml
 from hapticd.config.text import shown, yaml_value
+from hapticd.config.units import UnitError, in_unit
 from hapticd.identify.plausible import implausible
 
 if TYPE_CHECKING:
@@ -24,27 +23,26 @@ if TYPE_CHECKING:
 
 Answers = dict[str, Any]
 
-_TORQUE: Final = {"N m": 1.0, "mN m": 1e-3, "µN m": 1e-6, "N cm": 1e-2, "oz in": 7.0615518e-3}
-_UNITS: Final[Mapping[str, Mapping[str, float]]] = {
-    "counts/rev": {"counts/rev": 1.0, "counts": 1.0, "cpr": 1.0, "lines": 4.0, "ppr": 4.0},
-    "counts/m": {"counts/m": 1.0, "counts/mm": 1e3},
-    "N m/A": {f"{unit}/A": factor for unit, factor in _TORQUE.items()},
-    "N/A": {"N/A": 1.0, "mN/A": 1e-3},
-    "kg m²": {"kg m²": 1.0, "g cm²": 1e-7, "kg cm²": 1e-4, "g mm²": 1e-9, "oz in s²": 7.0615518e-3},
-    "kg": {"kg": 1.0, "g": 1e-3},
-    "N m": _TORQUE,
-    "N": {"N": 1.0, "mN": 1e-3},
-    "A": {"A": 1.0, "mA": 1e-3},
-    "bits": {"bits": 1.0, "bit": 1.0},
-    "Hz": {"Hz": 1.0, "kHz": 1e3},
-    "N m/rad": {"N m/rad": 1.0, "mN m/rad": 1e-3, "N m/deg": 180.0 / pi, "mN m/deg": 0.18 / pi},
-    "N/m": {"N/m": 1.0, "N/mm": 1e3, "kN/m": 1e3},
-    "rad": {"rad": 1.0, "deg": pi / 180.0, "°": pi / 180.0, "rev": 2.0 * pi},
-    "m": {"m": 1.0, "mm": 1e-3, "cm": 1e-2},
-    "rad/s": {"rad/s": 1.0, "rpm": 2.0 * pi / 60.0, "deg/s": pi / 180.0},
-    "m/s": {"m/s": 1.0, "mm/s": 1e-3},
+_UNITS: Final[Mapping[str, tuple[str, ...]]] = {
+    "counts/rev": ("counts/rev", "counts", "cpr", "lines", "ppr"),
+    "counts/m": ("counts/m", "counts/mm"),
+    "N m/A": ("N m/A", "mN m/A", "µN m/A", "N cm/A", "oz in/A"),
+    "N/A": ("N/A", "mN/A"),
+    "kg m²": ("kg m²", "g cm²", "kg cm²", "g mm²", "oz in s²"),
+    "kg": ("kg", "g"),
+    "N m": ("N m", "mN m", "µN m", "N cm", "oz in"),
+    "N": ("N", "mN"),
+    "A": ("A", "mA"),
+    "bits": ("bits", "bit"),
+    "Hz": ("Hz", "kHz"),
+    "N m/rad": ("N m/rad", "mN m/rad", "N m/deg", "mN m/deg"),
+    "N/m": ("N/m", "N/mm", "kN/m"),
+    "rad": ("rad", "deg", "°", "rev"),
+    "m": ("m", "mm", "cm"),
+    "rad/s": ("rad/s", "rpm", "deg/s"),
+    "m/s": ("m/s", "mm/s"),
 }
-"""What an answer may be written in, with its factor, by the unit of the schema."""
+"""What is offered for an answer, by the unit of the schema; every unit of its kind is read."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +75,9 @@ class Question:
         return unit_of(self.place, self.kind == "linear")
 
     @property
-    def units(self) -> Mapping[str, float]:
-        """Units that may be written, and their factors."""
-        return _UNITS.get(self.unit, {})
+    def units(self) -> tuple[str, ...]:
+        """Units that are offered."""
+        return _UNITS.get(self.unit, ())
 
     def applies(self, answers: Mapping[str, Any]) -> bool:
         """Whether it is to be asked at all."""
@@ -160,8 +158,6 @@ QUESTIONS: Final[tuple[Question, ...]] = (
     Question("max_linear_speed", "How fast it may become", "safety.max_velocity", "linear", 2.0),
 )
 _BY_KEY: Final = {question.key: question for question in QUESTIONS}
-_NUMBER = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*)")
-_DIGITS: Final = 12
 """Of an answer in SI units: the product with a unit's factor has more, which nobody said."""
 
 
@@ -216,14 +212,10 @@ def _value(question: Question, said: Any) -> Any:
         return said
     if isinstance(said, bool) or not isinstance(said, int | float | str):
         raise ValueError(f"must be a number in {question.unit}")
-    match = _NUMBER.fullmatch(str(said))
-    if match is None:
-        raise ValueError(f"is not a number; write it in {question.unit}")
-    unit = " ".join(match[2].replace("^2", "²").replace("·", " ").replace("*", " ").lower().split())
-    units = {name.lower(): factor for name, factor in question.units.items()}
-    if unit and unit not in units:
-        raise ValueError(f"unit {match[2]!r} is not known here; known: {', '.join(question.units)}")
-    value = float(f"{float(match[1]) * (units[unit] if unit else 1.0):.{_DIGITS}g}")
+    try:
+        value = in_unit(str(said), question.unit)
+    except UnitError as error:
+        raise ValueError(f"{error.about}; known: {', '.join(question.units)}") from None
     if isinstance(question.default, int):
         if not value.is_integer():
             raise ValueError("must be a whole number")

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import pytest
 
-from hapticd.config import Config, load_config, parse_config
-from hapticd.config.units import UnitError, amplitude, deflection_ticks, seconds, split, velocity_ticks
+from hapticd.config import Config, ConfigError, apply_settings, load_config, parse_config
+from hapticd.config.units import UnitError, amplitude, deflection_ticks, in_unit, seconds, split, velocity_ticks
 
 ROTARY = parse_config({"encoder": {"counts_per_rev": 8192, "decimation": 217}, "servo": {"rate_hz": 500}}, "rotary")
 LINEAR = parse_config({"encoder": {"counts_per_metre": 1e5, "decimation": 10}}, "linear")
@@ -94,3 +95,83 @@ def test_a_current_is_no_place() -> None:
         amplitude("3deg", ROTARY, moves_origin=False)
     with pytest.raises(UnitError, match="unknown unit 'mA'"):
         amplitude("3mA", ROTARY, moves_origin=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "value"),
+    [
+        ("3Nm/rad", "N m/rad", 3.0),
+        ("3 mN m/deg", "N m/rad", 0.003 * 180 / math.pi),
+        ("60 g cm²", "kg m²", 6e-6),
+        ("60gcm^2", "kg m²", 6e-6),
+        ("8192 lines", "counts/rev", 32768.0),
+        ("500 ppr", "counts/rev", 2000.0),
+        ("3000 RPM", "rad/s", 100 * math.pi),
+        ("10kHz", "Hz", 1e4),
+        ("2 N/mm", "N/m", 2000.0),
+        ("10 µN·m·s/rad", "N m s/rad", 1e-5),
+        ("30 mNm/A", "N m/A", 0.03),
+        ("0.3m/s", "m/s", 0.3),
+        ("7", "N m/rad", 7.0),
+    ],
+)
+def test_a_number_in_the_unit_of_its_place(text: str, unit: str, value: float) -> None:
+    assert in_unit(text, unit) == pytest.approx(value, rel=1e-11)
+
+
+@pytest.mark.parametrize(
+    ("text", "unit", "said"),
+    [
+        ("3Nm", "N m/rad", "is of another kind; give it in N m/rad"),
+        ("3 stone", "kg", "unknown unit 'stone'; give it in kg"),
+        ("5 Hz", "rad/s", "is of another kind"),
+        ("2024-01-01", "Hz", "is not a number"),
+    ],
+)
+def test_a_unit_of_another_kind(text: str, unit: str, said: str) -> None:
+    with pytest.raises(UnitError, match=said):
+        in_unit(text, unit)
+
+
+def test_units_in_config_files_settings_and_effects() -> None:
+    config = parse_config(
+        {
+            "spring": {"stiffness": "12 mN m/rad", "origin": "30deg"},
+            "servo": {"rate_hz": "2 kHz"},
+            "encoder": {"counts_per_rev": "2048 lines"},
+            "plant": {"inertia": "62.8 g cm²", "effects": [{"name": "stribeck", "s": 0.4, "omega_s": "100 rpm"}]},
+            "dither": {"target": "current", "amplitude": "20 mA", "frequency_hz": 50},
+        },
+        "test",
+    )
+    assert config.spring.stiffness == pytest.approx(0.012)
+    assert config.spring.origin == pytest.approx(math.pi / 6)
+    assert config.servo.rate_hz == 2000.0
+    assert config.encoder.counts_per_rev == 8192.0
+    assert config.plant.inertia == pytest.approx(6.28e-6)
+    assert config.plant.effects[0].model_extra == pytest.approx({"s": 0.4, "omega_s": 100 * 2 * math.pi / 60})
+    assert config.dither.amplitude == pytest.approx(0.02)
+    changed = apply_settings(config, {"spring.stiffness": "3Nm/rad", "safety.max_velocity": "500rpm"})
+    assert (changed.spring.stiffness, changed.safety.max_velocity) == (3.0, pytest.approx(500 * 2 * math.pi / 60))
+    linear = parse_config({"encoder": {"counts_per_metre": "1 counts/um"}, "spring": {"stiffness": "2 N/mm"}}, "test")
+    assert (linear.encoder.counts_per_metre, linear.spring.stiffness) == (pytest.approx(1e6), 2000.0)
+
+
+@pytest.mark.parametrize(
+    ("data", "said"),
+    [
+        ({"spring": {"stiffness": "3 N/m"}}, 'spring.stiffness = "3 N/m": is of another kind; give it in N m/rad'),
+        ({"servo": {"rate_hz": "1 kilo"}}, "servo.rate_hz = \"1 kilo\": unknown unit 'kilo'; give it in Hz"),
+        ({"spring": {"stiffness": "5"}}, 'spring.stiffness = "5": must be a number in N m/rad; write 5 without quotes'),
+        (
+            {"plant": {"effects": [{"name": "stribeck", "s": 0.4, "omega_s": "3 N"}]}},
+            'plant.effects[0].omega_s = "3 N": is of another kind; give it in rad/s',
+        ),
+        ({"servo": {"rate_hz": "-1 kHz"}}, "servo.rate_hz = -1000: must be"),
+    ],
+)
+def test_a_wrong_unit_names_its_key_once(data: dict[str, Any], said: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        parse_config(data, "test")
+    assert [str(problem) for problem in caught.value.problems if said in str(problem)]
+    assert len({problem.key for problem in caught.value.problems}) == len(caught.value.problems) == 1

@@ -52,8 +52,8 @@ def test_a_linear_device_is_asked_its_own_questions() -> None:
     ("given", "said"),
     [
         ({"torque_constnat": 1.0}, "did you mean torque_constant?"),
-        ({"inertia": "6 stone"}, "unit 'stone' is not known here"),
-        ({"inertia": "much"}, "is not a number; write it in kg m²"),
+        ({"inertia": "6 stone"}, "= \"6 stone\": unknown unit 'stone'; give it in kg m²; known: kg m², g cm²"),
+        ({"inertia": "much"}, "= much: is not a number; known: kg m², g cm²"),
         ({"device": "round"}, "must be one of rotary, linear"),
         ({"mass": 1.0}, "is for a linear device, and device is rotary"),
         ({"dac_bits": 12.5}, "must be a whole number"),
