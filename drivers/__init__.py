@@ -14,7 +14,7 @@ from drivers.interface import (
     new_exchange,
 )
 from drivers.python_driver import PythonDriver
-from drivers.registry import DriverInfo, create, declared_latency, declared_step, discover, max_rate
+from drivers.registry import DriverInfo, check_option_names, create, declared_latency, declared_step, discover, max_rate
 
 __all__ = [
     "DEVICE_FAULT",
@@ -28,6 +28,7 @@ __all__ = [
     "DriverError",
     "DriverInfo",
     "PythonDriver",
+    "check_option_names",
     "create",
     "declared_latency",
     "declared_step",

@@ -119,6 +119,8 @@ class Driver(abc.ABC):
     """
 
     summary: ClassVar[str] = ""
+    options: ClassVar[tuple[str, ...] | None] = None
+    """Names of the options beside ``driver.name``; None: not declared, and checked by the constructor alone."""
     latency_s: float = 0.0
     """Declared sample-to-current latency in s, added to T_D by ``check`` and ``simulate``."""
     calls_python: bool = False

@@ -24,8 +24,6 @@ from drivers.interface import (
     X_TRUE_POSITION,
     X_TRUE_VELOCITY,
     Driver,
-    DriverConfigError,
-    driver_options,
 )
 from hapticd.jit import carray, cfunc
 from hapticd.plant import kernel
@@ -87,11 +85,9 @@ class LoopbackDriver(Driver):
         enabled: start with the amplifier on (virtual time only).
         limited: whether the amplifier clips at its peak current.
         latency_s: sample-to-current latency of the device that is stood in for, added to the amplifier's lag.
-
-    Raises:
-        DriverConfigError: the config gives the driver an option; it has none.
     """
 
+    options = ()
     summary = "simulated testbed: the exact plant inside the daemon, in real or virtual time"
 
     def __init__(
@@ -105,8 +101,6 @@ class LoopbackDriver(Driver):
         latency_s: float = 0.0,
     ) -> None:
         super().__init__(config)
-        if options := driver_options(config):
-            raise DriverConfigError(f"driver.{next(iter(options))}: the loopback driver has no options")
         self._initial = (position, velocity, enabled, limited)
         self._stood_in_latency_s = latency_s
         self._buffer: NDArray[np.int64] = np.zeros(0, np.int64)

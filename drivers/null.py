@@ -28,6 +28,7 @@ def _write(state: int, exchange: int) -> int:
 class NullDriver(Driver):
     """A still shaft and an amplifier that is always on."""
 
+    options = ()
     summary = "no device: a still shaft and an amplifier that is always on"
 
     def open(self) -> None:

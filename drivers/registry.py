@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
 
-from drivers.interface import Driver, DriverConfigError, DriverError
+from drivers.interface import Driver, DriverConfigError, DriverError, driver_options
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -59,6 +59,26 @@ def discover() -> list[DriverInfo]:
     return found
 
 
+def check_option_names(config: Config) -> None:
+    """Refuse an option that the config's driver does not have, without opening or making anything.
+
+    Raises:
+        DriverConfigError: with the nearest option. A driver that is not installed, or declares none, refuses nothing.
+    """
+    try:
+        driver = _class_of(config.driver.name)
+    except Exception:  # `declared_latency` says what is wrong with it
+        return
+    if driver is None or driver.options is None:
+        return
+    for key in driver_options(config):
+        if key not in driver.options:
+            nearest = difflib.get_close_matches(key, driver.options, n=1)
+            has = f"it has: {', '.join(driver.options)}" if driver.options else "it has none"
+            hint = f"did you mean driver.{nearest[0]}?" if nearest else has
+            raise DriverConfigError(f"driver.{key}: driver {config.driver.name} has no such option; {hint}")
+
+
 def declared_latency(config: Config) -> tuple[float, str | None]:
     """Declared sample-to-current latency of the config's driver in s, and a doubt in words when it is not known (0 then)."""
     name = config.driver.name
@@ -66,6 +86,7 @@ def declared_latency(config: Config) -> tuple[float, str | None]:
         driver = _class_of(name)
         if driver is None:
             return 0.0, f"driver {name!r} is not installed: its latency is not known and is taken as 0"
+        check_option_names(config)
         return driver.declared_latency_s(config), None
     except DriverConfigError as error:
         return 0.0, f"{error}: the latency of driver {name!r} is not known and is taken as 0"
@@ -119,6 +140,7 @@ def create(config: Config) -> Driver:
         raise
     except Exception as exception:
         raise DriverError(f"driver {name!r} cannot be loaded: {type(exception).__name__}: {exception}") from exception
+    check_option_names(config)
     try:
         return driver(config)
     except DriverError:

@@ -10,6 +10,7 @@ import contextlib
 import logging
 import math
 import time
+from dataclasses import fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -46,6 +47,7 @@ class CanopenDriver(Driver):
 
     summary = "CiA 402 drive on CANopen (Copley and others), on a SocketCAN interface or any of python-can's"
     latency_s = bus_load.wire_time_s() + PROCESSING_S
+    options = tuple(option.name for option in fields(Options))
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Final
 
@@ -57,14 +56,8 @@ class Options:
         """Check the options of a config.
 
         Raises:
-            DriverConfigError: naming the key, the value, what is allowed, and the nearest key to an unknown one.
+            DriverConfigError: naming the key, the value and what is allowed.
         """
-        known = {item.name for item in fields(cls)}
-        for key in options:
-            if key not in known:
-                near = difflib.get_close_matches(key, known, n=1)
-                hint = f"; did you mean driver.{near[0]}?" if near else f" (known: {', '.join(sorted(known))})"
-                raise DriverConfigError(f"driver.{key}: the canopen driver has no such option{hint}")
         given = {key: value for key, value in options.items() if value is not None}
         for key in ("interface", "channel", "profile", "eds"):
             if key in given and not (isinstance(given[key], str) and given[key]):

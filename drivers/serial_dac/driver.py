@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import contextlib
 import time
+from dataclasses import fields
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivers.interface import Driver, DriverError
 from drivers.serial_dac import budget, exchange, port, state
-from drivers.serial_dac.options import read_options
+from drivers.serial_dac.options import Options, read_options
 from drivers.serial_dac.session import Session
 
 if TYPE_CHECKING:
@@ -33,6 +34,7 @@ class SerialDacDriver(Driver):
 
     summary = "serial DAC board: one sample and one command frame a tick (docs/protocols/serial-dac.md)"
     latency_s = budget.default_latency_s(921_600)
+    options = tuple(option.name for option in fields(Options))
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from drivers.interface import DriverConfigError, driver_options
 from drivers.serial_dac import budget
-from hapticd.config.nearest import nearest_name
 from hapticd.config.text import shown
 
 if TYPE_CHECKING:
@@ -51,12 +50,6 @@ def read_options(config: Config) -> Options:
         DriverConfigError: names the key, the value, the limit and its unit.
     """
     given = driver_options(config)
-    names = [field.name for field in fields(Options)]
-    for key in given:
-        if key not in names:
-            nearest = nearest_name(key, names)
-            hint = f"; did you mean driver.{nearest}?" if nearest else ""
-            raise DriverConfigError(f"driver.{key}: no such option of serial_dac{hint} (it has: {', '.join(names)})")
     port = given.get("port")
     if not (isinstance(port, str) and port):
         said = "is missing" if port is None else f"= {shown(port)}: must be a path"

@@ -76,13 +76,14 @@ def check(
         settings: dotted key to value, applied to the config.
 
     Raises:
-        ConfigError: anything wrong in the config.
+        ConfigError: anything wrong in the config. DriverConfigError: an option that its driver does not have.
         UnitError: a unit that does not fit.
         ValueError: both a deflection and a velocity, or numbers beyond what floating point can hold.
     """
-    from drivers import declared_latency
+    from drivers import check_option_names, declared_latency
 
     resolved = config_of(config, settings)
+    check_option_names(resolved)
     ticks = None if deflection is None else deflection_ticks(deflection, resolved)
     speed = None if velocity is None else velocity_ticks(velocity, resolved)
     latency, doubt = declared_latency(resolved)

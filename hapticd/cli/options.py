@@ -274,14 +274,19 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
     """The config of a command line: a file, a preset or the default, with ``--set`` applied.
 
     Raises:
-        ConfigError: anything wrong in it.
+        ConfigError: anything wrong in it. DriverConfigError: an option that its driver does not have.
         UsageError: a setting that is not KEY=VALUE.
     """
     settings = parse_settings(assignments)
     from hapticd.config import apply_settings, load_config
 
     config = load_config(source)
-    return apply_settings(config, settings, source="command line") if settings else config
+    config = apply_settings(config, settings, source="command line") if settings else config
+    if config.driver.options:
+        from drivers import check_option_names
+
+        check_option_names(config)
+    return config
 
 
 def model_of_run(run: Path, model: str | None, assignments: list[str] | None) -> Config:

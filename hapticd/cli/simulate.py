@@ -37,6 +37,7 @@ def simulate(
     deflection: Quantity | None = None,
     velocity: Quantity | None = None,
     out: Path | None = None,
+    force: bool = False,
     safety: bool = False,
     seed: Annotated[int, typer.Option(min=0, max=2**63 - 1)] | None = None,
     no_energies: bool = False,
@@ -55,7 +56,8 @@ def simulate(
             velocity is given too; or with a unit: 0.5rad, 30deg, 2mm, 217counts.
         velocity (TICKS_PER_PERIOD): Begin with this velocity, in coarse ticks per servo period, at the origin unless a
             deflection is given too; or with a unit: 2rad/s, 90deg/s, 100rpm.
-        out (-o, --output RUN): Write every tick to this run file, replacing it if it exists.
+        out (-o, --output RUN): Write every tick to this run file.
+        force: Replace RUN if it exists.
         safety: Apply the safety trips of the config, as the daemon does; a run that ends in a fault exits with 1.
         seed: Seed of everything random. Default: dither.seed.
         no_energies: Leave out the energies, and with them the outcome: faster by a tenth.
@@ -76,6 +78,10 @@ def simulate(
             f"{periods:.3g} ticks: at some 10 million a second this takes {periods / 3.6e10:.2g} hours; Ctrl-C ends it"
         )
     check_run_name(out)
+    if out is not None:
+        from hapticd.record.files import refuse_existing
+
+        refuse_existing(out, force=force)
     from hapticd.servo.simulate import simulate as run
 
     with _rows_to(out, resolved, seed) as on_rows, output.progress_bar("simulating") as progress:
@@ -108,8 +114,8 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
         yield None
         return
     from hapticd.config import config_digest
-    from hapticd.figures.files import atomic_write
     from hapticd.record import RunWriter
+    from hapticd.record.files import written
 
     metadata: dict[str, Any] = {
         "config": config.model_dump(mode="json"),
@@ -120,7 +126,7 @@ def _rows_to(out: Path | None, config: Config, seed: int | None) -> Iterator[Cal
         metadata["seed"] = seed
     before = signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))
     try:
-        with atomic_write(out) as part, RunWriter(part, metadata) as writer:
+        with written(out) as part, RunWriter(part, metadata) as writer:
             yield writer.write
     finally:
         signal.signal(signal.SIGTERM, before)

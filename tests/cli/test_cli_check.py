@@ -184,3 +184,13 @@ def test_check_prints_the_bound_and_runs_the_exact_loop(hapticd: Run) -> None:
     least = 0.012e-2 * float(lambda_(answer.document["tau_d"], 2.5))
     assert damping["passive"]["viscous_least"] == pytest.approx(least)
     assert not damping["passive"]["holds"]
+
+
+@pytest.mark.parametrize("command", [("check",), ("simulate", "--duration", "0.1"), ("zwidth", "--points", "2")])
+@pytest.mark.parametrize(("driver", "near"), [("canopen", "node_id"), ("serial_dac", "port")])
+def test_an_option_that_the_driver_does_not_have_is_refused(
+    hapticd: Run, command: tuple[str, ...], driver: str, near: str
+) -> None:
+    outcome = hapticd(*command, "--set", f"driver.name={driver}", "--set", f"driver.{near}s=3")
+    assert outcome.code == 2
+    assert f"driver.{near}s: driver {driver} has no such option; did you mean driver.{near}?" in outcome.err

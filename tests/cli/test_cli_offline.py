@@ -165,7 +165,10 @@ def test_simulate_says_what_the_motion_was_in_si_units(hapticd: Run, simulator: 
 def test_simulate_writes_a_whole_run(hapticd: Run, simulator: Simulator, tmp_path: Path) -> None:
     out = tmp_path / "run.arrow"
     out.write_text("an older run")
-    outcome = hapticd("simulate", "--duration", "1", "--seed", "3", "-o", str(out), "--json")
+    refused = hapticd("simulate", "--duration", "1", "-o", str(out))
+    assert (refused.code, simulator.asked, out.read_text()) == (2, {}, "an older run")
+    assert f"{out} exists; give another name, or --force to replace it" in refused.err
+    outcome = hapticd("simulate", "--duration", "1", "--seed", "3", "-o", str(out), "--force", "--json")
     assert outcome.document["run"] == str(out)
     run = read_run(out)
     assert (len(run.columns["tick"]), run.truncated) == (10, False)

@@ -483,7 +483,7 @@ def test_an_interface_that_gives_frames_back_is_refused_on_the_compiled_path(
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"nodeid": 1}, "driver.nodeid: the canopen driver has no such option; did you mean driver.node_id?"),
+        ({"nodeid": 1}, "driver.nodeid: driver canopen has no such option; did you mean driver.node_id?"),
         ({"node_id": 0}, "driver.node_id = 0: must be a whole number from 1 to 127"),
         ({"node_id": True}, "driver.node_id = True: must be a whole number"),
         ({"bitrate": 300000}, "driver.bitrate = 300000: must be one of CiA 301's"),

@@ -13,7 +13,9 @@ from tests.drivers.serial.expected_exchange import config
 def driver(**changes: Any) -> SerialDacDriver:
     plain = {"watchdog_ms": ..., "reply_timeout_s": ...}
     changes["driver"] = {**plain, **changes.get("driver", {})}
-    return SerialDacDriver(config(**{"servo": {"rate_hz": 1000}, **changes}))
+    made = drivers.create(config(**{"servo": {"rate_hz": 1000}, **changes}))
+    assert isinstance(made, SerialDacDriver)
+    return made
 
 
 @pytest.mark.parametrize(
@@ -21,8 +23,8 @@ def driver(**changes: Any) -> SerialDacDriver:
     [
         ({"driver": {"port": ...}}, "driver.port is missing; serial_dac needs the device's path, as /dev/ttyUSB0"),
         ({"driver": {"port": 3}}, "driver.port = 3: must be a path"),
-        ({"driver": {"bauds": 9600}}, "driver.bauds: no such option of serial_dac; did you mean driver.baud?"),
-        ({"driver": {"zzz": 1}}, "driver.zzz: no such option of serial_dac (it has: port, baud, watchdog_ms"),
+        ({"driver": {"bauds": 9600}}, "driver.bauds: driver serial_dac has no such option; did you mean driver.baud?"),
+        ({"driver": {"zzz": 1}}, "driver.zzz: driver serial_dac has no such option; it has: port, baud, watchdog_ms"),
         ({"driver": {"baud": 300}}, "driver.baud = 300: must be from 1200 to 50000000 baud"),
         ({"driver": {"baud": "fast"}}, "driver.baud = fast: must be a whole number of baud"),
         ({"driver": {"baud": True}}, "driver.baud = true: must be a whole number of baud"),
@@ -95,5 +97,5 @@ def test_the_declared_latency_follows_baud_and_option() -> None:
     latency, doubt = drivers.declared_latency(config(driver={"speed": 1}))
     assert latency == 0.0
     assert doubt is not None
-    assert doubt.startswith("driver.speed: no such option")
+    assert doubt.startswith("driver.speed: driver serial_dac has no such option")
     assert "latency of driver 'serial_dac' is not known" in doubt
