@@ -100,6 +100,8 @@ _TOKEN: Final = re.compile(r"([A-Za-z]+)(-?\d*)")
 _WRITTEN: Final = re.compile(r"\s*([+-]?[\d.,]+(?:[eE][+-]?\d+)?)\s*(|[^\d\s+\-.,:/].*?)\s*")
 _DIGITS: Final = 12
 
+_Size = tuple[float, frozenset[tuple[str, int]]]
+
 
 class UnitError(ValueError):
     """A quantity that cannot be read, or is of the wrong kind; the text says what would be right."""
@@ -144,7 +146,7 @@ def _words(part: str) -> list[str]:
 
 
 @cache
-def _size(unit: str) -> tuple[float, frozenset[tuple[str, int]]] | None:
+def _size(unit: str) -> _Size | None:
     """A unit in SI, and its dimensions; None for an unknown one."""
     size, dimensions = 1.0, Counter[str]()
     for place, part in enumerate(spelled(unit).split("/")):
@@ -170,23 +172,41 @@ def _atom(name: str) -> tuple[float, Mapping[str, int]] | None:
     return None
 
 
-def in_unit(text: str, unit: str) -> float:
+def in_unit(text: str, unit: str, config: Config | None = None, *, bare: str = "") -> float:
     """A quantity as a number of a unit, such as ``N m/rad``; a bare number is one already.
+
+    Args:
+        text: as it was written. unit: what is wanted.
+        config: of the device, whose encoder says how large ticks and counts are; without it they are units of their own.
+        bare: what a number without a unit is in; empty for `unit`.
 
     Raises:
         UnitError: no finite number, an unknown unit, or one of another kind.
     """
     value, own = split(text)
-    if not own:
+    own = own or bare
+    if not own or own == unit:
         return value
     wanted, given = _size(unit), _size(own)
     if unit == "counts/rev" and own in ("counts", "lines"):  # data sheets leave "a revolution" out
         given = _size(f"{own}/rev")
+    if config is not None:
+        wanted, given = (size and _placed(size, config) for size in (wanted, given))
     if given is None:
         raise UnitError(f"{text!r}: unknown unit {own!r}; give it in {unit or 'no unit'}")
     if wanted is None or wanted[1] != given[1]:
         raise UnitError(f"{text!r} is of another kind; give it in {unit or 'no unit'}")
     return float(f"{value * given[0] / wanted[0]:.{_DIGITS}g}")
+
+
+def _placed(size: _Size, config: Config) -> _Size:
+    """A size whose ticks and counts are rad or m of the device."""
+    factor, dimensions = size[0], Counter(dict(size[1]))
+    for name, place in zip(_OF_THE_ENCODER, (config.resolution, config.raw_resolution), strict=True):
+        power = dimensions.pop(name, 0)
+        factor *= place**power
+        dimensions["m" if config.is_linear else "rad"] += power
+    return factor, frozenset((name, power) for name, power in dimensions.items() if power)
 
 
 def deflection_ticks(asked: float | str, config: Config) -> float:

@@ -24,7 +24,7 @@ from starlette.types import ASGIApp
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hapticd.client import Client, DaemonUnreachable, RequestRefused, StoppedUnanswered
-from hapticd.config import ConfigError
+from hapticd.config import Config, ConfigError, parse_config
 from hapticd.control.json_reply import JsonReply, error_reply, to_json
 from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
@@ -33,6 +33,7 @@ from hapticd.scope.access import Access, Guard, Names, Role
 from hapticd.scope.forms import CLIENT, BadRequest, body_of, client_of, fields_of, read_json
 from hapticd.scope.hub import Hub
 from hapticd.scope.lease import Lease
+from hapticd.scope.quantities import read_quantities, read_settings
 from hapticd.scope.runs import RunError
 from hapticd.scope.strangers import has_token
 
@@ -98,6 +99,26 @@ class ScopeServer:
 
         return asked
 
+    async def set(self, request: Request) -> Any:
+        """Live settings, those that were typed read first."""
+        body = await fields_of(request, settings=dict)
+        settings = read_settings(body["settings"], self._parsed())
+        return await self.on("command", partial(self.client.set, settings))
+
+    async def release(self, request: Request) -> Any:
+        """A release; deflection and duration as they were typed."""
+        body = await fields_of(request, deflection=dict, duration_s=dict)
+        numbers = read_quantities(body, {"deflection": "ticks", "duration_s": "s"}, self._parsed())
+        return await self.on("command", self.client.release, numbers["deflection"], numbers["duration_s"])
+
+    async def quantities(self, request: Request) -> Any:
+        """What was typed, as numbers of the units beside the fields."""
+        fields = (await fields_of(request, fields=dict))["fields"]
+        units = {name: str(said.get("unit", "")) for name, said in fields.items() if isinstance(said, dict)}
+        if units.keys() != fields.keys():
+            raise BadRequest(422, "request", "each field is an object of a text and a unit")
+        return read_quantities(fields, units, self._parsed())
+
     async def record(self, request: Request) -> Any:
         """Start or stop recording."""
         body = await fields_of(request, on=bool)
@@ -115,9 +136,11 @@ class ScopeServer:
 
     async def preview(self, request: Request) -> Any:
         """Where settings not yet sent would put the operating point."""
-        body = await fields_of(request, settings=dict, deflection=float)
-        latency_s = self._known()["latency_s"]
-        return await self.on("theory", theory.preview, self._config(), body["settings"], body["deflection"], latency_s)
+        body = await fields_of(request, settings=dict, deflection=dict)
+        config, latency_s = self._parsed(), self._known()["latency_s"]
+        settings = read_settings(body["settings"], config)
+        deflection = read_quantities({"deflection": body["deflection"]}, {"deflection": "ticks"}, config)["deflection"]
+        return await self.on("theory", theory.preview, self._config(), settings, deflection, latency_s)
 
     async def ends(self, request: Request) -> Any:
         """In what starts end, by exploration: on a thread of its own, so that a setting that is dragged waits for none."""
@@ -150,6 +173,9 @@ class ScopeServer:
     def _config(self) -> dict[str, Any]:
         document: dict[str, Any] = self._known()["config"]
         return document
+
+    def _parsed(self) -> Config:
+        return parse_config(self._config(), "the daemon's config")
 
     # the two WebSockets
 
@@ -224,11 +250,12 @@ def create_app(server: ScopeServer, names: Names) -> ASGIApp:
         "estop": (server.estop, "command", False),
         "start": (server.command(client.start), "command", True),
         "clear": (server.command(client.clear), "command", True),
-        "set": (server.command(client.set, settings=dict), "command", True),
-        "release": (server.command(client.release, deflection=float, duration_s=float), "command", True),
+        "set": (server.set, "command", True),
+        "release": (server.release, "command", True),
         "excite": (server.command(client.excite, name=str), "command", True),
         "record": (server.record, "command", True),
         "lease": (server.take, "command", False),
+        "quantities": (server.quantities, "look", False),
         "preview": (server.preview, "look", False),
         "ends": (server.ends, "look", False),
         "simulate": (server.simulate, "look", False),
@@ -270,9 +297,7 @@ def _endpoint(server: ScopeServer, handler: Callable[[Request], Awaitable[Any]],
             return error_reply(409, "lease", "another page holds the controls; take them over first")
         try:
             result = await handler(request)
-        except BadRequest as error:
-            return error_reply(error.status, error.code, error.message)
-        except RequestRefused as error:
+        except (BadRequest, RequestRefused) as error:
             return error_reply(error.status, error.code, error.message, problems=error.problems)
         except StoppedUnanswered as stopped:
             result = {"state": stopped.state, "unanswered": str(stopped)}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from starlette.requests import Request
@@ -17,11 +18,15 @@ _NESTING = re.compile(r"""[\[\]{}]|"(?:[^"\\]|\\.)*+"?""", re.DOTALL)
 
 
 class BadRequest(Exception):  # noqa: N818 - becomes an answer
-    """The request is refused for its form."""
+    """The request is refused for its form, or for what was typed.
 
-    def __init__(self, status: int, code: str, message: str) -> None:
+    Attributes:
+        status, code, message: of the answer. problems: ``key`` and ``message`` of each field that is wrong.
+    """
+
+    def __init__(self, status: int, code: str, message: str, problems: Sequence[Mapping[str, str]] = ()) -> None:
         super().__init__(message)
-        self.status, self.code, self.message = status, code, message
+        self.status, self.code, self.message, self.problems = status, code, message, problems
 
 
 async def body_of(request: Request, media_type: str, limit: int) -> bytes:

@@ -59,6 +59,38 @@ def test_durations_and_amplitudes() -> None:
     assert amplitude("0.3", ROTARY, moves_origin=False) == 0.3
 
 
+@pytest.mark.parametrize(
+    ("asked", "unit", "config", "value"),
+    [
+        ("2.5", "ticks", ROTARY, 2.5),
+        ("30deg", "ticks", ROTARY, math.pi / 6 / TICK),
+        ("2 mm", "ticks", LINEAR, 20.0),
+        ("2ticks", "counts", LINEAR, 20.0),
+        ("500ms", "s", ROTARY, 0.5),
+        ("15 mN m/rad", "N m/rad", ROTARY, 0.015),
+        ("1 Nm/deg", "N m/rad", ROTARY, 180 / math.pi),
+        ("3 N/mm", "N/m", LINEAR, 3000.0),
+        ("2 deg/ms", "rad/s", ROTARY, 2 * math.pi / 180 * 1000),
+        ("0.5kHz", "Hz", ROTARY, 500.0),
+        ("20 %", "%", ROTARY, 20.0),
+        ("0.1 N m s/rad", "N m s/rad", ROTARY, 0.1),
+    ],
+)
+def test_any_unit(asked: str, unit: str, config: Config, value: float) -> None:
+    assert in_unit(asked, unit, config) == pytest.approx(value, rel=1e-11)
+
+
+def test_a_bare_number_is_in_the_unit_beside_it() -> None:
+    assert in_unit("0.2", "s", ROTARY, bare="ms") == pytest.approx(2e-4)
+    assert in_unit("0.2s", "s", ROTARY, bare="ms") == 0.2
+
+
+@pytest.mark.parametrize("asked", ["2A", "2rad", "2 N m", "2 N/mm", "2 N m/rad/s", "", "2,5", "2 rad/rad"])
+def test_what_is_of_another_kind_is_refused(asked: str) -> None:
+    with pytest.raises(UnitError):
+        in_unit(asked, "N m/rad", ROTARY)
+
+
 def test_a_number_with_unit_is_that_number_exactly() -> None:
     assert split("10.3ticks") == (10.3, "ticks")
     assert deflection_ticks("10.3ticks", load_config(None)) == 10.3

@@ -207,7 +207,8 @@ def test_who_may_look_may_not_touch(scope: Served, control: FakeControl) -> None
     assert control.calls == []
     with socket_to(scope) as connection:
         assert hello(connection, scope.access.view_token)["lease"] == {"mine": False, "free": True, "may": False}
-        reply = scope.post("preview", {"settings": {"spring.stiffness": 1.0}, "deflection": 10.3}, Authorization=view)
+        asked = {"settings": {"spring.stiffness": 1.0}, "deflection": {"text": "10.3", "unit": "ticks"}}
+        reply = scope.post("preview", asked, Authorization=view)
         assert reply.status_code == 200
 
 

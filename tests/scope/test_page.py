@@ -326,6 +326,7 @@ def test_a_single_shot_is_taken_and_held(page: Page, testbed: Testbed, what: str
     if what == "rising":
         page.select_option("#trigger-channel", "late")
         page.fill("#trigger-level", str(testbed.client.status()["timing"]["wake_us"]["p50"]))
+        page.keyboard.press("Enter")
         page.fill("#trigger-hysteresis", "0")
         page.keyboard.press("Enter")
     elif what == "settings":

@@ -4,6 +4,7 @@
 
 import { byId, make, number } from "./dom.js";
 import { ask } from "./link.js";
+import { Field } from "./quantity.js";
 
 const PREVIEW_MS = 60;
 const STEPS = 1000;
@@ -30,7 +31,7 @@ const SETTINGS = [
   { key: "delay.computation_s", label: "Delay T_V", unit: "ms", range: [0, 10], factor: 1e3 },
   { key: "dither.target", label: "Dither", choices: ["none", "position", "current"] },
   { key: "dither.waveform", label: "Dither form", choices: ["sine", "triangle", "square", "uniform"] },
-  { key: "dither.amplitude", label: "Dither amplitude", unit: "ticks or A", range: [0, 2] },
+  { key: "dither.amplitude", label: "Dither amplitude", unit: "ticks", range: [0, 2] },
   { key: "dither.frequency_hz", label: "Dither frequency", unit: "Hz", range: [0, 500] },
   { key: "spring.side", label: "Wall", choices: ["both", "positive", "negative"] },
 ];
@@ -41,7 +42,7 @@ const lookUp = (config, key) => key.split(".").reduce((found, part) => found?.[p
 export class Controls {
   /**
    * @param {(plane: any) => void} dream shows a setting not yet sent; null: none
-   * @param {() => number} deflection the motion that the plane is drawn for
+   * @param {() => import("./quantity.js").Quantity} deflection the motion that the plane is drawn for
    */
   constructor(dream, deflection) {
     this.dream = dream;
@@ -67,7 +68,16 @@ export class Controls {
         byId("settings").append(control.box);
       }
     }
+    this.controls.get("dither.amplitude")?.inUnit(config.dither.target === "current" ? "A" : "ticks");
     for (const [key, control] of this.controls) control.confirmed(lookUp(config, key));
+  }
+
+  /** Take back what is being dragged: a stop leaves nothing that letting go would send. */
+  withdraw() {
+    clearTimeout(this.timer);
+    this.asked++;
+    this.dream(null);
+    for (const [key, control] of this.controls) control.withdraw(lookUp(this.config, key));
   }
 
   /** Ask where a value would land, not more often than every 60 ms. @param {string} key @param {any} value */
@@ -82,6 +92,16 @@ export class Controls {
         if (number === this.asked) this.dream(null);
       }
     }, PREVIEW_MS);
+  }
+
+  /** Send what was typed. @param {Control} control @param {import("./quantity.js").Quantity} said */
+  async typed(control, said) {
+    control.waiting();
+    try {
+      await ask("set", { settings: { [control.setting.key]: said } });
+    } finally {
+      control.box.classList.remove("waiting");
+    }
   }
 
   /** Send a value. @param {Control} control @param {any} value */
@@ -107,11 +127,13 @@ class Control {
     this.owner = owner;
     const id = `set-${setting.key.replace(".", "-")}`;
     this.range = (owner.linear && setting.linearRange) || setting.range || [0, 1];
-    const unit = (owner.linear && setting.linearUnit) || setting.unit || "";
+    this.unit = (owner.linear && setting.linearUnit) || setting.unit || "";
     this.dragging = false;
+    this.withdrawn = false;
+    this.unitText = make("span", { class: "unit" }, this.unit);
     this.confirmedText = make("output", { class: "confirmed", id: `${id}-confirmed`, title: "as the daemon confirmed it" }, "–");
     this.error = make("div", { class: "refusal", id: `${id}-refusal`, role: "alert" });
-    this.box = make("div", { class: "setting" }, make("label", { for: id }, setting.label), make("span", { class: "unit" }, unit), this.confirmedText);
+    this.box = make("div", { class: "setting" }, make("label", { for: id }, setting.label), this.unitText, this.confirmedText);
     if (setting.choices) {
       this.select = /** @type {HTMLSelectElement} */ (make("select", { id }, ...setting.choices.map((choice) => make("option", { value: choice }, choice))));
       this.select.addEventListener("change", () => owner.send(this, this.select?.value));
@@ -121,20 +143,22 @@ class Control {
       const entry = /** @type {HTMLInputElement} */ (make("input", { id: `${id}-entry`, type: "text", inputmode: "decimal", "aria-label": `${setting.label} as a number` }));
       this.slider = slider;
       this.entry = entry;
+      slider.addEventListener("pointerdown", () => (this.withdrawn = false));
+      slider.addEventListener("keydown", () => (this.withdrawn = false));
       slider.addEventListener("input", () => {
+        if (this.withdrawn) return;
         this.dragging = true;
         entry.value = number(this.shown(this.value()));
+        this.field?.show();
         owner.preview(setting.key, this.value());
       });
       slider.addEventListener("change", () => {
         this.dragging = false;
-        owner.send(this, this.value());
+        this.field?.withdraw();
+        if (this.withdrawn) this.confirmed(lookUp(owner.config, setting.key));
+        else owner.send(this, this.value());
       });
-      entry.addEventListener("change", () => {
-        const given = Number(entry.value.replace(",", "."));
-        if (!entry.value.trim() || !Number.isFinite(given)) this.refused(`${entry.value} is not a number`);
-        else owner.send(this, setting.whole ? Math.round(given) : given / (setting.factor ?? 1));
-      });
+      this.field = new Field(entry, () => (setting.factor ? this.unit : ""), (said) => owner.typed(this, said), this.error);
       this.box.append(slider, entry);
     }
     this.box.append(this.error);
@@ -168,7 +192,20 @@ class Control {
     const shown = this.shown(Number(value));
     const part = this.setting.log ? Math.log(Math.max(shown, 1e-30) / low) / Math.log(high / low) : (shown - low) / (high - low);
     this.slider.value = String(Math.round(STEPS * Math.min(1, Math.max(0, part))));
-    if (document.activeElement !== this.entry) this.entry.value = number(shown);
+    this.field?.settle(number(shown));
+  }
+
+  /** @param {any} value in force */
+  withdraw(value) {
+    if (this.dragging) this.withdrawn = true;
+    this.dragging = false;
+    this.confirmed(value);
+  }
+
+  /** @param {string} unit of what is shown and typed */
+  inUnit(unit) {
+    this.unit = unit;
+    this.unitText.textContent = unit;
   }
 
   /** @param {string} why */

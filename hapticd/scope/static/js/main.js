@@ -9,6 +9,7 @@ import { showHealth, showHistograms } from "./health.js";
 import { ask, follow } from "./link.js";
 import { Measure } from "./measure.js";
 import { Plane } from "./plane.js";
+import { Field, refuseAt, withdrawAll } from "./quantity.js";
 import { Release } from "./release.js";
 import { CHANNELS, Store } from "./store.js";
 import { LOOK, Trace } from "./trace.js";
@@ -21,6 +22,7 @@ const STALE_S = 1;
 const ROLL_BEHIND_S = 0.25;
 const TELL_MS = 100;
 const SPECTRUM_MS = 500;
+const PLANE_MS = 150;
 
 const units = { position: "rad", velocity: "rad/s", current: "A", force: "N m" };
 const scales = { resolution: 1, raw_resolution: 1, decimation: 1, period_s: 1e-3 };
@@ -208,10 +210,9 @@ function takeConfig(message) {
   Object.assign(scales, message.scales);
   live.rawResolution = scales.raw_resolution;
   if (decimation !== scales.decimation) for (const each of trace.lanes) each.name();
-  const entry = byId("release-deflection", HTMLInputElement);
-  if (!entry.value) entry.value = String(message.plane.point.deflection);
-  if (deflection() === message.plane.point.deflection) plane.show(message.plane, units);
-  else showPlane();
+  if (!releaseFields.deflection.settled) releaseFields.deflection.settle(String(message.plane.point.deflection));
+  if (!plane.data) plane.show(message.plane, units);
+  showPlane();
   showEnds();
   controls.confirm(message.config, units.position === "m");
   const names = byId("excite-name");
@@ -220,8 +221,13 @@ function takeConfig(message) {
 
 /** The plane for the release that this page has in mind; the server's own is for another deflection. */
 async function showPlane() {
-  const found = await ask("preview", { settings: {}, deflection: deflection() }).catch(() => null);
-  if (found) plane.show(found, units);
+  const field = releaseFields.deflection;
+  try {
+    plane.show(await ask("preview", { settings: {}, deflection: field.said() }), units);
+    field.refuse("");
+  } catch (error) {
+    refuseAt(error, releaseFields);
+  }
 }
 
 let endsAsked = false;
@@ -295,8 +301,11 @@ function showLease(lease) {
 // ---- settings, release, and the other commands
 
 const plane = new Plane();
-const deflection = () => Number(byId("release-deflection", HTMLInputElement).value) || 10.3;
-const controls = new Controls((found) => plane.dream(found), deflection);
+const releaseFields = {
+  deflection: new Field(byId("release-deflection", HTMLInputElement), () => "ticks", null, byId("release-deflection-refusal")),
+  duration_s: new Field(byId("release-duration", HTMLInputElement), () => "s", null, byId("release-duration-refusal")),
+};
+const controls = new Controls((found) => plane.dream(found), () => ({ text: plane.deflection, unit: "ticks" }));
 const release = new Release(
   () => live,
   () => {
@@ -352,9 +361,13 @@ byId("take").addEventListener("click", async () => {
 });
 byId("release-form").addEventListener("submit", (event) => {
   event.preventDefault();
-  release.begin(deflection(), Number(byId("release-duration", HTMLInputElement).value) || 2);
+  release.begin(releaseFields);
 });
-byId("release-deflection").addEventListener("change", showPlane);
+/** @type {any} */ let planeDue = undefined;
+byId("release-deflection").addEventListener("input", () => {
+  clearTimeout(planeDue);
+  planeDue = setTimeout(showPlane, PLANE_MS);
+});
 byId("excite-form").addEventListener("submit", async (event) => {
   event.preventDefault();
   look(live);
@@ -398,18 +411,42 @@ const channelOptions = () => CHANNELS.map((name) => make("option", { value: name
 byId("trigger-channel").append(...channelNames.map((name) => make("option", { value: name }, LOOK[name].label)));
 byId("measure-channel").append(...channelOptions());
 
+/** @param {Record<string, import("./quantity.js").Quantity>} said @returns {Promise<Record<string, number>>} */
+const quantities = (said) => ask("quantities", { fields: said });
+/** @param {string} id @param {() => string} unit @param {(value: number) => Partial<import("./trigger.js").TriggerSettings>} settings that it means */
+function triggerField(id, unit, settings) {
+  const input = byId(`trigger-${id}`, HTMLInputElement);
+  return new Field(
+    input,
+    unit,
+    async (said) => {
+      Object.assign(trigger.settings, settings((await quantities({ [id]: said }))[id]));
+      newTrigger();
+    },
+    byId("trigger-refusal"),
+  );
+}
+triggerField("level", triggerUnit, (level) => ({ level }));
+triggerField("hysteresis", triggerUnit, (value) => ({ hysteresis: Math.abs(value) }));
+triggerField("holdoff", () => "ms", (value) => ({ holdoffS: Math.max(0, value / 1e3) }));
+triggerField("pre", () => "%", (value) => ({ pre: Math.min(1, Math.max(0, value / 100)) }));
+
+function triggerUnit() {
+  return channelUnit(trigger.settings.channel);
+}
+
+/** What a channel is counted in. @param {import("./store.js").Channel} channel */
+function channelUnit(channel) {
+  return { position: "ticks", coarse: "ticks", model: "ticks", residual: "ticks", velocity: units.velocity, current: "A", measured: "A", force: units.force, late: "us" }[channel];
+}
+
 function readTrigger() {
-  const read = (/** @type {string} */ id) => /** @type {HTMLInputElement} */ (byId(id)).value;
-  const amount = (/** @type {string} */ id, /** @type {number} */ otherwise) => (Number.isFinite(Number(read(id))) && read(id).trim() ? Number(read(id)) : otherwise);
-  Object.assign(trigger.settings, {
-    mode: read("trigger-mode"),
-    on: read("trigger-on"),
-    channel: read("trigger-channel"),
-    level: amount("trigger-level", 0),
-    hysteresis: Math.abs(amount("trigger-hysteresis", 0)),
-    holdoffS: Math.max(0, amount("trigger-holdoff", 0) / 1e3),
-    pre: Math.min(1, Math.max(0, amount("trigger-pre", 20) / 100)),
-  });
+  const read = (/** @type {string} */ id) => byId(id, HTMLSelectElement).value;
+  Object.assign(trigger.settings, { mode: read("trigger-mode"), on: read("trigger-on"), channel: read("trigger-channel") });
+  newTrigger();
+}
+
+function newTrigger() {
   const { mode, on, channel, level } = trigger.settings;
   const edge = on === "rising" || on === "falling";
   const spec = specs.find((each) => each.channels.includes(shownChannel(channel)));
@@ -417,13 +454,9 @@ function readTrigger() {
   for (const id of ["trigger-channel", "trigger-level", "trigger-hysteresis"]) /** @type {HTMLInputElement} */ (byId(id)).disabled = mode === "roll" || !edge;
   for (const id of ["trigger-on", "trigger-holdoff", "trigger-pre"]) /** @type {HTMLInputElement} */ (byId(id)).disabled = mode === "roll";
   trigger.reset(store.head);
+  if (store.held && store === live) hold(false);
 }
-for (const each of byId("trigger").querySelectorAll("select, input")) {
-  each.addEventListener("change", () => {
-    readTrigger();
-    if (store.held && store === live) hold(false);
-  });
-}
+for (const each of byId("trigger").querySelectorAll("select")) each.addEventListener("change", readTrigger);
 readTrigger();
 
 /** @param {Store} next */
@@ -552,6 +585,14 @@ byId("theme").addEventListener("click", () => {
   localStorage.setItem("theme", dark ? "light" : "dark");
   trace.redraw();
 });
+
+/** A stop leaves nothing behind that a later Enter, or a slider let go, would send. */
+function withdraw() {
+  withdrawAll();
+  controls.withdraw();
+}
+for (const id of ["stop", "estop"]) byId(id).addEventListener("click", withdraw);
+window.addEventListener("keydown", (event) => event.key === "Escape" && withdraw(), true);
 
 document.addEventListener("keydown", (event) => {
   const target = /** @type {HTMLElement} */ (event.target);

@@ -52,6 +52,11 @@ export class Plane {
     this.draw();
   }
 
+  /** The release that the plane is drawn for, coarse ticks. */
+  get deflection() {
+    return String(this.data?.point.deflection ?? "");
+  }
+
   tell() {
     if (!this.data) return;
     const { point } = this.data;

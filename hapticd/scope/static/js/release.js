@@ -4,6 +4,9 @@
 import { byId, number, say } from "./dom.js";
 import { FLAG, decodeStream } from "./frames.js";
 import { ask, request } from "./link.js";
+import { refuseAt } from "./quantity.js";
+
+/** @typedef {import("./quantity.js").Field} Field */
 
 /** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean}} Running */
 
@@ -20,19 +23,23 @@ export class Release {
     /** @type {Running | null} */ this.running = null;
   }
 
-  /** @param {number} deflection @param {number} durationS */
-  async begin(deflection, durationS) {
+  /** As typed. @param {Record<"deflection" | "duration_s", Field>} fields */
+  async begin(fields) {
     say("release-answer", "waiting for the shaft to rest …");
     say("release-outcome", "");
+    const { deflection, duration_s } = fields;
+    for (const field of Object.values(fields)) field.refuse("");
     this.prepare();
     const from = this.store().head;
     try {
-      const reply = await ask("release", { deflection, duration_s: durationS });
+      const reply = await ask("release", { deflection: deflection.said(), duration_s: duration_s.said() });
+      for (const field of Object.values(fields)) field.settle(field.input.value);
       say("release-answer", `released from ${number(reply.achieved_deflection)} ticks, exact to one raw count`);
-      this.running = { deflection: reply.achieved_deflection, durationS, experiment: reply.experiment, from, start: -1, model: null, over: false };
+      this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false };
       this.simulate(this.running);
     } catch (error) {
-      say("release-answer", error instanceof Error ? error.message : String(error));
+      const atFields = refuseAt(error, fields);
+      say("release-answer", atFields ? "" : error instanceof Error ? error.message : String(error));
     }
   }
 
