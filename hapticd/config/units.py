@@ -185,7 +185,7 @@ def in_unit(text: str, unit: str, config: Config | None = None, *, bare: str = "
     """
     value, own = split(text)
     own = own or bare
-    if not own or own == unit:
+    if not own or spelled(own) == spelled(unit):
         return value
     wanted, given = _size(unit), _size(own)
     if unit == "counts/rev" and own in ("counts", "lines"):  # data sheets leave "a revolution" out

@@ -1,6 +1,7 @@
 // The page: what comes in goes into the store, what is seen is drawn once a frame, and every control says what it did.
 // @ts-check
 
+import { banner } from "./banner.js";
 import { Controls } from "./controls.js";
 import { byId, duration, make, number, say } from "./dom.js";
 import { openRun, saveArrow, saveCsv, savePng } from "./files.js";
@@ -8,10 +9,11 @@ import { FLAG, decode } from "./frames.js";
 import { showHealth, showHistograms } from "./health.js";
 import { ask, follow } from "./link.js";
 import { Measure } from "./measure.js";
+import { togglePanel } from "./panels.js";
 import { Plane } from "./plane.js";
 import { Field, refuseAt, withdrawAll } from "./quantity.js";
 import { Release } from "./release.js";
-import { CHANNELS, Store } from "./store.js";
+import { CHANNELS, Store, VELOCITY_WINDOW_S } from "./store.js";
 import { LOOK, Trace } from "./trace.js";
 import { Trigger } from "./trigger.js";
 
@@ -68,7 +70,19 @@ const specs = [
 const shownChannel = (id) => /** @type {import("./store.js").Channel} */ (id);
 
 const trigger = new Trigger();
-const trace = new Trace(specs, (event) => {
+/** Why a lane is empty. @param {import("./trace.js").LaneSpec} spec @param {number} rows in view */
+function whyEmpty(spec, rows) {
+  if (store === live && !store.head) {
+    if (!byId("offline").hidden) return "not connected: no rows come";
+    if (!byId("banner").hidden) return "no daemon answers: no rows come";
+    return hello ? "connected; no row has come yet" : "waiting for the daemon's configuration";
+  }
+  if (!rows) return "no rows in this window";
+  if (spec.id === "residual") return store === live ? release.why() : "no simulation is laid over a run file";
+  if (spec.id === "velocity") return `too few rows: the slope is over ${duration(VELOCITY_WINDOW_S)}`;
+  return "the rows in this window have no such value";
+}
+const trace = new Trace(specs, whyEmpty, (event) => {
   if (event.kind === "zoom") zoom(event.factor, event.at);
   else if (event.kind === "pan") pan(event.by);
   else if (event.which === "a" || event.which === "b") trace.cursors[event.which] = event.at;
@@ -251,7 +265,7 @@ function showState(why) {
   document.body.dataset.state = state;
   say("rate", status ? `${number(status.timing.rate_hz)} Hz` : "–");
   say("missed", status ? `${status.timing.missed} periods missed` : "");
-  banner(status?.fault ?? null, why);
+  banner(status?.fault ?? null, why, Boolean(status));
   if (!status) return;
   showHealth(status, live);
   release.look(status);
@@ -259,30 +273,6 @@ function showState(why) {
   const running = experiment && experiment.state === "running";
   say("experiment", running ? `${experiment.kind}, ${Math.round(100 * experiment.progress)} %` : "");
   byId("record").textContent = status.recorder.path ? "Stop recording" : "Record";
-}
-
-let pageOf = "";
-/** @param {{code: string, cause: string, help: string} | null} fault @param {string | null} why */
-async function banner(fault, why) {
-  const place = byId("banner");
-  place.hidden = !fault && !why;
-  place.className = fault ? "fault" : "lost";
-  say("banner-title", fault ? `Fault: ${fault.code}` : why ? (status ? "Not all is shown" : "No daemon") : "");
-  say("banner-cause", fault ? fault.cause : (why ?? ""));
-  byId("clear").hidden = !fault;
-  byId("fault-page").hidden = !fault;
-  if (!fault) {
-    pageOf = "";
-    say("banner-clear", "");
-  } else if (pageOf !== fault.code) {
-    pageOf = fault.code;
-    const reply = await fetch(`/faults/${encodeURIComponent(fault.code)}`);
-    const text = reply.ok ? await reply.text() : "";
-    const needs = text.split(/^## How to clear\s*$/m)[1]?.split(/^## /m)[0].trim().replace(/\s+/g, " ").replace(/`/g, "") ?? "";
-    say("banner-clear", needs ? `To clear: ${needs}` : "");
-    byId("page-text").textContent = text || "There is no page about this fault.";
-    say("page-title", fault.code);
-  }
 }
 
 /** @param {{mine: boolean, free: boolean, may: boolean}} lease */
@@ -375,11 +365,7 @@ byId("excite-form").addEventListener("submit", async (event) => {
   const answer = await command("excite", { name: byId("excite-name", HTMLSelectElement).value }, "excite-answer");
   if (answer) say("excite-answer", `${duration(answer.duration_s)}, recorded to ${answer.run}`);
 });
-byId("fault-page").addEventListener("click", () => byId("page", HTMLDialogElement).showModal());
-byId("help").addEventListener("click", () => byId("keys", HTMLDialogElement).showModal());
-for (const dialog of document.querySelectorAll("dialog")) {
-  dialog.querySelector("button")?.addEventListener("click", () => dialog.close());
-}
+byId("help").addEventListener("click", () => togglePanel("keys"));
 
 // ---- the trace's own controls
 
@@ -426,8 +412,8 @@ function triggerField(id, unit, settings) {
     byId("trigger-refusal"),
   );
 }
-triggerField("level", triggerUnit, (level) => ({ level }));
-triggerField("hysteresis", triggerUnit, (value) => ({ hysteresis: Math.abs(value) }));
+const levelField = triggerField("level", triggerUnit, (level) => ({ level }));
+const hysteresisField = triggerField("hysteresis", triggerUnit, (value) => ({ hysteresis: Math.abs(value) }));
 triggerField("holdoff", () => "ms", (value) => ({ holdoffS: Math.max(0, value / 1e3) }));
 triggerField("pre", () => "%", (value) => ({ pre: Math.min(1, Math.max(0, value / 100)) }));
 
@@ -437,13 +423,43 @@ function triggerUnit() {
 
 /** What a channel is counted in. @param {import("./store.js").Channel} channel */
 function channelUnit(channel) {
-  return { position: "ticks", coarse: "ticks", model: "ticks", residual: "ticks", velocity: units.velocity, current: "A", measured: "A", force: units.force, late: "us" }[channel];
+  return { position: "ticks", coarse: "ticks", model: "ticks", residual: "ticks", velocity: units.velocity, current: "A", measured: "A", force: units.force, late: "µs" }[channel];
+}
+
+/** A hysteresis that noise of a channel does not pass: half a tick, two counts, and what comes of them. @param {import("./store.js").Channel} channel */
+function usualHysteresis(channel) {
+  const { stiffness } = hello?.config.spring ?? { stiffness: 0 };
+  const half = 0.5 * scales.resolution * stiffness;
+  const amperes = half / (hello?.config.amplifier.torque_constant ?? 1);
+  const usual = { position: 0.5, coarse: 0.5, model: 0.5, residual: 0.5, velocity: (2 * scales.raw_resolution) / VELOCITY_WINDOW_S, current: amperes, measured: amperes, force: half, late: 5 }[channel];
+  return Number(usual.toPrecision(2));
 }
 
 function readTrigger() {
   const read = (/** @type {string} */ id) => byId(id, HTMLSelectElement).value;
-  Object.assign(trigger.settings, { mode: read("trigger-mode"), on: read("trigger-on"), channel: read("trigger-channel") });
+  const channel = shownChannel(read("trigger-channel"));
+  if (channel !== trigger.settings.channel) {
+    // a level in ticks is none in ampere
+    Object.assign(trigger.settings, { channel, level: 0, hysteresis: usualHysteresis(channel) });
+    levelField.settle("0");
+    hysteresisField.settle(String(trigger.settings.hysteresis));
+  }
+  Object.assign(trigger.settings, { mode: read("trigger-mode"), on: read("trigger-on") });
   newTrigger();
+}
+
+/** What the trigger does, and what it waits for. */
+function triggerWords() {
+  const { on, level, hysteresis, channel } = trigger.settings;
+  const unit = channelUnit(channel);
+  const up = on === "rising";
+  const state = trigger.state(store);
+  if (state === "off") return "";
+  if (state === "fired") return `fired ${store.head && trigger.at >= 0 ? `at ${duration(store.timeAt(trigger.at) - trace.zero)}` : ""}`;
+  const other = number(level + (up ? -1 : 1) * hysteresis);
+  if (state === "waiting") return `waiting: it must first be ${up ? "below" : "above"} ${other} ${unit}`;
+  const what = { fault: "a fault", settings: "a changed setting", release: "the start of rendering", rising: "", falling: "" }[on];
+  return `armed: fires at ${what || `${number(level)} ${unit}, ${on}`}`;
 }
 
 function newTrigger() {
@@ -453,6 +469,7 @@ function newTrigger() {
   trace.level = mode !== "roll" && edge && spec ? { lane: spec.id, level } : null;
   for (const id of ["trigger-channel", "trigger-level", "trigger-hysteresis"]) /** @type {HTMLInputElement} */ (byId(id)).disabled = mode === "roll" || !edge;
   for (const id of ["trigger-on", "trigger-holdoff", "trigger-pre"]) /** @type {HTMLInputElement} */ (byId(id)).disabled = mode === "roll";
+  for (const place of document.querySelectorAll(".trigger-unit")) place.textContent = edge ? channelUnit(channel) : "";
   trigger.reset(store.head);
   if (store.held && store === live) hold(false);
 }
@@ -501,7 +518,9 @@ function tell() {
   const stale = !Number.isFinite(age()) || age() > STALE_S;
   say("age", Number.isFinite(age()) ? `${age() < 0.1 ? "< 0.1 s" : duration(Math.round(age() * 10) / 10)} old` : "no data yet");
   byId("age").classList.toggle("bad", stale);
-  say("gaps", `${store.missed} missed by the loop, ${store.lost} lost on the way`);
+  say("trigger-state", triggerWords());
+  byId("trigger-state").dataset.state = trigger.state(store);
+  say("gaps", store === live ? `${store.lost} rows lost on the way` : `${store.missed} periods missed in this run`);
   const row = store.held && Number.isFinite(trace.hover) ? Math.min(store.rowAt(trace.hover), store.head - 1) : store.head - 1;
   for (const each of trace.lanes) {
     for (const channel of each.spec.channels) {
@@ -514,7 +533,7 @@ function tell() {
   if (!byId("tab-measure").hidden) {
     const channel = shownChannel(byId("measure-channel", HTMLSelectElement).value);
     const inTicks = ["position", "coarse", "model", "residual"].includes(channel);
-    const unit = { position: units.position, coarse: units.position, model: units.position, residual: units.position, velocity: units.velocity, current: "A", measured: "A", force: units.force, late: "µs" }[channel];
+    const unit = inTicks ? units.position : channelUnit(channel);
     const { begin, end } = measure.tell(store, trace, channel, { unit, perTick: inTicks ? scales.resolution : 0 });
     if (performance.now() - spectrumAt > SPECTRUM_MS) {
       spectrumAt = performance.now();
@@ -551,7 +570,7 @@ async function reopen(file) {
     trace.view = [0, windowS];
     hold(true, "a run file");
     from = opened.timeAt(0);
-    const notes = [...description.warnings, ...(opened.missed ? [`${opened.missed} periods missed`] : [])];
+    const notes = [...description.warnings];
     say("file-name", `${file.name}: ${description.rows} rows${notes.length ? `; ${notes.join("; ")}` : ""}`);
     say("file-answer", "");
     tellWindow();
@@ -620,7 +639,7 @@ document.addEventListener("keydown", (event) => {
       readTrigger();
       hold(false);
     },
-    "?": () => byId("keys", HTMLDialogElement).showModal(),
+    "?": () => togglePanel("keys"),
   };
   const number = Number(event.key);
   if (number >= 1 && number <= specs.length) byId(`lane-${specs[number - 1].id}`).click();

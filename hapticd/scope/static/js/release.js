@@ -43,6 +43,12 @@ export class Release {
     }
   }
 
+  /** Why there is no residual. */
+  why() {
+    if (!this.running) return "no release yet: the residual is measured less simulated";
+    return this.running.model ? "no rows of the release in this window" : "the simulation of this release is not back yet";
+  }
+
   /** @param {Running} running */
   async simulate(running) {
     try {

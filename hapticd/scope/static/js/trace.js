@@ -54,7 +54,8 @@ class Lane {
     this.range = [-1, 1];
     this.box = make("section", { class: "lane", "aria-label": spec.title });
     this.head = make("div", { class: "lane-head" });
-    this.box.append(this.head);
+    this.empty = make("p", { class: "empty", hidden: "" });
+    this.box.append(this.head, this.empty);
     place.append(this.box);
     this.name();
     this.plot = this.build(last);
@@ -110,9 +111,9 @@ class Lane {
 
   /**
    * @param {Store} store @param {{starts: number[], ends: number[]}} buckets @param {Float64Array} x
-   * @param {boolean} raw whether every bucket is one row
+   * @param {boolean} raw whether every bucket is one row @param {number} rows in view
    */
-  draw(store, buckets, x, raw) {
+  draw(store, buckets, x, raw, rows) {
     /** @type {[number, number]} */
     const out = [0, 0];
     this.raw = raw;
@@ -142,8 +143,16 @@ class Lane {
       }
       return y;
     });
+    this.explain(low <= high ? "" : this.trace.why(this.spec, rows));
     this.fit(low, high);
     this.plot.setData(/** @type {uPlot.AlignedData} */ (/** @type {unknown} */ ([x, ...data])), true);
+  }
+
+  /** An empty axis says why it is empty. @param {string} why */
+  explain(why) {
+    if (this.empty.textContent === why) return;
+    this.empty.textContent = why;
+    this.empty.hidden = !why;
   }
 
   /** Grow at once, shrink slowly: the scale does not flicker. @param {number} low @param {number} high */
@@ -163,9 +172,11 @@ class Lane {
 export class Trace {
   /**
    * @param {LaneSpec[]} specs
+   * @param {(spec: LaneSpec, rows: number) => string} why a lane without values is empty
    * @param {(event: {kind: "zoom", factor: number, at: number} | {kind: "pan", by: number} | {kind: "cursor", which: "a" | "b" | "y1" | "y2", at: number, lane: string}) => void} act
    */
-  constructor(specs, act) {
+  constructor(specs, why, act) {
+    this.why = why;
     this.act = act;
     this.place = byId("lanes");
     /** @type {[number, number]} */
@@ -241,7 +252,7 @@ export class Trace {
       }
     }
     this.gaps = store.gapsWithin(begin, end);
-    for (const lane of this.lanes) lane.draw(store, buckets, x, raw);
+    for (const lane of this.lanes) lane.draw(store, buckets, x, raw, Math.max(0, end - begin));
     return { begin, end };
   }
 

@@ -70,6 +70,18 @@ export class Trigger {
     return true;
   }
 
+  /**
+   * What it does: nothing; waits for an edge's other side, without which it cannot fire; armed; has fired, and its window
+   * or its hold-off is not over.
+   * @param {import("./store.js").Store} store @returns {"off" | "waiting" | "armed" | "fired"}
+   */
+  state(store) {
+    const { mode, on } = this.settings;
+    if (mode === "roll") return "off";
+    if (this.at >= 0 && (mode === "single" || !store.head || store.timeAt(store.head - 1) < this.quietUntil)) return "fired";
+    return this.armed || !(on === "rising" || on === "falling") ? "armed" : "waiting";
+  }
+
   /** Whether the newest trigger's window is full. @param {import("./store.js").Store} store @param {number} windowS */
   full(store, windowS) {
     return this.at >= 0 && store.head > 0 && store.timeAt(store.head - 1) >= this.end(store, windowS);
