@@ -1,4 +1,4 @@
-"""``start``, ``stop``, ``estop``, ``clear``, ``reload``, ``set``: what changes the daemon's state and settings."""
+"""``start``, ``stop``, ``estop``, ``clear``, ``reload``, ``set``, ``origin``: what changes state and settings."""
 
 from __future__ import annotations
 
@@ -89,6 +89,17 @@ def _set(
     reply = connect(socket).set(settings, force)
     lines = [f"{key} = {output.to_json(value)}" for key, value in reply["applied"].items()]
     output.emit(reply, guarded("\n".join([*lines, f"config {reply['config_digest']}"]), reply))
+
+
+@command(
+    "hapticd origin",
+    codes=(exits.NO, exits.UNREACHABLE),
+    endpoint=Endpoints.origin,
+)
+def _origin(force: ForceOption = False, socket: SocketOption = None) -> None:
+    reply = connect(socket).origin(force)
+    lines = [f"{key} = {output.to_json(value)}" for key, value in reply["applied"].items()]
+    output.emit(reply, guarded("\n".join(lines), reply))
 
 
 def _stopped(halt: Callable[[], dict[str, Any]]) -> int:

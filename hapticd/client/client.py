@@ -56,10 +56,19 @@ class RequestRefused(Exception):  # noqa: N818 - an answer, not an error of the 
         code: short stable name of the reason.
         message: sentence for people.
         problems: one dict for each wrong setting, for code ``config``.
+        choice: ``reason``, ``remedies``, ``help`` and ``force`` of a refusal that leaves one; else empty.
     """
 
-    def __init__(self, status: int, code: str, message: str, problems: list[dict[str, Any]] | None = None) -> None:
+    def __init__(
+        self,
+        status: int,
+        code: str,
+        message: str,
+        problems: list[dict[str, Any]] | None = None,
+        choice: dict[str, Any] | None = None,
+    ) -> None:
         super().__init__(message)
+        self.choice = choice or {}
         self.status = status
         self.code = code
         self.message = message
@@ -166,7 +175,8 @@ class Client(Endpoints):
             raise DaemonUnreachable(f"what answers on {self.socket_path} is not hapticd (HTTP {status})")
         if status != 200:
             error = answer["error"]
-            raise RequestRefused(status, error["code"], error["message"], error.get("problems"))
+            choice = {name: error[name] for name in ("reason", "remedies", "help", "force") if name in error}
+            raise RequestRefused(status, error["code"], error["message"], error.get("problems"), choice)
         return answer
 
     def _unreachable(self, error: OSError, timeout_s: float) -> DaemonUnreachable:

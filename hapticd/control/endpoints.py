@@ -232,6 +232,17 @@ class Endpoints:
             Refused: code ``restart_needed`` or ``unstable``.
         """
 
+    @endpoint("POST", "/origin", "SetReply", motion_s=MOTION_S)
+    def origin(self, force: Force = False) -> JsonDict:
+        """Move the spring's origin to where the shaft is: no force acts on it there.
+
+        What to do after a runaway, or once a device was opened again. It is 'set spring.origin' with the place of the last
+        tick.
+
+        Raises:
+            Refused: code ``busy`` or ``unstable``.
+        """
+
     @endpoint("POST", "/reload", "JudgedStatus", device=True, motion_s=PREPARED_MOTION_S, asks_trust=True)
     def reload(
         self,

@@ -30,6 +30,7 @@ from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
 from hapticd.scope import runs, theory
 from hapticd.scope.access import Access, Guard, Names, Role
+from hapticd.scope.choices import choice_for_page, in_asked_unit
 from hapticd.scope.forms import CLIENT, BadRequest, body_of, client_of, fields_of, read_json
 from hapticd.scope.hub import Hub
 from hapticd.scope.lease import Lease
@@ -101,15 +102,20 @@ class ScopeServer:
 
     async def set(self, request: Request) -> Any:
         """Live settings, those that were typed read first."""
-        body = await fields_of(request, settings=dict)
+        body = await fields_of(request, settings=dict, force=bool)
         settings = read_settings(body["settings"], self._parsed())
-        return await self.on("command", partial(self.client.set, settings))
+        return await self.on("command", self.client.set, settings, body["force"])
 
     async def release(self, request: Request) -> Any:
         """A release; deflection and duration as they were typed."""
-        body = await fields_of(request, deflection=dict, duration_s=dict)
-        numbers = read_quantities(body, {"deflection": "ticks", "duration_s": "s"}, self._parsed())
-        return await self.on("command", self.client.release, numbers["deflection"], numbers["duration_s"])
+        body = await fields_of(request, deflection=dict, duration_s=dict, force=bool)
+        force, config = body.pop("force"), self._parsed()
+        numbers = read_quantities(body, {"deflection": "ticks", "duration_s": "s"}, config)
+        try:
+            return await self.on("command", self.client.release, numbers["deflection"], numbers["duration_s"], force)
+        except RequestRefused as refused:
+            refused.choice = in_asked_unit(refused.choice, body["deflection"], config)
+            raise
 
     async def quantities(self, request: Request) -> Any:
         """What was typed, as numbers of the units beside the fields."""
@@ -248,11 +254,12 @@ def create_app(server: ScopeServer, names: Names) -> ASGIApp:
     posts: dict[str, tuple[Callable[[Request], Awaitable[Any]], Role, bool]] = {
         "stop": (server.stop, "command", False),
         "estop": (server.estop, "command", False),
-        "start": (server.command(client.start), "command", True),
+        "start": (server.command(client.start, force=bool), "command", True),
+        "origin": (server.command(client.origin, force=bool), "command", True),
         "clear": (server.command(client.clear), "command", True),
         "set": (server.set, "command", True),
         "release": (server.release, "command", True),
-        "excite": (server.command(client.excite, name=str), "command", True),
+        "excite": (server.command(client.excite, name=str, force=bool), "command", True),
         "record": (server.record, "command", True),
         "lease": (server.take, "command", False),
         "quantities": (server.quantities, "look", False),
@@ -297,8 +304,11 @@ def _endpoint(server: ScopeServer, handler: Callable[[Request], Awaitable[Any]],
             return error_reply(409, "lease", "another page holds the controls; take them over first")
         try:
             result = await handler(request)
-        except (BadRequest, RequestRefused) as error:
+        except BadRequest as error:
             return error_reply(error.status, error.code, error.message, problems=error.problems)
+        except RequestRefused as error:
+            choice = {"choice": choice_for_page(error.choice)} if error.choice else {}
+            return error_reply(error.status, error.code, error.message, problems=error.problems, **choice)
         except StoppedUnanswered as stopped:
             result = {"state": stopped.state, "unanswered": str(stopped)}
         except DaemonUnreachable as error:

@@ -220,6 +220,11 @@ class Daemon(Endpoints):
             )
             return {"applied": applied, "config_digest": config_digest(config), "guard": judgement}
 
+    def origin(self, force: bool = False, *, command: Command | None = None) -> JsonDict:
+        """Move the spring's origin to where the shaft is."""
+        here = self.rig.counts * self.rig.config.raw_resolution
+        return self.set({"spring.origin": here}, force, command=command)
+
     def release(
         self, deflection: float, duration_s: float | None = None, force: bool = False, *, command: Command | None = None
     ) -> JsonDict:

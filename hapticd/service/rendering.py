@@ -107,14 +107,24 @@ class Rendering:
         rig = self.rig
         limit, unit = rig.config.safety.max_excursion, "m" if rig.config.is_linear else "rad"
         away = (rig.counts - rig.origin_counts) * rig.config.raw_resolution
+        origin = rig.origin_counts * rig.config.raw_resolution
+        here = {
+            "key": "spring.origin",
+            "before": origin,
+            "after": origin + away,
+            "unit": unit,
+            "words": "the origin here",
+        }
         if unknown := rig.position_unknown():
-            raise Refused("position_unknown", unknown)
+            reason = (
+                "the device was opened again, and its encoder may have begun to count anew; set the spring's origin"
+            )
+            raise Refused("position_unknown", unknown, {"reason": reason, "remedies": [here], "force": False})
         if limit and abs(away) > limit:
-            here = rig.counts * rig.config.raw_resolution
+            far = f"the shaft is {away:.4g} {unit} from the spring's origin, beyond safety.max_excursion = {limit:g} {unit}"
+            reason = f"{far}; bring it back, or move the origin to it"
             raise Refused(
-                "excursion",
-                f"the shaft is {away:.4g} {unit} from the spring's origin, beyond safety.max_excursion = {limit:g} {unit}; "
-                f"bring it back, or move the origin to it: 'hapticd set spring.origin={here:.4g}'",
+                "excursion", f"{reason}: 'hapticd origin'", {"reason": reason, "remedies": [here], "force": False}
             )
 
     def begin_recording(self, label: str, command: Command) -> None:
@@ -158,6 +168,12 @@ def enforce(judgement: Judgement) -> JsonDict:
             "limits" if judgement.trips else "unstable",
             f"{judgement.reason}; nothing is started or changed\n{judgement.help}\n"
             "Render it all the same: --force (API: force)",
+            {
+                "reason": f"{judgement.reason}; nothing is started or changed",
+                "remedies": list(judgement.remedies),
+                "help": "" if judgement.remedies else judgement.help,
+                "force": True,
+            },
         )
     if judgement.verdict in ("forced", "warned"):
         log.warning("%s by the stability guard: %s", judgement.verdict, judgement.reason)

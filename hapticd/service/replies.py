@@ -52,7 +52,7 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
 
     async def refused(_: Request, error: Exception) -> Response:
         assert isinstance(error, Refused)
-        return error_reply(409, error.code, error.message)
+        return error_reply(409, error.code, error.message, **error.choice)
 
     async def withdrawn(_: Request, error: Exception) -> Response:
         assert isinstance(error, Withdrawn)

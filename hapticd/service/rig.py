@@ -209,10 +209,9 @@ class Rig:
         """Why the origin's place is not known, and what to do about it; None where it is."""
         if self.position_known:
             return None
-        here = self.counts * self.config.raw_resolution
         return (
             "the device was opened again, and its encoder may have begun to count anew: set the spring's origin, "
-            f"'hapticd set spring.origin={here:.4g}' for where the shaft is now"
+            "'hapticd origin' for where the shaft is now"
         )
 
     @property

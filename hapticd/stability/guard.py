@@ -18,7 +18,7 @@ from hapticd.stability.criterion import velocity_limit
 from hapticd.stability.explore import GUARD, Explored, explore
 from hapticd.stability.numbers import Loop, from_config, loop_from_config
 from hapticd.stability.regions import MEANING, region
-from hapticd.stability.report import advice_text, caveat, number
+from hapticd.stability.report import advice_text, caveat, number, remedies
 from hapticd.stability.theorems import proof_of
 from hapticd.stability.tuning import Start
 
@@ -40,6 +40,7 @@ class Judgement:
         help: what would make it stable, as ``hapticd check`` prints it; empty where it is admitted.
         predicted: what the loop would do, for replies and runs; None where it was not run ahead.
         trips: whether it is a trip of its limits there that decides, and not theory.
+        remedies: the changes in ``help``, as data.
     """
 
     verdict: Verdict
@@ -48,6 +49,7 @@ class Judgement:
     help: str = ""
     predicted: dict[str, Any] | None = None
     trips: bool = False
+    remedies: tuple[dict[str, Any], ...] = ()
 
     @property
     def document(self) -> dict[str, Any]:
@@ -102,7 +104,8 @@ def judge(
         return Judgement("admitted", reason, found.region)
     changes = [change for change in advise(found) if release or "." in change.key]
     help_text = advice_text(found, changes) if changes else _NO_HELP
-    return Judgement(_verdict(policy, force), reason, found.region, help_text)
+    offered = tuple(remedies(found, changes))
+    return Judgement(_verdict(policy, force), reason, found.region, help_text, remedies=offered)
 
 
 def explore_further(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import textwrap
 from collections.abc import Iterator, Sequence
-from typing import Final
+from typing import Any, Final
 
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, Verdict
@@ -217,15 +217,25 @@ def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
     for change in changes:
         what = change.key if "." in change.key else f"--{change.key}"
         values = f"{_plainly(change.before)} → {_plainly(change.after)} {change.unit}"
-        # what a damper does no region says
-        damps = change.key == "spring.damping" or found.damped is not None
-        why = "simulated exactly" if damps else f"region {change.region}"
-        harsh = ", hardly a wall any more" if change.key == "spring.stiffness" and change.size > math.log(10.0) else ""
-        left = f"; a buzz of {number(change.buzz, 2)} ticks is left" if change.buzz else ""
-        lines.append(f"{_INDENT}{what:<20} {values:<32} {_LABELS[change.key]}{harsh} ({why}{left})")
+        lines.append(f"{_INDENT}{what:<20} {values:<32} {_words(found, change)}")
     if found.verdict == "depends":
         lines.append("Or keep below the speed limit; ask about a motion of yours with --velocity or --deflection.")
     return "\n".join(lines)
+
+
+def remedies(found: Assessment, changes: Sequence[Change]) -> list[dict[str, Any]]:
+    """The same as data, for who offers them one by one: each change with its ``words``."""
+    return [{**change.document, "words": _words(found, change)} for change in changes]
+
+
+def _words(found: Assessment, change: Change) -> str:
+    """What a change is, and why it is enough."""
+    # what a damper does no region says
+    damps = change.key == "spring.damping" or found.damped is not None
+    why = "simulated exactly" if damps else f"region {change.region}"
+    harsh = ", hardly a wall any more" if change.key == "spring.stiffness" and change.size > math.log(10.0) else ""
+    left = f"; a buzz of {number(change.buzz, 2)} ticks is left" if change.buzz else ""
+    return f"{_LABELS[change.key]}{harsh} ({why}{left})"
 
 
 def _ends(explored: Explored, period_s: float) -> Iterator[str]:

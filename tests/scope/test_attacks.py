@@ -49,7 +49,7 @@ def commands(control: FakeControl) -> list[str]:
 
 def test_the_page_itself_may_command(scope: Served, control: FakeControl) -> None:
     take(scope)
-    assert scope.post("start").json()["state"] == "running"
+    assert scope.post("start", {"force": False}).json()["state"] == "running"
     assert scope.post("stop").status_code == 200
     assert commands(control) == ["start", "stop"]
 
@@ -264,7 +264,7 @@ def test_a_stop_passes_a_command_that_hangs(scope: Served, control: FakeControl)
     take(scope)
     control.gate.clear()
     with httpx.Client(timeout=60) as other:
-        hanging = threading.Thread(target=lambda: scope.post("start"))
+        hanging = threading.Thread(target=lambda: scope.post("start", {"force": False}))
         hanging.start()
         assert control.waiting.wait(20)
         assert other.post(

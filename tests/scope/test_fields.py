@@ -148,10 +148,11 @@ def test_a_trigger_level_that_cannot_be_read_changes_nothing(page: Page, level: 
 def test_the_server_asks_nothing_of_the_daemon_for_what_it_cannot_read(scope: Served, text: str) -> None:
     wait_for_config(scope)
     said = {"text": text, "unit": "ticks"}
-    reply = scope.post("release", {"deflection": said, "duration_s": QUANTITY})
+    reply = scope.post("release", {"deflection": said, "duration_s": QUANTITY, "force": False})
     assert (reply.status_code, reply.json()["error"]["code"]) == (422, "quantity")
     assert [problem["key"] for problem in reply.json()["error"]["problems"]] == ["deflection"]
-    assert scope.post("set", {"settings": {"spring.stiffness": {**said, "unit": ""}}}).status_code == 422
+    reply = scope.post("set", {"settings": {"spring.stiffness": {**said, "unit": ""}}, "force": False})
+    assert (reply.status_code, reply.json()["error"]["code"]) == (422, "quantity")
 
 
 def wait_for_config(scope: Served) -> None:

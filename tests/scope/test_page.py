@@ -48,7 +48,7 @@ def test_start_and_the_trace_runs(page: Page, testbed: Testbed) -> None:
     wait_until(lambda: seen_rows(page) > 1900, "two seconds of rows in view")
     expect(page.locator("#value-position")).to_contain_text(" rad")
     assert age_s(page) < 1
-    assert text(page, "#gaps").endswith("0 lost on the way")
+    assert text(page, "#gaps").endswith("0 rows lost on the way")
     page.keyboard.press("Escape")
     expect(page.locator("#stop-answer")).to_have_text("Stop: the daemon says off")
     assert testbed.state() == "off"
@@ -131,7 +131,7 @@ def test_a_fault_freezes_the_trace_and_is_cleared(page: Page, testbed: Testbed) 
     expect(page.locator("#hold-why")).not_to_have_text("")
     page.click("#fault-page")
     expect(page.locator("#page-text")).to_contain_text("What hapticd did")
-    page.click("#page button")
+    page.click("#page button.close")
     # frozen: what is seen does not move, and holds the rows before and after the fault
     page.wait_for_timeout(500)
     rows = seen_rows(page)

@@ -65,12 +65,12 @@ def test_the_tutorial(page: Page, testbed: Testbed) -> None:
     page.keyboard.press("Home")
     page.mouse.up()
 
-    # There the daemon refuses it; with the guard told only to warn, it runs away, into a fault.
+    # There the daemon refuses it; forced, it runs away, into a fault.
     enter(page, "servo-rate_hz", 100)
     release(page, 20.3, 3)
     expect(page.locator("#release-answer")).to_contain_text("region D, at rest 20.3 ticks from the origin")
-    testbed.client.set({"safety.guard": "warn"})
-    release(page, 20.3, 3)
+    page.click("#release-answer button.force")
+    page.click("#release-answer button.force-yes")
     expect(page.locator("#region-here")).to_have_text("D for a release from 20.3 ticks")
     expect(page.locator("#state")).to_have_text("fault", ignore_case=True)
     expect(page.locator("#release-outcome")).to_contain_text("growing: it ran away")

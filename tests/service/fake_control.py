@@ -184,6 +184,10 @@ class FakeControl(Endpoints):
         self.resolved = changed
         return {"applied": settings, "config_digest": config_digest(changed), "guard": None}
 
+    def origin(self, force: bool = False, *, command: Command | None = None) -> JsonDict:
+        self._enter("origin", *self._forced(force))
+        return {"applied": {"spring.origin": 0.5}, "config_digest": config_digest(self.resolved), "guard": None}
+
     def release(
         self, deflection: float, duration_s: float | None = None, force: bool = False, *, command: Command | None = None
     ) -> JsonDict:

@@ -326,9 +326,10 @@ def test_disable_stops_the_motor_for_good(monkeypatch: pytest.MonkeyPatch, tmp_p
 def test_start_far_from_the_origin_says_how_to_go_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     with daemon_on(monkeypatch, tmp_path, lambda n: 20_000) as (daemon, _):
         wait_until(lambda: daemon.status()["encoder_counts"] == 20_000, "a sample")
-        with pytest.raises(Refused, match=r"hapticd set spring.origin=15.34"):
+        with pytest.raises(Refused, match=r"'hapticd origin'") as refused:
             daemon.start()
-        daemon.set({"spring.origin": "15.34"})
+        assert refused.value.choice["remedies"][0]["after"] == pytest.approx(15.34, abs=0.01)
+        assert daemon.origin()["applied"]["spring.origin"] == pytest.approx(15.34, abs=0.01)
         assert daemon.start()["state"] == "running"
 
 

@@ -55,10 +55,10 @@ def start_again(daemon: Daemon, code: str) -> int:
     cleared = daemon.clear()
     assert cleared["state"] == "off"
     assert "its encoder may have begun to count anew" in cleared["position_unknown"]
-    with pytest.raises(Refused, match=r"set the spring's origin, 'hapticd set spring\.origin="):
+    with pytest.raises(Refused, match="set the spring's origin, 'hapticd origin'"):
         daemon.start()
     here = daemon.rig.counts * daemon.rig.config.raw_resolution
-    assert f"'hapticd set spring.origin={here:.4g}'" in cleared["position_unknown"]
+    assert "'hapticd origin'" in cleared["position_unknown"]
     daemon.set({"spring.origin": here + ORIGIN_RAD})
     assert daemon.status()["position_unknown"] is None
     before_ns = time.monotonic_ns()

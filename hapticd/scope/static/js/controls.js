@@ -5,6 +5,7 @@
 import { byId, make, number } from "./dom.js";
 import { ask } from "./link.js";
 import { Field } from "./quantity.js";
+import { showRefusal } from "./refusal.js";
 
 const PREVIEW_MS = 60;
 const STEPS = 1000;
@@ -94,29 +95,38 @@ export class Controls {
     }, PREVIEW_MS);
   }
 
-  /** Send what was typed. @param {Control} control @param {import("./quantity.js").Quantity} said */
-  async typed(control, said) {
+  /** Send a value, or what was typed. @param {Control} control @param {any} value @param {boolean} [force] @param {Record<string, any>} [more] settings together with it */
+  async set(control, value, force = false, more = {}) {
     control.waiting();
     try {
-      await ask("set", { settings: { [control.setting.key]: said } });
+      await ask("set", { settings: { [control.setting.key]: value, ...more }, force });
+      control.refused("");
     } finally {
       control.box.classList.remove("waiting");
     }
   }
 
-  /** Send a value. @param {Control} control @param {any} value */
+  /** Send what a slider or a list was set to. @param {Control} control @param {any} value */
   async send(control, value) {
     clearTimeout(this.timer);
     this.asked++;
-    control.waiting();
     try {
-      await ask("set", { settings: { [control.setting.key]: value } });
-      control.refused("");
+      await this.set(control, value);
     } catch (error) {
-      control.refused(error instanceof Error ? error.message : String(error));
+      this.explain(control, value, error);
       control.confirmed(lookUp(this.config, control.setting.key));
     }
     this.dream(null);
+  }
+
+  /** Say a refusal at its control; a remedy for another setting goes together with what was asked for. @param {Control} control @param {any} value @param {unknown} error */
+  explain(control, value, error) {
+    const { key } = control.setting;
+    showRefusal(control.error, error, {
+      what: `${key} = ${typeof value === "object" ? value.text : value}`,
+      apply: (remedy) => (remedy.key === "spring.origin" ? ask("origin", { force: false }) : this.set(control, value, false, { [remedy.key]: remedy.after })),
+      force: () => this.set(control, value, true),
+    });
   }
 }
 
@@ -158,7 +168,8 @@ class Control {
         if (this.withdrawn) this.confirmed(lookUp(owner.config, setting.key));
         else owner.send(this, this.value());
       });
-      this.field = new Field(entry, () => (setting.factor ? this.unit : ""), (said) => owner.typed(this, said), this.error);
+      this.field = new Field(entry, () => (setting.factor ? this.unit : ""), (said) => owner.set(this, said), this.error);
+      this.field.explain = (error) => owner.explain(this, this.field?.said(), error);
       this.box.append(slider, entry);
     }
     this.box.append(this.error);

@@ -17,12 +17,14 @@ sessionStorage.removeItem("client");
 window.addEventListener("pagehide", () => sessionStorage.setItem("client", client));
 
 export class Refusal extends Error {
-  /** @param {number} status @param {{code: string, message: string, problems?: any[]}} error */
+  /** @param {number} status @param {{code: string, message: string, problems?: any[], choice?: any}} error */
   constructor(status, error) {
     super(error.message);
     this.status = status;
     this.code = error.code;
     this.problems = error.problems ?? [];
+    /** What it leaves to choose. @type {{reason: string, remedies: import("./refusal.js").Remedy[], help?: string, force: boolean} | null} */
+    this.choice = error.choice ?? null;
   }
 }
 

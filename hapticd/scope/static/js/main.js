@@ -12,6 +12,7 @@ import { Measure } from "./measure.js";
 import { togglePanel } from "./panels.js";
 import { Plane } from "./plane.js";
 import { Field, refuseAt, withdrawAll } from "./quantity.js";
+import { showRefusal, withdrawQuestions } from "./refusal.js";
 import { Release } from "./release.js";
 import { CHANNELS, Store, VELOCITY_WINDOW_S } from "./store.js";
 import { LOOK, Trace } from "./trace.js";
@@ -328,7 +329,15 @@ async function command(name, body, place) {
     say(place, "");
     return answer;
   } catch (error) {
-    say(place, error instanceof Error ? error.message : String(error));
+    showRefusal(byId(place), error, {
+      what: name,
+      apply: async (remedy) => {
+        if (remedy.key === "spring.origin") await ask("origin", { force: false });
+        else await ask("set", { settings: { [remedy.key]: remedy.after }, force: false });
+        say(place, `${remedy.key} is ${number(remedy.after, 6)} ${remedy.unit}; ${name} tries again`);
+      },
+      force: () => ask(name, { ...body, force: true }).then(() => say(place, "")),
+    });
     return null;
   }
 }
@@ -341,7 +350,11 @@ document.addEventListener("click", (event) => {
 byId("start").addEventListener("click", async () => {
   look(live);
   hold(false);
-  await command("start", {}, "command-answer");
+  await command("start", { force: false }, "command-answer");
+});
+byId("origin").addEventListener("click", async () => {
+  const answer = await command("origin", { force: false }, "command-answer");
+  if (answer) say("command-answer", `spring.origin = ${number(answer.applied["spring.origin"], 6)} ${units.position}, where the shaft is`);
 });
 byId("clear").addEventListener("click", () => command("clear", {}, "command-answer"));
 byId("record").addEventListener("click", () => command("record", { on: !status?.recorder.path }, "command-answer"));
@@ -358,11 +371,13 @@ byId("release-deflection").addEventListener("input", () => {
   clearTimeout(planeDue);
   planeDue = setTimeout(showPlane, PLANE_MS);
 });
+// what was refused is not what would be asked for now
+byId("release-form").addEventListener("input", () => say("release-answer", ""));
 byId("excite-form").addEventListener("submit", async (event) => {
   event.preventDefault();
   look(live);
   hold(false);
-  const answer = await command("excite", { name: byId("excite-name", HTMLSelectElement).value }, "excite-answer");
+  const answer = await command("excite", { name: byId("excite-name", HTMLSelectElement).value, force: false }, "excite-answer");
   if (answer) say("excite-answer", `${duration(answer.duration_s)}, recorded to ${answer.run}`);
 });
 byId("help").addEventListener("click", () => togglePanel("keys"));
@@ -608,6 +623,7 @@ byId("theme").addEventListener("click", () => {
 /** A stop leaves nothing behind that a later Enter, or a slider let go, would send. */
 function withdraw() {
   withdrawAll();
+  withdrawQuestions();
   controls.withdraw();
 }
 for (const id of ["stop", "estop"]) byId(id).addEventListener("click", withdraw);

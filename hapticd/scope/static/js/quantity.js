@@ -23,6 +23,8 @@ export class Field {
     /** What is in force. */
     this.settled = input.value;
     this.error = error;
+    /** Says more about a refusal than its message. @type {((error: unknown) => void) | null} */
+    this.explain = null;
     input.setAttribute("aria-describedby", error.id);
     input.addEventListener("input", () => {
       this.refuse("");
@@ -51,6 +53,7 @@ export class Field {
       this.refuse("");
     } catch (error) {
       this.refuse(error instanceof Error ? error.message : String(error));
+      this.explain?.(error);
     }
     this.show();
   }
@@ -61,6 +64,12 @@ export class Field {
     this.settled = text;
     if (!typing) this.input.value = text;
     this.show();
+  }
+
+  /** Put a text there as if it were typed. @param {string} text */
+  propose(text) {
+    this.input.value = text;
+    this.input.dispatchEvent(new Event("input"));
   }
 
   /** Take back what was not sent. */

@@ -5,10 +5,14 @@ import { byId, number, say } from "./dom.js";
 import { FLAG, decodeStream } from "./frames.js";
 import { ask, request } from "./link.js";
 import { refuseAt } from "./quantity.js";
+import { showRefusal } from "./refusal.js";
 
 /** @typedef {import("./quantity.js").Field} Field */
 
 /** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean}} Running */
+
+/** As a person would say it. @param {import("./quantity.js").Quantity} quantity */
+const named = ({ text, unit }) => (/[a-z°]\s*$/i.test(text) ? text.trim() : `${text.trim()} ${unit}`);
 
 export class Release {
   /**
@@ -25,24 +29,42 @@ export class Release {
 
   /** As typed. @param {Record<"deflection" | "duration_s", Field>} fields */
   async begin(fields) {
-    say("release-answer", "waiting for the shaft to rest …");
-    say("release-outcome", "");
     const { deflection, duration_s } = fields;
     for (const field of Object.values(fields)) field.refuse("");
-    this.prepare();
-    const from = this.store().head;
+    const asked = { deflection: deflection.said(), duration_s: duration_s.said() };
     try {
-      const reply = await ask("release", { deflection: deflection.said(), duration_s: duration_s.said() });
-      for (const field of Object.values(fields)) field.settle(field.input.value);
-      say("release-answer", `released from ${number(reply.achieved_deflection)} ticks, exact to one raw count`);
-      this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false };
-      this.simulate(this.running);
+      await this.send(asked, fields, false);
     } catch (error) {
-      const atFields = refuseAt(error, fields);
-      say("release-answer", atFields ? "" : error instanceof Error ? error.message : String(error));
+      say("release-answer", "");
+      if (refuseAt(error, fields)) return;
+      showRefusal(byId("release-answer"), error, {
+        what: `a release from ${named(asked.deflection)} for ${named(asked.duration_s)}`,
+        apply: (remedy) => this.apply(remedy, deflection),
+        force: () => this.send(asked, fields, true),
+      });
     }
   }
 
+  /** Bring a remedy about: the release waits for its button. @param {import("./refusal.js").Remedy} remedy @param {Field} deflection */
+  async apply(remedy, deflection) {
+    if (remedy.key === "deflection") deflection.propose(`${remedy.after}${remedy.unit}`);
+    else if (remedy.key === "spring.origin") await ask("origin", { force: false });
+    else await ask("set", { settings: { [remedy.key]: remedy.after }, force: false });
+    say("release-answer", `${remedy.key} is ${remedy.after} ${remedy.unit}; Release tries again`);
+  }
+
+  /** @param {Record<string, import("./quantity.js").Quantity>} asked @param {Record<string, Field>} fields @param {boolean} force */
+  async send(asked, fields, force) {
+    say("release-answer", "waiting for the shaft to rest …");
+    say("release-outcome", "");
+    this.prepare();
+    const from = this.store().head;
+    const reply = await ask("release", { ...asked, force });
+    for (const field of Object.values(fields)) field.settle(field.input.value);
+    say("release-answer", `released from ${number(reply.achieved_deflection)} ticks, exact to one raw count`);
+    this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false };
+    this.simulate(this.running);
+  }
   /** Why there is no residual. */
   why() {
     if (!this.running) return "no release yet: the residual is measured less simulated";
