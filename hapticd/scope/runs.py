@@ -17,9 +17,12 @@ import numpy as np
 import yaml
 
 from hapticd.config import ConfigError, parse_config
+from hapticd.control.json_reply import to_json
 from hapticd.record import Run, RunWriter, read_run, run_metadata
 from hapticd.record.frames import PREFIX, Context, decode, encode
+from hapticd.record.reader import median_period
 from hapticd.record.schema import ROW, Rows, empty_rows
+from hapticd.scope.theory import describe
 
 FRAME_ROWS = 4096
 LONGEST_SIMULATION_S = 60.0
@@ -112,17 +115,41 @@ def simulate_release(document: dict[str, Any], deflection: float, duration_s: fl
 
 
 def _stream(run: Run, **more: Any) -> bytes:
+    view, more_warnings = _own_view(run)
     description = {
         "rows": run.rows,
-        "units": run.units,
-        "config": run.metadata.get("config"),
+        "view": view,
         "truncated": run.truncated,
-        "warnings": list(run.warnings),
+        "warnings": [*run.warnings, *more_warnings],
         "events": run.events,
         **more,
     }
-    text = json.dumps(description, default=str).encode()
+    text = to_json(description)
     return b"".join([PREFIX.pack(len(text)), text, *(PREFIX.pack(len(f)) + f for f in _encoded(run))])
+
+
+def _own_view(run: Run) -> tuple[dict[str, Any], list[str]]:
+    """Units, scales, config and plane of the run's own, as `theory.describe` has them; and what is wrong with them.
+
+    A run without a config is counted in raw counts, with the unit of its force where it says one, and has no plane.
+    """
+    stored, warnings = run.metadata.get("config"), []
+    if stored:
+        try:
+            latency = run.metadata.get("latency_s")
+            found = describe(stored, float(latency) if isinstance(latency, int | float) else 0.0)
+            return {key: found[key] for key in ("config", "scales", "units", "plane")}, []
+        except ConfigError as error:
+            warnings.append(f"its config is not valid: {error.problems[0]}")
+    force = run.units.get("force_command") or run.units.get("force") or "N m"
+    units = {"position": "counts", "velocity": "counts/s", "current": "A", "force": force}
+    scales = {
+        "resolution": 1.0,
+        "raw_resolution": 1.0,
+        "decimation": 1,
+        "period_s": median_period(run.columns["time_s"]),
+    }
+    return {"config": None, "scales": scales, "units": units, "plane": None}, warnings
 
 
 def _encoded(run: Run) -> Iterator[bytes]:

@@ -132,15 +132,31 @@ def test_another_servo_loop_goes_on_to_the_right(blank: Page) -> None:
     assert times[3] == 0
 
 
-def test_rows_left_out_while_held_are_not_lost(blank: Page) -> None:
-    found = store(
-        blank,
-        [frame(rows(100), 0)],
-        "(store, parts, Trigger, append) => { store.held = true; append(parts[0]); store.held = false; append(parts[1]);"
-        " return [store.gaps, store.lost]; }",
-        [frame(rows(100, 100), 100), frame(rows(100, 200), 200)],
-    )
-    assert found == [[{"row": 100, "ticks": 100, "kind": "held"}], 0]
+def test_a_picture_put_aside_is_what_it_was(blank: Page) -> None:
+    """Over the place where the ring begins anew, with its gaps, and with the extents that the trace draws."""
+    rng = np.random.default_rng(5)
+    count = CAPACITY + 3000
+    made = rows(count)
+    made["force_command"] = rng.normal(size=count).astype(np.float32)
+    made["tick"][CAPACITY + 100 :] += 5
+    made["flags"][CAPACITY + 100] = FLAG_MISSED_PERIOD
+    parts = [frame(made[start : start + 4096], start) for start in range(0, count, 4096)]
+    begin, end = CAPACITY - 2000, count - 500
+    copied = """(store, [begin, end]) => {
+        const copy = store.copy(begin, end), out = [], inner = [];
+        copy.extent("force", 0, copy.head, out);
+        copy.extent("force", 17, 1300, inner);
+        const last = copy.timeAt(copy.head - 1);
+        return [copy.first, copy.head, copy.gaps, out, inner, copy.tick[0], last, copy.value("force", 7)];
+    }"""
+    first, head, gaps, whole, inner, tick, time_s, value = store(blank, parts, copied, [begin, end])
+    force = made["force_command"]
+    assert (first, head, tick) == (0, end - begin, begin)
+    assert gaps == [{"row": CAPACITY + 100 - begin, "ticks": 5, "kind": "missed"}]
+    assert whole == [force[begin:end].min(), force[begin:end].max()]
+    assert inner == [force[begin + 17 : begin + 1300].min(), force[begin + 17 : begin + 1300].max()]
+    assert time_s == pytest.approx(made["time_s"][end - 1])
+    assert value == force[begin + 7]
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,11 @@
 // What is seen, out of the page and back into it.
 // @ts-check
 
+import { byId, say } from "./dom.js";
 import { decodeStream } from "./frames.js";
 import { request } from "./link.js";
-import { CHANNELS, Store } from "./store.js";
+import { describe, makeSource } from "./source.js";
+import { CHANNELS, SMALLEST, Store } from "./store.js";
 
 /** @param {Blob} blob @param {string} name */
 function download(blob, name) {
@@ -17,7 +19,7 @@ function download(blob, name) {
 const stamp = () => new Date().toISOString().replace(/[-:]/g, "").slice(0, 15);
 
 /** @param {Store} store @param {number} begin @param {number} end @param {Record<string, string>} units */
-export function saveCsv(store, begin, end, units) {
+function saveCsv(store, begin, end, units) {
   const unit = { position: "ticks", coarse: "ticks", velocity: units.velocity, current: "A", measured: "A", force: units.force, late: "us", model: "ticks", residual: "ticks" };
   const lines = [`tick,time_s,encoder_counts_from_origin,flags,${CHANNELS.map((name) => `${name}_${unit[name].replace(/[ /]/g, "_")}`).join(",")}`];
   for (let row = begin; row < end; row++) {
@@ -32,28 +34,62 @@ export function saveCsv(store, begin, end, units) {
 }
 
 /** @param {Store} store @param {number} begin @param {number} end */
-export async function saveArrow(store, begin, end) {
+async function saveArrow(store, begin, end) {
   const reply = await request("save", new Blob(store.frames(begin, end)), { type: "application/vnd.hapticd.frames" });
   download(await reply.blob(), `scope-${stamp()}.arrow`);
 }
 
 /** @param {HTMLCanvasElement} canvas */
-export function savePng(canvas) {
+function savePng(canvas) {
   canvas.toBlob((blob) => blob && download(blob, `scope-${stamp()}.png`), "image/png");
 }
 
 /**
- * A run file as a store of its own, which holds all of it.
+ * A run file as a source of its own, which holds all of it, in its own units.
  * @param {File} file
- * @returns {Promise<{store: Store, description: any}>}
+ * @returns {Promise<{source: import("./source.js").Source, description: any}>}
  */
-export async function openRun(file) {
-  const reply = await request("open", file, { type: "application/vnd.apache.arrow.stream", headers: { "X-File-Name": file.name.replace(/[^\x20-\x7e]/g, "_") } });
+async function openRun(file) {
+  const reply = await request("open", file, { type: "application/vnd.apache.arrow.stream", headers: { "X-File-Name": encodeURIComponent(file.name) } });
   const { description, frames } = decodeStream(await reply.arrayBuffer());
   const rows = frames.reduce((sum, frame) => sum + frame.rows, 0);
-  const store = new Store(Math.max(1 << 16, 2 ** Math.ceil(Math.log2(Math.max(rows, 1)))));
-  const encoder = description.config?.encoder;
-  if (encoder) store.rawResolution = encoder.counts_per_metre ? 1 / encoder.counts_per_metre : (2 * Math.PI) / encoder.counts_per_rev;
-  for (const frame of frames) store.append(frame);
-  return { store, description };
+  const source = makeSource(file.name, new Store(Math.max(SMALLEST, 2 ** Math.ceil(Math.log2(Math.max(rows, 1))))));
+  describe(source, description.view);
+  for (const frame of frames) source.store.append(frame);
+  return { source, description };
+}
+
+/** @param {import("./view.js").View} view @param {import("./release.js").Release} release */
+export function connectFiles(view, release) {
+  const told = (/** @type {Promise<unknown> | void} */ done) => Promise.resolve(done).then(() => say("file-answer", ""), (error) => say("file-answer", error.message));
+  const seen = (/** @type {(store: Store, begin: number, end: number) => Promise<unknown> | void} */ save) => {
+    const { begin, end } = view.rows();
+    return told(save(view.store, begin, end));
+  };
+  byId("save-csv").addEventListener("click", () => seen((store, begin, end) => saveCsv(store, begin, end, view.source.units)));
+  byId("save-arrow").addEventListener("click", () => seen(saveArrow));
+  byId("save-png").addEventListener("click", () => savePng(view.trace.picture()));
+
+  const reopen = async (/** @type {File} */ file) => {
+    say("file-answer", `reading ${file.name} …`);
+    const { source, description } = await openRun(file);
+    view.look(source);
+    const start = source.store.timeAt(0);
+    view.show(start, Math.max(20 * source.store.periodS, view.newest() - start), start, "a run file; the capture goes on");
+    view.trace.triggerTime = NaN;
+    const notes = description.warnings;
+    say("file-name", `${file.name}: ${description.rows} rows${notes.length ? `; ${notes.join("; ")}` : ""}`);
+  };
+  byId("open-file").addEventListener("change", (event) => {
+    const input = /** @type {HTMLInputElement} */ (event.target);
+    if (input.files?.[0]) told(reopen(input.files[0]));
+    input.value = ""; // the same file can be chosen again
+  });
+  for (const kind of ["dragover", "drop"]) {
+    document.addEventListener(kind, (event) => {
+      event.preventDefault();
+      const file = /** @type {DragEvent} */ (event).dataTransfer?.files[0];
+      if (kind === "drop" && file) told(reopen(file));
+    });
+  }
 }

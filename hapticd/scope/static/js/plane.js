@@ -24,15 +24,17 @@ export class Plane {
     /** @type {PlaneData | null} */ this.data = null;
     /** @type {{beta: number, sigma: number}[]} */ this.trail = [];
     /** @type {PlaneData | null} */ this.ghost = null;
+    this.trails = true;
     this.units = { position: "rad", velocity: "rad/s" };
   }
 
-  /** A confirmed operating point. @param {PlaneData} data @param {{position: string, velocity: string}} units */
-  show(data, units) {
+  /** An operating point. @param {PlaneData} data @param {{position: string, velocity: string}} units @param {boolean} trail whether it leaves one */
+  show(data, units, trail) {
     this.units = units;
+    this.trails = trail;
     const { beta, sigma } = data.point;
     const last = this.trail[this.trail.length - 1];
-    if (beta !== null && sigma !== null && (!last || last.beta !== beta || last.sigma !== sigma)) this.trail.push({ beta, sigma });
+    if (trail && beta !== null && sigma !== null && (!last || last.beta !== beta || last.sigma !== sigma)) this.trail.push({ beta, sigma });
     if (this.trail.length > TRAIL) this.trail.shift();
     this.data = data;
     this.draw();
@@ -50,11 +52,6 @@ export class Plane {
       say("ghost-words", `would land in ${place}: ${words}`);
     }
     this.draw();
-  }
-
-  /** The release that the plane is drawn for, coarse ticks. */
-  get deflection() {
-    return String(this.data?.point.deflection ?? "");
   }
 
   tell() {
@@ -164,9 +161,9 @@ export class Plane {
   points(root, data) {
     const { beta, sigma } = data.point;
     if (beta === null || sigma === null) return;
-    const trail = this.trail.map((point) => `${this.x(point.beta).toFixed(1)},${this.y(point.sigma).toFixed(1)}`);
+    const trail = (this.trails ? this.trail : []).map((point) => `${this.x(point.beta).toFixed(1)},${this.y(point.sigma).toFixed(1)}`);
     root.append(svg("polyline", { class: "trail", points: trail.join(" ") }));
-    for (const point of this.trail.slice(0, -1)) root.append(svg("circle", { class: "trail-dot", cx: this.x(point.beta), cy: this.y(point.sigma), r: 2 }));
+    for (const point of this.trails ? this.trail.slice(0, -1) : []) root.append(svg("circle", { class: "trail-dot", cx: this.x(point.beta), cy: this.y(point.sigma), r: 2 }));
     const ghost = this.ghost?.point;
     if (ghost && ghost.beta !== null && ghost.sigma !== null) {
       const [x, y] = [this.x(ghost.beta), this.y(ghost.sigma)];

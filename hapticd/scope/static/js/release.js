@@ -1,6 +1,7 @@
 // The release experiment: asked for, waited for, and laid over the exact simulation of the deflection that was achieved.
 // @ts-check
 
+import { bringAbout } from "./commands.js";
 import { byId, number, say } from "./dom.js";
 import { FLAG, decodeStream } from "./frames.js";
 import { ask, request } from "./link.js";
@@ -9,62 +10,73 @@ import { showRefusal } from "./refusal.js";
 
 /** @typedef {import("./quantity.js").Field} Field */
 
-/** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean}} Running */
+/** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean, simulated: Promise<void>}} Running */
 
 /** As a person would say it. @param {import("./quantity.js").Quantity} quantity */
 const named = ({ text, unit }) => (/[a-z°]\s*$/i.test(text) ? text.trim() : `${text.trim()} ${unit}`);
 
 export class Release {
   /**
-   * @param {() => import("./store.js").Store} store
-   * @param {() => void} prepare called before anything moves: from here on every row is needed
-   * @param {(running: Running) => void} ended with the rows' place known and the simulation, if it could be had, laid over
+   * @param {import("./view.js").View} view
+   * @param {Record<"deflection" | "duration_s", Field>} fields
+   * @param {() => void} showResidual
    */
-  constructor(store, prepare, ended) {
-    this.store = store;
-    this.prepare = prepare;
-    this.ended = ended;
+  constructor(view, fields, showResidual) {
+    this.view = view;
+    this.fields = fields;
+    this.showResidual = showResidual;
     /** @type {Running | null} */ this.running = null;
+    byId("release-form").addEventListener("submit", (event) => {
+      event.preventDefault();
+      this.begin();
+    });
+    // what was refused is not what would be asked for now
+    byId("release-form").addEventListener("input", () => say("release-answer", ""));
   }
 
-  /** As typed. @param {Record<"deflection" | "duration_s", Field>} fields */
-  async begin(fields) {
-    const { deflection, duration_s } = fields;
+  get store() {
+    return this.view.live.store;
+  }
+
+  /** As typed. */
+  async begin() {
+    const { fields } = this;
     for (const field of Object.values(fields)) field.refuse("");
-    const asked = { deflection: deflection.said(), duration_s: duration_s.said() };
+    const asked = { deflection: fields.deflection.said(), duration_s: fields.duration_s.said() };
     try {
-      await this.send(asked, fields, false);
+      await this.send(asked, false);
     } catch (error) {
       say("release-answer", "");
       if (refuseAt(error, fields)) return;
       showRefusal(byId("release-answer"), error, {
         what: `a release from ${named(asked.deflection)} for ${named(asked.duration_s)}`,
-        apply: (remedy) => this.apply(remedy, deflection),
-        force: () => this.send(asked, fields, true),
+        apply: (remedy) => this.apply(remedy),
+        force: () => this.send(asked, true),
       });
     }
   }
 
-  /** Bring a remedy about: the release waits for its button. @param {import("./refusal.js").Remedy} remedy @param {Field} deflection */
-  async apply(remedy, deflection) {
-    if (remedy.key === "deflection") deflection.propose(`${remedy.after}${remedy.unit}`);
-    else if (remedy.key === "spring.origin") await ask("origin", { force: false });
-    else await ask("set", { settings: { [remedy.key]: remedy.after }, force: false });
+  /** Bring a remedy about: the release waits for its button. @param {import("./refusal.js").Remedy} remedy */
+  async apply(remedy) {
+    if (remedy.key === "deflection") this.fields.deflection.propose(`${remedy.after}${remedy.unit}`);
+    else await bringAbout(remedy);
     say("release-answer", `${remedy.key} is ${remedy.after} ${remedy.unit}; Release tries again`);
   }
 
-  /** @param {Record<string, import("./quantity.js").Quantity>} asked @param {Record<string, Field>} fields @param {boolean} force */
-  async send(asked, fields, force) {
+  /** @param {Record<string, import("./quantity.js").Quantity>} asked @param {boolean} force */
+  async send(asked, force) {
     say("release-answer", "waiting for the shaft to rest …");
     say("release-outcome", "");
-    this.prepare();
-    const from = this.store().head;
+    say("release-residual", "");
+    this.view.roll();
+    const from = this.store.head;
     const reply = await ask("release", { ...asked, force });
-    for (const field of Object.values(fields)) field.settle(field.input.value);
+    for (const field of Object.values(this.fields)) field.settle(field.input.value);
     say("release-answer", `released from ${number(reply.achieved_deflection)} ticks, exact to one raw count`);
-    this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false };
-    this.simulate(this.running);
+    this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false, simulated: Promise.resolve() };
+    this.running.simulated = this.simulate(this.running);
   }
+
   /** Why there is no residual. */
   why() {
     if (!this.running) return "no release yet: the residual is measured less simulated";
@@ -91,7 +103,7 @@ export class Release {
   look(status) {
     const { running } = this;
     if (!running) return;
-    const store = this.store();
+    const { store } = this;
     if (running.start < 0) {
       const { flags, mask } = store;
       for (let row = Math.max(running.from, store.first); row < store.head; row++) {
@@ -118,12 +130,22 @@ export class Release {
     say("release-outcome", result.outcome ? `${words[result.outcome] ?? result.outcome}${fault}` : `${experiment.state}${fault}`);
     byId("release-outcome").dataset.outcome = String(result.outcome);
     this.lay(running);
-    this.ended(running);
+    this.show(running);
+  }
+
+  /** The whole release, as a single shot, unless something else is looked at. @param {Running} running */
+  show(running) {
+    const { store, view } = this;
+    if (running.start < store.first || view.store !== store) return;
+    const start = store.timeAt(running.start);
+    this.showResidual();
+    const lasted = Math.max(0.05, Math.min(running.durationS, view.newest() - start));
+    view.show(start - 0.05 * lasted, 1.1 * lasted, start, "the release, taken as a single shot; Run looks at the present again");
   }
 
   /** @param {Running} running */
   lay(running) {
-    const store = this.store();
+    const { store } = this;
     if (running.start < store.first || !running.model) return;
     const end = store.overlay(running.start, running.model);
     let squares = 0;

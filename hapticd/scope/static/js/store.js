@@ -6,6 +6,8 @@ export const CAPACITY = 1 << 20;
 const FACTOR_BITS = 4;
 const LEVELS = 4;
 const MAX_GAPS = 4096;
+/** One block of the highest level. */
+export const SMALLEST = 1 << 16;
 /** Over how long the velocity is the slope of the position, s. */
 export const VELOCITY_WINDOW_S = 0.005;
 
@@ -17,8 +19,8 @@ export const CHANNELS = ["position", "coarse", "velocity", "current", "measured"
  * @typedef {object} Gap
  * @property {number} row the row before which something is missing
  * @property {number} ticks how many ticks
- * @property {"missed" | "lost" | "held" | "restart"} kind periods that the servo loop missed; rows that did not come here;
- *   rows not taken while the page was held; another servo loop
+ * @property {"missed" | "lost" | "restart"} kind periods that the servo loop missed; rows that did not come here; another
+ *   servo loop
  */
 
 class Pyramid {
@@ -59,11 +61,9 @@ export class Store {
     this.shift = 0;
     this.originCounts = 0;
     this.periodS = 1e-3;
-    this.held = false;
-    this.pendingHeld = false;
   }
 
-  /** The oldest row held. */
+  /** The oldest row that is there. */
   get first() {
     return Math.max(0, this.head - this.capacity);
   }
@@ -104,11 +104,6 @@ export class Store {
   append(frame) {
     const { rows } = frame;
     if (!rows) return;
-    if (this.held) {
-      this.pendingHeld = true;
-      this.nextRow = frame.firstRow + rows;
-      return;
-    }
     const { mask } = this;
     const before = this.head;
     const newLoop = before > 0 && frame.firstTick + frame.tickOffset[0] <= this.tick[(before - 1) & mask];
@@ -132,8 +127,8 @@ export class Store {
       if (row > 0 && !(newLoop && i === 0)) {
         const missing = tick - this.tick[(row - 1) & mask] - 1;
         if (missing > 0) {
-          // Only between two frames can rows have been lost, or left out while the page was held.
-          const kind = i > 0 ? "missed" : this.pendingHeld ? "held" : lost > 0 ? "lost" : "missed";
+          // Only between two frames can rows have been lost.
+          const kind = i === 0 && lost > 0 ? "lost" : "missed";
           this.gap({ row, ticks: missing, kind });
         }
       }
@@ -152,7 +147,6 @@ export class Store {
       residual.values[at] = NaN;
       velocity.values[at] = this.slope(row, back);
     }
-    this.pendingHeld = false;
     this.head = before + rows;
     for (const name of CHANNELS) this.build(name, before, this.head);
     while (this.gaps.length && (this.gaps[0].row <= this.first || this.gaps.length > MAX_GAPS)) this.gaps.shift();
@@ -287,6 +281,27 @@ export class Store {
     this.build("model", start, row + 65536 > this.head ? this.head : row + 65536);
     this.build("residual", start, row + 65536 > this.head ? this.head : row + 65536);
     return row;
+  }
+
+  /** Rows from `begin` to `end` in a store of their own, which nothing overwrites. @param {number} begin @param {number} end */
+  copy(begin, end) {
+    const rows = end - begin;
+    const store = new Store(Math.max(SMALLEST, 2 ** Math.ceil(Math.log2(Math.max(rows, 1)))));
+    const { mask } = this;
+    for (let i = 0; i < rows; i++) {
+      const at = (begin + i) & mask;
+      store.time[i] = this.time[at];
+      store.tick[i] = this.tick[at];
+      store.counts[i] = this.counts[at];
+      store.flags[i] = this.flags[at];
+      store.epochs[i] = this.epochs[at];
+      for (const name of CHANNELS) store.channels[name].values[i] = this.channels[name].values[at];
+    }
+    const { decimation, rawResolution, originCounts, periodS, lost, missed } = this;
+    Object.assign(store, { decimation, rawResolution, originCounts, periodS, lost, missed, head: rows });
+    store.gaps = this.gapsWithin(begin, end).map((gap) => ({ ...gap, row: gap.row - begin }));
+    for (const name of CHANNELS) store.build(name, 0, rows);
+    return store;
   }
 
   /** Rows from `begin` to `end` as one frame of the server's format, as often as it takes. @param {number} begin @param {number} end */

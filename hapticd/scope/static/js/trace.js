@@ -218,6 +218,11 @@ export class Trace {
     });
   }
 
+  /** Their units have changed. */
+  rename() {
+    for (const lane of this.lanes) lane.name();
+  }
+
   /** Take the theme's colours. */
   redraw() {
     colours.clear();

@@ -1,0 +1,182 @@
+"""The capture and the views over it: to look costs no row, and a file is seen in its own units and plane."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from playwright.sync_api import Page, expect
+
+from hapticd.cli.main import main
+from hapticd.record import Run, read_run
+from hapticd.record.schema import FLAG_MISSED_PERIOD
+from tests.polling import wait_until
+
+from .browser import Testbed
+from .test_page import seen_rows, text
+
+
+def save(page: Page, kind: str, path: Path) -> Path:
+    page.click("#to-files")
+    with page.expect_download() as found:
+        page.click(f"#save-{kind}")
+    found.value.save_as(path)
+    return path
+
+
+def open_file(page: Page, path: Path) -> None:
+    page.click("#to-files")
+    page.set_input_files("#open-file", path)
+    expect(page.locator("#file-name")).to_contain_text(path.name)
+
+
+def lost_ticks(run: Run) -> int:
+    """Ticks that are not there and that the servo loop did not miss."""
+    skipped = np.diff(run.columns["tick"]) - 1
+    missed = (run.columns["flags"][1:] & FLAG_MISSED_PERIOD) != 0
+    return int(skipped[~missed].sum())
+
+
+@pytest.fixture
+def linear_file(tmp_path: Path) -> Path:
+    config = tmp_path / "slide.yaml"
+    config.write_text(
+        yaml.safe_dump(
+            {
+                "encoder": {"counts_per_metre": 1e5},
+                "spring": {"stiffness": 300.0},
+                "plant": {"inertia": 0.1, "viscous": 1.0, "coulomb": 0.5},
+                "amplifier": {"torque_constant": 2.0},
+            }
+        )
+    )
+    path = tmp_path / "slide.arrow"
+    assert main(["simulate", str(config), "--duration", "0.4", "--deflection", "50", "-o", str(path)]) == 0
+    return path
+
+
+def held(page: Page, run_file: Path) -> None:
+    page.locator("body").press(" ")
+    expect(page.locator("#run")).to_have_text("Run")
+
+
+def dragged_back(page: Page, run_file: Path) -> None:
+    box = page.locator(".lane .u-over").first.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 200, box["y"] + 20)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 300, box["y"] + 20, steps=4)
+    page.mouse.up()
+    expect(page.locator("#run")).to_have_text("Run")
+
+
+def triggered(page: Page, run_file: Path) -> None:
+    page.locator("body").press("t")
+    page.select_option("#trigger-on", "release")
+
+
+def opened(page: Page, run_file: Path) -> None:
+    open_file(page, run_file)
+
+
+@pytest.mark.parametrize("looked", [held, dragged_back, triggered, opened])
+def test_looking_costs_no_row(
+    page: Page, testbed: Testbed, tmp_path: Path, run_file: Path, looked: Callable[[Page, Path], None]
+) -> None:
+    wait_until(lambda: seen_rows(page) > 1900, "rows")
+    page.select_option("#window", "10")
+    looked(page, run_file)
+    testbed.client.start()
+    page.wait_for_timeout(1500)
+    testbed.client.stop()
+    page.wait_for_timeout(300)
+    if text(page, "#run") == "Hold":
+        page.click("#run")
+    page.click("#run")
+    page.select_option("#window", "10")
+    page.wait_for_timeout(300)
+    page.click("#run")
+    run = read_run(save(page, "arrow", tmp_path / "all.arrow"))
+    assert run.rows > 3000
+    assert lost_ticks(run) == 0
+
+
+def test_the_hold_after_a_release_costs_no_row(page: Page, testbed: Testbed, tmp_path: Path) -> None:
+    wait_until(lambda: seen_rows(page) > 1900, "rows")
+    page.click("#to-release")
+    page.fill("#release-deflection", "3")
+    page.fill("#release-duration", "0.3")
+    page.click("#release-form button")
+    expect(page.locator("#hold-why")).to_contain_text("the release, taken as a single shot")
+    page.wait_for_timeout(1500)
+    page.click("#run")
+    page.select_option("#window", "10")
+    page.wait_for_timeout(300)
+    page.click("#run")
+    run = read_run(save(page, "arrow", tmp_path / "all.arrow"))
+    assert run.rows > 3000
+    assert lost_ticks(run) == 0
+
+
+def test_what_is_held_stays_as_it_is(page: Page) -> None:
+    wait_until(lambda: seen_rows(page) > 1900, "rows")
+    page.locator("body").press(" ")
+    page.mouse.move(5, 5)
+    page.wait_for_timeout(200)
+    before = (seen_rows(page), text(page, "#value-position"))
+    captured = int(page.locator("body").get_attribute("data-captured") or 0)
+    page.wait_for_timeout(800)
+    assert (seen_rows(page), text(page, "#value-position")) == before
+    assert int(page.locator("body").get_attribute("data-captured") or 0) > captured + 500
+    page.click("#run")
+    wait_until(lambda: seen_rows(page) > 1900, "rows again")
+
+
+def test_a_linear_run_beside_a_rotary_device(page: Page, linear_file: Path) -> None:
+    for lane in ("velocity", "force"):
+        page.check(f"#lane-{lane}")
+    heads = page.locator(".lane-head .unit")
+    expect(heads.nth(0)).to_have_text("ticks of 0.000767 rad")
+    live_limit = text(page, "#limit-deflection")
+    open_file(page, linear_file)
+    expect(heads.nth(0)).to_have_text("ticks of 1.00e-5 m")
+    expect(heads.nth(1)).to_contain_text("m/s, slope")
+    expect(heads.nth(3)).to_have_text("N")
+    expect(page.locator("#value-position")).to_contain_text(" m")
+    expect(page.locator("#plane-of")).to_have_text("Of the run slide.arrow")
+    expect(page.locator("#limit-velocity")).not_to_contain_text("rad")
+    assert text(page, "#limit-deflection") != live_limit
+    page.click("#to-measure")
+    expect(page.locator("#m-pp")).to_contain_text(" m")
+    page.click("#back")
+    expect(heads.nth(0)).to_have_text("ticks of 0.000767 rad")
+    expect(page.locator("#plane-of")).to_have_text("")
+    assert text(page, "#limit-deflection") == live_limit
+
+
+def test_a_setting_dragged_beside_a_file_is_seen_on_the_live_plane(page: Page, linear_file: Path) -> None:
+    open_file(page, linear_file)
+    page.click("#to-settings")
+    box = page.locator("#set-spring-stiffness").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + box["width"] * 0.41, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + box["width"] * 0.6, box["y"] + box["height"] / 2, steps=5)
+    expect(page.locator("#ghost-words")).to_contain_text("would land in")
+    expect(page.locator("#plane-of")).to_have_text("")
+    page.keyboard.press("Escape")
+    page.mouse.up()
+    expect(page.locator("#plane-of")).to_have_text("Of the run slide.arrow")
+
+
+def test_a_file_without_a_config_has_counts_and_no_plane(page: Page, tmp_path: Path) -> None:
+    path = tmp_path / "bare.csv"
+    lines = ["time_s,encoder_counts,current_command_A", *(f"{i / 1000},{i * 7 % 50},0.1" for i in range(300))]
+    path.write_text("\n".join(lines) + "\n")
+    open_file(page, path)
+    expect(page.locator(".lane-head .unit").first).to_have_text("ticks of 1 counts")
+    expect(page.locator("#no-plane")).to_be_visible()
+    expect(page.locator("#verdict")).to_be_hidden()
