@@ -1,8 +1,8 @@
 """Export a run to CSV, Parquet, MATLAB or MCAP, metadata included.
 
-Each format keeps the run in one file that describes itself: CSV has the metadata in leading ``#`` lines, Parquet in its
-schema, MAT in a struct ``hapticd``, MCAP in a Metadata record (`hapticd.record.mcap`). The file appears whole under its name
-or not at all.
+Each format keeps the run in one file that describes itself: CSV has the metadata in the first row of its last column (a CSV
+has no comments: whoever reads one without being told so takes them for rows), Parquet in its schema, MAT in a struct
+``hapticd``, MCAP in a Metadata record (`hapticd.record.mcap`). The file appears whole under its name or not at all.
 """
 
 from __future__ import annotations
@@ -19,10 +19,12 @@ import numpy as np
 from hapticd.record.errors import RunFileError
 from hapticd.record.files import refuse_existing, written
 from hapticd.record.mcap import write_mcap
-from hapticd.record.metadata import encode_metadata
-from hapticd.record.reader import CSV_METADATA_LINE, Run
+from hapticd.record.metadata import encode_metadata, to_plain
+from hapticd.record.reader import CSV_METADATA_COLUMN, Run
 
 _MATLAB_NAME_LENGTH = 63
+CSV_FILLER = "."
+"""In the rows below the metadata."""
 
 
 def export(run: Run, to: str, out: str | Path | None = None, *, force: bool = False) -> Path:
@@ -71,11 +73,14 @@ def _table(run: Run) -> Any:
 
 
 def _write_csv(run: Run, file: BinaryIO) -> None:
+    import pyarrow as pa
     import pyarrow.csv as pacsv
 
     table = _table(run)
-    for key, value in encode_metadata(_metadata(run)).items():
-        file.write(f"{CSV_METADATA_LINE}{key.decode().partition('.')[2]}: {value.decode()}\n".encode())
+    text = json.dumps(to_plain(_metadata(run)), ensure_ascii=False, allow_nan=False)
+    # All rows hold a text: a column whose later parts are empty has two types to pandas, which warns.
+    column = [text, *[CSV_FILLER] * (run.rows - 1)] if run.rows else []
+    table = table.append_column(CSV_METADATA_COLUMN, pa.array(column, pa.string()))
     pacsv.write_csv(table, file, pacsv.WriteOptions(quoting_style="needed"))
 
 

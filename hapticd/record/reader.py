@@ -24,13 +24,18 @@ from hapticd.record.mcap import read_mcap
 from hapticd.record.metadata import decode_metadata, to_plain
 from hapticd.record.schema import COLUMNS, ROW
 from hapticd.record.sizes import check_unpacked, unpack_limit
-from hapticd.record.stream import Damage, Stream, brief, mappings, read_stream
+from hapticd.record.stream import Damage, Stream, brief, from_json, mappings, read_stream
 
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-CSV_METADATA_LINE = "# hapticd "
+CSV_METADATA_COLUMN = "hapticd"
+"""Of an exported CSV: its first row holds the metadata as JSON."""
+_CSV_METADATA_LINE = "# hapticd "
+"""Above the header of a CSV that hapticd exported before."""
+_CSV_BLOCK_BYTES = 1 << 24
+"""No row may be longer; the first one holds the metadata."""
 _NEEDED = (("time_s",), ("encoder_counts", "position"), ("current_command_A", "force"))
 _ELSEWHERE = (".mat", ".npy", ".npz", ".xlsx", ".xls", ".txt", ".tsv", ".h5", ".hdf5")
 _IMPORT = "'hapticd import' brings in files with other names, units and formats"
@@ -258,16 +263,18 @@ def _read_csv(path: Path) -> Any:
                 header = line
                 break
             comments += 1
-            if line.startswith(CSV_METADATA_LINE):
-                key, _, value = line.removeprefix(CSV_METADATA_LINE).strip().partition(": ")
+            if line.startswith(_CSV_METADATA_LINE):
+                key, _, value = line.removeprefix(_CSV_METADATA_LINE).strip().partition(": ")
                 stored[f"hapticd.{key}"] = value
     # numpy writes the names behind a #
     behind = look(path, ",").names if comments and not set(header) & set("abcdf_") else None
     try:
         table = pacsv.read_csv(
             path,
-            read_options=pacsv.ReadOptions(skip_rows=comments, column_names=behind),
-            convert_options=pacsv.ConvertOptions(column_types=dict.fromkeys(_FLOATS, pa.float64())),
+            read_options=pacsv.ReadOptions(skip_rows=comments, column_names=behind, block_size=_CSV_BLOCK_BYTES),
+            convert_options=pacsv.ConvertOptions(
+                column_types={**dict.fromkeys(_FLOATS, pa.float64()), CSV_METADATA_COLUMN: pa.string()}
+            ),
         )
     except (pa.ArrowException, OSError) as error:
         why = brief(error)
@@ -275,7 +282,18 @@ def _read_csv(path: Path) -> Any:
         hint = delimiter_hint([header.replace(" ", "")]) if "Expected 1 columns" in why else ""
         raise RunFileError(f"{path} is not a readable CSV file: {why}{hint and f'; {hint}'}") from None
     table = table.rename_columns([name.strip() for name in column_names(path, table)])
+    if CSV_METADATA_COLUMN in table.column_names:
+        if table.num_rows:
+            found = mapping_of(table.column(CSV_METADATA_COLUMN)[0].as_py())
+            stored |= {f"hapticd.{key}": json.dumps(value) for key, value in found.items()}
+        table = table.drop_columns([CSV_METADATA_COLUMN])
     return table.replace_schema_metadata(stored or None)
+
+
+def mapping_of(text: str | None) -> dict[str, Any]:
+    """The JSON object that a text is; an empty one where it is none."""
+    value = from_json(text or "")
+    return value if isinstance(value, dict) else {}
 
 
 _TABLES = {".csv": _read_csv, ".parquet": read_parquet, ".mcap": read_mcap}

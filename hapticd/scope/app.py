@@ -166,9 +166,9 @@ class ScopeServer:
         return Response(await self.on("file", runs.open_run, content, name), media_type=FRAMES_TYPE)
 
     async def save(self, request: Request) -> Response:
-        """Frames that the page holds, as a run file."""
+        """What the page sees, as a run file of its format."""
         content = await body_of(request, FRAMES_TYPE, MAX_FILE_BYTES)
-        saved = await self.on("file", runs.save_run, content, self._config(), "scope")
+        saved = await self.on("file", runs.save_run, content, "scope")
         return Response(saved, media_type=RUN_TYPE)
 
     def _known(self) -> dict[str, Any]:

@@ -9,20 +9,26 @@ import json
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import yaml
 
 from hapticd.config import ConfigError, parse_config
 from hapticd.control.json_reply import to_json
-from hapticd.record import Run, RunWriter, read_run, run_metadata
+from hapticd.record import Run, RunWriter, export, read_run, run_metadata
 from hapticd.record.frames import PREFIX, Context, decode, encode
 from hapticd.record.reader import median_period
 from hapticd.record.schema import ROW, Rows, empty_rows
 from hapticd.scope.theory import describe
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    FloatArray = NDArray[np.floating[Any]]
 
 FRAME_ROWS = 4096
 LONGEST_SIMULATION_S = 60.0
@@ -51,37 +57,60 @@ def open_run(content: bytes, name: str) -> bytes:
     return _stream(run)
 
 
-def save_run(stream: bytes, document: dict[str, Any], label: str) -> bytes:
-    """Frames from the page as the content of a native run file.
+def save_run(stream: bytes, label: str) -> bytes:
+    """What the page sees as the content of a run file: a native one, or CSV as `hapticd export` writes it.
 
     Args:
-        stream: frames, each with its length before it.
-        document: the config under which they were made.
+        stream: first a description, a JSON object of ``format`` (``arrow`` or ``csv``), ``config`` (of the rows; null
+            where it is not known) and ``model`` (whether a simulation lies over them); then frames; then, with a simulation,
+            its positions, a float32 each row, in coarse ticks. Each of them has its length before it.
         label: goes into the metadata.
 
     Raises:
-        RunError: they are no frames.
+        RunError: the stream is something else. ConfigError: the config is not valid.
     """
     try:
-        parts = [decode(frame) for frame in _frames(stream)]
-    except ValueError as error:
+        first, *blocks = _blocks(stream)
+        asked = json.loads(first)
+        file_format, document, has_model = asked["format"], asked["config"], asked["model"]
+        model = np.frombuffer(blocks.pop(), "<f4") if has_model else None
+        parts = [decode(frame) for frame in blocks]
+    except (ValueError, KeyError, TypeError, IndexError) as error:
         raise RunError(f"cannot save: {error}") from error
-    config = parse_config(document, "the daemon's config")
-    origin = parts[-1][1].origin_counts if parts else config.origin_counts
-    metadata = run_metadata(
-        document,
-        linear=config.is_linear,
-        config_digest="",
-        driver="seen by hapticd scope, values to four bytes",
-        latency_s=0.0,
-        origin_counts=origin,
-    )
+    count = sum(len(rows) for rows, _ in parts)
+    if file_format not in ("arrow", "csv") or (model is not None and model.size != count):
+        raise RunError(f"cannot save: {file_format!r:.20} of {count} rows")
     with tempfile.TemporaryDirectory(prefix="hapticd-scope-") as folder:
         path = Path(folder) / "run.arrow"
-        with RunWriter(path, {**metadata, "kind": "scope", "label": label}) as writer:
+        with RunWriter(path, {**_metadata(document, parts), "kind": "scope", "label": label}) as writer:
             for rows, _ in parts:
                 writer.write(rows)
+        if file_format == "csv":
+            path = export(_with_model(read_run(path), model, parts), "csv")
         return path.read_bytes()
+
+
+def _metadata(document: dict[str, Any] | None, parts: Sequence[tuple[Rows, Context]]) -> dict[str, Any]:
+    origin: dict[str, Any] = {"origin_counts": parts[-1][1].origin_counts} if parts else {}
+    if document is None:
+        return origin
+    config = parse_config(document, "the config of what is saved")
+    driver = "seen by hapticd scope, values to four bytes"
+    return run_metadata(document, linear=config.is_linear, config_digest="", driver=driver, latency_s=0.0, **origin)
+
+
+def _with_model(run: Run, model: FloatArray | None, parts: Sequence[tuple[Rows, Context]]) -> Run:
+    """The columns that frames carry, and the simulation where there is one: no column is empty."""
+    columns = {name: values for name, values in run.columns.items() if name != "exec_ns"}
+    if np.isnan(columns["current_measured_A"]).all():
+        del columns["current_measured_A"]
+    units = {name: unit for name, unit in run.units.items() if name in columns}
+    if model is not None and parts:
+        _, context = parts[-1]
+        position = (columns["encoder_counts"] - context.origin_counts) / context.decimation
+        columns |= {"model_ticks": model.astype(np.float64), "residual_ticks": position - model}
+        units |= {"model_ticks": "ticks", "residual_ticks": "ticks"}
+    return replace(run, columns=columns, units=units)
 
 
 def simulate_release(document: dict[str, Any], deflection: float, duration_s: float) -> bytes:
@@ -189,11 +218,11 @@ def _rows(run: Run) -> Rows:
     return rows
 
 
-def _frames(stream: bytes) -> Iterator[bytes]:
+def _blocks(stream: bytes) -> Iterator[bytes]:
     at = 0
     while at < len(stream):
         if at + PREFIX.size > len(stream):
-            raise ValueError("a frame is cut short")
+            raise ValueError("it is cut short")
         size = PREFIX.unpack_from(stream, at)[0]
         at += PREFIX.size
         yield stream[at : at + size]

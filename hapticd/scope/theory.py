@@ -98,10 +98,10 @@ def ends(document: dict[str, Any], latency_s: float = 0.0) -> dict[str, Any]:
     if proven(config, loop, None):
         return {"words": "rest 100 %, proven", "starts": 0}
     found = explore(config, loop=loop, effort=EFFORT)
-    parts = [f"{name} {100.0 * share:.2g} %" for share, name, _ in found.ends[:_TOLD]]
+    parts = [f"{name} {number(100.0 * share, 2)} %" for share, name, _ in found.ends[:_TOLD]]
     if others := found.ends[_TOLD:]:
         parts.append(
-            f"{len(others)} other{'s' * (len(others) > 1)} {100.0 * sum(share for share, _, _ in others):.2g} %"
+            f"{len(others)} other{'s' * (len(others) > 1)} {number(100.0 * sum(share for share, _, _ in others), 2)} %"
         )
     if 0.0 < found.largest_cycle < math.inf:
         parts.append(f"largest ±{number(found.largest_cycle, 2)} ticks")

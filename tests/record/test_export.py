@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 from record_samples import CONFIG, make_rows
@@ -45,13 +46,27 @@ def test_csv_and_parquet_come_back_exactly(run: Run, to: str, truncated: bool) -
     assert back.truncated is truncated
 
 
-def test_csv_is_plain_below_its_comment_lines(run: Run) -> None:
-    lines = export(run, "csv").read_text(encoding="utf-8").splitlines()
-    comments = [line for line in lines if line.startswith("#")]
-    assert lines[: len(comments)] == comments
-    assert json.loads(next(line for line in comments if line.startswith("# hapticd config: ")).partition(": ")[2])
-    table = np.genfromtxt(lines, delimiter=",", names=True, comments="#", skip_header=len(comments))
-    np.testing.assert_array_equal(table["time_s"], run.columns["time_s"])
+@pytest.mark.parametrize("rows", [300, 100_000])
+def test_csv_is_read_by_pandas_without_a_hint(tmp_path: Path, rows: int) -> None:
+    """Without a warning, too: those are errors here, and pandas reads a long file in parts."""
+    with RunWriter(tmp_path / "run.arrow", {"config": CONFIG}) as writer:
+        writer.write(make_rows(rows))
+    run = read_run(writer.path)
+    table = pd.read_csv(export(run, "csv"))
+    assert list(table.columns) == [*run.columns, "hapticd"]
+    for name, values in run.columns.items():
+        np.testing.assert_array_equal(table[name], values, err_msg=name)
+    assert json.loads(table.hapticd[0])["config"] == CONFIG
+
+
+def test_csv_of_before_with_comment_lines_is_read(run: Run, tmp_path: Path) -> None:
+    rows = export(run, "csv").read_text(encoding="utf-8").splitlines()
+    old = tmp_path / "old.csv"
+    columns = [",".join(line.split(",")[: len(run.columns)]) for line in rows]
+    old.write_text("\n".join(['# hapticd config: {"servo": {"rate_hz": 500.0}}', *columns]), encoding="utf-8")
+    back = read_run(old)
+    assert back.metadata["config"] == {"servo": {"rate_hz": 500.0}}
+    np.testing.assert_array_equal(back.columns["time_s"], run.columns["time_s"])
 
 
 def test_parquet_shows_units_and_config_to_any_reader(run: Run) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -140,21 +142,21 @@ def test_a_linear_run_beside_a_rotary_device(page: Page, linear_file: Path) -> N
         page.check(f"#lane-{lane}")
     heads = page.locator(".lane-head .unit")
     expect(heads.nth(0)).to_have_text("ticks of 0.000767 rad")
-    live_limit = text(page, "#limit-deflection")
+    live_beta = text(page, "#beta")
     open_file(page, linear_file)
-    expect(heads.nth(0)).to_have_text("ticks of 1.00e-5 m")
+    expect(heads.nth(0)).to_have_text("ticks of 1e-5 m")
     expect(heads.nth(1)).to_contain_text("m/s, slope")
     expect(heads.nth(3)).to_have_text("N")
     expect(page.locator("#value-position")).to_contain_text(" m")
     expect(page.locator("#plane-of")).to_have_text("Of the run slide.arrow")
     expect(page.locator("#limit-velocity")).not_to_contain_text("rad")
-    assert text(page, "#limit-deflection") != live_limit
+    assert text(page, "#beta") != live_beta
     page.click("#to-measure")
     expect(page.locator("#m-pp")).to_contain_text(" m")
     page.click("#back")
     expect(heads.nth(0)).to_have_text("ticks of 0.000767 rad")
     expect(page.locator("#plane-of")).to_have_text("")
-    assert text(page, "#limit-deflection") == live_limit
+    assert text(page, "#beta") == live_beta
 
 
 def test_a_setting_dragged_beside_a_file_is_seen_on_the_live_plane(page: Page, linear_file: Path) -> None:
@@ -180,3 +182,21 @@ def test_a_file_without_a_config_has_counts_and_no_plane(page: Page, tmp_path: P
     expect(page.locator(".lane-head .unit").first).to_have_text("ticks of 1 counts")
     expect(page.locator("#no-plane")).to_be_visible()
     expect(page.locator("#verdict")).to_be_hidden()
+
+
+def test_missed_periods_in_a_release_are_told_at_its_residual(page: Page, testbed: Testbed) -> None:
+    testbed.client.set({"encoder.decimation": 217})
+    expect(page.locator("#set-encoder-decimation-confirmed")).to_have_text("217")
+    page.click("#to-release")
+    page.fill("#release-deflection", "10.3")
+    page.fill("#release-duration", "1")
+    page.click("#release-form button")
+    wait_until(lambda: testbed.state() == "running", "a release")
+    assert testbed.daemon is not None
+    testbed.daemon.send_signal(signal.SIGSTOP)
+    time.sleep(0.03)
+    testbed.daemon.send_signal(signal.SIGCONT)
+    expect(page.locator("#release-residual")).to_contain_text("missed here, which the simulation kept", timeout=120_000)
+    expect(page.locator("#note-residual")).to_contain_text("the residual is of the timing, too")
+    told = int(text(page, "#note-residual").split()[0])
+    assert told >= 20

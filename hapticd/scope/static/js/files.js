@@ -5,7 +5,7 @@ import { byId, say } from "./dom.js";
 import { decodeStream } from "./frames.js";
 import { request } from "./link.js";
 import { describe, makeSource } from "./source.js";
-import { CHANNELS, SMALLEST, Store } from "./store.js";
+import { SMALLEST, Store } from "./store.js";
 
 /** @param {Blob} blob @param {string} name */
 function download(blob, name) {
@@ -18,25 +18,38 @@ function download(blob, name) {
 
 const stamp = () => new Date().toISOString().replace(/[-:]/g, "").slice(0, 15);
 
-/** @param {Store} store @param {number} begin @param {number} end @param {Record<string, string>} units */
-function saveCsv(store, begin, end, units) {
-  const unit = { position: "ticks", coarse: "ticks", velocity: units.velocity, current: "A", measured: "A", force: units.force, late: "us", model: "ticks", residual: "ticks" };
-  const lines = [`tick,time_s,encoder_counts_from_origin,flags,${CHANNELS.map((name) => `${name}_${unit[name].replace(/[ /]/g, "_")}`).join(",")}`];
-  for (let row = begin; row < end; row++) {
-    const at = row & store.mask;
-    const values = CHANNELS.map((name) => {
-      const value = store.channels[name].values[at];
-      return Number.isFinite(value) ? String(value) : "";
-    });
-    lines.push(`${store.tick[at]},${store.time[at].toFixed(9)},${store.counts[at]},${store.flags[at]},${values.join(",")}`);
+/**
+ * The rows in view as a file that the server makes: as `hapticd export` writes them, with the config that is theirs.
+ * @param {"csv" | "arrow"} format @param {import("./view.js").View} view @param {import("./release.js").Release} release
+ */
+async function save(format, view, release) {
+  const { source } = view;
+  const { begin, end } = view.rows();
+  if (format === "csv" && release.isAwaited(source.store, begin, end)) {
+    const tick = source.store.tick[begin & source.store.mask];
+    say("file-answer", "waiting for the simulation of the release, which is saved with it …");
+    await release.running?.simulated;
+    if (tick !== source.store.tick[begin & source.store.mask]) throw new Error("the rows are gone meanwhile; hold the trace and save again");
   }
-  download(new Blob([lines.join("\n"), "\n"], { type: "text/csv" }), `scope-${stamp()}.csv`);
+  const model = format === "csv" ? modelOf(source.store, begin, end) : null;
+  const description = new TextEncoder().encode(JSON.stringify({ format, config: source.config, model: Boolean(model) }));
+  const parts = [...prefixed(description), ...source.store.frames(begin, end), ...(model ? prefixed(new Uint8Array(model.buffer)) : [])];
+  const reply = await request("save", new Blob(parts), { type: "application/vnd.hapticd.frames" });
+  download(await reply.blob(), `scope-${stamp()}.${format}`);
 }
 
-/** @param {Store} store @param {number} begin @param {number} end */
-async function saveArrow(store, begin, end) {
-  const reply = await request("save", new Blob(store.frames(begin, end)), { type: "application/vnd.hapticd.frames" });
-  download(await reply.blob(), `scope-${stamp()}.arrow`);
+/** With its length before it. @param {Uint8Array<ArrayBuffer>} bytes */
+function prefixed(bytes) {
+  const size = new DataView(new ArrayBuffer(4));
+  size.setUint32(0, bytes.length, true);
+  return [size.buffer, bytes];
+}
+
+/** The simulation that lies over rows; null where there is none. @param {Store} store @param {number} begin @param {number} end */
+function modelOf(store, begin, end) {
+  const model = new Float32Array(Math.max(0, end - begin));
+  for (let row = begin; row < end; row++) model[row - begin] = store.value("model", row);
+  return model.some((value) => !Number.isNaN(value)) ? model : null;
 }
 
 /** @param {HTMLCanvasElement} canvas */
@@ -62,12 +75,8 @@ async function openRun(file) {
 /** @param {import("./view.js").View} view @param {import("./release.js").Release} release */
 export function connectFiles(view, release) {
   const told = (/** @type {Promise<unknown> | void} */ done) => Promise.resolve(done).then(() => say("file-answer", ""), (error) => say("file-answer", error.message));
-  const seen = (/** @type {(store: Store, begin: number, end: number) => Promise<unknown> | void} */ save) => {
-    const { begin, end } = view.rows();
-    return told(save(view.store, begin, end));
-  };
-  byId("save-csv").addEventListener("click", () => seen((store, begin, end) => saveCsv(store, begin, end, view.source.units)));
-  byId("save-arrow").addEventListener("click", () => seen(saveArrow));
+  byId("save-csv").addEventListener("click", () => told(save("csv", view, release)));
+  byId("save-arrow").addEventListener("click", () => told(save("arrow", view, release)));
   byId("save-png").addEventListener("click", () => savePng(view.trace.picture()));
 
   const reopen = async (/** @type {File} */ file) => {
@@ -75,7 +84,8 @@ export function connectFiles(view, release) {
     const { source, description } = await openRun(file);
     view.look(source);
     const start = source.store.timeAt(0);
-    view.show(start, Math.max(20 * source.store.periodS, view.newest() - start), start, "a run file; the capture goes on");
+    const { periodS } = source.store;
+    view.show(start, Math.max(20 * periodS, view.newest() - start + periodS), start, "a run file; the capture goes on");
     view.trace.triggerTime = NaN;
     const notes = description.warnings;
     say("file-name", `${file.name}: ${description.rows} rows${notes.length ? `; ${notes.join("; ")}` : ""}`);

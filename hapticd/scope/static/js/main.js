@@ -180,6 +180,7 @@ function tellValues() {
   const newest = view.held ? view.rows().end : store.head;
   const row = Math.min(view.held && Number.isFinite(trace.hover) ? store.rowAt(trace.hover) : newest - 1, store.head - 1);
   for (const lane of trace.lanes) {
+    say(`note-${lane.spec.id}`, lane.spec.id === "residual" && view.isLive ? release.note : "");
     for (const channel of lane.spec.channels) {
       const value = row >= store.first && row >= 0 ? store.value(channel, row) : NaN;
       const inUnits = channel === "position" && Number.isFinite(value) ? ` = ${number(store.counts[row & store.mask] * store.rawResolution)} ${source.units.position}` : "";

@@ -2,7 +2,7 @@
 // @ts-check
 
 import { bringAbout } from "./commands.js";
-import { byId, number, say } from "./dom.js";
+import { byId, duration, number, say } from "./dom.js";
 import { FLAG, decodeStream } from "./frames.js";
 import { ask, request } from "./link.js";
 import { refuseAt } from "./quantity.js";
@@ -10,7 +10,7 @@ import { showRefusal } from "./refusal.js";
 
 /** @typedef {import("./quantity.js").Field} Field */
 
-/** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean, simulated: Promise<void>}} Running */
+/** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean, simulated: Promise<void>, missed: number, firstMissedS: number}} Running */
 
 /** As a person would say it. @param {import("./quantity.js").Quantity} quantity */
 const named = ({ text, unit }) => (/[a-z°]\s*$/i.test(text) ? text.trim() : `${text.trim()} ${unit}`);
@@ -73,8 +73,21 @@ export class Release {
     const reply = await ask("release", { ...asked, force });
     for (const field of Object.values(this.fields)) field.settle(field.input.value);
     say("release-answer", `released from ${number(reply.achieved_deflection)} ticks, exact to one raw count`);
-    this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false, simulated: Promise.resolve() };
+    this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false, simulated: Promise.resolve(), missed: 0, firstMissedS: NaN };
     this.running.simulated = this.simulate(this.running);
+  }
+
+  /** Whether the simulation of a release in these rows is not back yet. @param {import("./store.js").Store} store @param {number} begin @param {number} end */
+  isAwaited(store, begin, end) {
+    const { running } = this;
+    return Boolean(running && store === this.store && !running.model && running.start < end && running.start + running.durationS / store.periodS > begin);
+  }
+
+  /** What in the residual is no physics: the simulation kept every period, the loop did not. */
+  get note() {
+    const { missed, firstMissedS } = this.running ?? { missed: 0, firstMissedS: NaN };
+    if (!missed) return "";
+    return `${missed} period${missed > 1 ? "s" : ""} missed here, which the simulation kept: from ${duration(firstMissedS)} on the residual is of the timing, too`;
   }
 
   /** Why there is no residual. */
@@ -155,8 +168,11 @@ export class Release {
       squares += value * value;
       count++;
     }
+    const missed = store.gapsWithin(running.start, end).filter((gap) => gap.kind === "missed");
+    running.missed = missed.reduce((sum, gap) => sum + gap.ticks, 0);
+    running.firstMissedS = missed.length ? store.timeAt(missed[0].row - 1) - store.timeAt(running.start) : NaN;
     if (!running.over || !count) return;
     const simulated = byId("release-outcome").dataset.simulated;
-    say("release-residual", `residual ${number(Math.sqrt(squares / count), 3)} ticks RMS over ${count} ticks; the simulation is ${simulated}`);
+    say("release-residual", `residual ${number(Math.sqrt(squares / count), 3)} ticks RMS over ${count} ticks; the simulation is ${simulated}${this.note ? `; ${this.note}` : ""}`);
   }
 }

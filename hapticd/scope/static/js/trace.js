@@ -70,6 +70,7 @@ class Lane {
       const value = make("output", { class: "value", id: `value-${channel}` }, "–");
       this.head.append(make("span", { class: "legend" }, key, this.spec.channels.length > 1 ? `${label} ` : "", value));
     }
+    this.head.append(make("output", { class: "lane-note bad", id: `note-${this.spec.id}` }));
   }
 
   /** @param {boolean} last */

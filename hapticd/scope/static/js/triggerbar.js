@@ -98,6 +98,7 @@ export class TriggerBar {
     const state = trigger.state(store);
     if (state === "off") return "";
     if (state === "fired") return `fired at ${duration(store.timeAt(trigger.at) - view.trace.zero)}`;
+    if (view.held) return "held: Run arms it";
     const up = on === "rising";
     if (state === "waiting") return `waiting: it must first be ${up ? "below" : "above"} ${number(level + (up ? -1 : 1) * hysteresis)} ${this.unit()}`;
     return `armed: fires at ${EVENTS[on] || `${number(level)} ${this.unit()}, ${on}`}`;
