@@ -36,16 +36,17 @@ class Fitted(NamedTuple):
 
 def fitted(case: Case) -> list[Fitted]:
     """The base parameters of one case."""
-    from hapticd.gap.base_model import base_terms, problem_of
+    from hapticd.gap.base_model import base_law, problem_of
     from hapticd.gap.covariance import covariance_of
     from hapticd.gap.nominal import nominal_fit
+    from hapticd.gap.terms import BASE_WORDS
 
     files, _ = tasks.make(case)
     with tempfile.TemporaryDirectory(prefix="gap-") as folder:
         write_files(Path(folder), files)
         recording, model = tasks.loaded(Path(folder))
     problem = problem_of([recording], model).with_free_memory()
-    fit = nominal_fit(problem, base_terms(problem))
+    fit = nominal_fit(problem, [base_law(problem, slug) for slug in BASE_WORDS])
     fit.held_out()
     reach = float(student.isf(0.025, problem.series.blocks - 1))
     variance = np.diag(covariance_of(fit))

@@ -53,10 +53,10 @@ def known(files: Files, effects: Sequence[dict[str, Any]]) -> tuple[list[Known],
     """How well each hidden effect of a case shows, and the standard errors that a name needs."""
     from hapticd.effects.catalogue import EFFECT_SLUGS
     from hapticd.gap.base_model import problem_of
-    from hapticd.gap.competition import CrossValidated, cross_validate, evidence
+    from hapticd.gap.choose import needed_errors
+    from hapticd.gap.law_set import LawSet, evidence, scored
     from hapticd.gap.missing import missing_power
     from hapticd.gap.nominal import nominal_fit
-    from hapticd.gap.search import critical
     from hapticd.gap.terms import term
 
     with tempfile.TemporaryDirectory(prefix="gap-") as folder:
@@ -69,17 +69,17 @@ def known(files: Files, effects: Sequence[dict[str, Any]]) -> tuple[list[Known],
         held = ("orders",) if "orders" in values else ()
         fit = fit.extended(term(effect["name"], values, held, 0.1 * float(abs(recording.position).max())))
     fit.scan_power()
-    whole = cross_validate(fit.maximise(_STEPS))
+    whole = scored(fit.maximise(_STEPS))
     found = []
     for number, effect in enumerate(effects):
         poorer = fit.without(number, nominal.noise)
-        less = cross_validate(poorer.maximise(_STEPS))
+        less = scored(poorer.maximise(_STEPS))
 
-        def shows(more: CrossValidated, less: CrossValidated) -> tuple[float, float]:
+        def shows(more: LawSet, less: LawSet) -> tuple[float, float]:
             return evidence(more, less)[1], 1.0 - missing_power(more.fit) / missing_power(less.fit)
 
         found.append(Known(effect["name"], *shows(whole, less), *shows(whole.beside_slow, less.beside_slow)))
-    return found, critical(whole.held_out.size, len(EFFECT_SLUGS))
+    return found, needed_errors(whole.held_out.size, len(EFFECT_SLUGS))
 
 
 def row(missed: Missed) -> list[list[str]]:

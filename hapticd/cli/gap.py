@@ -63,7 +63,7 @@ def gap(
     Args:
         out (-o, --output DIR): Folder for report.html, model.yaml and gap.json; made if missing.
         model (MODEL.yaml): The nominal model: a config or a preset. Default: the config inside the first recording.
-        refit_base: Fit inertia and friction of the model as well.
+        refit_base: No longer needed: inertia and friction are always fitted. With --effect: them as well.
         effect (SLUG): Consider only this effect of the catalogue. Repeatable; what cannot be looked for is said.
         live: Make the recordings now, with the running daemon; takes no RUN.
         excite (NAME|FILE): With --live: the first experiment, as in 'hapticd excite'. Default: all.
@@ -92,7 +92,7 @@ def gap(
 
     def check(nominal: Config) -> Config:
         try:
-            considered(nominal, effect, refit_base=refit_base)
+            considered(nominal, effect)
         except ValueError as error:
             raise UsageError(f"--effect: {error}") from error
         return nominal
@@ -153,7 +153,7 @@ def describe(document: dict[str, Any], out: Path | None) -> str:
         values = [*text.chosen(step), *(f"{name} = {_estimate(value)}" for name, value in step["parameters"].items())]
         lines.append(f"  {step['effect']}: {', '.join(values)}")
         lines.append(f"    {step['evidence']:.1f} standard errors; {text.behind(step)}")
-    lines += [f"  {name} refitted: {_estimate(value)}" for name, value in document["base"].items()]
+    lines += [f"  {name} is {_estimate(value)}" for name, value in document["base"].items()]
     lines += [f"where: {place}" for place in text.places(document["where"], unit)]
     lines.append(
         f"missing force, each block with numbers from the others: {held_out['before']:.3g} {unit} before, "

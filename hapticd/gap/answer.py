@@ -11,18 +11,19 @@ import numpy as np
 from hapticd.config import unit_of
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import chance, grip, late_record, missing
-from hapticd.gap.base_model import FARTHEST, not_told
-from hapticd.gap.competition import ROUGH, CrossValidated, Round, better_function, evidence
+from hapticd.gap.base_model import at_the_end
+from hapticd.gap.choose import is_quiet
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.missing import Missing, missing_force
 from hapticd.gap.model_file import BASE_KEYS
 from hapticd.gap.prediction import prediction_errors
 from hapticd.gap.profile import Profile
+from hapticd.gap.propose import ROUGH
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.search import critical, is_quiet, least_gain, withstanding
-from hapticd.gap.terms import Coordinate, Term, parameters_of_term
+from hapticd.gap.terms import BASE_WORDS, Coordinate, Term, parameters_of_term
+from hapticd.gap.unnamed import better_function
 from hapticd.gap.verdict import decide, doubts_about
 from hapticd.plant.layout import NAMES
 
@@ -30,66 +31,71 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from hapticd.config import Config
+    from hapticd.gap.arrays import Floats
+    from hapticd.gap.choose import Named, Search
     from hapticd.gap.fit import Fit
+    from hapticd.gap.law_set import LawSet
     from hapticd.gap.recording import Recording
 
 
 def answer(
     recordings: Sequence[Recording],
     model: Config,
-    first: CrossValidated,
-    rounds: list[Round],
-    slugs: Sequence[str],
-    fixed: int,
-    unnamed: str | None,
+    search: Search,
+    chosen: LawSet,
+    named: Sequence[Named],
     *,
     are_all: bool,
 ) -> GapResult:
     """What a search found, judged beside a disturbance that may be slow.
 
     Args:
-        recordings: what was searched. model: the nominal model. first: its fit.
-        rounds: of the search; what is no more than a slow disturbance is taken out.
-        slugs: effects that competed. fixed: terms that come before the effects.
-        unnamed: an effect that predicts better for sure and was not named.
+        recordings: what was searched. model: the nominal model. search: it.
+        chosen: the set of laws. named: its laws, in the order in which they are said.
         are_all: whether the whole catalogue was looked for.
     """
-    quiet, sure = not rounds and is_quiet(first.fit), [each.taken.slug for each in rounds]
-    # What was found is judged with a disturbance that may be slow: nothing is missing that it could be.
-    freed = withstanding(first, rounds, len(slugs))
+    freed = [one.beside_slow for one in path(search, chosen, named)]
     after = missing.held_out_rms(freed[-1].fit)
-    while rounds and after > missing.own_torque(freed[-1].fit):
-        del rounds[-1], freed[-1]  # a model of another device names nothing
-        after = missing.held_out_rms(freed[-1].fit)
+    torque = missing.own_torque(freed[-1].fit)
+    if named and after > torque:  # a model of another device names nothing
+        named, freed = (), freed[:1]
+        after, torque = missing.held_out_rms(freed[0].fit), missing.own_torque(freed[0].fit)
     first, last = freed[0], freed[-1]
-    found = [missing_force(judged.fit) for judged in freed]
+    found = [missing_force(one.fit) for one in freed]
     power = [each.rms**2 for each in found]
-    before = missing.held_out_rms(first.fit) if rounds else after
+    before = missing.held_out_rms(first.fit) if named else after
     unit = "N" if model.is_linear else "N m"
     numbers = GapNumbers(found[0].rms, found[-1].rms, before, after, missing.noise_floor(last.fit), unit)
     possible = max(missing.explainable(first.fit, found[0]) * power[0], power[0] - power[-1], 1e-300)
     covariance = covariance_of(last.fit)
-    grips = [fixed + number for number, each in enumerate(rounds) if each.taken.slug == grip.SLUG]
-    edges = {at: ends for number in grips for at, ends in grip.edge_ranges(last.fit, number).items()}
+    variance, reach = np.diag(covariance), _reach(last.fit.problem.series.blocks)
+    edges = {
+        at: ends
+        for one in named
+        if one.law == grip.SLUG
+        for at, ends in grip.edge_ranges(last.fit, last.number(one.law)).items()
+    }
     steps = tuple(
-        _step(each, number, last.fit, covariance, edges, fixed, model.is_linear, power, possible)
-        for number, each in enumerate(rounds)
+        _step(one, last, covariance, edges, model.is_linear, power[number : number + 2], possible)
+        for number, one in enumerate(named)
     )
     effects = tuple(step.effect for step in steps)
-    indistinguishable = [each.indistinguishable for each in rounds]
     remainder = remainder_of(last.fit, found[-1], power[0])
-    laws = [(last.fit.terms[number], last.fit.columns(number)) for number in range(fixed, fixed + len(rounds))]
-    tolerance = ROUGH * least_gain(critical(first.held_out.size, len(slugs)))
+    tolerance = ROUGH * search.least
     beaten = {
-        law.slug: coordinate
-        for (law, _), before_it, with_it in zip(laws, freed, freed[1:], strict=False)
-        if not is_quiet(last.fit)
-        and (coordinate := better_function(before_it, with_it, len(law.coordinates), tolerance)) is not None
+        one.law: coordinate
+        for one, before_it, with_it in zip(named, freed, freed[1:], strict=False)
+        if one.law not in BASE_WORDS
+        and not is_quiet(last.fit)
+        and (coordinate := better_function(before_it, with_it, len(with_it.law(one.law).coordinates), tolerance))
     }
-    series = first.fit.problem.series
-    half = _reach(series.blocks) * np.sqrt(np.diag(covariance))
-    at_bounds = {law.slug: names for law, own in laws if (names := _at_bounds(law, own, last.fit, half, edges))}
-    late = late_record.described(last.fit, np.diag(covariance), _reach(series.blocks))
+    series, half = first.fit.problem.series, reach * np.sqrt(variance)
+    at_bounds = {
+        one.law: names
+        for one in named
+        if (names := _at_bounds(last, one.law, half, edges)) and one.law not in BASE_WORDS
+    }
+    late = late_record.described(last.fit, variance, reach)
     timing = _timing(recordings)
     begun = first.fit.problem.begun
     warnings = [
@@ -98,9 +104,11 @@ def answer(
         *_relative_to(begun, effects, model.is_linear),
     ]
     timing = {**timing, **late, "warnings": warnings}
-    doubts = [*doubts_about(at_bounds, beaten, unnamed), *not_told(last.fit, half)]
-    torque = missing.own_torque(last.fit)
-    verdict, statement = decide(effects, indistinguishable, doubts, numbers, remainder, torque, are_all=are_all)
+    doubts = [*doubts_about(at_bounds, beaten), *at_the_end(last.fit, half)]
+    ties = [step.indistinguishable_from for step in steps]
+    own = [CATALOGUE[step.effect].equivalent_to for step in steps]
+    untied = [tuple(slug for slug in tied if slug not in same) for tied, same in zip(ties, own, strict=True)]
+    verdict, statement = decide(effects, untied, doubts, numbers, remainder, torque, are_all=are_all)
     noise = last.fit.noise_values()
     return GapResult(
         verdict,
@@ -109,37 +117,42 @@ def answer(
         steps,
         numbers,
         remainder,
-        where=tuple(missing.where(first.fit, found[0])),
-        base=_base_estimates(last.fit, covariance, model.is_linear),
+        where=tuple(
+            {"coordinate": entry.coordinate, "range": list(entry.ends), "share": entry.share}
+            for entry in missing.dependences(first.fit, found[0])
+        ),
+        base=_base_estimates(last, effects, variance, reach, model.is_linear),
         begun=begun,
         prediction=prediction_errors(first.fit, last.fit, model.is_linear),
         recording=timing,
         details={
             "samples": series.size,
             "blocks": series.blocks,
-            "candidates": list(slugs),
+            "candidates": list(search.slugs),
             "noise": dict(zip(NOISE, (float(value) for value in noise), strict=True)),
-            "needed_standard_errors": critical(series.blocks, len(slugs)),
+            "needed_standard_errors": search.needed,
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
             "at_bounds": at_bounds,
             "predicted_better_by": beaten,
-            "better_but_unnamed": unnamed,
-            "is_quiet": quiet,
-            "taken_back": [slug for slug in sure if slug not in effects],
+            "is_quiet": not named and is_quiet(chosen.fit),
             "likelihood_evaluations": len(first.fit.problem.runs),
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),
     )
 
 
-def _at_bounds(
-    law: Term,
-    own: slice,
-    fit: Fit,
-    half: np.ndarray[Any, np.dtype[np.float64]],
-    edges: Mapping[int, tuple[float, float]],
-) -> list[str]:
-    """Parameters that are not told from the end of their range; of a grip's edges that is the recording's."""
+def path(search: Search, chosen: LawSet, named: Sequence[Named]) -> list[LawSet]:
+    """The model as given, and with one law of the set after the other."""
+    sets = [chosen]
+    for one in reversed(named[1:]):
+        sets.insert(0, search.without(sets[0], one.law))
+    return [search.given, *sets] if named else [search.given]
+
+
+def _at_bounds(laws: LawSet, slug: str, half: Floats, edges: Mapping[int, tuple[float, float]]) -> list[str]:
+    """Parameters that are not distinguished from the end of their range; of a grip's edges that is the recording's."""
+    fit, number = laws.fit, laws.number(slug)
+    law, own = fit.terms[number], fit.columns(number)
     names = law.at_bounds(fit.u[own], half[own])
     duration_s = fit.problem.series.duration_s
     return [
@@ -161,43 +174,33 @@ def _relative_to(begun: Mapping[str, float], effects: Sequence[str], is_linear: 
 
 
 def _step(
-    each: Round,
-    number: int,
-    fit: Fit,
-    covariance: np.ndarray[Any, np.dtype[np.float64]],
+    one: Named,
+    last: LawSet,
+    covariance: Floats,
     edges: Mapping[int, tuple[float, float]],
-    fixed: int,
     is_linear: bool,
     power: Sequence[float],
     possible: float,
 ) -> Step:
-    taken = each.taken
-    term, own = fit.terms[fixed + number], fit.columns(fixed + number)
-    u, variance = fit.u[own], np.diag(covariance)[own]
-    blocks = fit.problem.series.blocks
-    estimates = estimates_of(term, u, variance, blocks, is_linear)
+    number = last.number(one.law)
+    term, own = last.fit.terms[number], last.fit.columns(number)
+    u, variance = last.fit.u[own], np.diag(covariance)[own]
+    estimates = estimates_of(term, u, variance, last.fit.problem.series.blocks, is_linear)
     for at, coordinate in enumerate(term.coordinates, own.start):
         if at in edges:
             estimates[coordinate.name] = replace(estimates[coordinate.name], ci95=edges[at])
-    same = CATALOGUE[taken.slug].equivalent_to
-    ranking = tuple(
-        Ranked(
-            other.slug,
-            other.gain,
-            other.evidence,
-            0.0 if other is taken else max(evidence(taken.judged, other.judged)[1], 0.0),
-        )
-        for other in each.contenders
-    )
+    same = CATALOGUE[one.law].equivalent_to
+    own_rank = Ranked(one.law, one.comparison.gain, one.comparison.errors, 0.0)
+    ranking = (own_rank, *(Ranked(*rival) for rival in one.ranked))
     return Step(
-        taken.slug,
+        one.law,
         estimates,
-        float(np.sqrt(power[number])),
-        float(np.sqrt(power[number + 1])),
-        float(np.clip((power[number] - power[number + 1]) / possible, 0.0, 1.0)),
-        taken.evidence,
-        taken.gain,
-        (*same, *(slug for slug in each.indistinguishable if slug not in same)),
+        float(np.sqrt(power[0])),
+        float(np.sqrt(power[1])),
+        float(np.clip((power[0] - power[1]) / possible, 0.0, 1.0)),
+        one.comparison.errors,
+        one.comparison.gain,
+        (*same, *(tie.laws[-1] for tie in one.ties if tie.laws[-1] not in same)),
         ranking,
         parameters_of_term(term, u),
     )
@@ -217,8 +220,13 @@ def estimates_of(
         term: the law. u: (k,) its coordinates. variance: (k,) of these.
         blocks: of the recordings. is_linear: metres and newtons.
     """
-    units = {p.name: p.unit_linear if is_linear else p.unit for p in CATALOGUE[term.slug].parameters}
     reach = _reach(blocks)
+    if term.slug in BASE_WORDS:
+        (own,) = term.coordinates
+        ends = _ends(own, float(u[0]), reach * float(np.sqrt(variance[0])))
+        value, low, high = (math.expm1(end - own.centre) for end in (float(u[0]), *ends))
+        return {"r": Estimate(value, (low, high), "")}
+    units = {p.name: p.unit_linear if is_linear else p.unit for p in CATALOGUE[term.slug].parameters}
     found = {}
     for index, chosen in term.fixed:
         name = NAMES[index].partition(".")[2]
@@ -233,24 +241,30 @@ def estimates_of(
 
 def _estimate(coordinate: Coordinate, value: float, half: float, unit: str) -> Estimate:
     """The estimate whose coordinate is `value`, give or take `half`, within its bounds."""
-    # The logarithm of a magnitude that is next to nothing tells nothing of its upper end: its value does.
-    further = math.log1p(half) if coordinate.is_log and value <= coordinate.lower else half
-    ends = [min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + further)]
+    ends = _ends(coordinate, value, half)
     found, low, high = (float(np.exp(v)) if coordinate.is_log else float(v) for v in (value, *ends))
     return Estimate(found, (low, high), unit)
 
 
+def _ends(coordinate: Coordinate, value: float, half: float) -> tuple[float, float]:
+    # The logarithm of a magnitude that is next to nothing says nothing of its upper end: its value does.
+    further = math.log1p(half) if coordinate.is_log and value <= coordinate.lower else half
+    low, high = (min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + further))
+    return low, high
+
+
 def _base_estimates(
-    fit: Fit, covariance: np.ndarray[Any, np.dtype[np.float64]], is_linear: bool
+    last: LawSet, effects: Sequence[str], variance: Floats, reach: float, is_linear: bool
 ) -> dict[str, Estimate]:
-    reach = _reach(fit.problem.series.blocks)
-    variance = np.diag(covariance)
+    """Base parameters that have left their prior, in the units of the model."""
     found = {}
-    for number, term in enumerate(fit.terms):
-        if term.slug in FARTHEST:
-            at = fit.columns(number).start
-            half, unit = reach * float(np.sqrt(variance[at])), unit_of(f"plant.{term.slug}", is_linear)
-            found[term.slug] = _estimate(term.coordinates[0], float(fit.u[at]), half, unit)
+    for slug in effects:
+        if slug in BASE_WORDS:
+            name, number = BASE_WORDS[slug], last.number(slug)
+            at = last.fit.columns(number).start
+            half, unit = reach * float(np.sqrt(variance[at])), unit_of(f"plant.{name}", is_linear)
+            coordinate = last.fit.terms[number].coordinates[0]
+            found[name] = _estimate(coordinate, float(last.fit.u[at]), half, unit)
     return found
 
 

@@ -1,20 +1,25 @@
-"""The problem that a model and recordings make, and the base model that may be fitted along with what it lacks."""
+"""The problem that a model and recordings make, and its base parameters: inertia, viscous and Coulomb friction.
+
+They are fitted first, from the model's values and from those of a balance of forces by least squares. What the model says of
+one, within its uncertainty, is a law less than another value: which of the two it is, the selection asks as of any law.
+"""
 
 from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from drivers import declared_latency
 from hapticd.gap import constants
+from hapticd.gap.balance import balance
+from hapticd.gap.errors import RecordingError
 from hapticd.gap.late_record import LATEST
-from hapticd.gap.missing import missing_power
 from hapticd.gap.problem import Problem
 from hapticd.gap.series import series_of
-from hapticd.gap.terms import Coordinate, Term
+from hapticd.gap.terms import BASE_WORDS, Coordinate, Term
 from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.layout import device_vector, index_of
 
@@ -22,11 +27,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from hapticd.config import Config
+    from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
     from hapticd.gap.recording import Recording
 
-FARTHEST = {"inertia": 10.0, "viscous": 100.0, "coulomb": 100.0}
-"""Factor by which a base parameter may leave its nominal value. A shaft heavier than that ignores the current."""
+FARTHEST = {"inertia_error": 10.0, "viscous_friction": 100.0, "coulomb_friction": 100.0}
+"""Factor by which a base parameter may leave what model and balance say. A shaft heavier than that ignores the current."""
 _MOST_WORK = 1.5
 """Work against Coulomb friction over what the shaft gets: beyond, friction holds it, and a disturbance moves it."""
 _STEP_S = 0.05
@@ -35,8 +41,8 @@ NOTHING = 1e-6
 """What a friction that the model has not is instead, over the device's torques: nothing that shows."""
 
 
-def problem_of(recordings: Sequence[Recording], model: Config, least: float = NOTHING) -> Problem:
-    """What is fitted; a friction that the model has not is this share of the torque.
+def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
+    """What is fitted.
 
     Raises:
         ValueError: no recording.
@@ -49,53 +55,53 @@ def problem_of(recordings: Sequence[Recording], model: Config, least: float = NO
     torque = model.plant.coulomb + drive or slowed
     speed = series.resolution * float(np.abs(np.diff(series.cell)).sum()) / series.duration_s
     zero = [name for name in ("viscous", "coulomb") if vector[index_of(name)] == 0.0]
-    begun = {name: least * torque / (speed if name == "viscous" else 1.0) for name in zero}
+    begun = {name: NOTHING * torque / (speed if name == "viscous" else 1.0) for name in zero}
     for name, size in begun.items():
         vector[index_of(name)] = size
     return Problem(series, vector, torque, model.is_linear, begun)
 
 
-def base_terms(problem: Problem, filter_s: float = 0.0) -> tuple[Term, ...]:
-    """Terms that fit the base model: the logarithms of inertia, viscous and Coulomb friction, with a wide prior.
+def balanced(recordings: Sequence[Recording], model: Config) -> dict[str, float]:
+    """Inertia and friction by least squares, by law; nothing where the shaft hardly moves, or against the current."""
+    try:
+        found = balance(recordings, model.amplifier.torque_constant)
+    except RecordingError:
+        return {}
+    values = {slug: float(getattr(found, name)) for slug, name in BASE_WORDS.items()}
+    return values if found.sign > 0 and all(value > 0.0 for value in values.values()) else {}
+
+
+def base_law(problem: Problem, slug: str, value: float | None = None, filter_s: float = 0.0) -> Term:
+    """The law that a base parameter has another value, as its logarithm, with a wide prior.
 
     Coulomb friction is at most `most_coulomb`, or what the model says if that is more.
 
     Args:
-        problem: what is fitted. filter_s: time constant of a filter before the record of the current; 0 for none.
+        problem: what is fitted. slug: one of `BASE_WORDS`. value: where it starts; as given by default.
+        filter_s: time constant of a filter before the record of the current; 0 for none.
     """
+    index = index_of(BASE_WORDS[slug])
+    given = float(problem.base[index])
+    start = given if value is None else value
+    least, most = min(given, start) / FARTHEST[slug], max(given, start) * FARTHEST[slug]
+    if slug == "coulomb_friction":
+        most = min(most, max(most_coulomb(problem, filter_s), given))
+    centre, begin, low, high = (math.log(size) for size in (given, start, least, most))
+    neutral = math.nan if slug == "inertia_error" else low  # next to no friction is none
+    coordinate = Coordinate("r", index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)
+    return Term(slug, (coordinate,), (min(max(begin, low), high),))
+
+
+def known_terms(problem: Problem, model: Config) -> tuple[Term, ...]:
+    """Base parameters of which the model says how well it knows them: fitted within that, which is no law."""
     found = []
-    for name, farthest in FARTHEST.items():
-        index = index_of(name)
-        given = float(problem.base[index])
-        least, most = given / farthest, given * farthest
-        if name == "coulomb":
-            most = min(most, max(most_coulomb(problem, filter_s), given))
-        centre, low, high = (math.log(size) for size in (given, least, most))
-        neutral = math.nan if name == "inertia" else low  # next to no friction is none
-        coordinate = Coordinate(name, index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)
-        found.append(Term(name, (coordinate,), (centre,)))
+    for slug, name in BASE_WORDS.items():
+        deviation = float(getattr(model.plant.uncertainty, name))
+        if deviation > 0.0 and name not in problem.begun:
+            (own,) = (law := base_law(problem, slug)).coordinates
+            prior = deviation / float(problem.base[own.word])
+            found.append(replace(law, slug=name, coordinates=(replace(own, name=name, prior=prior),)))
     return tuple(found)
-
-
-def from_the_end(first: Fit, last: Fit) -> Problem | None:
-    """The problem to begin again with, of a base parameter at the end of the range to which it ran: a poor guess.
-
-    None where none did, or where with the inertia within its range what is named explains what was missing all the same; and
-    the second time, since what runs farther is no guess. The most that Coulomb friction may be is none either.
-
-    Args:
-        first: the nominal model. last: with all that is named.
-    """
-    problem, base, ended = last.problem, last.problem.base.copy(), []
-    for number, term in enumerate(last.terms):
-        own = last.columns(number)
-        if term.slug in ("inertia", "viscous") and term.at_bounds(last.u[own]):
-            ended.append(term.slug)
-            base[index_of(term.slug)] = math.exp(last.u[own.start])
-    is_explained = missing_power(last) < (1.0 - constants.EXPLAINED) * missing_power(first)
-    if not problem.is_given or not ended or (is_explained and "inertia" not in ended):
-        return None
-    return replace(problem, base=base, is_given=False)
 
 
 def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:
@@ -107,7 +113,7 @@ def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:
     series, p = problem.series, problem.base
     duration, current, _ = series.currents(p, filter_s)
     torque = torque_constant(p) * np.sum(duration * current, axis=1) / np.sum(duration, axis=1)
-    inertia = FARTHEST["inertia"] * float(p[index_of("inertia")])
+    inertia = FARTHEST["inertia_error"] * float(p[index_of("inertia")])
     work, energy, way = np.zeros(2 * LATEST + 1), 0.0, 0.0
     for rows in np.split(np.arange(series.size), np.flatnonzero(series.begins)[1:]):
         x, period_s = series.resolution * series.cell[rows], series.periods_s[series.recording[rows[0]]]
@@ -124,14 +130,14 @@ def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:
     return _MOST_WORK * (max(float(work.max()), 0.0) + energy) / max(way, series.resolution)
 
 
-def not_told(fit: Fit, half: np.ndarray[Any, np.dtype[np.float64]]) -> list[str]:
-    """Base parameters that are not told from an end of the range that is fitted."""
-    own = [(term, fit.columns(number)) for number, term in enumerate(fit.terms) if term.slug in FARTHEST]
-    untold = [term.slug for term, columns in own if term.at_bounds(fit.u[columns], half[columns])]
-    if not untold:
+def at_the_end(fit: Fit, half: Floats) -> list[str]:
+    """Base parameters that the data do not distinguish from an end of the range that is fitted."""
+    own = [(term, fit.columns(number)) for number, term in enumerate(fit.terms) if term.slug in BASE_WORDS]
+    open_ended = [BASE_WORDS[term.slug] for term, columns in own if term.at_bounds(fit.u[columns], half[columns])]
+    if not open_ended:
         return []
     return [
-        f"These data do not tell {' and '.join(untold)} from the end of the range that is fitted: the model is of another "
-        "device, or the motion is not the current's, as where a controller makes the current follow it. What is named "
-        "depends on that."
+        f"These data do not distinguish {' and '.join(open_ended)} from the end of the range that is fitted: the model is "
+        "of another device, or the motion is not the current's, as where a controller makes the current follow it. What is "
+        "named depends on that."
     ]

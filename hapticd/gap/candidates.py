@@ -16,13 +16,14 @@ import numpy as np
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.effects.spec import Scale, Values
 from hapticd.gap import constants, grip, late_record, ripple
+from hapticd.gap.base_model import base_law
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import SENSOR
 from hapticd.gap.missing import moving
 from hapticd.gap.parallel import each
 from hapticd.gap.score import Candidate, Score
-from hapticd.gap.terms import Term, term
+from hapticd.gap.terms import BASE_WORDS, Term, term
 from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.layout import index_of
 
@@ -51,7 +52,7 @@ def scale_of(fit: Fit) -> Scale:
     def quantiles(values: Floats, at: tuple[float, ...]) -> Any:
         return tuple(float(value) for value in np.quantile(values, at))
 
-    p = problem.base
+    p = fit.device()
     return Scale(
         inertia=float(p[0]),
         viscous=float(p[1]),
@@ -89,7 +90,7 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
         else:
             starts = late_record.starts(slug, scale.period_s)
             if not late_record.is_opposite_only(slug, present):
-                starts += both_signs(_started(slug, values, scale) for values in CATALOGUE[slug].starts(scale))
+                starts += both_signs(_started(present, slug, values, scale) for values in CATALOGUE[slug].starts(scale))
             remembers = CATALOGUE[slug].acts_on == "memory"
             tried = sorted(each((part if remembers else space).along, starts), key=lambda candidate: -candidate.promise)
             if remembers:
@@ -121,26 +122,20 @@ def keeps_the_drive(fit: Fit, present: Fit) -> bool:
     return drives[0] >= constants.DRIVE_KEPT * drives[1] and moves[0] >= constants.DRIVE_KEPT * moves[1]
 
 
-def _started(slug: str, values: Values, scale: Scale) -> Term:
-    """A term; of a base parameter that is next to nothing it reaches as far as the device's torques do."""
-    item, reach = term(slug, values, (), 0.1 * scale.travel), CATALOGUE[slug].reach
-    if reach is None:
-        return item
-    most, (first, *others) = reach(scale), item.coordinates
-    if most <= first.upper:
-        return item
-    size = most / first.upper
-    wider = replace(first, upper=most, scale=size * first.scale)
-    return replace(item, coordinates=(wider, *others), start=(size * item.start[0], *item.start[1:]))
+def _started(present: Fit, slug: str, values: Values, scale: Scale) -> Term:
+    """A law at a start; that of a base parameter which is next to nothing reaches as far as the device's torques do."""
+    if slug not in BASE_WORDS:
+        return term(slug, values, (), 0.1 * scale.travel)
+    effect, law = CATALOGUE[slug], base_law(present.problem, slug, None, present.filter_s())
+    size = max(effect.reach(scale) / effect.parameters[0].upper, 1.0) if effect.reach else 1.0
+    return law.moved([law.coordinates[0].centre + math.log1p(size * float(values["r"]))])
 
 
 def both_signs(starts: Iterable[Term]) -> list[Term]:
     """Starts, and those with the opposite sign: friction holds a shaft one way and lets it go the other."""
     found = list(starts)
-    signed = [item for item in found if CATALOGUE[item.slug].amplitude and item.coordinates[0].lower < 0.0]
-    return found + [
-        item.scaled(CATALOGUE[item.slug].amplitude, -1.0) for item in signed if not item.coordinates[0].is_log
-    ]
+    signed = [item for item in found if CATALOGUE[item.slug].amplitude and item.is_signed]
+    return found + [item.scaled(CATALOGUE[item.slug].amplitude, -1.0) for item in signed]
 
 
 def _gripped(space: Score, candidate: Candidate, scale: Scale) -> Candidate:

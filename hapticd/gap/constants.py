@@ -25,17 +25,17 @@ LEVEL = 0.005
 SHARE = 0.07
 """Share of what is still missing, in power, that an effect must close to be named."""
 CLOSED = 0.5
-"""Share of the missing force's power with which an effect stands beside a disturbance that may be slow, whatever the
-likelihood says of it there."""
+"""Share of the missing force's power that a law must close beside a slow disturbance, where it is not sure."""
 EXPLAINED = 0.7
 """Share of the missing force's power that the named effects must close to be all that was found to be missing."""
-FORCE_MARGIN = 0.1
-"""Share of the missing force's power by which a law may close less of it than another and still be preferred for its
-likelihood."""
 DRIVE_KEPT = 0.3
 """Share of the driving torque, and of the moving samples, that a law must leave: what cancels the drive fits anything."""
 STRUCTURE_SHARE = 0.03
 """Share of the power of what is still missing that a function of one coordinate must explain to be a structure."""
+MATTERS = 0.001
+"""Share of the power that was missing before, beyond which a structure that is left matters: 3 % of the force."""
+LOUD = 0.3
+"""Share of what friction and current make, beyond which a force that is missing without a structure is not nothing."""
 BASE_PRIOR = 1.5
 """Standard deviation of the logarithm of a base parameter that is fitted along: a factor of 4.5."""
 QUIET = 2.0
@@ -52,10 +52,8 @@ GRIP_BLOCKS = 2
 LINE = 25.0
 """Power over that of the neighbourhood at which a frequency is a line in time: by chance hardly one ever does."""
 IMITATIONS = 5
-"""Recordings that a model makes itself, to see what a law gains where it is not, and how far an estimate goes: all their
-blocks are a hundred and more."""
+"""Recordings that a model makes itself, to see how far an estimate goes: all their blocks are a hundred and more."""
 INDISTINGUISHABLE = 3.0
-"""Standard errors of evidence up to which two laws are indistinguishable, and above imitations from which a gain is none of
-the filter's."""
+"""Standard errors of evidence up to which two laws are indistinguishable."""
 MOST_EFFECTS = 4
 """Most effects that are looked for."""

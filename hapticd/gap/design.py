@@ -12,14 +12,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from hapticd.gap import constants, grip, options
-from hapticd.gap.competition import evidence
+from hapticd.gap.law_set import evidence
 from hapticd.gap.trial import CompetingModel, competing_model, separation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hapticd.config import Config
-    from hapticd.gap.competition import Round
+    from hapticd.gap.choose import Named
+    from hapticd.gap.law_set import LawSet
     from hapticd.servo.experiment import Experiment
 
 FILE = "next_experiment.yaml"
@@ -43,30 +44,29 @@ class Scored:
 
 
 def next_experiment(
-    model: Config, rounds: Sequence[Round], progress: Callable[[float, str], None], base: int = 0
+    model: Config, chosen: LawSet, named: Sequence[Named], progress: Callable[[float, str], None]
 ) -> dict[str, Any] | None:
-    """Design the experiment that separates best what the rounds of a search left open.
+    """Design the experiment that separates best what a choice left open.
 
     Args:
         model: loop, limits and nominal device.
-        rounds: of the search.
+        chosen: the set of laws. named: its laws, with what ties with each.
         progress: told the fraction done and what is being done.
-        base: number of terms of every hypothesis, the first ones, that are base parameters.
 
     Returns:
         ``next_experiment`` of gap.json; None where nothing is left open.
     """
-    ambiguous = [stage for stage in rounds if stage.indistinguishable]
+    ambiguous = [one for one in named if one.ties]
     if not ambiguous:
         return None
-    groups = [_competing_models(model, stage, rounds[-1], base) for stage in ambiguous]
-    names = [[stage.taken.slug, *stage.indistinguishable[: MOST_MODELS - 1]] for stage in ambiguous]
+    groups = [_competing_models(model, chosen, one) for one in ambiguous]
+    names = [[one.law, *(tie.laws[-1] for tie in one.ties[: MOST_MODELS - 1])] for one in ambiguous]
     listed = "; ".join(f"{', '.join(group[:-1])} and {group[-1]}" for group in names)
     separates = list(dict.fromkeys(name for group in names for name in group))
-    now = min(_now(stage) for stage in ambiguous)
+    now = min(_now(chosen, one) for one in ambiguous)
     nothing = {"separates": separates, "now": now, "experiment": None, "file": None}
     found = design(model, [pair for group in groups for pair in pairs(group)], progress)
-    simpler = f"prefer the simpler law, {' and '.join(_simplest(stage) for stage in ambiguous)}."
+    simpler = f"prefer the simpler law, {' and '.join(_simplest(chosen, one) for one in ambiguous)}."
     if found is None:
         sentence = f"No experiment that the limits admit tells {listed} apart on this device; {simpler}"
         return {"words": sentence, "expected": None, **nothing}
@@ -87,25 +87,22 @@ def next_experiment(
     return {"words": sentence, "separates": separates, "expected": found.expected, "now": now, **plan}
 
 
-def _competing_models(model: Config, stage: Round, last: Round, base: int) -> list[CompetingModel]:
-    """The effect that a round took and those that the data do not tell from it, as far as a device can have them."""
-    slugs = stage.indistinguishable[: MOST_MODELS - 1]
-    others = [contender for contender in stage.contenders if contender.slug in slugs]
-    final = last.taken.judged.fit
-    found = [competing_model(model, one.judged.fit, final, base) for one in (stage.taken, *others)]
-    return [one for one in found if one is not None]
+def _competing_models(model: Config, chosen: LawSet, one: Named) -> list[CompetingModel]:
+    """The chosen set and those that the data do not distinguish from it, as far as a device can have their laws."""
+    sets = (chosen, *one.ties[: MOST_MODELS - 1])
+    found = [competing_model(model, laws.fit) for laws in sets]
+    return [each for each in found if each is not None]
 
 
-def _now(stage: Round) -> float:
-    """Standard errors by which the data at hand separate the indistinguishable effects of a stage."""
-    others = [contender for contender in stage.contenders if contender.slug in stage.indistinguishable]
-    return max(min(float(evidence(stage.taken.judged, other.judged)[1]) for other in others), 0.0)
+def _now(chosen: LawSet, one: Named) -> float:
+    """Standard errors by which the data at hand separate what is open."""
+    return max(min(float(evidence(chosen, tie)[1]) for tie in one.ties), 0.0)
 
 
-def _simplest(stage: Round) -> str:
-    """Of the indistinguishable effects of a round the one with the fewest parameters."""
-    among = [one for one in stage.contenders if one.slug in (stage.taken.slug, *stage.indistinguishable)]
-    return min(among, key=lambda one: len(one.law.coordinates)).slug
+def _simplest(chosen: LawSet, one: Named) -> str:
+    """Of the laws that are open the one with the fewest numbers."""
+    fewest = min(one.ties, key=lambda tie: tie.numbers)
+    return fewest.laws[-1] if fewest.numbers < chosen.numbers else one.law
 
 
 def pairs(models: Sequence[CompetingModel]) -> list[tuple[CompetingModel, CompetingModel]]:

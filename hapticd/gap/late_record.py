@@ -1,8 +1,8 @@
 """A record of the current that is late or filtered: the motor had each current before the record says so.
 
-That is a delay, or a lag, below zero. It competes with the effects, since it looks like friction where a spring is rendered;
-but it belongs to the record and not to the device, so once it has won, every hypothesis fits it along, as it does base
-parameters. A device that answers sooner than its model says, or both at once, look the same.
+That is a delay, or a lag, below zero. It competes with the laws, since it looks like friction where a spring is rendered;
+but it belongs to the record and not to the device, so once it is chosen, every set of laws is fitted with it. A device that
+answers sooner than its model says, or both at once, look the same.
 """
 
 from __future__ import annotations
@@ -51,17 +51,17 @@ def is_late(law: Term) -> bool:
 
 
 def untouched(slugs: Sequence[str], law: Term) -> list[str]:
-    """Those effects that data still tell beside a late or filtered record.
+    """Those laws that data still show beside a late or filtered record.
 
     What was filtered is the current itself: all that comes between a command and its current is in the record already. It
     may be late besides, so the delay that lateness is the opposite of stays, for that alone (`is_opposite_only`).
     """
-    if law.slug == _DELAY:
+    if law.coordinates[0].name != RECORD_FILTER:
         return [slug for slug in slugs if slug != _DELAY]
     return [slug for slug in slugs if slug == _DELAY or CATALOGUE[slug].acts_on not in ("input", "timing")]
 
 
-def not_told(slugs: Sequence[str], left: Sequence[str]) -> list[str]:
+def not_considered(slugs: Sequence[str], left: Sequence[str]) -> list[str]:
     """A sentence for each effect that was asked for and can no longer be looked for."""
     gone = [slug for slug in slugs if slug not in left]
     return [

@@ -1,8 +1,4 @@
-"""Lines: torques that swing in time at a frequency of their own, as mains, a fan or a machine next door leave them.
-
-What was known before such a torque acted tells its phase, through the current too where a controller answers: it looks like
-structure in the motion. So what was found is judged with the lines that are still there fitted along, as sines of time.
-"""
+"""Lines: torques that swing in time at a frequency of their own, as mains, a fan or a machine next door leave them."""
 
 from __future__ import annotations
 
@@ -14,7 +10,6 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter
 
 from hapticd.gap import constants
-from hapticd.gap.terms import LINE, Coordinate, Term
 
 if TYPE_CHECKING:
     from hapticd.gap.arrays import Floats
@@ -25,8 +20,6 @@ _SEGMENTS, _LONGEST_SEGMENT = 8, 4096
 _AROUND = 50
 """Frequencies to either side that are a line's neighbourhood."""
 _LOWEST_HZ = 5.0
-_FINER = 6
-"""Steps of a frequency in which a sine gains or loses a turn over the record."""
 
 
 def lines(fit: Fit) -> list[float]:
@@ -63,57 +56,3 @@ def _lines_of(innovation: Floats, period_s: float) -> list[tuple[float, float, f
 def _innovation(fit: Fit) -> Floats:
     deviation = np.sqrt(np.maximum(fit.out["variance"] * fit.out["share"], 1e-300))
     return np.asarray(np.clip(fit.out["moved"] / deviation, -5.0, 5.0))
-
-
-def along(first: Fit, last: Fit) -> Term | None:
-    """The term that fits lines along: those of the nominal model, which a law may have taken on, and of the last one.
-
-    In each recording they have a phase and a strength of their own. None where there are no lines.
-    """
-    series = last.problem.series
-    innovations = [_innovation(fit) for fit in (last, first)]
-    found: list[tuple[int, float]] = []
-    for number, period_s in enumerate(series.periods_s):
-        rows = series.recording == number
-        time_s = series.time_s[rows]
-        reach = _SEGMENTS / time_s[-1]
-        own: list[float] = []
-        for innovation in (innovation[rows] for innovation in innovations):
-            for _, coarse, _ in _lines_of(innovation, period_s):
-                frequency = _strongest(innovation, time_s, coarse, reach)
-                if all(abs(frequency - other) > reach for other in own):
-                    own.append(frequency)
-        found += [(number, frequency) for frequency in own]
-    if not found:
-        return None
-    most, scale = 10.0 * last.problem.torque, 0.01 * last.problem.torque
-    coordinates = [
-        Coordinate(f"{part} of {frequency:.6g} Hz", -1, False, -most, most, scale)
-        for _, frequency in found
-        for part in ("sine", "cosine")
-    ]
-    fixed = tuple((-1 - number, frequency) for number, frequency in found)
-    return Term(LINE, tuple(coordinates), (0.0,) * len(coordinates), fixed)
-
-
-def _strongest(innovation: Floats, time_s: Floats, coarse: float, reach: float) -> float:
-    """The frequency [Hz] near a coarse one of which a record has most."""
-    step = 1.0 / (_FINER * float(time_s[-1]))
-    turned, turn = (np.exp(-2j * np.pi * one * time_s) for one in (coarse - reach, step))
-    turned *= innovation
-    swings = []
-    for _ in range(2 * _SEGMENTS * _FINER):
-        swings.append(abs(turned.sum()))
-        turned *= turn
-    return coarse - reach + int(np.argmax(swings)) * step
-
-
-def frequencies(fit: Fit) -> list[float]:
-    """Lines [Hz] that a model has, and those that it leaves elsewhere: no frequency is quite constant."""
-    series = fit.problem.series
-    shortest_s = min(float(series.time_s[series.recording == number][-1]) for number in range(len(series.periods_s)))
-    found: list[float] = []
-    for one in (*(value for item in fit.terms if item.slug == LINE for _, value in item.fixed), *lines(fit)):
-        if all(abs(one - other) > 2.0 * _SEGMENTS / shortest_s for other in found):
-            found.append(one)
-    return found

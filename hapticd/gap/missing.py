@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
 
+EVERYWHERE = "everywhere"
+"""The coordinate of a constant force."""
 _PROBES = 64
 _HATS, _RANGES = 8, 12
 """Numbers that a flexible function of a coordinate has, and ranges of it where the missing force is told."""
@@ -180,7 +182,7 @@ def explainable(fit: Fit, found: Missing) -> float:
     Of all coordinates together, or of the one that does best: many functions at once may fit what they were not shown badly.
     """
     among = found.moves
-    columns = [np.ones((int(among.sum()), 1)), *(shape[among] for _, shape in _functions(fit, found))]
+    columns = [shape[among] for _, shape in _functions(fit, found)]
     fold = fit.problem.series.fold[fit.problem.series.block][among]
     target = found.force[among]
     return max(_predicted(design, target, fold) for design in (np.concatenate(columns, axis=1), *columns))
@@ -204,33 +206,54 @@ def _predicted(design: Floats, target: Floats, fold: NDArray[np.int64]) -> float
     return max(1.0 - left / total, 0.0)
 
 
-def where(fit: Fit, found: Missing) -> list[dict[str, object]]:
-    """Where the missing force is: for each coordinate the range that holds most of it, the most telling first."""
-    entries: list[tuple[float, dict[str, object]]] = []
+@dataclass(frozen=True)
+class Dependence:
+    """How much of a missing force is a function of one coordinate, or the same everywhere.
+
+    Attributes:
+        coordinate: of what. share: of the missing force's power. errors: held-out gain in standard errors.
+        ends: of the range that holds most of it; of a constant force, its size twice.
+    """
+
+    coordinate: str
+    share: float
+    errors: float
+    ends: tuple[float, float]
+
+
+def dependences(fit: Fit, found: Missing) -> list[Dependence]:
+    """What the missing force of a model, held out, depends on, the most telling first."""
+    tested = {function.coordinate: function for function in structure(fit, found)}
     total = float(found.power.sum())
-    if total <= 0.0:
+    if not tested or total <= 0.0:
         return []
-    constant = float(found.force[found.moves].mean())
-    everywhere = min(constant**2 * int(found.moves.sum()) / total, 1.0)
-    entries.append((everywhere, {"coordinate": "everywhere", "range": [constant, constant], "share": everywhere}))
-    for name, (values, factor) in coordinates(fit, found).items():
-        z = values[found.moves]
-        edges = np.unique(np.quantile(z, np.linspace(0.0, 1.0, _RANGES + 1)))
-        if edges.size < 4:
-            continue
-        place = np.clip(np.searchsorted(edges, z, side="right") - 1, 0, edges.size - 2)
-        count = np.bincount(place, minlength=edges.size - 1)
+    moves = found.moves
+    constant = float(tested[EVERYWHERE].force[0])
+    share = min(constant**2 * int(moves.sum()) / total, 1.0)
+    table = [Dependence(EVERYWHERE, share, tested.pop(EVERYWHERE).errors, (constant, constant))]
+    places = coordinates(fit, found)
+    for name, function in tested.items():
+        values, factor = places[name]
         # What is the same everywhere would show along every coordinate.
-        force = (found.force - constant)[found.moves] * (1.0 if factor is None else factor[found.moves])
-        mean = np.bincount(place, force, edges.size - 1) / np.maximum(count, 1)
-        power = mean**2 * count
-        first, last = _densest(power)
-        share = float(power.sum() / total)
-        low, high = float(edges[first]), float(edges[last + 1])
+        force = function.force[moves] - constant
+        share = min(float(force @ force) / total, 1.0)
+        ends = _range(values[moves], force * (1.0 if factor is None else factor[moves]))
         if name.startswith("way"):
-            low, high = float(np.exp(low)), float(np.exp(high))
-        entries.append((share, {"coordinate": name, "range": [low, high], "share": min(share, 1.0)}))
-    return [entry for _, entry in sorted(entries, key=lambda pair: -pair[0])]
+            ends = float(np.exp(ends[0])), float(np.exp(ends[1]))
+        table.append(Dependence(name, share, function.errors, ends))
+    return sorted(table, key=lambda entry: -entry.share)
+
+
+def _range(values: Floats, force: Floats) -> tuple[float, float]:
+    """Ends of the range of a coordinate that holds most of a force."""
+    edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _RANGES + 1)))
+    if edges.size < 2:
+        return float(values.min()), float(values.max())
+    place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, edges.size - 2)
+    count = np.bincount(place, minlength=edges.size - 1)
+    mean = np.bincount(place, force, edges.size - 1) / np.maximum(count, 1)
+    first, last = _densest(mean**2 * count)
+    return float(edges[first]), float(edges[last + 1])
 
 
 def _densest(power: Floats) -> tuple[int, int]:
@@ -269,6 +292,7 @@ def _functions(fit: Fit, found: Missing) -> Iterator[tuple[str, Floats]]:
     """
     if not found.moves.any():
         return
+    yield EVERYWHERE, np.ones((found.moves.size, 1))
     for name, (values, factor) in coordinates(fit, found).items():
         shape = _last(values) if name == "change of the current" else hats(values, found.moves)
         if shape is not None:

@@ -32,7 +32,7 @@ def improved_model(model: Config, result: GapResult) -> Config:
     entries = [(step.effect, step.entry) for step in result.steps]
     corrected = {BASE_KEYS[slug][1] for slug, _ in entries if slug in BASE_KEYS}
     base = {name: value for name, value in result.begun.items() if name in corrected}
-    return with_effects(model, entries, base | {name: estimate.value for name, estimate in result.base.items()})
+    return with_effects(model, entries, base)
 
 
 def with_effects(
@@ -88,8 +88,6 @@ def model_yaml(model: Config, result: GapResult, recordings: Sequence[str]) -> s
         f"block of data with the numbers that the others give; noise alone reads {gap.noise_floor:.2g} {gap.unit}.",
     ]
     remarks = {BASE_KEYS[step.effect]: _remark(step, gap.unit) for step in result.steps if step.effect in BASE_KEYS}
-    for name, estimate in result.base.items():
-        remarks["plant", name] = f"refitted, {_interval(estimate)}"
     section = ""
     for line in config_to_yaml(improved).splitlines():
         if found := re.match(r"(\w+):", line):

@@ -1,4 +1,4 @@
-"""The fit of the model as given: from where its noise starts."""
+"""The first fit: from where the noise starts, and from which values of the base parameters."""
 
 from __future__ import annotations
 
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from hapticd.gap.arrays import Floats
     from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
+
+
+_STEPS = 40
 
 
 def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
@@ -57,20 +60,16 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
 
 
 def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:
-    """The fit of the nominal model, with terms that correct its base parameters where asked for.
+    """The fit of the nominal model, with terms that are fitted along."""
+    return Fit(problem, terms, first_noise(problem.first_look(), terms)).maximise(_STEPS)
 
-    Those climb from two sides, as given and from a shaft that is as heavy and as free as it may be: too light a shaft
-    that friction holds has maxima of its own, where a disturbance moves it; a heavy one coasts past them.
-    """
+
+def likeliest_fit(problem: Problem, starts: Sequence[Sequence[Term]], noise: Floats) -> Fit:
+    """The fit from the start that is likeliest once climbed in a part of the record; `noise` is that of the first one."""
+    first, *others = starts
+    if not others:
+        return Fit.started(problem, first, noise).maximise(_STEPS)
     look = problem.first_look()
-    starts = [terms]
-    if {"inertia", "coulomb"} & {item.slug for item in terms}:
-        starts.append([_heavy_and_free(item) for item in terms])
-    fits = [Fit(problem, start, first_noise(look, start)).maximise(40) for start in starts]
-    return max(fits, key=lambda fit: fit.log_likelihood)
-
-
-def _heavy_and_free(item: Term) -> Term:
-    if item.slug == "inertia":
-        return item.moved([item.coordinates[0].upper])
-    return item.moved([item.coordinates[0].lower]) if item.slug == "coulomb" else item
+    parts = [Fit.started(look, first, noise), *(Fit(look, terms, first_noise(look, terms)) for terms in others)]
+    best = max((part.maximise(_STEPS) for part in parts), key=lambda fit: fit.log_likelihood)
+    return best.on(problem).maximise(_STEPS)

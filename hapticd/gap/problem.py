@@ -17,8 +17,6 @@ if TYPE_CHECKING:
 
 
 _FIRST_LOOK = 4
-LEAST_START = 0.05
-"""A base parameter whose term is a smaller part of the torques starts at that part: zero is no start for a logarithm."""
 
 
 @dataclass(frozen=True)
@@ -33,7 +31,6 @@ class Problem:
         begun: frictions that the model has not, and the little that the base has in their place: corrections are factors.
         longest_memory_s: largest correlation time of the disturbance torque [s].
         runs: log-likelihood of each run of the filter until now.
-        is_given: `base` is the model's, and not at the end of a range about that.
     """
 
     series: Series
@@ -43,7 +40,6 @@ class Problem:
     begun: Mapping[str, float] = field(default_factory=dict)
     longest_memory_s: float = field(default_factory=lambda: constants.SHORT_MEMORY_S)
     runs: list[float] = field(default_factory=list)
-    is_given: bool = True
 
     @property
     def noise_bounds(self) -> tuple[Floats, Floats]:

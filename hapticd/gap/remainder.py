@@ -5,16 +5,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from hapticd.gap import chance, constants, ripple
 from hapticd.gap.candidates import scale_of
-from hapticd.gap.lines import frequencies, lines
-from hapticd.gap.missing import Missing, missing_force, structure
+from hapticd.gap.lines import lines
+from hapticd.gap.missing import Dependence, Missing, dependences
 from hapticd.gap.result import Remainder
 from hapticd.gap.text import looks, percent
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from hapticd.gap.fit import Fit
 
 _LISTED = 3
@@ -27,43 +27,35 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
         fit: the model, held out. found: its missing force. power_before: of the missing force of the model as given.
     """
     share = min(found.rms**2 / power_before, 1.0) if power_before > 0.0 else 0.0
+    table = dependences(fit, found)
+    sure, blocks = sure_of(table, fit.problem.series.blocks), fit.problem.series.blocks
     entries: list[dict[str, Any]] = [
-        {"coordinate": coordinate, "share": part * share, "p_value": p_value}
-        for coordinate, part, p_value in dependences(fit, found)
+        {
+            "coordinate": entry.coordinate,
+            "share": entry.share * share,
+            "p_value": min(chance.exceeding(entry.errors, blocks) * len(table), 1.0),
+        }
+        for entry in sorted(sure, key=lambda entry: -entry.errors)
     ]
-    clauses = [looks(entry["coordinate"], linear=fit.problem.is_linear) for entry in entries[:_LISTED]]
-    fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
+    linear = fit.problem.is_linear
+    clauses = [looks(entry["coordinate"], linear=linear) for entry in entries[:_LISTED]]
+    fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in lines(fit)]
     for order in ripple.orders_left(fit, scale_of(fit)):
         period_m = 2.0 * math.pi / order
-        along = f"a period of {period_m:.3g} m in position" if fit.problem.is_linear else f"order {order:.3g} in angle"
-        fingerprint.append(along)
+        fingerprint.append(f"a period of {period_m:.3g} m in position" if linear else f"order {order:.3g} in angle")
     clauses += fingerprint
     left = f"{percent(share)} of the missing force's power is left"
     if clauses:
         text = f"{left}: {'; '.join(clauses)}."
+    elif table and table[0].share > constants.STRUCTURE_SHARE and share > constants.STRUCTURE_SHARE:
+        most = looks(table[0].coordinate, linear=linear)
+        text = f"{left}; {percent(table[0].share)} of that may be {most}, which is not sure."
     else:
-        text = f"{left}; it depends on nothing that was looked at." if share > constants.STRUCTURE_SHARE else f"{left}."
+        text = f"{left}; it depends on no coordinate." if share > constants.STRUCTURE_SHARE else f"{left}."
     return Remainder(share, text, tuple(entries), tuple(fingerprint))
 
 
-def dependences(fit: Fit, found: Missing) -> list[tuple[str, float, float]]:
-    """Coordinates that what a model leaves surely depends on, the most telling first.
-
-    Returns:
-        For each: its name, its share of the power of what is left, and how unlikely that is by chance.
-    """
-    tested = structure(fit, found)
-    blocks = fit.problem.series.blocks
-    needed = chance.standard_errors(constants.LEVEL / max(len(tested), 1), blocks)
-    sure = [test for test in sorted(tested, key=lambda test: -test.gain) if test.errors > needed]
-    parts = [min(float(np.mean(test.force[found.moves] ** 2)) / found.rms**2, 1.0) for test in sure]
-    return [
-        (test.coordinate, part, min(chance.exceeding(test.errors, blocks) * len(tested), 1.0))
-        for test, part in zip(sure, parts, strict=True)
-        if part > constants.STRUCTURE_SHARE
-    ]
-
-
-def is_all_chance(fit: Fit) -> bool:
-    """Whether a model, held out, leaves nothing but chance: then even a small law that is sure is no stand-in."""
-    return not dependences(fit, missing_force(fit)) and not lines(fit)
+def sure_of(table: Sequence[Dependence], blocks: int) -> list[Dependence]:
+    """The entries that chance does not make, and that matter."""
+    needed = chance.standard_errors(constants.LEVEL / max(len(table), 1), blocks)
+    return [entry for entry in table if entry.errors > needed and entry.share > constants.STRUCTURE_SHARE]

@@ -93,7 +93,7 @@ class Score:
                 left = missing_power(fit) / max(self.power, _NOTHING)
             promise = max(promise, fit.log_likelihood - present.log_likelihood)
             return Candidate(item.slug, item, self.weight * promise, left=left)
-        if factor <= 0.0 and (item.coordinates[0].is_log or item.coordinates[0].lower >= 0.0):
+        if factor <= 0.0 and not item.is_signed:
             return Candidate(item.slug, item, 0.0)
         return Candidate(item.slug, item.scaled(amplitude, factor), self.weight * 0.5 * factor * float(g[0]))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
@@ -15,11 +16,10 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from hapticd.gap.arrays import Floats
-    from hapticd.gap.series import Series
 
 
-LINE = "line"
-"""Slug of a term that is no effect: torques that swing in time, each at a fixed frequency (`hapticd.gap.lines`)."""
+BASE_WORDS = {"inertia_error": "inertia", "viscous_friction": "viscous", "coulomb_friction": "coulomb"}
+"""Laws that a base parameter has another value, and which; their coordinate is its logarithm, centred at the given one."""
 RECORD_FILTER = "time constant of the record"
 """Coordinate that is in no device: of a filter between the current and its record (`hapticd.gap.late_record`)."""
 _INSTANT_S = 0.2
@@ -66,8 +66,7 @@ class Term:
         slug: the effect.
         coordinates: its free numbers.
         start: (k,) where they start.
-        fixed: words that are chosen and not fitted (orders of a ripple), and their values; of lines −1 less the recording's
-            number, and the frequency [Hz].
+        fixed: words that are chosen and not fitted (orders of a ripple), and their values.
     """
 
     slug: str
@@ -75,11 +74,16 @@ class Term:
     start: tuple[float, ...]
     fixed: tuple[tuple[int, float], ...] = ()
 
+    @property
+    def is_signed(self) -> bool:
+        """Whether the parameter in which the law is linear may be negative."""
+        first = self.coordinates[0]
+        return self.slug in BASE_WORDS or not (first.is_log or first.lower >= 0.0)
+
     def put(self, p: Floats, u: Sequence[float] | Floats) -> None:
         """Write the effect with coordinates `u` into a device vector."""
         for index, value in self.fixed:
-            if index >= 0:
-                p[index] = value
+            p[index] = value
         for coordinate, value in zip(self.coordinates, u, strict=True):
             if coordinate.word >= 0:
                 p[coordinate.word] = np.exp(value) if coordinate.is_log else value
@@ -100,6 +104,10 @@ class Term:
     def scaled(self, amplitude: str, factor: float) -> Term:
         """The term with the parameter in which it is linear (`amplitude`) times a factor, held within its bounds."""
         u = list(self.start)
+        if self.slug in BASE_WORDS:
+            (own,) = self.coordinates
+            r = max(factor * math.expm1(u[0] - own.centre), math.expm1(own.lower - own.centre))
+            return replace(self, start=(min(own.centre + math.log1p(r), own.upper),))
         for k, coordinate in enumerate(self.coordinates):
             if coordinate.name.partition("[")[0] == amplitude:
                 value = u[k] + np.log(factor) if coordinate.is_log else u[k] * factor
@@ -152,22 +160,12 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
     return Term(slug, tuple(coordinates), tuple(start), tuple(fixed))
 
 
-def line_torques(item: Term, series: Series) -> Floats:
-    """Torque of a unit of each coordinate of lines in each period, shape (n, k): a sine and a cosine of each."""
-    turns = np.multiply.outer(series.middle_s, [2.0 * np.pi * frequency for _, frequency in item.fixed])
-    swings = np.stack([np.sin(turns), np.cos(turns)], axis=2)
-    swings *= np.equal.outer(series.recording, [-1 - word for word, _ in item.fixed])[:, :, None]
-    return np.ascontiguousarray(swings.reshape(series.size, -1))
-
-
-def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, series: Series) -> Floats | None:
-    """Derivative of a term's torque by its coordinates where that is a plain function of position or time, shape (n, k).
+def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats) -> Floats | None:
+    """Derivative of a term's torque by its coordinates where that is a plain function of position, shape (n, k).
 
     A ripple of many orders has many coordinates; their slopes through the linearised filter cost one pass instead of one
     run of the filter each.
     """
-    if item.slug == LINE:
-        return line_torques(item, series)
     if item.slug != "torque_ripple":
         return None
     found = np.empty((x.size, len(item.coordinates)))
@@ -182,6 +180,8 @@ def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, series: Se
 
 def parameters_of_term(item: Term, u: Sequence[float] | Floats) -> dict[str, float | list[float]]:
     """Parameter to value (or values) of an effect whose coordinates are `u`, in the order of the catalogue."""
+    if item.slug in BASE_WORDS:
+        return {"r": math.expm1(float(u[0]) - item.coordinates[0].centre)}
     p: dict[int, float] = dict(item.fixed)
     for coordinate, value in zip(item.coordinates, u, strict=True):
         p[coordinate.word] = float(np.exp(value)) if coordinate.is_log else float(value)

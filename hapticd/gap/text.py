@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from hapticd.gap.result import GapResult
 
 COORDINATES: Final = {
+    "everywhere": ("N m", "N", "a constant torque"),
     "position": ("rad", "m", "a torque that depends on the position"),
     "velocity": ("rad/s", "m/s", "a torque that depends on the velocity"),
     "speed, against the motion": ("rad/s", "m/s", "friction that depends on the speed"),
@@ -143,17 +144,11 @@ def confidence(result: GapResult, known: int) -> str:
         return "No effect was tried: no more force is missing than the least noise of any device makes."
     if not result.steps and result.interrupted:
         return "The search was interrupted."
-    if not result.steps and (gone := details.get("taken_back")):
-        return (
-            f"Taken back: {' and '.join(gone)}. Held-out blocks are predicted better so, but a disturbance that may be "
-            "slow does as well, or more force is missing than the device's friction and current make."
-        )
     if not result.steps:
         needed = details.get("needed_standard_errors")
         bar = f"{needed:.1f} standard errors that " if needed else "level that "
-        none = "none with which less force is missing" if details.get("better_but_unnamed") else "none"
         return (
-            f"{which} was tried on blocks of data that it was not fitted to; {none} reaches the {bar}chance "
+            f"{which} was tried on blocks of data that it was not fitted to; none reaches the {bar}chance "
             f"alone reaches in {percent(constants.LEVEL)} of runs."
         )
     steps = result.to_json()["steps"]

@@ -12,6 +12,7 @@ the data at hand (information H) let it. Twice that is the square of the standar
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,7 +28,7 @@ from hapticd.gap.model_file import with_effects
 from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
 from hapticd.gap.series import series_of
-from hapticd.gap.terms import LINE, parameters_of_term
+from hapticd.gap.terms import BASE_WORDS, parameters_of_term
 from hapticd.servo.excitation import ExcitationError, build
 from hapticd.servo.simulate import simulate
 
@@ -72,34 +73,30 @@ class CompetingModel:
         return Fit.started(problem, self.terms, self.noise)
 
 
-def competing_model(model: Config, fit: Fit, last: Fit, base: int) -> CompetingModel | None:
-    """An explanation from the round in which it competed.
+def competing_model(model: Config, fit: Fit) -> CompetingModel | None:
+    """An explanation from its fit.
 
     Args:
-        model: the nominal model.
-        fit: the explanation, from that round.
-        last: the last model of the search: its effects after that round, and its noise, are taken over.
-        base: number of terms, the first ones, that are base parameters.
+        model: the nominal model. fit: of a set of laws.
 
     Returns:
-        None where no device has all its effects.
+        None where no device has all its laws.
     """
     whole = [term.moved(fit.u[fit.columns(k)]) for k, term in enumerate(fit.terms)]
-    whole += [last.terms[k].moved(last.u[last.columns(k)]) for k in range(len(whole), len(last.terms))]
-    # In an experiment to come nobody holds the handle; how late its record will be, and what hums, is another matter.
-    terms = tuple(term for term in whole if term.slug not in (grip.SLUG, late_record.SLUG, LINE))
+    # In an experiment to come nobody holds the handle; how late its record will be is another matter.
+    terms = tuple(term for term in whole if term.slug not in (grip.SLUG, late_record.SLUG))
     entries = [(term.slug, parameters_of_term(term, term.start)) for term in terms if term.slug in CATALOGUE]
     own = dict(fit.problem.begun)
-    own |= {term.slug: float(np.exp(term.start[0])) for term in whole[:base] if term.slug != late_record.SLUG}
+    own |= {term.slug: math.exp(term.start[0]) for term in terms if term.slug in BASE_WORDS.values()}
     try:
         config = with_effects(model, entries, own)
     except ConfigError:
         return None
     record = tuple(term for term in whole if term.slug == late_record.SLUG)
-    known = Fit.started(fit.problem, (*terms, *record), last.noise)
+    known = Fit.started(fit.problem, (*terms, *record), fit.noise)
     slopes = _slopes(known)[:, : sum(len(term.coordinates) for term in terms)]
     information = slopes.T @ (slopes * known.out["information"][:, None])
-    return CompetingModel(terms, last.noise, fit.problem, config, information)
+    return CompetingModel(terms, fit.noise, fit.problem, config, information)
 
 
 def _slopes(fit: Fit) -> Floats:

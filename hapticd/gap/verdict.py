@@ -41,12 +41,18 @@ def decide(
         )
         return "unexplained", " ".join([too_much, *doubts, remainder.words])
     names = " and ".join(effects)
-    left = bool(remainder.structure)
+    left = any(entry["share"] > constants.MATTERS for entry in remainder.structure)
     force = f"missing {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after"
     if not effects and left:
         none = "no effect of the catalogue" if are_all else "none of the effects that were asked for"
         statement = (
             f"Something is missing that {none} explains ({gap.held_out_before:.3g} {gap.unit}): {remainder.words}"
+        )
+        return "unexplained", " ".join([statement, *doubts])
+    if not effects and gap.held_out_after > constants.LOUD * torque:
+        statement = (
+            f"A force without a structure is missing ({gap.held_out_after:.3g} {gap.unit}), more than {constants.LOUD:g} of "
+            f"what the device's friction and current make ({torque:.2g} {gap.unit}). {remainder.words}"
         )
         return "unexplained", " ".join([statement, *doubts])
     if not effects:
@@ -61,36 +67,25 @@ def decide(
         further = [*doubts, remainder.words] if left or doubts else []
         sure = " and ".join(effect for effect, others in zip(effects, indistinguishable, strict=True) if not others)
         known, besides = (f"Missing: {sure}. ", " besides") if sure else ("", "")
-        untold = f"{known}These data cannot tell which it is{besides}: {choices} ({force})."
-        return "ambiguous", " ".join([untold, *further])
+        statement = f"{known}These data do not distinguish which it is{besides}: {choices} ({force})."
+        return "ambiguous", " ".join([statement, *further])
     if left or doubts or gap.held_out_after**2 > (1.0 - constants.EXPLAINED) * gap.held_out_before**2:
         return "partly_explained", " ".join([f"Missing: {names} ({force}).", *doubts, remainder.words])
     return "effect_found", f"Missing: {names} ({force})."
 
 
-def doubts_about(
-    at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, str], unnamed: str | None = None
-) -> list[str]:
-    """Why what is named, or that nothing is, may not be the whole truth, a sentence each.
+def doubts_about(at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, str]) -> list[str]:
+    """Why what is named may not be the whole truth, a sentence each.
 
     Args:
-        at_bounds: effect to those of its parameters that the data do not tell from the end of what they may be.
-        beaten: effect to the coordinate of which a flexible function takes that effect's place.
-        unnamed: effect that predicts better for sure and was not named.
+        at_bounds: law to those of its parameters that the data do not distinguish from the end of what they may be.
+        beaten: law to the coordinate of which a flexible function takes that law's place.
     """
-    better = [
-        f"With {unnamed} added the counts would be predicted better, but as much force would be missing: "
-        "something else may be behind it."
+    return [
+        f"These data do not distinguish {' and '.join(names)} of {law} from a limit: a law at its limit is another law."
+        for law, names in at_bounds.items()
+    ] + [
+        f"An unnamed function of the {coordinate} predicts better than {law}, or as well with no more numbers: the law may "
+        "be another."
+        for law, coordinate in beaten.items()
     ]
-    return (
-        (better if unnamed else [])
-        + [
-            f"These data do not tell {' and '.join(names)} of {effect} from a limit: a law at its limit is another law."
-            for effect, names in at_bounds.items()
-        ]
-        + [
-            f"A flexible function of the {coordinate} predicts better than {effect}, or as well with no more numbers: "
-            "the law may be another."
-            for effect, coordinate in beaten.items()
-        ]
-    )

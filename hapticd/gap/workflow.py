@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING
 
 from hapticd.config.nearest import nearest_name
 from hapticd.effects.catalogue import BROKEN, CATALOGUE, EFFECT_SLUGS
-from hapticd.gap import late_record
+from hapticd.gap import constants, late_record
 from hapticd.gap.answer import answer
-from hapticd.gap.base_model import NOTHING, base_terms, from_the_end, problem_of
+from hapticd.gap.base_model import balanced, known_terms, problem_of
 from hapticd.gap.checks import check_together
-from hapticd.gap.competition import Round, cross_validate
-from hapticd.gap.corrections import CORRECTIONS
-from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.choose import Search
 from hapticd.gap.parallel import one_blas_thread
-from hapticd.gap.problem import LEAST_START
-from hapticd.gap.search import search
+from hapticd.gap.terms import BASE_WORDS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from hapticd.config import Config
+    from hapticd.gap.choose import Named
     from hapticd.gap.recording import Recording
     from hapticd.gap.result import GapResult
 
@@ -42,7 +39,7 @@ def find_gap(
     Args:
         recordings: one or several runs of the same device.
         model: the nominal model.
-        refit_base: fit inertia and friction of the base model too, before and with every effect.
+        refit_base: fit inertia and friction though `candidates` has none of them; otherwise they always are.
         candidates: slugs to consider; the whole catalogue by default.
         progress: told the fraction done and what is being done.
         design: where laws stay indistinguishable, design the experiment that would tell them apart.
@@ -52,59 +49,47 @@ def find_gap(
         ValueError: no recording, a candidate that is unknown, or none that can be looked for.
         KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
     """
-    slugs, not_considered = considered(model, candidates, refit_base=refit_base)
+    slugs, not_considered = considered(model, candidates)
     progress = progress or (lambda fraction, text: None)
     progress(0.0, "fitting the model as given")
     check_together(recordings)
-    problem = problem_of(recordings, model, LEAST_START if refit_base else NOTHING)
-    base = base_terms(problem) if refit_base else ()
-    first = cross_validate(nominal_fit(problem, base))
-    rounds: list[Round] = []
-    interrupted, unnamed = False, None
-    kept = first, base, tuple(rounds)  # of the search from the guess
+    problem = problem_of(recordings, model)
+    is_asked = candidates is not None
+    if refit_base:
+        slugs += [slug for slug in BASE_WORDS if slug not in slugs]
+    search = Search(problem, slugs, known_terms(problem, model), balanced(recordings, model), is_asked=is_asked)
+    chosen, interrupted = search.given, False
     try:
-        while True:
-            unnamed = search(first, slugs, progress, rounds)
-            last = rounds[-1].taken.judged.fit if rounds else first.fit
-            farther = from_the_end(first.fit, last)
-            late = [term for term in base if term.slug == late_record.SLUG]
-            if rounds and late_record.is_late(law := rounds[-1].taken.law):
-                late.append(late_record.along(law))
-                untouched = late_record.untouched(slugs, law)
-                not_considered += late_record.not_told(slugs, untouched) if candidates else []
-                slugs = untouched
-            elif farther is None:
-                break
-            else:
-                kept = first, base, tuple(rounds)
-            problem = farther or problem
-            beside = (*(base_terms(problem, last.filter_s()) if refit_base else ()), *late)
-            first, base = cross_validate(nominal_fit(problem, beside)), beside
-            rounds.clear()
+        for number, each in enumerate(search.rounds()):
+            progress(min(0.8, number / (3.0 * constants.MOST_EFFECTS)), "trying effects")
+            chosen = each.chosen
     except KeyboardInterrupt:
-        if rounds and late_record.is_late(rounds[-1].taken.law):
-            rounds.pop()  # no effect, and not yet fitted along
-        if not rounds:
-            first, base, rounds[:] = kept
-        if not rounds:
+        if not chosen.laws:
             raise
         interrupted = True
     progress(0.9, "what is left")
-    found = recordings, model, first, rounds, slugs, len(base), unnamed
-    tell, named = partial(answer, *found, are_all=candidates is None), tuple(rounds)
+    if interrupted:
+        chosen = search.settled(chosen)
+    if is_asked:
+        not_considered += late_record.not_considered(slugs, search.slugs)
+
+    def said() -> tuple[list[Named], GapResult]:
+        named = search.named(chosen)
+        return named, answer(recordings, model, search, chosen, named, are_all=not is_asked)
+
     try:
-        result = tell()
+        named, result = said()
     except KeyboardInterrupt:
-        if not named:
+        if not chosen.laws:
             raise
-        rounds[:], interrupted = named, True
-        result = tell()  # some seconds that what was named cannot do without
+        interrupted = True
+        named, result = said()  # some seconds that what was named cannot do without
     if design and result.verdict == "ambiguous" and not interrupted:
         from hapticd.gap.design import next_experiment
 
         try:
             planned = next_experiment(
-                model, rounds, lambda fraction, text: progress(0.92 + 0.08 * fraction, text), len(base)
+                model, chosen, named, lambda fraction, text: progress(0.92 + 0.08 * fraction, text)
             )
             result = replace(result, next_experiment=planned)
         except KeyboardInterrupt:
@@ -116,11 +101,9 @@ def find_gap(
     return result
 
 
-def _why_not(slug: str, model: Config, refit_base: bool) -> str | None:
+def _why_not(slug: str, model: Config) -> str | None:
     """Why an effect cannot be looked for, or None."""
     present = {effect.name for effect in model.plant.effects}
-    if refit_base and slug in CORRECTIONS:
-        return "the base model is fitted along, which this is an error of"
     if model.is_linear and CATALOGUE[slug].rotary_only:
         return "its law is in an angle, and the device is linear"
     if slug in present:
@@ -139,12 +122,11 @@ def why_unknown(slug: str) -> str | None:
     return BROKEN.get(slug, f"not in the catalogue{hint}")
 
 
-def considered(model: Config, candidates: Sequence[str] | None, *, refit_base: bool) -> tuple[list[str], list[str]]:
+def considered(model: Config, candidates: Sequence[str] | None) -> tuple[list[str], list[str]]:
     """Effects that are looked for, and a sentence for each that was asked for and cannot be.
 
     Args:
         model: the nominal model. candidates: slugs that are asked for; None for the whole catalogue.
-        refit_base: whether inertia and friction of the base model are fitted along.
 
     Raises:
         ValueError: one is unknown, or none can be looked for.
@@ -153,7 +135,7 @@ def considered(model: Config, candidates: Sequence[str] | None, *, refit_base: b
         if reason := why_unknown(slug):
             raise ValueError(f"unknown effect {slug!r}: {reason}")
     chosen = EFFECT_SLUGS if candidates is None else [slug for slug in EFFECT_SLUGS if slug in candidates]
-    reasons = {slug: reason for slug in chosen if (reason := _why_not(slug, model, refit_base))}
+    reasons = {slug: reason for slug in chosen if (reason := _why_not(slug, model))}
     left = [slug for slug in chosen if slug not in reasons]
     sentences = [f"{slug} cannot be looked for: {reason}" for slug, reason in reasons.items()]
     if candidates and not left:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 
     from hapticd.config import Config
     from hapticd.gap.arrays import Floats
+    from hapticd.gap.balance import Balance
     from hapticd.gap.recording import Recording
-    from hapticd.identify.balance import Balance
 
 FITTED = ("inertia", "viscous", "coulomb", "bias", "delay_s")
 """What is fitted, in the order of every vector and matrix here."""

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from hapticd.gap.balance import Balance, balance
 from hapticd.gap.live import LiveError, play
-from hapticd.identify.balance import Balance, balance
 from hapticd.identify.workflow import load_any
 from hapticd.record import read_run
 from hapticd.servo.experiment import Experiment

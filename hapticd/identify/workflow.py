@@ -15,11 +15,11 @@ from scipy.stats import norm
 
 from drivers import declared_latency
 from hapticd.config import parse_config, unit_of
+from hapticd.gap.balance import Balance, balance
 from hapticd.gap.checks import check_recording, check_together
 from hapticd.gap.data import unchecked
 from hapticd.gap.parallel import one_blas_thread
 from hapticd.gap.result import Estimate
-from hapticd.identify.balance import Balance, balance
 from hapticd.identify.base_fit import FITTED, BaseFit, base_fit
 from hapticd.identify.consistency import current_gain, disagreeing_runs
 from hapticd.identify.plausible import implausible

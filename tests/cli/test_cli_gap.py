@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import yaml
 
-import hapticd.gap.search
+import hapticd.gap.choose
 from benchmarks.gap import devices
 from benchmarks.gap.generate import STEP_S, generate
 from hapticd.config import load_config
@@ -95,17 +95,17 @@ def test_json_is_one_document(hapticd: Run, recording: tuple[Path, Path], tmp_pa
 
 def interrupted_in(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C in that round of the search."""
-    compete, rounds = hapticd.gap.search.compete, 0
+    extensions, rounds = hapticd.gap.choose.extensions, 0
 
     def competing(*words: Any) -> Any:
         nonlocal rounds
         rounds += 1
         if rounds == number:
             raise KeyboardInterrupt
-        return compete(*words)
+        return extensions(*words)
 
-    monkeypatch.setattr("hapticd.gap.search.is_quiet", lambda fit: False)
-    monkeypatch.setattr("hapticd.gap.search.compete", competing)
+    monkeypatch.setattr("hapticd.gap.choose.is_quiet", lambda fit: False)
+    monkeypatch.setattr("hapticd.gap.choose.extensions", competing)
 
 
 def test_an_interruption_keeps_what_was_named(

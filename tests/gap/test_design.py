@@ -13,13 +13,14 @@ import yaml
 from hapticd.config import Config, load_config, parse_config
 from hapticd.gap import constants, find_gap
 from hapticd.gap import options as experiments
-from hapticd.gap.base_model import problem_of
-from hapticd.gap.competition import Contender, CrossValidated, Round
+from hapticd.gap.base_model import base_law, problem_of
+from hapticd.gap.choose import Named
 from hapticd.gap.design import next_experiment, pairs
 from hapticd.gap.fit import Fit
+from hapticd.gap.law_set import Comparison, LawSet
 from hapticd.gap.model_file import with_effects
 from hapticd.gap.recording import Recording
-from hapticd.gap.terms import term
+from hapticd.gap.terms import BASE_WORDS, term
 from hapticd.gap.trial import CompetingModel, competing_model, play, separation
 from hapticd.servo.excitation import build
 from hapticd.servo.experiment import Experiment, experiment_of, read_experiment
@@ -47,22 +48,21 @@ def still() -> Recording:
     return recording
 
 
-def contender(recording: Recording, slug: str, *, base: Any = (), **values: float) -> Contender:
+def law_set(recording: Recording, slug: str, *, base: Any = (), **values: float) -> LawSet:
     fit = Fit.started(problem_of([recording], MODEL), (*base, term(slug, values or LAWS[slug], (), 0.1)), NOISE)
-    return Contender(slug, CrossValidated(fit, np.zeros(fit.problem.series.blocks)), 40.0, 8.0)
+    return LawSet(fit, np.zeros(fit.problem.series.blocks))
 
 
-def ambiguous(recording: Recording, *slugs: str) -> Round:
-    contenders = tuple(contender(recording, slug) for slug in slugs)
-    return Round(contenders[0].judged, contenders, slugs[1:])
+def open_between(slug: str, *ties: LawSet) -> list[Named]:
+    return [Named(slug, Comparison(True, "", 40.0, 8.0, 0.1), ties, ())]
 
 
 @pytest.fixture(scope="module")
 def planned(still: Recording) -> tuple[dict[str, Any], list[float]]:
     shares: list[float] = []
-    plan = next_experiment(
-        MODEL, [ambiguous(still, "gravity", "constant_bias")], lambda share, what: shares.append(share)
-    )
+    gravity, bias = (law_set(still, slug) for slug in LAWS)
+    named = open_between("gravity", bias)
+    plan = next_experiment(MODEL, gravity, named, lambda share, what: shares.append(share))
     assert plan is not None
     return plan, shares
 
@@ -71,8 +71,7 @@ def planned(still: Recording) -> tuple[dict[str, Any], list[float]]:
 def models(still: Recording) -> list[CompetingModel]:
     found = []
     for slug in LAWS:
-        fit = contender(still, slug).judged.fit
-        one = competing_model(MODEL, fit, fit, 0)
+        one = competing_model(MODEL, law_set(still, slug).fit)
         assert one is not None
         found.append(one)
     return found
@@ -127,10 +126,9 @@ def test_what_one_law_can_absorb_does_not_count(models: list[CompetingModel]) ->
 
 
 def test_twins_cannot_be_separated_and_the_plan_says_so(still: Recording) -> None:
-    stage = ambiguous(still, "constant_bias")
-    twin = contender(still, "asymmetric_coulomb", a=-LAWS["constant_bias"]["tau_0"] / MODEL.plant.coulomb)
-    stage = replace(stage, contenders=(*stage.contenders, twin), indistinguishable=(twin.slug,))
-    plan = next_experiment(MODEL, [stage], lambda share, what: None)
+    bias = law_set(still, "constant_bias")
+    twin = law_set(still, "asymmetric_coulomb", a=-LAWS["constant_bias"]["tau_0"] / MODEL.plant.coulomb)
+    plan = next_experiment(MODEL, bias, open_between("constant_bias", twin), lambda share, what: None)
     assert plan is not None
     assert plan["expected"] < 0.5
     assert (plan["experiment"], plan["file"]) == (None, None)
@@ -140,7 +138,8 @@ def test_twins_cannot_be_separated_and_the_plan_says_so(still: Recording) -> Non
 
 def test_where_nothing_may_move_the_simpler_law_is_preferred(still: Recording) -> None:
     held = MODEL.model_copy(update={"safety": MODEL.safety.model_copy(update={"max_excursion": 1e-4})})
-    plan = next_experiment(held, [ambiguous(still, "gravity", "constant_bias")], lambda share, what: None)
+    gravity, bias = (law_set(still, slug) for slug in LAWS)
+    plan = next_experiment(held, gravity, open_between("gravity", bias), lambda share, what: None)
     assert plan is not None
     assert (plan["expected"], plan["experiment"]) == (None, None)
     assert "No experiment that the limits admit" in plan["words"]
@@ -148,28 +147,26 @@ def test_where_nothing_may_move_the_simpler_law_is_preferred(still: Recording) -
 
 
 def test_what_is_not_ambiguous_needs_no_experiment(still: Recording) -> None:
-    stage = replace(ambiguous(still, "gravity", "constant_bias"), indistinguishable=())
-    assert next_experiment(MODEL, [stage], lambda share, what: None) is None
+    gravity = law_set(still, "gravity")
+    assert next_experiment(MODEL, gravity, open_between("gravity"), lambda share, what: None) is None
 
 
-def test_later_effects_and_fitted_base_parameters_belong_to_both_models(still: Recording) -> None:
-    from hapticd.gap.base_model import base_terms
-
-    base = base_terms(problem_of([still], MODEL))
-    first = contender(still, "constant_bias", base=base).judged.fit
-    later = term("transport_delay", {"t_d": 1e-3}, (), 0.1)
-    last = Fit.started(first.problem, (*first.terms, later), NOISE)
-    found = competing_model(MODEL, first, last, len(base))
+def test_all_laws_of_a_set_belong_to_the_device(still: Recording) -> None:
+    base = [base_law(problem_of([still], MODEL), slug) for slug in BASE_WORDS]
+    heavier = base[0].moved([base[0].start[0] + np.log(1.2)])
+    fit = law_set(still, "constant_bias", base=[heavier, *base[1:]]).fit
+    fit = fit.extended(term("transport_delay", {"t_d": 1e-3}, (), 0.1))
+    found = competing_model(MODEL, fit)
     assert found is not None
     assert [effect.name for effect in found.config.plant.effects] == ["constant_bias", "transport_delay"]
-    assert found.config.plant.inertia == pytest.approx(MODEL.plant.inertia)
+    assert found.config.plant.inertia == pytest.approx(1.2 * MODEL.plant.inertia)
     assert found.known.shape == (len(base) + 2, len(base) + 2)
 
 
 def test_a_hand_lets_go_before_the_experiment(still: Recording) -> None:
     hand = term("hand_impedance", {"m_h": 1e-6, "on_s": 1.0, "off_s": 2.0}, ("on_s", "off_s"), 0.1)
     fit = Fit.started(problem_of([still], MODEL), (hand,), NOISE)
-    found = competing_model(MODEL, fit, fit, 0)
+    found = competing_model(MODEL, fit)
     assert found is not None
     assert (found.terms, found.config.plant.effects) == ((), ())
 

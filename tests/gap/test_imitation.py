@@ -1,4 +1,4 @@
-"""Imitations of a recording: what a model makes itself along the same path, and what a law gains on them."""
+"""Imitations of a recording: what a model makes itself along the same path."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from benchmarks.gap.disturbance import Coloured
 from hapticd.gap.base_model import problem_of
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
-from hapticd.gap.imitation import imitated, is_artefact
+from hapticd.gap.imitation import imitated
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER
 from hapticd.gap.missing import moving
 from hapticd.gap.nominal import nominal_fit
@@ -66,16 +66,3 @@ def test_the_model_that_made_an_imitation_fits_it(shaken: Fit) -> None:
     again = Fit(problem, (), shaken.u).maximise()
     assert again.log_likelihood == pytest.approx(shaken.log_likelihood, rel=0.15)
     assert again.u[[DISTURBANCE, CORRELATION]] == pytest.approx(shaken.u[[DISTURBANCE, CORRELATION]], abs=0.3)
-
-
-def test_a_law_of_the_device_is_no_artefact(hidden: Hidden) -> None:
-    recording, model = hidden([{"name": "constant_bias", "tau_0": 1e-4}], 11, SECONDS, Coloured(0.05, 0.01))
-    first = nominal_fit(problem_of([recording], model))
-    biased = first.extended(term("constant_bias", {"tau_0": 1e-4}, (), 0.1)).maximise()
-    assert not is_artefact(biased, first)
-
-
-def test_a_law_that_is_not_there_is_an_artefact(shaken: Fit) -> None:
-    """Near standstill the filter lets a shaken shaft go too easily: stiction makes up for that."""
-    sticking = shaken.extended(term("stribeck", {"s": 0.1, "omega_s": 0.05}, (), 0.1)).maximise()
-    assert is_artefact(sticking, shaken)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -12,11 +11,12 @@ import pytest
 
 from benchmarks.gap.disturbance import Coloured
 from hapticd.gap import constants, missing
-from hapticd.gap.base_model import problem_of
-from hapticd.gap.competition import better_function, cross_validate
+from hapticd.gap.base_model import base_law, problem_of
 from hapticd.gap.fit import Fit
-from hapticd.gap.lines import along, frequencies, lines
+from hapticd.gap.law_set import scored
+from hapticd.gap.lines import lines
 from hapticd.gap.missing import (
+    dependences,
     explainable,
     hats,
     held_out_rms,
@@ -25,11 +25,11 @@ from hapticd.gap.missing import (
     noise_floor,
     since_reversal,
     structure,
-    where,
 )
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.remainder import remainder_of
-from hapticd.gap.terms import Term, line_torques, term
+from hapticd.gap.terms import Term, term
+from hapticd.gap.unnamed import better_function
 
 GRAVITY = {"name": "gravity", "m_g_l": 6e-4, "theta_0": 0.3}
 
@@ -62,7 +62,7 @@ def test_a_hidden_gravity_is_read_sample_by_sample(with_gravity: Fit) -> None:
 
 def test_it_is_a_function_of_the_position(with_gravity: Fit) -> None:
     found = missing_force(with_gravity)
-    entries = {str(entry["coordinate"]): float(entry["share"]) for entry in where(with_gravity, found)}
+    entries = {entry.coordinate: entry.share for entry in dependences(with_gravity, found)}
     besides = {name: share for name, share in entries.items() if name != "everywhere"}
     assert max(besides, key=besides.__getitem__) == "position"
     assert all(0.0 <= share <= 1.0 for share in entries.values())
@@ -92,8 +92,8 @@ def test_what_a_delay_leaves_of_a_lag_follows_the_current(hidden: Callable[..., 
 
 def _function_in_place_of(fit: Fit, law: Term) -> str | None:
     """The coordinate whose function takes the place of a law, fitted beside what is known."""
-    with_it = cross_validate(fit.extended(law).maximise())
-    return better_function(cross_validate(fit), with_it, len(law.coordinates), 1.0)
+    with_it = scored(fit.extended(law).maximise())
+    return better_function(scored(fit), with_it, len(law.coordinates), 1.0)
 
 
 def test_a_function_of_the_position_beats_a_law_of_something_else_but_not_gravity(with_gravity: Fit) -> None:
@@ -114,7 +114,8 @@ def test_a_wrong_inertia_is_judged_by_what_it_gains(hidden: Callable[..., Any]) 
     """With the noise of the model as given its predictions are no slope: a function of the acceleration looked better."""
     recording, model = hidden([{"name": "inertia_error", "r": -0.35}], 8, 8.0, Coloured(0.25, 0.01))
     fit = nominal_fit(problem_of([recording], model))
-    assert _function_in_place_of(fit, term("inertia_error", {"r": -0.3}, (), 0.1)) is None
+    law = base_law(fit.problem, "inertia_error")
+    assert _function_in_place_of(fit, law.moved([law.start[0] - 0.35])) is None
 
 
 def test_noise_can_hardly_be_explained(noise_alone: Fit) -> None:
@@ -160,36 +161,6 @@ def test_a_line_in_time_is_found(hidden: Callable[..., Any], truth: Callable[...
     deviation = np.sqrt(fit.out["variance"] * fit.out["share"])
     fit.out["moved"] += 0.7 * deviation * np.sin(2.0 * np.pi * 73.0 * recording.time_s)
     assert lines(fit)[0] == pytest.approx(73.0, abs=0.5)
-    item = along(fit, fit)
-    assert item is not None
-    beside = fit.extended(item)
-    beside.out["moved"] = fit.out["moved"]  # a line that is not quite constant is not all gone
-    assert frequencies(beside) == [item.fixed[0][1]]
-    assert frequencies(fit) == lines(fit)
-
-
-def test_a_line_has_a_phase_of_its_own_in_each_recording(hidden: Callable[..., Any]) -> None:
-    recording, model = hidden([], 9, 10.0)
-    other, _ = hidden([], 10, 10.0)
-    fit = nominal_fit(problem_of([recording, other], model))
-    assert along(fit, fit) is None
-    series = fit.problem.series
-    deviation = np.sqrt(fit.out["variance"] * fit.out["share"])
-    swing = np.sin(2.0 * np.pi * 73.0 * series.time_s) * (series.recording == 1)
-    fit.out["moved"] += deviation * swing
-    item = along(fit, fit)
-    assert item is not None
-    assert item.fixed == ((-2, pytest.approx(73.0, abs=0.5)),)
-    torques = line_torques(item, series)
-    assert not torques[series.recording == 0].any()
-    second = line_torques(replace(item, fixed=((-1, item.fixed[0][1]),)), problem_of([other], model).series)
-    np.testing.assert_allclose(torques[series.recording == 1], second, atol=1e-3)
-    fit.out["moved"] += deviation * (swing[::-1])
-    both = along(fit, fit)
-    assert both is not None
-    assert sorted(word for word, _ in both.fixed) == [-2, -1]
-    assert both.start == (0.0,) * 4
-    assert frequencies(fit.extended(both)) == [pytest.approx(73.0, abs=0.5)]  # the same in both is told once
 
 
 def test_a_number_of_which_one_block_knows_all_does_not_spoil_that_block() -> None:

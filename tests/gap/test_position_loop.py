@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from hapticd.config import Config, parse_config
 from hapticd.gap import find_gap
-from hapticd.gap.base_model import base_terms, problem_of
-from hapticd.gap.nominal import nominal_fit
+from hapticd.gap.base_model import balanced, known_terms, problem_of
+from hapticd.gap.choose import Search
 from hapticd.gap.recording import Recording
+from hapticd.gap.terms import BASE_WORDS
 
 Floats = NDArray[np.float64]
 
@@ -128,8 +129,12 @@ def test_a_line_in_time_is_no_effect_though_the_controller_answers_it() -> None:
     ("inertia", "viscous", "coulomb"), [(0.15, 1.0, 5.0), (0.15, 10.0, 0.1), (1.0, 0.1, 10.0), (5.0, 0.1, 0.1)]
 )
 def test_a_base_that_is_only_guessed_is_found(inertia: float, viscous: float, coulomb: float) -> None:
-    """From the guess alone three of these climbs end elsewhere: too light a shaft, or one that friction holds."""
+    """From the guess alone three of these climbs end elsewhere; from the balance of forces none does."""
     recording, _ = recorded(4)
-    problem = problem_of([recording], nominal(inertia=inertia, viscous=viscous, coulomb=coulomb))
-    found = np.exp(nominal_fit(problem, base_terms(problem)).u[-3:])
+    guess = nominal(inertia=inertia, viscous=viscous, coulomb=coulomb)
+    problem = problem_of([recording], guess)
+    search = Search(problem, list(BASE_WORDS), known_terms(problem, guess), balanced([recording], guess))
+    first = next(search.rounds()).chosen
+    assert first.laws == tuple(BASE_WORDS)
+    found = np.exp(first.fit.u[-3:])
     assert found == pytest.approx([INERTIA, VISCOUS, COULOMB], rel=0.1)

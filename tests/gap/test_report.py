@@ -153,12 +153,8 @@ def test_how_sure_it_is_that_nothing_is_missing(nominal_run: Recording) -> None:
     nothing = replace(FOUND, verdict="no_missing_effect", effects=(), steps=())
     tried = "was tried on blocks of data that it was not fitted to;"
     assert f"{tried} none reaches the 4.2 standard errors" in first_screen(nothing, nominal_run)
-    unnamed = replace(nothing, details={**FOUND.details, "better_but_unnamed": "backlash"})
-    assert f"{tried} none with which less force is missing reaches the" in first_screen(unnamed, nominal_run)
     quiet = replace(nothing, details={**FOUND.details, "is_quiet": True})
     assert "No effect was tried: no more force is missing than the least noise" in first_screen(quiet, nominal_run)
-    back = replace(nothing, details={**FOUND.details, "taken_back": ["stribeck", "gravity"]})
-    assert "Taken back: stribeck and gravity. Held-out blocks are predicted" in first_screen(back, nominal_run)
 
 
 def test_bad_timing_comes_before_the_figures(nominal_run: Recording) -> None:

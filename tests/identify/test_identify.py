@@ -7,9 +7,9 @@ import pytest
 
 from hapticd.api.simulation import simulate
 from hapticd.config import load_config, parse_config
+from hapticd.gap.balance import balance
 from hapticd.gap.errors import RecordingError
 from hapticd.identify import Identified, identified_model, identify, readable
-from hapticd.identify.balance import balance
 from hapticd.identify.result import UNCERTAIN
 from hapticd.stability.numbers import from_config
 

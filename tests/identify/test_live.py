@@ -14,8 +14,8 @@ import pytest
 
 from hapticd.client import Client
 from hapticd.config import Config, parse_config
+from hapticd.gap.balance import Balance
 from hapticd.gap.live import LiveError
-from hapticd.identify.balance import Balance
 from hapticd.identify.live import chirp, record_live
 
 INERTIA, COULOMB = 6e-6, 2e-3

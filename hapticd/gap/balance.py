@@ -18,7 +18,6 @@ from scipy.optimize import lsq_linear
 from scipy.signal import butter, sosfiltfilt
 
 from hapticd.gap.errors import RecordingError
-from hapticd.gap.problem import LEAST_START
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,6 +27,8 @@ if TYPE_CHECKING:
     from hapticd.gap.arrays import Floats
     from hapticd.gap.recording import Recording
 
+LEAST_START = 0.05
+"""A base parameter whose torque is a smaller part of all starts at that part: zero is no start for a logarithm."""
 _CUTOFF_HZ = 40.0
 """Corner of the filter; lower where the record is slow."""
 _MOVING = 4.0

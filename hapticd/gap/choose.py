@@ -1,0 +1,365 @@
+"""Choose a set of laws: add one, drop one, put one in another's place, as long as the set gets better (`is_better`).
+
+The search begins with the base parameters fitted along, or as the model has them where that is no worse. Where they are
+fitted along they are laws like the others once no law is left to add: what has not left its prior is dropped.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from hapticd.effects.catalogue import CATALOGUE
+from hapticd.gap import chance, constants, grip, late_record
+from hapticd.gap.base_model import base_law
+from hapticd.gap.kernel.ticks import WHITE
+from hapticd.gap.law_set import Comparison, LawSet, evidence, is_better, scored
+from hapticd.gap.missing import missing_power
+from hapticd.gap.nominal import likeliest_fit, nominal_fit
+from hapticd.gap.parallel import each
+from hapticd.gap.propose import ROUGH, extensions, finished
+from hapticd.gap.terms import BASE_WORDS, term
+from hapticd.plant.effect_terms import torque_constant
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from hapticd.gap.arrays import Floats
+    from hapticd.gap.fit import Fit
+    from hapticd.gap.problem import Problem
+    from hapticd.gap.terms import Term
+
+_FACTOR = "torque_constant_error"
+_FAR_BEHIND = 12.0
+"""Standard errors behind another set beyond which none catches up as more is known."""
+
+
+@dataclass(frozen=True)
+class Round:
+    """One move.
+
+    Attributes:
+        move: what was done. law: with which law.
+        chosen: the set afterwards. other: that with which it was compared; None of the first.
+        comparison: why. rivals: sets with another law instead, the best first.
+    """
+
+    move: Literal["begin", "add", "drop", "swap"]
+    law: str
+    chosen: LawSet
+    other: LawSet | None = None
+    comparison: Comparison | None = None
+    rivals: tuple[LawSet, ...] = ()
+
+
+@dataclass(frozen=True)
+class Named:
+    """A law of the chosen set.
+
+    Attributes:
+        law: its slug. comparison: of the set with the set without it.
+        ties: sets with another law in its place that these data do not distinguish from the chosen set.
+        ranked: law, gain and standard errors over the set without it, and standard errors behind the chosen set, of each.
+    """
+
+    law: str
+    comparison: Comparison
+    ties: tuple[LawSet, ...]
+    ranked: tuple[tuple[str, float, float, float], ...]
+
+
+def needed_errors(blocks: int, tried: int) -> float:
+    """Standard errors that a law needs when `tried` of them compete."""
+    return chance.standard_errors(constants.LEVEL / max(tried, 1), blocks)
+
+
+def is_quiet(fit: Fit) -> bool:
+    """Whether the missing force is about what the least noise makes that a device has: nothing is missing then.
+
+    The noise that is fitted does not say it: it is the same all over the record, and what a motion meets but once is not.
+    """
+    least = float(np.exp(fit.lower[WHITE]))
+    least *= torque_constant(fit.device()) / torque_constant(fit.problem.base)  # as of `Fit.noise_values`
+    return missing_power(fit) * constants.LASTING_S < (constants.QUIET * least) ** 2
+
+
+def _is_near(one: LawSet, best: LawSet) -> bool:
+    """Whether a set may yet turn out to be as good as the best: no late record, and not far behind."""
+    return not late_record.is_late(one.fit.terms[-1]) and evidence(best, one)[1] < _FAR_BEHIND
+
+
+class Search:
+    """What the rounds of one search have in common.
+
+    Attributes:
+        problem: what is fitted. slugs: laws that may be added.
+        known: terms that are fitted along and are no laws: base parameters within what the model says, a late record.
+        balance: base parameters by least squares, by law. is_asked: whether the laws were asked for by name.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        slugs: Sequence[str],
+        known: Sequence[Term] = (),
+        balance: Mapping[str, float] | None = None,
+        *,
+        is_asked: bool = False,
+    ) -> None:
+        self.problem, self.slugs, self.known = problem, tuple(slugs), tuple(known)
+        self.balance, self.is_asked = balance or {}, is_asked
+        self.needed = needed_errors(problem.series.blocks, len(slugs))
+        self.least = 0.5 * self.needed**2
+        self._seen: set[frozenset[str]] = set()
+        self._rivals: dict[str, set[str]] = {}
+        self._noise: dict[str, Floats] = {}
+        self._others: dict[tuple[str, frozenset[str]], list[LawSet]] = {}
+
+    @cached_property
+    def given(self) -> LawSet:
+        """The model as it is given."""
+        return scored(nominal_fit(self.problem, self.known))
+
+    def rounds(self) -> Iterator[Round]:
+        """The moves, one by one; the last one's set is the choice."""
+        present, is_free = self._first()
+        yield Round("begin", "", present)
+        while True:
+            added = self._added(present, is_free=is_free)
+            if added is not None:
+                if late_record.is_late(added.chosen.fit.terms[-1]):
+                    self._take_late(added.chosen.fit)
+                    present, is_free = self._first()
+                    yield Round("begin", late_record.SLUG, present)
+                    continue
+                yield added
+                present = added.chosen
+                for change in self._revised(present, 1, is_free=is_free):
+                    yield change
+                    present = change.chosen
+                if frozenset(present.laws) not in self._seen:
+                    self._seen.add(frozenset(present.laws))
+                    continue
+            if not is_free:
+                return
+            is_free, before = False, present
+            self._seen.clear()
+            for change in self._in_prior(present):
+                yield change
+                present = change.chosen
+            for change in self._revised(present, 0, is_free=False):
+                yield change
+                present = change.chosen
+            if not set(before.laws) & set(BASE_WORDS) - set(present.laws):
+                return
+
+    def settled(self, chosen: LawSet) -> LawSet:
+        """The set without the base parameters that have not left their prior."""
+        for change in self._in_prior(chosen):
+            chosen = change.chosen
+        return chosen
+
+    def named(self, chosen: LawSet) -> list[Named]:
+        """The laws of a set, the one that gains most first, and which sets cannot be distinguished from it."""
+        found = []
+        for slug in chosen.laws:
+            poorer = self.without(chosen, slug)
+            rivals = self._in_place(chosen, poorer, slug)
+            near = [one for one in rivals if evidence(one, chosen)[1] > -2.0 * constants.INDISTINGUISHABLE]
+            climbed = {id(one): finished(one) for one in near}
+            rivals = sorted((climbed.get(id(one), one) for one in rivals), key=lambda one: -one.total)
+            ties = [
+                one
+                for one in rivals
+                if slug not in CATALOGUE[one.laws[-1]].contains
+                and evidence(one, chosen)[1] > -constants.INDISTINGUISHABLE
+                and evidence(one, poorer)[1] > constants.INDISTINGUISHABLE
+            ]
+            ranked = [(one.laws[-1], *evidence(one, poorer), max(evidence(chosen, one)[1], 0.0)) for one in rivals]
+            found.append(Named(slug, is_better(chosen, poorer, self.needed), tuple(ties), tuple(ranked)))
+        return sorted(found, key=lambda one: -one.comparison.gain)
+
+    def _first(self) -> tuple[LawSet, bool]:
+        """The set to begin with, and whether the base is fitted along in it."""
+        free = [slug for slug in BASE_WORDS if slug in self.slugs]
+        if not free or is_quiet(self.given.fit):
+            return self.given, False
+        filter_s = self.given.fit.filter_s()
+        names = {BASE_WORDS[slug] for slug in free}
+        others = tuple(item for item in self.known if item.slug not in names)
+        starts = [
+            (*others, *(base_law(self.problem, slug, values.get(slug), filter_s) for slug in free))
+            for values in ({}, self.balance)
+        ]
+        fitted = scored(likeliest_fit(self.problem, starts if self.balance else starts[:1], self.given.fit.noise))
+        is_free = is_better(fitted, self.given, self.needed).is_better
+        return (fitted, True) if is_free else (self.given, False)
+
+    def _take_late(self, fit: Fit) -> None:
+        """From now on fit a late record along, in a search that begins anew."""
+        number = len(fit.terms) - 1
+        law = fit.terms[number].moved(fit.u[fit.columns(number)])
+        self.slugs = tuple(late_record.untouched(self.slugs, law))
+        self.known = (*self.known, late_record.along(law))
+        self._seen.clear()
+        self._others.clear()
+        del self.given
+
+    def _askable(self, present: LawSet) -> list[str]:
+        """Laws that may join a set: not those in it, those that are the same, or that a device cannot have besides."""
+        laws = set(present.laws)
+        laws |= {
+            other for slug in present.laws for other in (*CATALOGUE[slug].equivalent_to, *CATALOGUE[slug].excludes)
+        }
+        if set(BASE_WORDS) <= laws:
+            laws.add(_FACTOR)  # three base parameters by one factor are the fourth
+        return [slug for slug in self.slugs if slug not in laws]
+
+    def _added(self, present: LawSet, *, is_free: bool) -> Round | None:
+        """The best set with one law more, if it is better."""
+        others = [slug for slug in present.laws if not (is_free and slug in BASE_WORDS)]
+        if len(others) >= constants.MOST_EFFECTS or is_quiet(present.fit):
+            return None
+        slugs = self._askable(present)
+        if is_free:
+            slugs = [slug for slug in slugs if slug not in (*BASE_WORDS, _FACTOR)]
+        sets = extensions(present, slugs, self.least)
+        if (
+            not self.is_asked
+        ):  # a grip has six numbers: it is asked about where nothing simpler explains what is missing
+            sets.sort(key=lambda one: one.laws[-1] == grip.SLUG)
+        best = next((one for one in sets if is_better(one, present, self.needed).is_better), None)
+        if best is None:
+            return None
+        for other in sets:
+            is_limit = other.laws[-1] in CATALOGUE[best.laws[-1]].contains
+            if is_limit and is_better(other, best, 0.0).is_better and is_better(other, present, self.needed).is_better:
+                best = other
+                break
+        if late_record.is_late(best.fit.terms[-1]):
+            return Round("add", late_record.SLUG, best, present)
+        law, rivals = best.laws[-1], [one for one in sets if one is not best and _is_near(one, best)]
+        self._rivals[law] = {one.laws[-1] for one in rivals}
+        top = finished(best)
+        comparison = is_better(top, present, self.needed)
+        if not comparison.is_better:
+            return None
+        self._others[law, frozenset(present.laws)] = rivals
+        self._noise[law] = present.fit.noise
+        return Round("add", law, top, present, comparison, tuple(rivals))
+
+    def _revised(self, present: LawSet, newest: int, *, is_free: bool) -> Iterator[Round]:
+        """Drop what is no longer needed, and swap what another law now does better; the newest were just asked."""
+        number = len(present.laws) - 1 - newest
+        while number >= 0:
+            law = present.laws[number]
+            if is_free and law in BASE_WORDS:
+                number -= 1
+                continue
+            poorer = self.without(present, law)
+            comparison = is_better(present, poorer, self.needed)
+            if not comparison.is_better:
+                yield Round("drop", law, poorer, present, comparison)
+                present, number = poorer, len(poorer.laws) - 2
+                continue
+            swapped = self._swapped(present, poorer, law)
+            if swapped is not None:
+                yield swapped
+                present, number = swapped.chosen, len(swapped.chosen.laws) - 2
+                continue
+            number -= 1
+
+    def _swapped(self, present: LawSet, poorer: LawSet, law: str) -> Round | None:
+        """The set with another law in the place of one, if that is better."""
+        for other in self._in_place(present, poorer, law):
+            if frozenset(other.laws) in self._seen or not is_better(other, present, self.needed).is_better:
+                continue
+            top = finished(other)
+            comparison = is_better(top, present, self.needed)
+            if comparison.is_better and is_better(top, poorer, self.needed).is_better:
+                self._rivals.setdefault(top.laws[-1], set()).add(law)
+                self._noise[top.laws[-1]] = poorer.fit.noise
+                self._seen.add(frozenset(top.laws))
+                return Round("swap", law, top, present, comparison)
+        return None
+
+    def _in_place(self, present: LawSet, poorer: LawSet, law: str) -> list[LawSet]:
+        """Sets with another law in the place of one: its limits, and what competed with it."""
+        key = law, frozenset(poorer.laws)
+        if key not in self._others:
+            others = self._rivals.get(law, set()) | set(CATALOGUE[law].contains)
+            if law in (*BASE_WORDS, _FACTOR):
+                others |= {*BASE_WORDS, _FACTOR, *CATALOGUE[law].near}
+            asked = [slug for slug in self._askable(poorer) if slug in others - {law}]
+            sets = extensions(poorer, asked, self.least) if asked else []
+            self._others[key] = [one for one in sets if not late_record.is_late(one.fit.terms[-1])]
+        return [one for one in self._others[key] if one.laws[-1] not in present.laws]
+
+    def _in_prior(self, free: LawSet) -> Iterator[Round]:
+        """Drop base parameters that have not left their prior; tell three that are wrong by one factor as the fourth."""
+        present = free
+        while members := [slug for slug in present.laws if slug in BASE_WORDS]:
+            if present is free:
+                bare = present
+                for slug in members:
+                    bare = self._less(bare, slug)
+                fit = max(bare.fit, bare.fit.with_noise(self.given.fit.noise), key=lambda one: one.log_likelihood)
+                bare = scored(fit.maximise(), bare.penalty)
+                comparison = is_better(present, bare, self.needed)
+                if not comparison.is_better:
+                    yield Round("drop", members[0], bare, present, comparison)
+                    return
+            poorer = [self.without(present, slug) for slug in members]
+            asked = [is_better(present, one, self.needed) for one in poorer]
+            dropped = [k for k, one in enumerate(asked) if not one.is_better]
+            if not dropped:
+                break
+            k = min(dropped, key=lambda k: asked[k].gain)
+            yield Round("drop", members[k], poorer[k], present, asked[k])
+            present = poorer[k]
+        fewer = self._by_a_factor(present)
+        if fewer is not None:
+            yield fewer
+
+    def _by_a_factor(self, present: LawSet) -> Round | None:
+        """The set with a torque constant in the place of base parameters that are all wrong by one factor, if as good."""
+        members = [slug for slug in present.laws if slug in BASE_WORDS]
+        if len(members) < 2 or _FACTOR not in self.slugs:
+            return None
+        away = [float(one.start[0] - one.coordinates[0].centre) for one in map(present.law, members)]
+        factor = math.exp(-float(np.mean(away)))
+        kept: list[tuple[str, ...]] = [()]
+        if len(members) == 3:
+            kept += [(slug,) for slug in members]
+
+        def tried(kept: tuple[str, ...]) -> LawSet:
+            fit = present.fit
+            for slug in members:
+                if slug not in kept:
+                    fit = self._less(LawSet(fit, present.held_out), slug).fit
+            fit = fit.extended(term(_FACTOR, {"r": factor - 1.0}, (), 1.0))
+            return scored(fit.maximise(), present.penalty)
+
+        for one in each(tried, kept):
+            comparison = is_better(one, present, self.needed)
+            if comparison.is_better:
+                return Round("swap", members[0], one, present, comparison)
+        return None
+
+    def _less(self, laws: LawSet, slug: str) -> LawSet:
+        """The set without a law, at the same coordinates; of a base parameter remains what the model knows of it."""
+        number = laws.number(slug)
+        known = [item for item in self.known if item.slug == BASE_WORDS.get(slug)]
+        fit = laws.fit.replaced(number, known[0]) if known else laws.fit.without(number)
+        return LawSet(fit, laws.held_out, laws.penalty)
+
+    def without(self, laws: LawSet, slug: str) -> LawSet:
+        """The set without a law, climbed: with the noise that it had before that law, if that is likelier now."""
+        fit = self._less(laws, slug).fit
+        before = self._noise.get(slug, self.given.fit.noise)
+        fit = max(fit, fit.with_noise(before), key=lambda one: one.log_likelihood)
+        return scored(fit.maximise(tolerance=ROUGH * self.least), laws.penalty)
