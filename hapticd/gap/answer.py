@@ -12,9 +12,9 @@ from hapticd.config import unit_of
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import chance, grip, late_record, missing
 from hapticd.gap.base_model import at_the_end
-from hapticd.gap.choose import is_quiet
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.kernel.ticks import NOISE
+from hapticd.gap.law_set import is_quiet
 from hapticd.gap.missing import Missing, missing_force
 from hapticd.gap.model_file import BASE_KEYS
 from hapticd.gap.prediction import prediction_errors

@@ -16,14 +16,12 @@ import numpy as np
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import chance, constants, grip, late_record
 from hapticd.gap.base_model import base_law
-from hapticd.gap.kernel.ticks import WHITE
-from hapticd.gap.law_set import Comparison, LawSet, evidence, is_better, scored
-from hapticd.gap.missing import missing_power
+from hapticd.gap.law_set import Comparison, LawSet, evidence, is_better, is_quiet, scored
+from hapticd.gap.lines import along
 from hapticd.gap.nominal import likeliest_fit, nominal_fit
 from hapticd.gap.parallel import each
 from hapticd.gap.propose import ROUGH, extensions, finished
-from hapticd.gap.terms import BASE_WORDS, term
-from hapticd.plant.effect_terms import torque_constant
+from hapticd.gap.terms import BASE_WORDS, LINE, term
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -77,16 +75,6 @@ def needed_errors(blocks: int, tried: int) -> float:
     return chance.standard_errors(constants.LEVEL / max(tried, 1), blocks)
 
 
-def is_quiet(fit: Fit) -> bool:
-    """Whether the missing force is about what the least noise makes that a device has: nothing is missing then.
-
-    The noise that is fitted does not say it: it is the same all over the record, and what a motion meets but once is not.
-    """
-    least = float(np.exp(fit.lower[WHITE]))
-    least *= torque_constant(fit.device()) / torque_constant(fit.problem.base)  # as of `Fit.noise_values`
-    return missing_power(fit) * constants.LASTING_S < (constants.QUIET * least) ** 2
-
-
 def _is_near(one: LawSet, best: LawSet) -> bool:
     """Whether a set may yet turn out to be as good as the best: no late record, and not far behind."""
     return not late_record.is_late(one.fit.terms[-1]) and evidence(best, one)[1] < _FAR_BEHIND
@@ -121,8 +109,16 @@ class Search:
 
     @cached_property
     def given(self) -> LawSet:
-        """The model as it is given."""
-        return scored(nominal_fit(self.problem, self.known))
+        """The model as it is given, with the lines that it leaves where these are sure."""
+        plain = scored(nominal_fit(self.problem, self.known))
+        line = None if any(item.slug == LINE for item in self.known) else along(plain.fit)
+        if line is None:
+            return plain
+        with_lines = scored(plain.fit.extended(line).maximise())
+        if evidence(with_lines, plain)[1] < self.needed:
+            return plain
+        self.known = (*self.known, with_lines.fit.terms[-1].moved(with_lines.fit.u[-len(line.start) :]))
+        return with_lines
 
     def rounds(self) -> Iterator[Round]:
         """The moves, one by one; the last one's set is the choice."""
@@ -172,32 +168,45 @@ class Search:
             near = [one for one in rivals if evidence(one, chosen)[1] > -2.0 * constants.INDISTINGUISHABLE]
             climbed = {id(one): finished(one) for one in near}
             rivals = sorted((climbed.get(id(one), one) for one in rivals), key=lambda one: -one.total)
-            ties = [
-                one
-                for one in rivals
-                if slug not in CATALOGUE[one.laws[-1]].contains
-                and evidence(one, chosen)[1] > -constants.INDISTINGUISHABLE
-                and evidence(one, poorer)[1] > constants.INDISTINGUISHABLE
-            ]
+            ties = [one for one in rivals if self._is_tied(one, chosen, poorer)]
             ranked = [(one.laws[-1], *evidence(one, poorer), max(evidence(chosen, one)[1], 0.0)) for one in rivals]
             found.append(Named(slug, is_better(chosen, poorer, self.needed), tuple(ties), tuple(ranked)))
         return sorted(found, key=lambda one: -one.comparison.gain)
 
+    def _is_tied(self, one: LawSet, chosen: LawSet, poorer: LawSet) -> bool:
+        """Whether a set with another law may be right instead: better than the one with neither, and near the chosen."""
+        law = next(slug for slug in chosen.laws if slug not in poorer.laws)
+        if law in CATALOGUE[one.laws[-1]].contains or evidence(one, chosen)[1] < -constants.INDISTINGUISHABLE:
+            return False  # what a law is a limit of is always as good
+        return self._closes_as_much(one, chosen) and is_better(one, poorer, self.needed).is_better
+
+    def _closes_as_much(self, one: LawSet, other: LawSet) -> bool:
+        """Whether as little force is missing with one set as with another, but for a share that does not matter."""
+        return one.power < other.power + constants.SHARE * self.given.power
+
     def _first(self) -> tuple[LawSet, bool]:
         """The set to begin with, and whether the base is fitted along in it."""
-        free = [slug for slug in BASE_WORDS if slug in self.slugs]
-        if not free or is_quiet(self.given.fit):
+        base = [slug for slug in BASE_WORDS if slug in self.slugs]
+        if not base or is_quiet(self.given.fit):
             return self.given, False
         filter_s = self.given.fit.filter_s()
-        names = {BASE_WORDS[slug] for slug in free}
+        names = {BASE_WORDS[slug] for slug in base}
         others = tuple(item for item in self.known if item.slug not in names)
         starts = [
-            (*others, *(base_law(self.problem, slug, values.get(slug), filter_s) for slug in free))
+            (*others, *(base_law(self.problem, slug, values.get(slug), filter_s) for slug in base))
             for values in ({}, self.balance)
         ]
-        fitted = scored(likeliest_fit(self.problem, starts if self.balance else starts[:1], self.given.fit.noise))
-        is_free = is_better(fitted, self.given, self.needed).is_better
-        return (fitted, True) if is_free else (self.given, False)
+        free = scored(likeliest_fit(self.problem, starts if self.balance else starts[:1], self.given.fit.noise))
+        # A late record looks like another base: it is asked beside the given one too.
+        slugs = [slug for slug in self._askable(self.given) if slug in late_record.OPPOSITES]
+        late = [one for one in extensions(self.given, slugs, self.least) if late_record.is_late(one.fit.terms[-1])]
+        for one in sorted([free, *late], key=lambda one: -one.total):
+            if is_better(one, self.given, self.needed).is_better:
+                if one is free:
+                    return free, True
+                self._take_late(one.fit)
+                return self._first()
+        return self.given, False
 
     def _take_late(self, fit: Fit) -> None:
         """From now on fit a late record along, in a search that begins anew."""
@@ -280,7 +289,8 @@ class Search:
                 continue
             top = finished(other)
             comparison = is_better(top, present, self.needed)
-            if comparison.is_better and is_better(top, poorer, self.needed).is_better:
+            is_as_close = self._closes_as_much(top, present)
+            if comparison.is_better and is_as_close and is_better(top, poorer, self.needed).is_better:
                 self._rivals.setdefault(top.laws[-1], set()).add(law)
                 self._noise[top.laws[-1]] = poorer.fit.noise
                 self._seen.add(frozenset(top.laws))
@@ -346,7 +356,7 @@ class Search:
 
         for one in each(tried, kept):
             comparison = is_better(one, present, self.needed)
-            if comparison.is_better:
+            if comparison.is_better and self._closes_as_much(one, present):
                 return Round("swap", members[0], one, present, comparison)
         return None
 

@@ -39,7 +39,7 @@ LOUD = 0.3
 BASE_PRIOR = 1.5
 """Standard deviation of the logarithm of a base parameter that is fitted along: a factor of 4.5."""
 QUIET = 2.0
-"""Times what the least noise makes that any device has, below which a missing force is none: nothing is looked for."""
+"""Times what the least noise makes that any device has, or the noise floor, below which a missing force is none."""
 MOVES = 0.5
 """Share of what viscous friction leaves of a velocity that must outlast a period: less is a shaft that Coulomb friction
 holds, and no force shows on it."""

@@ -17,7 +17,7 @@ from hapticd.gap.kernel.filter import run_filter
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, NOISE, TICK, WHITE
 from hapticd.gap.parallel import each, go_on
-from hapticd.gap.terms import RECORD_FILTER, torque_slopes
+from hapticd.gap.terms import LINE, RECORD_FILTER, line_torques, torque_slopes
 from hapticd.plant.effect_terms import torque_constant
 
 if TYPE_CHECKING:
@@ -151,7 +151,12 @@ class Fit:
         """Duration [s], motor current and its standard deviation [A] of each part of each period, shape (n, parts) each."""
         u, series = self.u if u is None else u, self.problem.series
         p = self.device(u)
-        return series.currents(p, self.filter_s(u))
+        duration, current, spread = series.currents(p, self.filter_s(u))
+        for number, item in enumerate(self.terms):
+            if item.slug == LINE:
+                torque = line_torques(item, series) @ u[self.columns(number)]
+                current = current + (torque / torque_constant(p))[:, None]
+        return duration, current, spread
 
     def free(self, gradient: Floats | None = None) -> NDArray[np.bool_]:
         """(k,) which coordinates may move; with the gradient, not those that it pushes against their bounds."""
@@ -169,7 +174,7 @@ class Fit:
         self.scores, self.slopes, self.spreads = (np.zeros((self.out.size, self.u.size), order="F") for _ in range(3))
         for number, item in enumerate(self.terms):
             own = self.columns(number)
-            columns = torque_slopes(item, self.u[own], self.out["x"])
+            columns = torque_slopes(item, self.u[own], self.out["x"], self.problem.series)
             if columns is not None and free[own].any():
                 self.slopes[:, own] = sensitivities(self.out, columns)
                 self.scores[:, own] = self.slopes[:, own] * self.out["score"][:, None]

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 SLUG = "late_record"
 _DELAY, _LAG = "transport_delay", "amplifier_lag"
 """The effects of the catalogue that it is the opposite of: data tell no more than the difference of the two."""
+OPPOSITES = (_DELAY, _LAG)
 _PERIODS = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0)
 LATEST = 20
 """Longest that a record may be late, in periods."""

@@ -9,9 +9,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants
+from hapticd.gap.kernel.ticks import WHITE
 from hapticd.gap.missing import missing_power
+from hapticd.plant.effect_terms import torque_constant
 
 if TYPE_CHECKING:
     from hapticd.gap.arrays import Floats
@@ -90,6 +94,16 @@ def evidence(one: LawSet, other: LawSet) -> tuple[float, float]:
     return gain, one.fit.problem.series.standard_errors(gain, noise)
 
 
+def is_quiet(fit: Fit) -> bool:
+    """Whether the missing force is about what the least noise makes that a device has: nothing is missing then.
+
+    The noise that is fitted does not say it: it is the same all over the record, and what a motion meets but once is not.
+    """
+    least = float(np.exp(fit.lower[WHITE]))
+    least *= torque_constant(fit.device()) / torque_constant(fit.problem.base)  # as of `Fit.noise_values`
+    return missing_power(fit) * constants.LASTING_S < (constants.QUIET * least) ** 2
+
+
 @dataclass(frozen=True)
 class Comparison:
     """What `is_better` says, and why.
@@ -112,13 +126,16 @@ def is_better(one: LawSet, other: LawSet, needed: float) -> Comparison:
 
     One that has laws more must gain `needed` standard errors on held-out blocks and close a share of the missing power that
     matters, beside a disturbance of short memory and beside one that may be slow: no law is named that a slow torque
-    replaces, unless that leaves twice as much force. Of two that have laws instead of each other's the one with fewer
-    numbers, or of which the other is a limit, is better unless it predicts worse by more than chance.
+    replaces, unless that leaves twice as much force. Or it leaves nothing. Of two that have laws instead of each other's
+    the one with fewer numbers, or which is a limit of the other, is better unless it predicts worse by more than chance.
     """
     compared = _compared(one, other)
     if not set(other.laws) < set(one.laws):
         least = -constants.INDISTINGUISHABLE if _is_simpler(one, other) else constants.INDISTINGUISHABLE
         return _answer(compared, compared.errors > least, "of two that are as good the simpler one")
+    if compared.gain >= 0.5 * needed**2 and is_quiet(one.fit) and not is_quiet(other.fit):
+        # What a record meets but once has no evidence over blocks, and where it leaves nothing it needs none.
+        return _answer(compared, True, "nothing is missing with it")
     if compared.errors < needed:
         return _answer(compared, False, "it is not sure")
     if compared.left >= 1.0 - constants.SHARE:

@@ -1,4 +1,8 @@
-"""Lines: torques that swing in time at a frequency of their own, as mains, a fan or a machine next door leave them."""
+"""Lines: torques that swing in time at a frequency of their own, as mains, a fan or a machine next door leave them.
+
+What was known before such a torque acted says its phase, through the current too where a controller answers: it looks like
+structure in the motion, or like lost commands. So those that the model as given leaves are fitted along, as sines of time.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +14,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from scipy.ndimage import median_filter
 
 from hapticd.gap import constants
+from hapticd.gap.terms import LINE, Coordinate, Term
 
 if TYPE_CHECKING:
     from hapticd.gap.arrays import Floats
@@ -20,6 +25,8 @@ _SEGMENTS, _LONGEST_SEGMENT = 8, 4096
 _AROUND = 50
 """Frequencies to either side that are a line's neighbourhood."""
 _LOWEST_HZ = 5.0
+_FINER = 6
+"""Steps of a frequency in which a sine gains or loses a turn over the record."""
 
 
 def lines(fit: Fit) -> list[float]:
@@ -56,3 +63,55 @@ def _lines_of(innovation: Floats, period_s: float) -> list[tuple[float, float, f
 def _innovation(fit: Fit) -> Floats:
     deviation = np.sqrt(np.maximum(fit.out["variance"] * fit.out["share"], 1e-300))
     return np.asarray(np.clip(fit.out["moved"] / deviation, -5.0, 5.0))
+
+
+def along(fit: Fit) -> Term | None:
+    """The term that fits the lines of a model along, in each recording with a phase and a strength of their own.
+
+    None where there are no lines.
+    """
+    series, innovations = fit.problem.series, _innovation(fit)
+    found: list[tuple[int, float]] = []
+    for number, period_s in enumerate(series.periods_s):
+        rows = series.recording == number
+        time_s = series.time_s[rows]
+        reach = _SEGMENTS / time_s[-1]
+        own: list[float] = []
+        for _, coarse, _ in _lines_of(innovations[rows], period_s):
+            frequency = _strongest(innovations[rows], time_s, coarse, reach)
+            if all(abs(frequency - other) > reach for other in own):
+                own.append(frequency)
+        found += [(number, frequency) for frequency in own]
+    if not found:
+        return None
+    most, scale = 10.0 * fit.problem.torque, 0.01 * fit.problem.torque
+    coordinates = [
+        Coordinate(f"{part} of {frequency:.6g} Hz", -1, False, -most, most, scale)
+        for _, frequency in found
+        for part in ("sine", "cosine")
+    ]
+    fixed = tuple((-1 - number, frequency) for number, frequency in found)
+    return Term(LINE, tuple(coordinates), (0.0,) * len(coordinates), fixed)
+
+
+def _strongest(innovation: Floats, time_s: Floats, coarse: float, reach: float) -> float:
+    """The frequency [Hz] near a coarse one of which a record has most."""
+    step = 1.0 / (_FINER * float(time_s[-1]))
+    turned, turn = (np.exp(-2j * np.pi * one * time_s) for one in (coarse - reach, step))
+    turned *= innovation
+    swings = []
+    for _ in range(2 * _SEGMENTS * _FINER):
+        swings.append(abs(turned.sum()))
+        turned *= turn
+    return coarse - reach + int(np.argmax(swings)) * step
+
+
+def frequencies(fit: Fit) -> list[float]:
+    """Lines [Hz] that a model has, and those that it leaves elsewhere: no frequency is quite constant."""
+    series = fit.problem.series
+    shortest_s = min(float(series.time_s[series.recording == number][-1]) for number in range(len(series.periods_s)))
+    found: list[float] = []
+    for one in (*(value for item in fit.terms if item.slug == LINE for _, value in item.fixed), *lines(fit)):
+        if all(abs(one - other) > 2.0 * _SEGMENTS / shortest_s for other in found):
+            found.append(one)
+    return found

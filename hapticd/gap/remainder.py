@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from hapticd.gap import chance, constants, ripple
 from hapticd.gap.candidates import scale_of
-from hapticd.gap.lines import lines
+from hapticd.gap.lines import frequencies
 from hapticd.gap.missing import Dependence, Missing, dependences
 from hapticd.gap.result import Remainder
 from hapticd.gap.text import looks, percent
@@ -39,7 +39,7 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
     ]
     linear = fit.problem.is_linear
     clauses = [looks(entry["coordinate"], linear=linear) for entry in entries[:_LISTED]]
-    fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in lines(fit)]
+    fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
     for order in ripple.orders_left(fit, scale_of(fit)):
         period_m = 2.0 * math.pi / order
         fingerprint.append(f"a period of {period_m:.3g} m in position" if linear else f"order {order:.3g} in angle")

@@ -16,10 +16,13 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from hapticd.gap.arrays import Floats
+    from hapticd.gap.series import Series
 
 
 BASE_WORDS = {"inertia_error": "inertia", "viscous_friction": "viscous", "coulomb_friction": "coulomb"}
 """Laws that a base parameter has another value, and which; their coordinate is its logarithm, centred at the given one."""
+LINE = "line"
+"""Slug of a term that is no law: torques that swing in time, each at a fixed frequency (`hapticd.gap.lines`)."""
 RECORD_FILTER = "time constant of the record"
 """Coordinate that is in no device: of a filter between the current and its record (`hapticd.gap.late_record`)."""
 _INSTANT_S = 0.2
@@ -66,7 +69,8 @@ class Term:
         slug: the effect.
         coordinates: its free numbers.
         start: (k,) where they start.
-        fixed: words that are chosen and not fitted (orders of a ripple), and their values.
+        fixed: words that are chosen and not fitted (orders of a ripple), and their values; of lines −1 less the recording's
+            number, and the frequency [Hz].
     """
 
     slug: str
@@ -83,7 +87,8 @@ class Term:
     def put(self, p: Floats, u: Sequence[float] | Floats) -> None:
         """Write the effect with coordinates `u` into a device vector."""
         for index, value in self.fixed:
-            p[index] = value
+            if index >= 0:
+                p[index] = value
         for coordinate, value in zip(self.coordinates, u, strict=True):
             if coordinate.word >= 0:
                 p[coordinate.word] = np.exp(value) if coordinate.is_log else value
@@ -160,12 +165,22 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
     return Term(slug, tuple(coordinates), tuple(start), tuple(fixed))
 
 
-def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats) -> Floats | None:
-    """Derivative of a term's torque by its coordinates where that is a plain function of position, shape (n, k).
+def line_torques(item: Term, series: Series) -> Floats:
+    """Torque of a unit of each coordinate of lines in each period, shape (n, k): a sine and a cosine of each."""
+    turns = np.multiply.outer(series.middle_s, [2.0 * np.pi * frequency for _, frequency in item.fixed])
+    swings = np.stack([np.sin(turns), np.cos(turns)], axis=2)
+    swings *= np.equal.outer(series.recording, [-1 - word for word, _ in item.fixed])[:, :, None]
+    return np.ascontiguousarray(swings.reshape(series.size, -1))
+
+
+def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, series: Series) -> Floats | None:
+    """Derivative of a term's torque by its coordinates where that is a plain function of position or time, shape (n, k).
 
     A ripple of many orders has many coordinates; their slopes through the linearised filter cost one pass instead of one
     run of the filter each.
     """
+    if item.slug == LINE:
+        return line_torques(item, series)
     if item.slug != "torque_ripple":
         return None
     found = np.empty((x.size, len(item.coordinates)))

@@ -28,7 +28,7 @@ from hapticd.gap.model_file import with_effects
 from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
 from hapticd.gap.series import series_of
-from hapticd.gap.terms import BASE_WORDS, parameters_of_term
+from hapticd.gap.terms import BASE_WORDS, LINE, parameters_of_term
 from hapticd.servo.excitation import ExcitationError, build
 from hapticd.servo.simulate import simulate
 
@@ -83,8 +83,8 @@ def competing_model(model: Config, fit: Fit) -> CompetingModel | None:
         None where no device has all its laws.
     """
     whole = [term.moved(fit.u[fit.columns(k)]) for k, term in enumerate(fit.terms)]
-    # In an experiment to come nobody holds the handle; how late its record will be is another matter.
-    terms = tuple(term for term in whole if term.slug not in (grip.SLUG, late_record.SLUG))
+    # In an experiment to come nobody holds the handle; how late its record will be, and what hums, is another matter.
+    terms = tuple(term for term in whole if term.slug not in (grip.SLUG, late_record.SLUG, LINE))
     entries = [(term.slug, parameters_of_term(term, term.start)) for term in terms if term.slug in CATALOGUE]
     own = dict(fit.problem.begun)
     own |= {term.slug: math.exp(term.start[0]) for term in terms if term.slug in BASE_WORDS.values()}

@@ -41,7 +41,8 @@ def decide(
         )
         return "unexplained", " ".join([too_much, *doubts, remainder.words])
     names = " and ".join(effects)
-    left = any(entry["share"] > constants.MATTERS for entry in remainder.structure)
+    is_floor = gap.held_out_after < constants.QUIET * gap.noise_floor
+    left = not is_floor and any(entry["share"] > constants.MATTERS for entry in remainder.structure)
     force = f"missing {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after"
     if not effects and left:
         none = "no effect of the catalogue" if are_all else "none of the effects that were asked for"

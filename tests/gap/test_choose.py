@@ -18,9 +18,9 @@ from hapticd.effects.spec import Scale
 from hapticd.gap import constants, find_gap
 from hapticd.gap.base_model import base_law, problem_of
 from hapticd.gap.candidates import both_signs, candidates, scale_of
-from hapticd.gap.choose import Search, is_quiet, needed_errors
+from hapticd.gap.choose import Search, needed_errors
 from hapticd.gap.kernel.ticks import WHITE
-from hapticd.gap.law_set import LawSet, evidence, is_better, scored
+from hapticd.gap.law_set import LawSet, evidence, is_better, is_quiet, scored
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.propose import extensions, finished
 from hapticd.gap.score import Score

@@ -13,8 +13,8 @@ import pytest
 
 from hapticd.gap import answer, find_gap, remainder
 from hapticd.gap.base_model import most_coulomb, problem_of
-from hapticd.gap.choose import is_quiet
 from hapticd.gap.fit import Fit
+from hapticd.gap.law_set import is_quiet
 from hapticd.gap.lines import lines
 from hapticd.gap.missing import missing_force, since_reversal
 from hapticd.gap.model_file import improved_model, with_effects
