@@ -176,7 +176,9 @@ class Search:
     def _is_tied(self, one: LawSet, chosen: LawSet, poorer: LawSet) -> bool:
         """Whether a set with another law may be right instead: better than the one with neither, and near the chosen."""
         law = next(slug for slug in chosen.laws if slug not in poorer.laws)
-        if law in CATALOGUE[one.laws[-1]].contains or evidence(one, chosen)[1] < -constants.INDISTINGUISHABLE:
+        gain, errors = evidence(one, chosen)
+        is_beaten = gain < -self.least and is_quiet(chosen.fit) and not is_quiet(one.fit)
+        if law in CATALOGUE[one.laws[-1]].contains or is_beaten or errors < -constants.INDISTINGUISHABLE:
             return False  # what a law is a limit of is always as good
         return self._closes_as_much(one, chosen) and is_better(one, poorer, self.needed).is_better
 
@@ -317,8 +319,7 @@ class Search:
                 bare = present
                 for slug in members:
                     bare = self._less(bare, slug)
-                fit = max(bare.fit, bare.fit.with_noise(self.given.fit.noise), key=lambda one: one.log_likelihood)
-                bare = scored(fit.maximise(), bare.penalty)
+                bare = scored(self._likelier(bare.fit, self.given.fit.noise).maximise(), bare.penalty)
                 comparison = is_better(present, bare, self.needed)
                 if not comparison.is_better:
                     yield Round("drop", members[0], bare, present, comparison)
@@ -351,7 +352,7 @@ class Search:
             for slug in members:
                 if slug not in kept:
                     fit = self._less(LawSet(fit, present.held_out), slug).fit
-            fit = fit.extended(term(_FACTOR, {"r": factor - 1.0}, (), 1.0))
+            fit = self._likelier(fit.extended(term(_FACTOR, {"r": factor - 1.0}, (), 1.0)), self.given.fit.noise)
             return scored(fit.maximise(), present.penalty)
 
         for one in each(tried, kept):
@@ -370,6 +371,10 @@ class Search:
     def without(self, laws: LawSet, slug: str) -> LawSet:
         """The set without a law, climbed: with the noise that it had before that law, if that is likelier now."""
         fit = self._less(laws, slug).fit
-        before = self._noise.get(slug, self.given.fit.noise)
-        fit = max(fit, fit.with_noise(before), key=lambda one: one.log_likelihood)
+        fit = self._likelier(fit, self._noise.get(slug, self.given.fit.noise))
         return scored(fit.maximise(tolerance=ROUGH * self.least), laws.penalty)
+
+    @staticmethod
+    def _likelier(fit: Fit, noise: Floats) -> Fit:
+        """The fit with its own noise or another, whichever is likelier: from too little noise a climb does not get away."""
+        return max(fit, fit.with_noise(noise), key=lambda one: one.log_likelihood)

@@ -131,6 +131,8 @@ def is_better(one: LawSet, other: LawSet, needed: float) -> Comparison:
     """
     compared = _compared(one, other)
     if not set(other.laws) < set(one.laws):
+        if compared.gain <= -0.5 * needed**2 and is_quiet(other.fit) and not is_quiet(one.fit):
+            return _answer(compared, False, "nothing is missing with the other")
         least = -constants.INDISTINGUISHABLE if _is_simpler(one, other) else constants.INDISTINGUISHABLE
         return _answer(compared, compared.errors > least, "of two that are as good the simpler one")
     if compared.gain >= 0.5 * needed**2 and is_quiet(one.fit) and not is_quiet(other.fit):
