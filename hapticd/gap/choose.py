@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from hapticd.gap.terms import Term
 
 _FACTOR = "torque_constant_error"
+_CORRECTIONS = frozenset((*BASE_WORDS, _FACTOR))
+"""Errors of the numbers of eq. 1: all four by one factor are none, so that any three say what any others do."""
 _FAR_BEHIND = 12.0
 """Standard errors behind another set beyond which none catches up as more is known."""
 
@@ -226,8 +228,8 @@ class Search:
         laws |= {
             other for slug in present.laws for other in (*CATALOGUE[slug].equivalent_to, *CATALOGUE[slug].excludes)
         }
-        if set(BASE_WORDS) <= laws:
-            laws.add(_FACTOR)  # three base parameters by one factor are the fourth
+        if len(_CORRECTIONS & laws) > 2:
+            laws |= _CORRECTIONS
         return [slug for slug in self.slugs if slug not in laws]
 
     def _added(self, present: LawSet, *, is_free: bool) -> Round | None:
@@ -237,7 +239,7 @@ class Search:
             return None
         slugs = self._askable(present)
         if is_free:
-            slugs = [slug for slug in slugs if slug not in (*BASE_WORDS, _FACTOR)]
+            slugs = [slug for slug in slugs if slug not in _CORRECTIONS]
         sets = extensions(present, slugs, self.least)
         if (
             not self.is_asked
@@ -304,8 +306,10 @@ class Search:
         key = law, frozenset(poorer.laws)
         if key not in self._others:
             others = self._rivals.get(law, set()) | set(CATALOGUE[law].contains)
-            if law in (*BASE_WORDS, _FACTOR):
-                others |= {*BASE_WORDS, _FACTOR, *CATALOGUE[law].near}
+            if law in _CORRECTIONS:
+                others |= {*_CORRECTIONS, *CATALOGUE[law].near}
+            if len(_CORRECTIONS.intersection(poorer.laws)) > 1:
+                others -= _CORRECTIONS
             asked = [slug for slug in self._askable(poorer) if slug in others - {law}]
             sets = extensions(poorer, asked, self.least) if asked else []
             self._others[key] = [one for one in sets if not late_record.is_late(one.fit.terms[-1])]
