@@ -205,9 +205,9 @@ class Search:
         slugs = [slug for slug in self._askable(self.given) if slug in late_record.OPPOSITES]
         late = [one for one in extensions(self.given, slugs, self.least) if late_record.is_late(one.fit.terms[-1])]
         for one in sorted([free, *late], key=lambda one: -one.total):
-            if is_better(one, self.given, self.needed).is_better:
-                if one is free:
-                    return free, True
+            if one is free and evidence(one, self.given)[1] >= self.needed:
+                return free, True  # a heavier shaft lacks more force: of that nothing is asked before laws are known
+            if one is not free and is_better(one, self.given, self.needed).is_better:
                 self._take_late(one.fit)
                 return self._first()
         return self.given, False
