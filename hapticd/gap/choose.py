@@ -167,7 +167,8 @@ class Search:
         for slug in chosen.laws:
             poorer = self.without(chosen, slug)
             rivals = self._in_place(chosen, poorer, slug)
-            near = [one for one in rivals if evidence(one, chosen)[1] > -2.0 * constants.INDISTINGUISHABLE]
+            far = -2.0 * constants.INDISTINGUISHABLE
+            near = [one for one in rivals if evidence(one, chosen)[1] > far and self._closes_as_much(one, chosen)]
             climbed = {id(one): finished(one) for one in near}
             rivals = sorted((climbed.get(id(one), one) for one in rivals), key=lambda one: -one.total)
             ties = [one for one in rivals if self._is_tied(one, chosen, poorer)]
