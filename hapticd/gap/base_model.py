@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 FARTHEST = {"inertia_error": 10.0, "viscous_friction": 100.0, "coulomb_friction": 100.0}
 """Factor by which a base parameter may leave what model and balance say. A shaft heavier than that ignores the current."""
 _MOST_WORK = 1.5
-"""Work against Coulomb friction over what the shaft gets: beyond, friction holds it, and a disturbance moves it."""
+"""Work against a friction over what the shaft gets: beyond, friction holds it, and a disturbance moves it."""
 _STEP_S = 0.05
 """Steps over which a way is summed [s]."""
 NOTHING = 1e-6
@@ -74,7 +74,7 @@ def balanced(recordings: Sequence[Recording], model: Config) -> dict[str, float]
 def base_law(problem: Problem, slug: str, value: float | None = None, filter_s: float = 0.0) -> Term:
     """The law that a base parameter has another value, as its logarithm, with a wide prior.
 
-    Coulomb friction is at most `most_coulomb`, or what the model says if that is more.
+    Frictions are at most `most_friction`, or what the model says if that is more.
 
     Args:
         problem: what is fitted. slug: one of `BASE_WORDS`. value: where it starts; as given by default.
@@ -84,8 +84,9 @@ def base_law(problem: Problem, slug: str, value: float | None = None, filter_s: 
     given = float(problem.base[index])
     start = given if value is None else value
     least, most = min(given, start) / FARTHEST[slug], max(given, start) * FARTHEST[slug]
-    if slug == "coulomb_friction":
-        most = min(most, max(most_coulomb(problem, filter_s), given))
+    if slug != "inertia_error":
+        coulomb, viscous = most_friction(problem, filter_s)
+        most = min(most, max(coulomb if slug == "coulomb_friction" else viscous, given))
     centre, begin, low, high = (math.log(size) for size in (given, start, least, most))
     neutral = math.nan if slug == "inertia_error" else low  # next to no friction is none
     coordinate = Coordinate("r", index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)
@@ -104,8 +105,8 @@ def known_terms(problem: Problem, model: Config) -> tuple[Term, ...]:
     return tuple(found)
 
 
-def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:
-    """Coulomb friction that takes `_MOST_WORK` times what the shaft gets, N m or N.
+def most_friction(problem: Problem, filter_s: float = 0.0) -> tuple[float, float]:
+    """Coulomb and viscous friction that each take `_MOST_WORK` times what the shaft gets.
 
     That is the current's work, of a current that acts up to `LATEST` periods before or after its record where that is more,
     and the energy with which each stretch begins, of a shaft as heavy as it may be.
@@ -114,12 +115,13 @@ def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:
     duration, current, _ = series.currents(p, filter_s)
     torque = torque_constant(p) * np.sum(duration * current, axis=1) / np.sum(duration, axis=1)
     inertia = FARTHEST["inertia_error"] * float(p[index_of("inertia")])
-    work, energy, way = np.zeros(2 * LATEST + 1), 0.0, 0.0
+    work, energy, way, square = np.zeros(2 * LATEST + 1), 0.0, 0.0, 0.0
     for rows in np.split(np.arange(series.size), np.flatnonzero(series.begins)[1:]):
         x, period_s = series.resolution * series.cell[rows], series.periods_s[series.recording[rows[0]]]
         every = max(round(_STEP_S / period_s), 1)
         steps = np.diff(x[::every])
         way += float(np.maximum(np.abs(steps) - series.resolution, 0.0).sum())  # an encoder's noise is no way
+        square += float(np.maximum(steps**2 - series.resolution**2, 0.0).sum()) / (every * period_s)
         if steps.size:
             energy += 0.5 * inertia * float(steps[0] / (every * period_s)) ** 2
         moved, n = np.diff(x), x.size - 1
@@ -127,7 +129,8 @@ def most_coulomb(problem: Problem, filter_s: float = 0.0) -> float:
         for k in range(-reach, reach + 1):
             late, early = max(k, 0), max(-k, 0)
             work[k + LATEST] += torque[rows][early : n - late] @ moved[late : n - early]
-    return _MOST_WORK * (max(float(work.max()), 0.0) + energy) / max(way, series.resolution)
+    gets = _MOST_WORK * (max(float(work.max()), 0.0) + energy)
+    return gets / max(way, series.resolution), gets / max(square, series.resolution**2 / series.duration_s)
 
 
 def at_the_end(fit: Fit, half: Floats) -> list[str]:

@@ -101,7 +101,7 @@ class Search:
         is_asked: bool = False,
     ) -> None:
         self.problem, self.slugs, self.known = problem, tuple(slugs), tuple(known)
-        self.balance, self.is_asked = balance or {}, is_asked
+        self.balance, self.is_asked = dict(balance or {}), is_asked
         self.needed = needed_errors(problem.series.blocks, len(slugs))
         self.least = 0.5 * self.needed**2
         self._seen: set[frozenset[str]] = set()
@@ -206,8 +206,8 @@ class Search:
         slugs = [slug for slug in self._askable(self.given) if slug in late_record.OPPOSITES]
         late = [one for one in extensions(self.given, slugs, self.least) if late_record.is_late(one.fit.terms[-1])]
         for one in sorted([free, *late], key=lambda one: -one.total):
-            if one is free and evidence(one, self.given)[1] >= self.needed:
-                return free, True  # a heavier shaft lacks more force: of that nothing is asked before laws are known
+            if one is free and evidence(one, self.given)[0] >= self.least:
+                return free, True  # how sure that is, and how much force is missing, is asked when laws are known
             if one is not free and is_better(one, self.given, self.needed).is_better:
                 self._take_late(one.fit)
                 return self._first()
@@ -218,6 +218,9 @@ class Search:
         number = len(fit.terms) - 1
         law = fit.terms[number].moved(fit.u[fit.columns(number)])
         self.slugs = tuple(late_record.untouched(self.slugs, law))
+        for k, item in enumerate(fit.terms):
+            if item.slug in BASE_WORDS:  # beside the late record it may go as far again from here
+                self.balance[item.slug] = math.exp(fit.u[fit.columns(k).start])
         self.known = (*self.known, late_record.along(law))
         self._seen.clear()
         self._others.clear()
@@ -247,6 +250,7 @@ class Search:
         ):  # a grip has six numbers: it is asked about where nothing simpler explains what is missing
             sets.sort(key=lambda one: one.laws[-1] == grip.SLUG)
         best = next((one for one in sets if is_better(one, present, self.needed).is_better), None)
+        best = best or next((one for one in sets if self._is_fault(one, present)), None)
         if best is None:
             return None
         for other in sets:
@@ -265,6 +269,11 @@ class Search:
         self._others[law, frozenset(present.laws)] = rivals
         self._noise[law] = present.fit.noise
         return Round("add", law, top, present, comparison, tuple(rivals))
+
+    def _is_fault(self, one: LawSet, present: LawSet) -> bool:
+        """Whether a set has a late record more that gains and closes its share: it is no name, and need not be sure."""
+        gain, left = evidence(one, present)[0], one.power / present.power
+        return late_record.is_late(one.fit.terms[-1]) and gain >= self.least and left < 1.0 - constants.SHARE
 
     def _revised(self, present: LawSet, newest: int, *, is_free: bool) -> Iterator[Round]:
         """Drop what is no longer needed, and swap what another law now does better; the newest were just asked."""

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from hapticd.gap import answer, find_gap, remainder
-from hapticd.gap.base_model import most_coulomb, problem_of
+from hapticd.gap.base_model import most_friction, problem_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.law_set import is_quiet
 from hapticd.gap.lines import lines
@@ -73,9 +73,9 @@ def test_the_largest_friction_that_is_fitted_is_no_less_than_the_true_one(late: 
     recording = recorded(current, viscous=4e-5, coulomb=1.5e-3, speed=speed)
     known = recording.current if speed else np.concatenate([current[late:], np.zeros(late)])
     problem = problem_of([replace(recording, current=known)], model(coulomb=1e-4))
-    assert 1.5e-3 < most_coulomb(problem) < 5e-2
+    assert 1.5e-3 < most_friction(problem)[0] < 5e-2
     both = problem_of([replace(recording, current=known)] * 2, model(coulomb=1e-4))
-    assert most_coulomb(both) == pytest.approx(most_coulomb(problem))
+    assert most_friction(both)[0] == pytest.approx(most_friction(problem)[0])
 
 
 def test_the_largest_friction_has_stretches_of_a_few_samples_too() -> None:
@@ -84,7 +84,7 @@ def test_the_largest_friction_has_stretches_of_a_few_samples_too() -> None:
     parts = {name: getattr(recording, name)[kept] for name in ("time_s", "position", "current")}
     problem = problem_of([replace(recording, **parts)], model())
     assert problem.series.begins.sum() == 4
-    assert most_coulomb(problem) == pytest.approx(most_coulomb(problem_of([recording], model())), rel=0.1)
+    assert most_friction(problem)[0] == pytest.approx(most_friction(problem_of([recording], model()))[0], rel=0.1)
 
 
 def test_a_shaft_that_rests_most_of_the_time_is_asked_for_a_hand_too() -> None:
