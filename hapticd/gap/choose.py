@@ -340,7 +340,8 @@ class Search:
                     return
             poorer = [self.without(present, slug) for slug in members]
             asked = [is_better(present, one, self.needed) for one in poorer]
-            dropped = [k for k, one in enumerate(asked) if not one.is_better]
+            least = constants.MATTERS * self.given.power  # without it nothing is missing that matters
+            dropped = [k for k, one in enumerate(asked) if not one.is_better or poorer[k].power < least]
             if not dropped:
                 break
             k = min(dropped, key=lambda k: asked[k].gain)

@@ -135,7 +135,9 @@ def is_better(one: LawSet, other: LawSet, needed: float) -> Comparison:
             return _answer(compared, False, "nothing is missing with the other")
         least = -constants.INDISTINGUISHABLE if _is_simpler(one, other) else constants.INDISTINGUISHABLE
         return _answer(compared, compared.errors > least, "of two that are as good the simpler one")
-    if compared.gain >= 0.5 * needed**2 and is_quiet(one.fit) and not is_quiet(other.fit):
+    if is_quiet(other.fit):
+        return _answer(compared, False, "nothing is missing without it")
+    if compared.gain >= 0.5 * needed**2 and is_quiet(one.fit):
         # What a record meets but once has no evidence over blocks, and where it leaves nothing it needs none.
         return _answer(compared, True, "nothing is missing with it")
     if compared.errors < needed:
