@@ -54,7 +54,8 @@ def fitted(case: Case) -> list[Fitted]:
     for number, item in enumerate(fit.terms):
         at = fit.columns(number).start
         error, deviation = float(fit.u[at] - item.coordinates[0].centre), math.sqrt(variance[at])
-        found.append(Fitted(item.slug, case.coloured is not None, error, deviation, abs(error) < reach * deviation))
+        inside = abs(error) < reach * deviation
+        found.append(Fitted(BASE_WORDS[item.slug], case.coloured is not None, error, deviation, inside))
     return found
 
 
