@@ -1,4 +1,4 @@
-"""Friction that falls with speed: c → c(1 + s exp(−(ω/ω_s)²))."""
+"""Friction that falls with speed from rest on, or rises (s < 0): c → c(1 + s exp(−(ω/ω_s)²))."""
 
 from __future__ import annotations
 
@@ -23,27 +23,31 @@ def _grid(scale: Scale) -> Iterable[Values]:
 
 EFFECT = Effect(
     slug="stribeck",
-    summary="Friction is larger near standstill than in motion.",
+    summary="Friction near standstill is larger than in motion (s > 0), or smaller: it rises from rest (s < 0).",
     law="c → c (1 + s exp(−(ω/omega_s)²))",
     parameters=(
-        relative("s", 0.0, 10.0),
+        relative("s", -0.99, 10.0),
         Parameter("omega_s", *SPEED, neutral=1.0, lower=1e-6, upper=1e4, scale="log", required=True),
     ),
     acts_on="friction",
     source="Armstrong-Hélouvry, Dupont and Canudas de Wit 1994 (Gaussian form).",
-    where_it_shows="Too much friction just before and after every stop; breakaway at c (1 + s), then a jump.",
+    where_it_shows=(
+        "Friction just before and after every stop: too much (s > 0), breakaway at c (1 + s), then a jump; or too little "
+        "(s < 0), and the shaft creeps away."
+    ),
     example="s: 0.4, omega_s: 3.0",
     notes=Notes(
         in_data=(
             "Residuals concentrate at speeds below about two omega_s: before stops the shaft brakes too hard, and after "
-            "breakaway it jumps. With a spring it makes stick-slip."
+            "breakaway it jumps; with a spring it makes stick-slip. With s < 0 it is the other way round: grease or seals "
+            "that build up friction, or a smooth Coulomb friction such as c tanh(ω/ω_s)."
         ),
         told_apart=(
             "`quadratic_drag` with d < 0 also bends the friction curve down, but at high speed; `presliding` delays "
             "friction over a distance rather than over a speed; `coulomb_friction` does not depend on speed."
         ),
         shown_by="slow ramps and slow sweeps that pass 0.3 to 3 omega_s several times both ways.",
-        in_theory="The friction is never less than the Coulomb friction, which counts.",
+        in_theory="What counts is the least friction: c, or c (1 + s) where s < 0.",
         simulated=(
             "Second order in the substep; stops and breakaway are located (2·10⁻³ of the way or better in the tests)."
         ),
@@ -53,5 +57,5 @@ EFFECT = Effect(
     accuracy=1e-3,
     near=("quadratic_drag", "presliding", "coulomb_friction"),
     contains=("coulomb_friction",),
-    in_loop=lambda loop, values: {},
+    in_loop=lambda loop, values: {"coulomb": loop.coulomb * min(1.0, 1.0 + values["s"])},
 )
