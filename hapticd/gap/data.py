@@ -1,7 +1,8 @@
 """What the gap workflow reads: one recorded run as arrays in SI units, whatever file it came from.
 
 Positions are centres of quantisation cells: an encoder that counts by flooring says of the shaft no more than
-counts·Δ ≤ θ < (counts + 1)·Δ. Times are the instants at which the samples were really taken: due time plus lateness.
+counts·Δ ≤ θ < (counts + 1)·Δ. Times are the instants at which the samples were really taken: due time plus lateness, or
+what stamps on a grid say of them (`hapticd.gap.stamps`).
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from hapticd.config import Config, Encoder, parse_config
 from hapticd.gap.checks import check_recording, check_samples
 from hapticd.gap.errors import RecordingError
 from hapticd.gap.recording import Recording
+from hapticd.gap.stamps import spread
 from hapticd.record import FLAG_MISSED_EXCHANGE, Run, read_run
 
 if TYPE_CHECKING:
@@ -59,9 +61,15 @@ def unchecked(run: Run, model: Config) -> Recording:
         kinds = ("a linear device (m, N)", "a rotary device (rad, N m)")
         raise RecordingError(f"{run.path}: a run of {kinds[not is_linear]}, but the model is {kinds[is_linear]}")
     columns = run.columns
-    time_s = _instants(columns)
+    time_s, step_s = _instants(columns)
     position, resolution = _positions(columns, _resolution(run, config or model))
     warnings = run.warnings
+    if step_s:
+        period_s = float(np.median(np.diff(time_s)))
+        grid = (
+            f"{run.path.name}: the stamps lie on a grid of {1e3 * step_s:.3g} ms, {step_s / period_s:.2g} of a period"
+        )
+        warnings = (*warnings, f"{grid}: samples are spread evenly; how late one was is not known")
     if _is_turned(run, config, model):
         position = -position
         says, known = ("true", "false") if model.encoder.invert else ("false", "true")
@@ -90,10 +98,13 @@ def _is_turned(run: Run, config: Config | None, model: Config) -> bool:
     return model.encoder.invert != (config is not None and config.encoder.invert)
 
 
-def _instants(columns: dict[str, NDArray[Any]]) -> Floats:
+def _instants(columns: dict[str, NDArray[Any]]) -> tuple[Floats, float]:
+    """When samples were taken, and the grid on which their stamps lie [s]; 0 for none."""
     due = np.asarray(columns["time_s"], dtype=np.float64)
     late = columns.get("wake_late_ns")
-    return due if late is None else due + 1e-9 * np.asarray(late, dtype=np.float64)
+    if late is not None:
+        return due + 1e-9 * np.asarray(late, dtype=np.float64), 0.0
+    return spread(due) if due.size > 1 and np.all(np.isfinite(due)) else (due, 0.0)
 
 
 def _positions(columns: dict[str, NDArray[Any]], resolution: float) -> tuple[Floats, float]:
