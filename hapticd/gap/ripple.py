@@ -33,6 +33,8 @@ _ROWS = 4096
 _SMOOTH = 3
 """Torques that are no order: a constant one, a spring's and gravity's."""
 _ROUNDING, _NOTHING = 1e-9, 1e-300
+_EXCHANGED = 1e-6
+"""Share of what orders promise together that an exchange of one must add."""
 
 
 def first_orders(space: Score, scale: Scale) -> list[Candidate]:
@@ -162,12 +164,14 @@ def _best_together(g: Floats, H: Floats, excluded: NDArray[np.bool_], goes_round
         if gains[k] < max(constants.ORDER_GAIN, constants.ORDER_SHARE * _promised(g, H, chosen)):
             break
         chosen.append(k)
-        unchanged = 0
+        promise, unchanged = _promised(g, H, chosen), 0
         while unchanged < len(chosen):
-            former, *chosen = chosen
-            k, gains = best_beside(chosen)
-            is_better = gains[k] > (1.0 + _ROUNDING) * gains[former]
-            chosen.append(k if is_better else former)
+            former, *others = chosen
+            exchanged = [*others, best_beside(others)[0]]
+            more = _promised(g, H, exchanged)
+            # Of the whole set, so that no exchange comes back: one torque's own gain is of what the others leave, rounded.
+            is_better = more > (1.0 + _EXCHANGED) * promise
+            chosen, promise = (exchanged, more) if is_better else ([*others, former], promise)
             unchanged = 0 if is_better else unchanged + 1
     return chosen
 
@@ -190,9 +194,10 @@ def _gains_beside(chosen: list[int], g: Floats, H: Floats) -> Floats:
     held = [2 * k + part for k in chosen for part in (0, 1)]
     own, slope = _system(g, H, chosen)
     solved = np.linalg.solve(own, np.concatenate([slope, H[held]], axis=1))
-    rest_g, rest_H = g - H[:, held] @ solved[:, 0], H - H[:, held] @ solved[:, 1:]
+    rest_g = g - H[:, held] @ solved[:, 0]
     pairs = np.arange(g.size).reshape(-1, 2)
-    of_pair = rest_H[pairs[:, :, np.newaxis], pairs[:, np.newaxis]]
+    shared = solved[:, 1:].T[pairs]
+    of_pair = H[pairs[:, :, np.newaxis], pairs[:, np.newaxis]] - H[:, held][pairs] @ shared.transpose(0, 2, 1)
     of_pair += (1e-6 * np.diag(H)[pairs] + _NOTHING)[:, :, np.newaxis] * np.eye(2)
     slopes = rest_g[pairs][:, :, np.newaxis]
     gains: Floats = 0.5 * np.sum(slopes * np.linalg.solve(of_pair, slopes), axis=(1, 2))
