@@ -135,7 +135,8 @@ def answer(
             "at_bounds": at_bounds,
             "predicted_better_by": beaten,
             "is_quiet": not named and is_quiet(chosen.fit),
-            "likelihood_evaluations": len(first.fit.problem.runs),
+            "filter_runs": round(sum(first.fit.problem.runs) / series.size),
+            "filter_runs_of_columns": round(sum(first.fit.problem.columns) / series.size),
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),
     )

@@ -71,7 +71,7 @@ def scale_of(fit: Fit) -> Scale:
 
 
 def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candidate]:
-    """The best start of every effect on top of a model; `needed`: what one must gain [nats]."""
+    """The best start of every effect on top of a model, of either sign; `needed`: what one must gain [nats]."""
     scale = scale_of(present)
     space = Score(present)
     look = present.on(present.problem.first_look())
@@ -97,16 +97,16 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
                 closest = sorted(tried, key=lambda candidate: candidate.left)
                 found += _apart([*_apart(tried, _CLIMBS // 2), *closest], _CLIMBS)
             else:
-                found += tried[:1]
+                found += _of_each_sign(tried)
     least = max(PROMISING * max((c.promise for c in found), default=0.0), HALF_WAY * needed)
     hopeful = each(
         lambda c: _gripped(space, c, scale) if c.slug == grip.SLUG else space.stretched(c),
         (c for c in found if c.promise > least or c.left < 1.0 - constants.STRUCTURE_SHARE),
     )
     followed = _followed(space, part, hopeful)
-    best_of: dict[str, Candidate] = {}
+    best_of: dict[tuple[str, bool], Candidate] = {}
     for candidate in sorted(followed, key=lambda candidate: -candidate.promise):
-        best_of.setdefault(candidate.slug, candidate)
+        best_of.setdefault((candidate.slug, _is_negative(candidate)), candidate)
     return list(best_of.values())
 
 
@@ -170,6 +170,18 @@ def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[C
 
     followed = each(follow, dict.fromkeys(c.slug for c in rough))
     return found + [candidate for candidate in followed if candidate is not None]
+
+
+def _is_negative(candidate: Candidate) -> bool:
+    return candidate.term.is_signed and candidate.term.start[0] < 0.0
+
+
+def _of_each_sign(tried: Sequence[Candidate]) -> list[Candidate]:
+    """The most promising start, and that of the other sign: friction that rises here is near one that falls there."""
+    best: dict[bool, Candidate] = {}
+    for candidate in tried:
+        best.setdefault(_is_negative(candidate), candidate)
+    return list(best.values())
 
 
 def _apart(tried: Sequence[Candidate], most: int) -> list[Candidate]:

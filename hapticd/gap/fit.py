@@ -127,15 +127,15 @@ class Fit:
             item.put(p, u[self.columns(number)])
         return p
 
-    def evaluate(self, u: Floats) -> tuple[float, NDArray[Any]]:
-        """Log-likelihood and ticks at coordinates."""
+    def evaluate(self, u: Floats, *, is_column: bool = False) -> tuple[float, NDArray[Any]]:
+        """Log-likelihood and ticks at coordinates; `is_column`: one of several that run together for slopes."""
         go_on()
         series = self.problem.series
         p = self.device(u)
         out = np.empty(series.size, TICK)
         record = series.time_s, series.cell, *self.currents(u), series.begins, out
         total = run_filter(p, self.noise_values(u), series.resolution, *record)
-        self.problem.runs.append(total)
+        (self.problem.columns if is_column else self.problem.runs).append(series.size)
         prior = -0.5 * float(np.sum(((u - self.centre) / self.prior) ** 2))
         return (total + prior if np.isfinite(total) else _NEVER), out
 
@@ -185,11 +185,12 @@ class Fit:
         def differentiate_by(j: int) -> None:
             u = self.u.copy()
             u[j] += steps[j]
-            value, out = self.evaluate(u)
+            value, out = self.evaluate(u, is_column=True)
             if value > _NEVER:
                 self._set_slopes(j, out, self.out, float(steps[j]))
 
         each(differentiate_by, np.flatnonzero(free).tolist())
+        self.problem.runs.append(self.problem.series.size)
 
     def information(self, rows: slice = slice(None)) -> Floats:
         """Expected information on the coordinates that were differentiated, shape (k, k): of means and of variances."""

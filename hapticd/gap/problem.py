@@ -30,7 +30,7 @@ class Problem:
         is_linear: metres and newtons.
         begun: frictions that the model has not, and the little that the base has in their place: corrections are factors.
         longest_memory_s: largest correlation time of the disturbance torque [s].
-        runs: log-likelihood of each run of the filter until now.
+        runs, columns: rows of each run of the filter until now; of those for slopes, which run together, apart.
     """
 
     series: Series
@@ -39,7 +39,8 @@ class Problem:
     is_linear: bool
     begun: Mapping[str, float] = field(default_factory=dict)
     longest_memory_s: float = field(default_factory=lambda: constants.SHORT_MEMORY_S)
-    runs: list[float] = field(default_factory=list)
+    runs: list[int] = field(default_factory=list)
+    columns: list[int] = field(default_factory=list)
 
     @property
     def noise_bounds(self) -> tuple[Floats, Floats]:

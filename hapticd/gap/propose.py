@@ -55,7 +55,10 @@ def extensions(present: LawSet, slugs: Sequence[str], least: float) -> list[LawS
 
     near = each(approach, [one for one in found[:_SHORTLIST] if one.promise > _HALF * least])
     near = [(one, fit) for one, fit in near if gain(fit) > _HALF * least and keeps_the_drive(fit, present.fit)]
-    near.sort(key=lambda pair: -gain(pair[1]))
+    best_of: dict[str, tuple[Candidate, Fit]] = {}
+    for pair in sorted(near, key=lambda pair: -gain(pair[1])):
+        best_of.setdefault(pair[0].slug, pair)
+    near = list(best_of.values())
 
     def climbed(pair: tuple[Candidate, Fit], best: float = -np.inf) -> LawSet | None:
         candidate, fit = pair

@@ -183,7 +183,7 @@ def _result(found: BaseFit, recordings: Sequence[Recording], model: Config, star
             "samples": found.fit.problem.series.size,
             "explained_share": start.explained,
             "disturbance": {"rms": float(noise[2]), "correlation_s": float(noise[3])},
-            "likelihood_evaluations": len(found.fit.problem.runs),
+            "filter_runs": round(sum(found.fit.problem.runs) / found.fit.problem.series.size),
         },
     )
 

@@ -345,3 +345,14 @@ def test_what_a_quarter_of_the_record_does_not_show_is_found_and_doubled(hidden:
         part.differentiate()
         promises.append(max(Score(part).along(term(found.slug, values, (), 0.1)).promise for values in starts))
     assert found.promise > 2.0 * promises[0] > 100.0 * promises[1]
+
+
+@pytest.mark.parametrize(("s", "omega_s"), [(-0.5, 3.0), (-0.3, 20.0)])
+def test_friction_that_rises_from_rest_is_found(hidden: Hidden, s: float, omega_s: float) -> None:
+    """A friction that falls over the whole range of speeds looks like it from afar: both signs of a law are begun with."""
+    recording, model = hidden([{"name": "stribeck", "s": s, "omega_s": omega_s}], 31, 8.0)
+    result = find_gap([recording], model, design=False)
+    assert result.effects == ("stribeck",), result.statement
+    (step,) = result.steps
+    assert step.parameters["s"].value == pytest.approx(s, abs=0.01)
+    assert step.parameters["omega_s"].value == pytest.approx(omega_s, rel=0.01)
