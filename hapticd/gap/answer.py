@@ -11,7 +11,7 @@ import numpy as np
 from hapticd.config import unit_of
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import chance, grip, late_record, missing
-from hapticd.gap.base_model import at_the_end
+from hapticd.gap.base_model import at_the_end, parted
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.law_set import is_quiet
@@ -104,7 +104,7 @@ def answer(
         *_relative_to(begun, effects, model.is_linear),
     ]
     timing = {**timing, **late, "warnings": warnings}
-    doubts = [*doubts_about(at_bounds, beaten), *at_the_end(last.fit, half)]
+    doubts = [*doubts_about(at_bounds, beaten), *at_the_end(last.fit, half), *parted(last.fit, recordings, model)]
     ties = [step.indistinguishable_from for step in steps]
     own = [CATALOGUE[step.effect].equivalent_to for step in steps]
     untied = [tuple(slug for slug in tied if slug not in same) for tied, same in zip(ties, own, strict=True)]

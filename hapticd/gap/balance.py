@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.optimize import lsq_linear
-from scipy.signal import butter, sosfiltfilt
 
 from hapticd.gap.errors import RecordingError
 
@@ -125,6 +123,8 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
 
 
 def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
+    from scipy.signal import butter, sosfiltfilt
+
     T, time_s = recording.period_s, recording.time_s
     cutoff = min(_CUTOFF_HZ, 0.1 / T)
     sos = butter(2, cutoff, fs=1.0 / T, output="sos")
@@ -143,6 +143,8 @@ def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
 
 def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> Solution:
     """Least squares at one delay and sign; the command is held for a period, so its centre is half a period late."""
+    from scipy.optimize import lsq_linear
+
     rows, wanted = [], []
     for part in parts:
         late = np.interp(part.time_s - delay_s - 0.5 * part.period_s, part.time_s, part.torque)

@@ -22,6 +22,7 @@ from hapticd.gap.series import series_of
 from hapticd.gap.terms import BASE_WORDS, Coordinate, Term
 from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.layout import device_vector, index_of
+from hapticd.plant.numeric import edited_base
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -35,6 +36,8 @@ FARTHEST = {"inertia_error": 10.0, "viscous_friction": 100.0, "coulomb_friction"
 """Factor by which a base parameter may leave what model and balance say. A shaft heavier than that ignores the current."""
 _MOST_WORK = 1.5
 """Work against a friction over what the shaft gets: beyond, friction holds it, and a disturbance moves it."""
+_EXPLAINS, _PARTED = 0.9, 1.5
+"""Share of the drive that a balance must explain to be believed, and by which factor its inertia is another one."""
 _STEP_S = 0.05
 """Steps over which a way is summed [s]."""
 NOTHING = 1e-6
@@ -69,6 +72,27 @@ def balanced(recordings: Sequence[Recording], model: Config) -> dict[str, float]
         return {}
     values = {slug: float(getattr(found, name)) for slug, name in BASE_WORDS.items()}
     return values if found.sign > 0 and all(value > 0.0 for value in values.values()) else {}
+
+
+def parted(fit: Fit, recordings: Sequence[Recording], model: Config) -> list[str]:
+    """That the fitted inertia is not the one of a balance of forces that explains the drive; a sentence, or none.
+
+    What is predicted best one step ahead need not be the device: a shaft too heavy, beside a disturbance too large, predicts
+    slow motion as well.
+    """
+    try:
+        found = balance(recordings, model.amplifier.torque_constant)
+    except RecordingError:
+        return []
+    fitted = float(edited_base(fit.device())[0])
+    if found.explained < _EXPLAINS or abs(math.log(fitted / found.inertia)) < math.log(_PARTED):
+        return []
+    unit = "kg" if model.is_linear else "kg m²"
+    return [
+        f"Least squares on the balance of forces gives an inertia of {found.inertia:.3g} {unit} and explains "
+        f"{100.0 * found.explained:.0f} % of the driving torque's power; the model that predicts best has {fitted:.3g} "
+        f"{unit}. Neither is sure: faster motion would decide."
+    ]
 
 
 def base_law(problem: Problem, slug: str, value: float | None = None, filter_s: float = 0.0) -> Term:

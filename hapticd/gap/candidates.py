@@ -173,7 +173,7 @@ def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[C
 
 
 def _is_negative(candidate: Candidate) -> bool:
-    return candidate.term.is_signed and candidate.term.start[0] < 0.0
+    return candidate.slug not in BASE_WORDS and candidate.term.is_signed and candidate.term.start[0] < 0.0
 
 
 def _of_each_sign(tried: Sequence[Candidate]) -> list[Candidate]:
