@@ -24,6 +24,8 @@ _ROUNDING = 1e-9
 _ROWS = 200
 """Rows over which a period is measured first, and those that a stretch has at least that others go on with."""
 _REFINED = 8
+_EVEN = 20
+"""Rows of the stretch that a sample is in, in the median, below which the clock is not even: its stamps know more."""
 
 
 def step_of_stamps(time_s: Floats) -> float:
@@ -51,8 +53,8 @@ def spread(time_s: Floats) -> tuple[Floats, float]:
         time_s: (n,) stamps that do not run backwards.
 
     Returns:
-        (n,) instants, and the step; 0 with the stamps as they are where they are on no grid, or all one period apart. A
-        clock that no even one fits leaves them as they are, too.
+        (n,) instants, and the step; 0 with the stamps as they are where they are on no grid, all one period apart, or of a
+        clock that is less even than the grid is coarse.
     """
     step, waits = step_of_stamps(time_s), np.diff(time_s)
     if step == 0.0 or np.any(waits < 0.0) or np.ptp(waits) < 0.5 * step:
@@ -66,6 +68,9 @@ def spread(time_s: Floats) -> tuple[Floats, float]:
         if refined_begins.size > begins.size or refined == period:
             break
         period, begins = refined, refined_begins
+    lengths = np.diff(np.append(begins, time_s.size))
+    if float(np.median(np.repeat(lengths, lengths))) < _EVEN:
+        return time_s, 0.0
     late = time_s - period * np.arange(time_s.size)
     offset, last = np.empty(time_s.size), None
     for first, end in zip(begins, [*begins[1:], time_s.size], strict=True):

@@ -55,6 +55,14 @@ def test_exact_stamps_stay_as_they_are(lateness: float) -> None:
     assert np.array_equal(found, stamps)
 
 
+def test_a_clock_less_even_than_its_grid_stays_as_it_is() -> None:
+    waits = np.random.default_rng(2).uniform(0.2e-3, 5e-3, 8000)
+    stamps = floored(np.cumsum(waits), 1e-4)
+    found, step = spread(stamps)
+    assert step == 0.0
+    assert np.array_equal(found, stamps)
+
+
 def test_stamps_a_period_apart_say_nothing_more() -> None:
     stamps = rows() * 1e-3
     assert np.array_equal(spread(stamps)[0], stamps)
