@@ -95,19 +95,24 @@ def parted(fit: Fit, recordings: Sequence[Recording], model: Config) -> list[str
     ]
 
 
-def base_law(problem: Problem, slug: str, value: float | None = None, filter_s: float = 0.0) -> Term:
+def base_law(
+    problem: Problem, slug: str, value: float | None = None, filter_s: float = 0.0, balanced: float | None = None
+) -> Term:
     """The law that a base parameter has another value, as its logarithm, with a wide prior.
 
-    Frictions are at most `most_friction`, or what the model says if that is more.
+    It may be `FARTHEST` from what model and balance say; frictions at most `most_friction`, or what the model says if that
+    is more.
 
     Args:
         problem: what is fitted. slug: one of `BASE_WORDS`. value: where it starts; as given by default.
+        balanced: what a balance of forces says, if it says something.
         filter_s: time constant of a filter before the record of the current; 0 for none.
     """
     index = index_of(BASE_WORDS[slug])
     given = float(problem.base[index])
     start = given if value is None else value
-    least, most = min(given, start) / FARTHEST[slug], max(given, start) * FARTHEST[slug]
+    said = (given, start, given if balanced is None else balanced)
+    least, most = min(said) / FARTHEST[slug], max(said) * FARTHEST[slug]
     if slug != "inertia_error":
         coulomb, viscous = most_friction(problem, filter_s)
         most = min(most, max(coulomb if slug == "coulomb_friction" else viscous, given))

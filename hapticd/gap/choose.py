@@ -197,9 +197,10 @@ class Search:
         filter_s = self.given.fit.filter_s()
         names = {BASE_WORDS[slug] for slug in base}
         others = tuple(item for item in self.known if item.slug not in names)
+        said = self.balance
         starts = [
-            (*others, *(base_law(self.problem, slug, values.get(slug), filter_s) for slug in base))
-            for values in ({}, self.balance)
+            (*others, *(base_law(self.problem, slug, values.get(slug), filter_s, said.get(slug)) for slug in base))
+            for values in ({}, said)
         ]
         free = scored(likeliest_fit(self.problem, starts if self.balance else starts[:1], self.given.fit.noise))
         # A late record looks like another base: it is asked beside the given one too.
