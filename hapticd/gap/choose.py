@@ -264,6 +264,9 @@ class Search:
         law, rivals = best.laws[-1], [one for one in sets if one is not best and _is_near(one, best)]
         self._rivals[law] = {one.laws[-1] for one in rivals}
         top = finished(best)
+        if is_free and CATALOGUE[law].acts_on == "memory":
+            # Without the law the base took its place, and a rough likelihood does not let it back.
+            top = max(top, finished(self._from_the_model(best)), key=lambda one: one.total)
         comparison = is_better(top, present, self.needed)
         if not comparison.is_better:
             return None
@@ -271,10 +274,19 @@ class Search:
         self._noise[law] = present.fit.noise
         return Round("add", law, top, present, comparison, tuple(rivals))
 
+    def _from_the_model(self, laws: LawSet) -> LawSet:
+        """The set with base parameters and noise as the model has them, or with its own noise if that is likelier."""
+        fit, u = laws.fit, laws.fit.u.copy()
+        for number, item in enumerate(fit.terms):
+            if item.slug in BASE_WORDS:
+                (own,) = item.coordinates
+                u[fit.columns(number)] = own.centre
+        return LawSet(self._likelier(fit.at(u), self.given.fit.noise), laws.held_out, laws.penalty)
+
     def _is_fault(self, one: LawSet, present: LawSet) -> bool:
-        """Whether a set has a late record more that gains and closes its share: it is no name, and need not be sure."""
+        """Whether a set has a late record more that gains and closes half: it is no name, and need not be sure."""
         gain, left = evidence(one, present)[0], one.power / present.power
-        return late_record.is_late(one.fit.terms[-1]) and gain >= self.least and left < 1.0 - constants.SHARE
+        return late_record.is_late(one.fit.terms[-1]) and gain >= self.least and left < 1.0 - constants.CLOSED
 
     def _revised(self, present: LawSet, newest: int, *, is_free: bool) -> Iterator[Round]:
         """Drop what is no longer needed, and swap what another law now does better; the newest were just asked."""

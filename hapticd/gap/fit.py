@@ -293,9 +293,13 @@ class Fit:
         terms = (*self.terms[:number], item, *self.terms[number + 1 :])
         return Fit(self.problem, terms, np.concatenate([self.u[: own.start], item.start, self.u[own.stop :]]))
 
+    def at(self, u: Floats) -> Fit:
+        """The same hypothesis at other coordinates."""
+        return Fit(self.problem, self.terms, u)
+
     def with_noise(self, noise: Floats) -> Fit:
         """The same hypothesis at the same coordinates with another noise."""
-        return Fit(self.problem, self.terms, np.concatenate([noise, self.u[_NOISES:]]))
+        return self.at(np.concatenate([noise, self.u[_NOISES:]]))
 
     def with_free_memory(self) -> Fit:
         """The same hypothesis, fitted with a disturbance that may remember as long as the recordings can tell."""

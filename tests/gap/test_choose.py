@@ -286,12 +286,19 @@ def test_an_unknown_candidate_is_refused(hidden: Hidden) -> None:
 
 def test_what_may_be_negative_starts_on_either_side() -> None:
     starts = [
-        term(slug, values, (), 0.1) for slug, values in (("constant_bias", {"tau_0": 1e-3}), ("stribeck", {"s": 0.1}))
+        term(slug, values, (), 0.1)
+        for slug, values in (
+            ("constant_bias", {"tau_0": 1e-3}),
+            ("stribeck", {"s": 0.1}),
+            ("load_dependent_friction", {"kappa": 0.1}),
+        )
     ]
     assert [(item.slug, item.start) for item in both_signs(starts)] == [
         ("constant_bias", (1e-3,)),
         ("stribeck", (0.1,)),
+        ("load_dependent_friction", (0.1,)),
         ("constant_bias", (-1e-3,)),
+        ("stribeck", (-0.1,)),
     ]
 
 

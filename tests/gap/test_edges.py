@@ -48,11 +48,16 @@ def recorded(
 
 
 def test_a_bias_is_found_where_viscosity_stops_the_shaft_within_a_period() -> None:
-    """J/b = 17 ms at 50 Hz: what is left of a velocity after a period is less than a third, and yet the shaft moves."""
+    """J/b = 17 ms at 50 Hz: what is left of a velocity after a period is less than a third, and yet the shaft moves.
+
+    Its Coulomb friction is smooth, c tanh(v/v_s): friction that rises from rest.
+    """
     current = np.repeat(drive(20.0, 1)[::20], 20)
     recording = recorded(current, viscous=1.2e-3, coulomb=1.5e-3, bias=1.5e-3, every=20)
     found = find_gap([recording], model(viscous=1.2e-3), design=False)
-    assert found.effects == ("constant_bias",), found.statement
+    assert found.effects[0] == "constant_bias", found.statement
+    assert set(found.effects) <= {"constant_bias", "stribeck"}, found.statement
+    assert all(step.parameters["s"].value < -0.3 for step in found.steps[1:])
     assert found.steps[0].parameters["tau_0"].value == pytest.approx(1.5e-3, rel=0.1)
 
 
