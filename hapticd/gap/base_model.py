@@ -17,6 +17,7 @@ from hapticd.gap import constants
 from hapticd.gap.balance import balance
 from hapticd.gap.errors import RecordingError
 from hapticd.gap.late_record import LATEST
+from hapticd.gap.missing import missing_power
 from hapticd.gap.problem import Problem
 from hapticd.gap.series import series_of
 from hapticd.gap.terms import BASE_WORDS, Coordinate, Term
@@ -75,7 +76,7 @@ def balanced(recordings: Sequence[Recording], model: Config) -> dict[str, float]
 
 
 def parted(fit: Fit, recordings: Sequence[Recording], model: Config) -> list[str]:
-    """That the fitted inertia is not the one of a balance of forces that explains the drive; a sentence, or none.
+    """That the fitted inertia is not the one of a balance of forces that leaves less; a sentence, or none.
 
     What is predicted best one step ahead need not be the device: a shaft too heavy, beside a disturbance too large, predicts
     slow motion as well.
@@ -84,8 +85,10 @@ def parted(fit: Fit, recordings: Sequence[Recording], model: Config) -> list[str
         found = balance(recordings, model.amplifier.torque_constant)
     except RecordingError:
         return []
-    fitted = float(edited_base(fit.device())[0])
-    if found.explained < _EXPLAINS or abs(math.log(fitted / found.inertia)) < math.log(_PARTED):
+    fitted, series = float(edited_base(fit.device())[0]), fit.problem.series
+    drive = torque_constant(fit.device()) ** 2 * float(np.mean(series.command**2))
+    leaves_less = missing_power(fit) > (1.0 - found.explained) * drive
+    if found.explained < _EXPLAINS or not leaves_less or abs(math.log(fitted / found.inertia)) < math.log(_PARTED):
         return []
     unit = "kg" if model.is_linear else "kg m²"
     return [

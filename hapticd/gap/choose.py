@@ -284,9 +284,9 @@ class Search:
         return LawSet(self._likelier(fit.at(u), self.given.fit.noise), laws.held_out, laws.penalty)
 
     def _is_fault(self, one: LawSet, present: LawSet) -> bool:
-        """Whether a set has a late record more that gains and closes half: it is no name, and need not be sure."""
+        """Whether a set has a late record more that gains and closes twice the share of a name: it need not be sure."""
         gain, left = evidence(one, present)[0], one.power / present.power
-        return late_record.is_late(one.fit.terms[-1]) and gain >= self.least and left < 1.0 - constants.CLOSED
+        return late_record.is_late(one.fit.terms[-1]) and gain >= self.least and left < 1.0 - 2.0 * constants.SHARE
 
     def _revised(self, present: LawSet, newest: int, *, is_free: bool) -> Iterator[Round]:
         """Drop what is no longer needed, and swap what another law now does better; the newest were just asked."""
