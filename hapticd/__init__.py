@@ -59,6 +59,10 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     """Import a public name on first use."""
+    if name == "__version__":
+        from importlib.metadata import version
+
+        return version("hapticd")
     if name in __all__:
         _refuse_strangers()
     if name in _WHERE:
@@ -88,4 +92,4 @@ def _refuse_strangers() -> None:
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, "__version__"})

@@ -10,6 +10,7 @@ import errno
 import fcntl
 import logging
 import os
+import stat
 import struct
 import termios
 import time
@@ -34,6 +35,7 @@ _HINTS = {
     errno.EACCES: "permission denied; on most systems the user must be in the group dialout",
     errno.EAGAIN: "in use by another process ('fuser -v' on it names the process)",
     errno.EBUSY: "in use by another process ('fuser -v' on it names the process)",
+    errno.ENOTTY: "no serial port, but a file or folder; 'ls /dev/serial/by-id' lists the ports that there are",
     errno.ENODEV: "the device is gone",
     errno.ENXIO: "the device is gone",
 }
@@ -47,6 +49,8 @@ def open_port(path: str, baud: int) -> serial.Serial:
     """
     port = None
     try:
+        if not stat.S_ISCHR(os.stat(path).st_mode):  # noqa: PTH116 - a path as it is written
+            raise OSError(errno.ENOTTY, "no character device")
         port = serial.Serial(path, baud, timeout=0, write_timeout=0, exclusive=True)
         _make_raw(port.fileno())
     except (OSError, ValueError, termios.error) as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -55,6 +56,14 @@ class Check:
             "guard": self.guard.document,
             **sure,
         }
+
+    def __repr__(self) -> str:
+        return (
+            f"Check({self.verdict}, region {self.region}, {len(self.changes)} changes, {len(self.warnings)} warnings)"
+        )
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(str(self))}</pre>"
 
     def __str__(self) -> str:
         return report(self.assessment, self.changes, "config", None)

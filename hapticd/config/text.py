@@ -22,6 +22,16 @@ def plain_number(value: float) -> int | float:
     return int(value) if value.is_integer() and abs(value) < 1e15 else value
 
 
+def significant(value: float, digits: int = 3) -> str:
+    """A number to so many digits, and never as ``1.3e+02``: 130, 0.0123, 2.5e-06."""
+    rounded = f"{value:.{digits}g}"
+    return (
+        f"{float(rounded):.0f}"
+        if 10**digits <= abs(value) < 1e15 or ("e+" in rounded and abs(value) < 1e15)
+        else rounded
+    )
+
+
 def decimal_comma(value: object) -> str | None:
     """The number that was meant, where a text is one with a comma as its decimal sign; else None."""
     if not isinstance(value, str) or not _DECIMAL_COMMA.fullmatch(value.strip()):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING, Final
 
+from hapticd.config.text import significant
 from hapticd.doctor.finding import Finding, Level, Machine, cpu_list
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def idle_states(machine: Machine, config: Config) -> Finding:
         "idle states",
         Level.NOTE,
         f"up to {deepest} µs to wake",
-        f"every tick may be that late, {deepest * config.servo.rate_hz / 1e4:.2g} % of a period",
+        f"every tick may be that late, {significant(deepest * config.servo.rate_hz / 1e4, 2)} % of a period",
         "install the udev rule 60-hapticd.rules, and be a member of the group hapticd",
     )
 

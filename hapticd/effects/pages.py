@@ -112,11 +112,15 @@ def main() -> None:
     for slug in arguments.slug:
         if slug not in CATALOGUE:
             parser.error(f"effect {slug} cannot be used: {BROKEN.get(slug, 'there is none of that name')}")
-    for slug in arguments.slug or OWN_SLUGS:
-        (arguments.folder / f"{slug}.md").write_text(page(CATALOGUE[slug]), encoding="utf-8")
-    readme = arguments.folder / "README.md"
-    if not arguments.slug and readme.exists():
-        readme.write_text(with_table(readme.read_text(encoding="utf-8")), encoding="utf-8")
+    try:
+        arguments.folder.mkdir(parents=True, exist_ok=True)
+        for slug in arguments.slug or OWN_SLUGS:
+            (arguments.folder / f"{slug}.md").write_text(page(CATALOGUE[slug]), encoding="utf-8")
+        readme = arguments.folder / "README.md"
+        if not arguments.slug and readme.exists():
+            readme.write_text(with_table(readme.read_text(encoding="utf-8")), encoding="utf-8")
+    except OSError as error:
+        parser.error(f"{error.filename or arguments.folder}: {error.strerror or error}")
 
 
 if __name__ == "__main__":

@@ -114,6 +114,9 @@ class GapResult:
     profiles: tuple[Profile, ...] = ()
     """The missing force sample by sample before and after, for the figures; not part of `gap.json`."""
 
+    def __repr__(self) -> str:
+        return f"GapResult({self.verdict}: {self.statement})"
+
     @property
     def warnings(self) -> Sequence[str]:
         """What limits the conclusions, in words."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
+from hapticd.config.text import significant
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants
 
@@ -106,7 +107,7 @@ def timing(document: Mapping[str, Any]) -> str:
     recording, samples = document["recording"], document["details"].get("samples")
     missed, jitter_s = recording["missed"], float(recording["jitter_s"])
     of = f" of {samples + missed}" if samples else ""
-    text = f"{missed}{of} sample{'' if missed == 1 and not of else 's'} missed, jitter {1e6 * jitter_s:.3g} µs"
+    text = f"{missed}{of} sample{'' if missed == 1 and not of else 's'} missed, jitter {significant(1e6 * jitter_s)} µs"
     if period_s := recording.get("period_s"):
         text = f"{text} ({percent(jitter_s / period_s)} of a period)"
     if late := recording.get("current_late_s"):

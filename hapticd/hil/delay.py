@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hapticd.config.text import significant
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -60,7 +62,7 @@ def verdict(delay: Delay, realtime: bool) -> str:
             f"above the declared delay: the median by {1e6 * delay.excess_s:.0f} µs{fraction}; put driver.latency_s: "
             f"{_rounded_up(delay.median_s)} into the config, and ask 'hapticd check' again"
         )
-    text += f"; {100 * delay.later:.3g} % of the commands took longer than declared"
+    text += f"; {significant(100 * delay.later)} % of the commands took longer than declared"
     if not realtime:
         text += (
             ". This kernel is not a real-time one: p99 and maximum are this machine's, and another one's median may "

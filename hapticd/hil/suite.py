@@ -14,6 +14,7 @@ import numpy as np
 from drivers import declared_latency
 from hapticd.client import RequestRefused
 from hapticd.config import Config, apply_settings
+from hapticd.config.text import significant
 from hapticd.hil.cases import (
     EXCITATION,
     EXCITATION_S,
@@ -251,7 +252,7 @@ def _trace_problems(comparison: Comparison) -> list[str]:
         return ["the recording is too short to compare"]
     if comparison.current_rms_error > CURRENT_TOLERANCE:
         return [
-            f"the current differs by {100 * comparison.current_rms_error:.3g} % RMS over the first swing, "
+            f"the current differs by {significant(100 * comparison.current_rms_error)} % RMS over the first swing, "
             f"{100 * CURRENT_TOLERANCE:g} % allowed"
         ]
     return []

@@ -52,6 +52,12 @@ class Identified:
     warnings: tuple[str, ...] = ()
     details: Mapping[str, Any] = field(default_factory=dict)
 
+    def __repr__(self) -> str:
+        values = ", ".join(
+            f"{name} {getattr(self, name).value:.4g}" for name in ("inertia", "viscous", "coulomb", "delay")
+        )
+        return f"Identified({values}; {len(self.warnings)} warnings)"
+
     @property
     def has_bias(self) -> bool:
         """Whether the interval of the bias leaves out 0."""

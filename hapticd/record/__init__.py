@@ -6,8 +6,9 @@ from hapticd.record.importing import Imported, import_run
 from hapticd.record.importing_map import ImportMap, load_map, parse_map
 from hapticd.record.importing_mcap import import_mcap
 from hapticd.record.metadata import host_facts, run_metadata, versions
-from hapticd.record.reader import Run, read_run
+from hapticd.record.reader import read_run
 from hapticd.record.recorder import Recorder
+from hapticd.record.run import Run
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, ROW
 from hapticd.record.verify import Verdict, verify
 from hapticd.record.writer import RunWriter

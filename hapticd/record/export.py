@@ -20,7 +20,8 @@ from hapticd.record.errors import RunFileError
 from hapticd.record.files import refuse_existing, written
 from hapticd.record.mcap import write_mcap
 from hapticd.record.metadata import encode_metadata, to_plain
-from hapticd.record.reader import CSV_METADATA_COLUMN, Run
+from hapticd.record.reader import CSV_METADATA_COLUMN
+from hapticd.record.run import Run
 
 _MATLAB_NAME_LENGTH = 63
 CSV_FILLER = "."

@@ -21,7 +21,7 @@ from hapticd.record.files import refuse_existing, written
 from hapticd.record.importing_map import COUNT, ImportMap, Signal
 from hapticd.record.importing_sources import Source, read_source
 from hapticd.record.metadata import run_metadata
-from hapticd.record.reader import median_period, time_warnings
+from hapticd.record.run import median_period, time_warnings
 from hapticd.record.schema import FLAG_RUNNING, Rows, empty_rows
 from hapticd.record.stamps import read_stamps
 from hapticd.record.writer import RunWriter
@@ -106,7 +106,7 @@ def imported(
         command=_ends(columns["force_command" if is_force else "current_command_A"]),
         is_linear=is_linear,
         is_force=is_force,
-        warnings=tuple(time_warnings(time_s)),
+        warnings=tuple(time_warnings(time_s, columns["encoder_counts"])),
     )
 
 

@@ -8,7 +8,8 @@ from hapticd.config import parse_config
 from hapticd.record.errors import RunFileError
 from hapticd.record.files import refuse_existing, written
 from hapticd.record.importing import Imported, imported
-from hapticd.record.reader import Run, read_run
+from hapticd.record.reader import read_run
+from hapticd.record.run import Run
 from hapticd.record.schema import ROW, empty_rows
 from hapticd.record.writer import RunWriter
 

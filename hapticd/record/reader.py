@@ -10,9 +10,8 @@ import codecs
 import json
 import os
 from collections.abc import Iterable
-from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +20,11 @@ from hapticd.config.opening import open_regular
 from hapticd.record.csv_layout import look
 from hapticd.record.errors import RunFileError
 from hapticd.record.mcap import read_mcap
-from hapticd.record.metadata import decode_metadata, to_plain
+from hapticd.record.metadata import decode_metadata
+from hapticd.record.run import Run, time_warnings
 from hapticd.record.schema import COLUMNS, ROW
 from hapticd.record.sizes import check_unpacked, unpack_limit
 from hapticd.record.stream import Damage, Stream, brief, from_json, mappings, read_stream
-
-if TYPE_CHECKING:
-    import pandas as pd
-    import xarray as xr
 
 CSV_METADATA_COLUMN = "hapticd"
 """Of an exported CSV: its first row holds the metadata as JSON."""
@@ -43,67 +39,6 @@ _LARGEST = 2.0**63
 _PARQUET_ROWS = 1 << 16
 _DELIMITERS = ((";", ";"), ("\t", "\\t"), ("|", "|"), (" ", " "))
 _FLOATS = [name for name in ROW.names or () if ROW[name].kind == "f"] + ["position", "force"]
-
-
-@dataclass(frozen=True)
-class Run:
-    """A run in memory.
-
-    Attributes:
-        path: where it was read from.
-        columns: name → values, all of shape (rows,); SI units, see ``units``.
-        metadata: what the file says of itself (config, model, versions, host…); empty for a foreign file.
-        units: unit of each column that is known.
-        events: what was noted during the run, each with the ``row`` before which it happened.
-        truncated: the recording was not ended properly (killed, disk full); the rows are those up to the cut.
-        warnings: what a reader should know before trusting the run, in words.
-        damage: rows that did not match their checksum and were left out (``salvage``).
-    """
-
-    path: Path
-    columns: dict[str, NDArray[Any]]
-    metadata: dict[str, Any] = field(default_factory=dict)
-    units: dict[str, str] = field(default_factory=dict)
-    events: list[dict[str, Any]] = field(default_factory=list)
-    truncated: bool = False
-    warnings: tuple[str, ...] = ()
-    damage: tuple[Damage, ...] = ()
-
-    @property
-    def rows(self) -> int:
-        """Number of rows."""
-        return len(next(iter(self.columns.values()), ()))
-
-    def to_pandas(self) -> pd.DataFrame:
-        """The rows as a DataFrame over ``time_s``; ``.attrs["units"]`` has the unit of each column."""
-        import pandas as pd
-
-        columns = dict(self.columns)
-        index = pd.Index(columns.pop("time_s"), name="time_s")
-        frame = pd.DataFrame(columns, index)
-        frame.attrs = {"units": dict(self.units), "run": str(self.path)}
-        return frame
-
-    def to_xarray(self) -> xr.Dataset:
-        """The rows as a Dataset over ``time_s``, each variable with ``units`` and ``long_name`` where they are known.
-
-        Raises:
-            ImportError: xarray is not installed.
-        """
-        try:
-            import xarray as xr
-        except ImportError as error:
-            raise ImportError("Run.to_xarray needs xarray: pip install 'hapticd[xarray]'") from error
-
-        known = {name: {"units": unit} for name, unit in self.units.items()}
-        for column in COLUMNS:
-            known.setdefault(column.name, {})["long_name"] = column.description
-        data = {name: ("time_s", values, known.get(name, {})) for name, values in self.columns.items()}
-        # netCDF knows text and numbers only: what is nested goes as JSON, as in the run file itself
-        texts = {
-            key: text if isinstance(text, str) else json.dumps(to_plain(text)) for key, text in self.metadata.items()
-        }
-        return xr.Dataset(data, attrs={"run": str(self.path), **texts})
 
 
 def read_run(path: str | Path, *, salvage: bool = False) -> Run:
@@ -150,7 +85,7 @@ def read_run(path: str | Path, *, salvage: bool = False) -> Run:
     truncated = bool(metadata.pop("truncated", False)) or not whole
     warnings = [f"{path.name} was not ended properly; its rows end with the last whole batch"] if truncated else []
     warnings += [f"{path.name} is damaged: {text}" for text in damaged]
-    warnings += time_warnings(columns["time_s"])
+    warnings += time_warnings(columns["time_s"], columns.get("encoder_counts"))
     return Run(path, columns, metadata, units or exported_units, events, truncated, tuple(warnings), damage)
 
 
@@ -360,19 +295,3 @@ def _texts(value: Any) -> dict[str, str]:
 def _standard_units(names: Iterable[str], metadata: dict[str, Any]) -> dict[str, str]:
     linear = bool(metadata.get("linear"))
     return {column.name: column.unit_for(linear=linear) for column in COLUMNS if column.name in names}
-
-
-def median_period(time_s: NDArray[Any]) -> float:
-    """Median of the periods between time stamps, s; NaN where there is none."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        return float(np.median(np.diff(time_s))) if len(time_s) > 1 else float("nan")
-
-
-def time_warnings(time_s: NDArray[Any]) -> list[str]:
-    """What is wrong with time stamps, in words."""
-    found = []
-    if not np.all(np.isfinite(time_s)):
-        found.append("time_s holds values that are not finite")
-    if (back := np.flatnonzero(time_s[1:] <= time_s[:-1])).size:
-        found.append(f"time_s does not rise at {back.size} place(s), first at row {back[0] + 1}")
-    return found

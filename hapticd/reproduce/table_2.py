@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hapticd.config.text import significant
 from hapticd.reproduce.items import Comparison, Item, Progress, Table
 from hapticd.stability import devices
 from hapticd.stability.criterion import velocity_limit
@@ -93,5 +94,5 @@ def _derived_row(device: Device) -> tuple[str | float, ...]:
     # the hand's own stiffness and inertia change neither β nor σ
     held = loop.with_hand(HUMAN_OPERATOR.inertia, HUMAN_OPERATOR.damping, HUMAN_OPERATOR.stiffness)
     slow = region(loop.numbers, 0.99 * limit)
-    fraction = f"{100.0 * grip_fraction(loop):.3g} %"
+    fraction = f"{significant(100.0 * grip_fraction(loop))} %"
     return device.name, slow, limit, loop.scales.xi_dot_to_velocity(limit), held.numbers.beta, fraction

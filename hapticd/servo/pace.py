@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
+from hapticd.config.text import significant
+
 MARGIN: Final = 0.5
 """Fraction of a period that lateness and execution may take together at p99.9 in a rate that is recommended."""
 
@@ -33,7 +35,7 @@ def verdict(timing: Mapping[str, Any], rate_hz: float) -> str:
         for name, count in (("period", timing["missed"]), ("exchange", timing["exchanges_missed"]))
         if count
     ]
-    taken = f"lateness and execution take {100 * used:.2g} % of a period at p99.9"
+    taken = f"lateness and execution take {significant(100 * used, 2)} % of a period at p99.9"
     if missed:
         return f"does not keep up: {' and '.join(missed)}; {taken}"
     if used > MARGIN:

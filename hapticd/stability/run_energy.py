@@ -25,7 +25,7 @@ from hapticd.stability.outcome import energy_rises
 from hapticd.stability.storage import FloatArray
 
 if TYPE_CHECKING:
-    from hapticd.record.reader import Run
+    from hapticd.record.run import Run
 
 #: A stored energy that rises by less than this fraction of the run's largest is not called a rise: the estimate's grain.
 RISE = 1e-6

@@ -6,6 +6,7 @@ import inspect
 import os
 import subprocess
 import sys
+from importlib.metadata import version
 from pathlib import Path
 from typing import ClassVar
 
@@ -241,3 +242,27 @@ class TestSweep:
         with pytest.raises((ValueError, hapticd.ConfigError)) as error:
             hapticd.sweep("re35", values)
         assert said in str(error.value)
+
+
+def test_results_are_shown_in_a_line(run: hapticd.Run) -> None:
+    assert repr(run).startswith("Run('simulation': 400 rows")
+    found = hapticd.check("re35")
+    assert repr(found) == f"Check(stable, region {found.region}, 0 changes, {len(found.warnings)} warnings)"
+    assert str(found)[:20] in found._repr_html_()
+
+
+def test_the_version_and_python_dash_m() -> None:
+    assert hapticd.__version__ == version("hapticd")
+    done = subprocess.run([sys.executable, "-m", "hapticd", "--version"], capture_output=True, text=True, check=True)
+    assert done.stdout == f"hapticd {hapticd.__version__}\n"
+
+
+def test_effect_pages_name_a_folder_that_cannot_be_made(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    program = [sys.executable, "-m", "hapticd.effects.pages"]
+    done = subprocess.run([*program, str(tmp_path / "file/x"), "stribeck"], capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "Traceback" not in done.stderr
+    assert f"{tmp_path}/file/x: Not a directory" in done.stderr
+    subprocess.run([*program, str(tmp_path / "new/x"), "stribeck"], check=True)
+    assert (tmp_path / "new/x/stribeck.md").exists()

@@ -32,7 +32,7 @@ def test_a_wrong_name_is_told_what_was_meant(hapticd: Run) -> None:
     refused = hapticd("help", "overspeed")
     assert refused.code == 2
     assert "overspeed is no fault; did you mean over_speed?" in refused.err
-    assert "hapticd status --help" in hapticd("help", "status").err
+    assert "Usage: hapticd status" in hapticd("help", "status").out
 
 
 def test_installed_pages_are_found_where_the_installer_put_them(
@@ -55,3 +55,10 @@ def test_installed_pages_are_found_where_the_installer_put_them(
     )
     assert fault_pages.fault_page("over_speed") == "# over_speed\n"
     assert fault_pages.fault_page("../over_speed") is None
+
+
+@pytest.mark.parametrize("words", ["release", "record start"])
+def test_help_about_a_command_is_its_help(hapticd: Run, words: str) -> None:
+    outcome = hapticd("help", words)
+    assert outcome.code == 0
+    assert f"Usage: hapticd {words}" in outcome.out

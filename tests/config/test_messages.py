@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from hapticd.config import ConfigError, load_config, parse_config, parse_yaml
+from hapticd.config.text import significant
 
 SECTIONS = "servo, spring, encoder, dither, delay, amplifier, plant, hand, driver, safety, record, api"
 ALIASES = [("1", "a"), ("*a", "b"), ("*b", "c"), ("*c", "d"), ("*d", "e")]
@@ -316,3 +317,20 @@ def test_no_name_at_all_lists_the_presets() -> None:
         "'': no such file, and no preset of that name; "
         "presets: re35, delta, freedom6, impulse_engine, mit_toolhandle, omega, phantom"
     )
+
+
+@pytest.mark.parametrize(
+    ("value", "digits", "text"),
+    [
+        (130.4, 2, "130"),
+        (6049.0, 3, "6050"),
+        (99.96, 3, "100"),
+        (0.0123, 2, "0.012"),
+        (2.5e-6, 2, "2.5e-06"),
+        (0.0, 3, "0"),
+    ],
+)
+def test_a_number_of_a_sentence_has_no_exponent_that_a_person_must_work_out(
+    value: float, digits: int, text: str
+) -> None:
+    assert significant(value, digits) == text

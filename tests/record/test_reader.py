@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -182,3 +183,38 @@ def test_time_that_does_not_rise_is_reported_and_read(tmp_path: Path) -> None:
     assert run.warnings == ("time_s does not rise at 2 place(s), first at row 2",)
     path.write_text("time_s,position,force\n0,1,1\nnan,1,1\n")
     assert read_run(path).warnings == ("time_s holds values that are not finite",)
+
+
+def test_a_step_of_the_clock_is_told_from_lost_rows(tmp_path: Path) -> None:
+    time_s = 0.001 * np.arange(2000)
+    moving = np.rint(2000 * np.sin(20 * time_s)).astype(int)
+    stepped = time_s + 0.005 * (np.arange(2000) >= 1000)
+
+    def read(stamps: Any, counts: Any) -> tuple[str, ...]:
+        path = tmp_path / "run.csv"
+        table = np.stack([stamps, counts, 0 * stamps], 1)
+        header = "time_s,encoder_counts,current_command_A"
+        np.savetxt(path, table, delimiter=",", header=header, comments="", fmt="%.9g")
+        return read_run(path).warnings
+
+    (warning,) = read(stepped, moving)
+    assert warning == "the clock steps by +5 ms at row 1000: the motion goes on as in one period"
+    lost = np.r_[0:1000, 1005:2000]
+    assert read(time_s[lost], moving[lost]) == ()
+    assert read(stepped, 0 * moving) == ()  # at rest nothing tells
+
+
+def test_a_run_is_shown_short_and_with_a_trace_in_a_notebook(tmp_path: Path) -> None:
+    time_s = 0.001 * np.arange(50_000)
+    table = np.stack([time_s, np.rint(1000 * np.sin(time_s)), 0 * time_s], 1)
+    header = "time_s,encoder_counts,current_command_A"
+    np.savetxt(tmp_path / "<run>.csv", table, delimiter=",", header=header, comments="", fmt="%.9g")
+    run = read_run(tmp_path / "<run>.csv")
+    assert repr(run) == f"Run('{tmp_path}/<run>.csv': 50000 rows, 50 s at 1000 Hz, 3 columns)"
+    html = run._repr_html_()
+    assert len(html) < 40_000
+    assert "&lt;run&gt;.csv" in html
+    assert "-1000 to 1000 count over 50 s" in html
+    points = html.split("points='")[1].split("'")[0].split()
+    heights = [float(point.split(",")[1]) for point in points]
+    assert (min(heights), max(heights)) == (4.0, 136.0)

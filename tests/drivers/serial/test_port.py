@@ -144,3 +144,11 @@ def test_a_break_is_a_byte_and_no_signal() -> None:
         assert not attributes[0] & (termios.BRKINT | termios.IGNBRK | termios.PARMRK | termios.IXON | termios.ICRNL)
         assert not attributes[3] & (termios.ICANON | termios.ECHO | termios.ISIG)
         opened.close()
+
+
+def test_a_plain_file_is_no_port(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("no port")
+    for path in (tmp_path / "notes.txt", tmp_path):
+        with pytest.raises(DriverError, match="no serial port, but a file or folder"):
+            port.open_port(str(path), 115200)
+    assert (tmp_path / "notes.txt").read_text() == "no port"
