@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from hapticd.config.assumed import assumed, assumed_text
 from hapticd.config.limits import limits_off, limits_text
 from hapticd.config.loading import ConfigSource, config_of
 from hapticd.config.units import deflection_ticks, split, velocity_ticks
@@ -28,6 +29,7 @@ class Check:
         assessment: operating point, bounds, margins, limit cycle. changes: each alone makes an unstable motion stable.
         guard: what the daemon's stability guard would do. warnings: what the theory leaves out here, limits that are off.
         confidence: how sure the answer is, by ``plant.uncertainty``; None where the config has none.
+        assumed: keys of the device that the config does not say; nothing is proven of it then.
     """
 
     assessment: Assessment
@@ -35,6 +37,7 @@ class Check:
     guard: Judgement
     warnings: tuple[str, ...]
     confidence: Confidence | None
+    assumed: tuple[str, ...] = ()
 
     @property
     def verdict(self) -> str:
@@ -54,6 +57,7 @@ class Check:
             "warnings": list(self.warnings),
             "changes": [change.document for change in self.changes],
             "guard": self.guard.document,
+            **({"assumed": list(self.assumed), "proven": False} if self.assumed else {}),
             **sure,
         }
 
@@ -99,9 +103,15 @@ def check(
     found = assess(resolved, deflection=ticks, velocity=speed, latency_s=latency, jobs=None)
     judgement = judge(resolved, latency, deflection=ticks, velocity=speed, release=True)
     off = limits_off(resolved)
-    warnings = (*found.warnings, *([doubt] if doubt else []), *([f"limits that are {limits_text(off)}"] if off else []))
+    doubts = (doubt, f"limits that are {limits_text(off)}" if off else None, assumed_text(resolved))
+    warnings = (*found.warnings, *(each for each in doubts if each))
     return Check(
-        found, tuple(advise(found, _asked_in(resolved, deflection, velocity))), judgement, warnings, confidence(found)
+        found,
+        tuple(advise(found, _asked_in(resolved, deflection, velocity))),
+        judgement,
+        warnings,
+        confidence(found),
+        assumed(resolved),
     )
 
 

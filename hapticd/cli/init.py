@@ -55,7 +55,7 @@ def init(
     else:
         raise UsageError("nobody to ask: give --answers FILE (keys: hapticd init --list), or run it in a terminal")
     values = answered(given, str(answers or "answers"))
-    text, config, warnings = config_text(values)
+    text, config, warnings = config_text(values, given)
     from hapticd.figures.files import write_text
 
     write_text(out, text)

@@ -123,7 +123,7 @@ def apply_settings(config: Config, settings: Mapping[str, object], source: str =
     Raises:
         ConfigError: unknown key, or a value that is wrong on its own or together with the others.
     """
-    data = config.model_dump()
+    data = config.model_dump(exclude_unset=True) | {"driver": config.driver.model_dump()}  # what nobody said stays so
     problems: list[Problem] = []
     for key, text in settings.items():
         if (refused := _unsettable(key, source)) is not None:

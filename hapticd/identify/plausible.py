@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from math import pi
 from typing import TYPE_CHECKING, NamedTuple
 
+from hapticd.config.assumed import assumed
+
 if TYPE_CHECKING:
     from hapticd.config import Config
 
@@ -73,7 +75,7 @@ def _values(config: Config) -> Iterator[str]:
 def _ratios(config: Config) -> Iterator[str]:
     plant, amplifier = config.plant, config.amplifier
     unit = "N" if config.is_linear else "N m"
-    if plant.viscous > 0.0:
+    if plant.viscous > 0.0 and "plant.viscous" not in assumed(config):
         constant = plant.inertia / plant.viscous
         if not SHORTEST_TIME_CONSTANT_S <= constant <= LONGEST_TIME_CONSTANT_S:
             yield (

@@ -6,7 +6,7 @@ and lines.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -52,7 +52,7 @@ class Question:
     Attributes:
         key: name of the answer. text: what is asked.
         place: dotted key of the config that takes the answer.
-        kind: ``rotary`` or ``linear`` for a question that only such a device has.
+        kind: ``rotary`` or ``linear`` for a question that only such a device has. driver: likewise, of a driver.
         own_default: taken where nothing is said; None: the schema's default, which is a rotary device's.
         choices: words, where it is none of the numbers.
     """
@@ -63,6 +63,7 @@ class Question:
     kind: str = ""
     own_default: Any = None
     choices: tuple[str, ...] = ()
+    driver: str = ""
 
     @property
     def default(self) -> Any:
@@ -81,7 +82,8 @@ class Question:
 
     def applies(self, answers: Mapping[str, Any]) -> bool:
         """Whether it is to be asked at all."""
-        return not self.kind or answers.get("device") == self.kind
+        fits = not self.kind or answers.get("device") == self.kind
+        return fits and (not self.driver or answers.get("driver") == self.driver)
 
     @property
     def shown_default(self) -> str:
@@ -97,7 +99,7 @@ class Question:
     @property
     def line(self) -> str:
         """One line of the list."""
-        only = f", {self.kind} only" if self.kind else ""
+        only = f", {self.kind or self.driver} only" if self.kind or self.driver else ""
         return f"{self.key:<20} {self.prompt} [{self.shown_default}]{only}"
 
     @property
@@ -110,7 +112,7 @@ class Question:
             "units": list(self.units),
             "choices": list(self.choices),
             "default": self.default,
-            "only": self.kind or None,
+            "only": self.kind or self.driver or None,
         }
 
 
@@ -124,6 +126,15 @@ QUESTIONS: Final[tuple[Question, ...]] = (
         "driver.name",
         choices=("loopback", "serial_dac", "canopen"),
     ),
+    Question(
+        "port",
+        "Port of the board, as /dev/serial/by-id/... has it",
+        "driver.port",
+        driver="serial_dac",
+        own_default="/dev/ttyUSB0",
+    ),
+    Question("channel", "CAN interface", "driver.channel", driver="canopen", own_default="can0"),
+    Question("node_id", "Number of the drive's node", "driver.node_id", driver="canopen", own_default=1),
     Question(
         "counts_per_rev", "Encoder: counts per revolution, four times its lines", "encoder.counts_per_rev", "rotary"
     ),
@@ -193,6 +204,8 @@ def answered(given: Mapping[str, Any], source: str) -> Answers:
         if not question.applies(found):
             if question.key in given:
                 message = f"is for a {question.kind} device, and device is {found['device']}"
+                if question.driver:
+                    message = f"is for driver {question.driver}, and driver is {found['driver']}"
                 problems.append(Problem(source, question.key, None, message))
             continue
         try:
@@ -210,6 +223,10 @@ def _value(question: Question, said: Any) -> Any:
         if said not in question.choices:
             raise ValueError(f"must be one of {', '.join(question.choices)}")
         return said
+    if isinstance(question.default, str):
+        if not isinstance(said, str) or not said.strip():
+            raise ValueError("must be text")
+        return said.strip()
     if isinstance(said, bool) or not isinstance(said, int | float | str):
         raise ValueError(f"must be a number in {question.unit}")
     try:
@@ -232,11 +249,11 @@ def doubt_about(question: Question, value: Any) -> str:
     return next((words for words in said if words.startswith(f"{question.place} ")), "")
 
 
-def config_text(answers: Mapping[str, Any]) -> tuple[str, Config, list[str]]:
+def config_text(answers: Mapping[str, Any], said: Container[str] | None = None) -> tuple[str, Config, list[str]]:
     """A config from answers.
 
     Args:
-        answers: from `answered`.
+        answers: from `answered`. said: keys that were answered; a plant that nobody said is left to be measured. None: all.
 
     Returns:
         Its text, itself, and what is implausible in it.
@@ -246,6 +263,9 @@ def config_text(answers: Mapping[str, Any]) -> tuple[str, Config, list[str]]:
     """
     sections: dict[str, dict[str, tuple[Any, str]]] = {}
     for question in QUESTIONS:
+        guessed = question.place.startswith("plant.") and said is not None and question.key not in said
+        if guessed and question.own_default is None:
+            continue
         if question.place and question.key in answers:
             section, _, name = question.place.partition(".")
             sections.setdefault(section, {})[name] = (answers[question.key], question.unit)

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from hapticd.config import ConfigError, load_config
+from hapticd.config.assumed import assumed
 from hapticd.identify.questions import QUESTIONS, answered, config_text, doubt_about
 
 from ..cli.conftest import Run, hapticd
@@ -91,3 +92,16 @@ def test_with_nobody_to_ask_it_says_so(hapticd: Run, tmp_path: Path) -> None:
     assert outcome.code == 2
     assert "--answers FILE" in outcome.err
     assert not (tmp_path / "rig.yaml").exists()
+
+
+def test_a_plant_that_nobody_said_is_left_to_be_measured(hapticd: Run, tmp_path: Path) -> None:
+    answers, rig = tmp_path / "answers.yaml", tmp_path / "rig.yaml"
+    answers.write_text("device: linear\ndriver: serial_dac\nport: /dev/serial/by-id/board\nmass: 60 g\n")
+    outcome = hapticd("init", str(rig), "--answers", str(answers), "--json")
+    assert (outcome.code, outcome.document["warnings"]) == (0, [])
+    config = load_config(rig)
+    assert config.driver.options == {"port": "/dev/serial/by-id/board"}
+    assert assumed(config) == ("plant.viscous",)
+    answers.write_text("port: /dev/ttyUSB0\n")
+    refused = hapticd("init", str(rig), "--answers", str(answers), "--force")
+    assert "port: is for driver serial_dac, and driver is loopback" in refused.err.replace(" = /dev/ttyUSB0", "")
