@@ -22,6 +22,7 @@ from .served import Served, serve
 SETTINGS = {
     "safety.guard": "refuse",
     "spring.stiffness": 0.012,
+    "spring.damping": 0,
     "encoder.decimation": 1,
     "servo.rate_hz": 1000,
     "delay.computation_s": 0,

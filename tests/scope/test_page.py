@@ -423,3 +423,17 @@ def test_texts_of_the_daemon_are_text(open_page: Open) -> None:
     expect(page.locator("#banner-cause")).to_have_text(evil)
     assert page.locator("#banner img").count() == 0
     assert page.title() == "hapticd scope"
+
+
+def test_virtual_damping_has_a_slider_that_reaches_zero(page: Page, testbed: Testbed) -> None:
+    slider = page.locator("#set-spring-damping")
+    expect(slider).to_have_value("0")
+    slider.focus()
+    for _ in range(300):
+        page.keyboard.press("ArrowRight")
+    expect(page.locator("#set-spring-damping-confirmed")).not_to_have_text("0")
+    assert testbed.client.config()["spring"]["damping"] > 0
+    slider.focus()
+    page.keyboard.press("Home")
+    expect(page.locator("#set-spring-damping-confirmed")).to_have_text("0")
+    assert testbed.client.config()["spring"]["damping"] == 0

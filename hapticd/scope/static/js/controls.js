@@ -19,6 +19,7 @@ const STEPS = 1000;
  * @property {[number, number]} [range]
  * @property {[number, number]} [linearRange]
  * @property {boolean} [log]
+ * @property {boolean} [zero] the slider's lower end is 0, whatever the range
  * @property {boolean} [whole]
  * @property {number} [factor] shown = value · factor
  * @property {string[]} [choices]
@@ -27,6 +28,7 @@ const STEPS = 1000;
 /** @type {Setting[]} */
 const SETTINGS = [
   { key: "spring.stiffness", label: "Stiffness K", unit: "N m/rad", linearUnit: "N/m", range: [1e-4, 10], linearRange: [1, 1e5], log: true },
+  { key: "spring.damping", label: "Damping B", unit: "N m s/rad", linearUnit: "N s/m", range: [1e-7, 1e-2], linearRange: [1e-3, 1e3], log: true, zero: true },
   { key: "encoder.decimation", label: "Decimation N", unit: "counts/tick", range: [1, 1024], log: true, whole: true },
   { key: "servo.rate_hz", label: "Servo rate 1/T", unit: "Hz", range: [50, 20000], log: true, whole: true },
   { key: "delay.computation_s", label: "Delay T_V", unit: "ms", range: [0, 10], factor: 1e3 },
@@ -184,6 +186,7 @@ class Control {
   value() {
     const part = Number(this.slider?.value) / STEPS;
     const [low, high] = this.range;
+    if (this.setting.zero && part === 0) return 0;
     const shown = this.setting.log ? low * (high / low) ** part : low + (high - low) * part;
     if (this.setting.whole) return Math.round(shown);
     return Number((shown / (this.setting.factor ?? 1)).toPrecision(3));
