@@ -138,10 +138,10 @@ def test_what_is_held_stays_as_it_is(page: Page) -> None:
 
 
 def test_a_linear_run_beside_a_rotary_device(page: Page, linear_file: Path) -> None:
-    for lane in ("velocity", "force"):
-        page.check(f"#lane-{lane}")
     heads = page.locator(".lane-head .unit")
     expect(heads.nth(0)).to_have_text("ticks of 0.000767 rad")
+    for lane in ("velocity", "force"):
+        page.check(f"#lane-{lane}")
     live_beta = text(page, "#beta")
     open_file(page, linear_file)
     expect(heads.nth(0)).to_have_text("ticks of 1e-5 m")
@@ -196,7 +196,7 @@ def test_missed_periods_in_a_release_are_told_at_its_residual(page: Page, testbe
     testbed.daemon.send_signal(signal.SIGSTOP)
     time.sleep(0.03)
     testbed.daemon.send_signal(signal.SIGCONT)
-    expect(page.locator("#release-residual")).to_contain_text("missed here, which the simulation kept", timeout=120_000)
-    expect(page.locator("#note-residual")).to_contain_text("the residual is of the timing, too")
+    expect(page.locator("#release-residual")).to_contain_text("missed, which the simulation kept", timeout=120_000)
+    expect(page.locator("#note-residual")).to_contain_text("on it is of the timing, too")
     told = int(text(page, "#note-residual").split()[0])
     assert told >= 20

@@ -85,9 +85,9 @@ function takeState(data) {
 
 /** @param {any} message */
 function takeConfig(message) {
-  const { decimation } = live.scales;
+  const before = live.config && [live.scales.resolution, live.units.position];
   capture.config(message);
-  if (decimation !== live.scales.decimation) trace.rename();
+  if (String(before) !== String([live.scales.resolution, live.units.position])) trace.rename();
   theory.configured();
   controls.confirm(message.config, live.units.position === "m");
   const names = byId("excite-name");
@@ -126,12 +126,24 @@ function showLease(lease) {
 
 // ---- what is chosen to be seen
 
+/** On a phone there is room for one lane. */
+const narrow = matchMedia("(max-width: 560px)");
+
+/** @param {string} id the lane that stays */
+function showOnly(id) {
+  for (const spec of trace.specs) spec.shown = spec.id === id;
+  trace.rebuild();
+  showLanes();
+}
+narrow.addEventListener("change", () => narrow.matches && showOnly(trace.lanes[0]?.spec.id ?? "position"));
+
 function showLanes() {
   byId("lane-choice").replaceChildren(
     ...trace.specs.map((spec, i) => {
       const box = /** @type {HTMLInputElement} */ (make("input", { type: "checkbox", id: `lane-${spec.id}` }));
       box.checked = spec.shown;
       box.addEventListener("change", () => {
+        if (narrow.matches) return showOnly(spec.id);
         spec.shown = box.checked;
         trace.rebuild();
       });
@@ -143,7 +155,7 @@ function showLanes() {
 /** @param {string} id */
 function showLane(id) {
   const spec = trace.specs.find((each) => each.id === id);
-  if (!spec || spec.shown) return;
+  if (!spec || spec.shown || narrow.matches) return;
   spec.shown = true;
   trace.rebuild();
   showLanes();
@@ -223,7 +235,12 @@ window.addEventListener("keydown", (event) => event.key === "Escape" && withdraw
 connectCommands(view, () => ({ recording: Boolean(said.status?.recorder.path), mine: said.mine }), showLease);
 connectFiles(view, release);
 connectKeys(view, bar);
-showLanes();
+if (narrow.matches) showOnly("position");
+else showLanes();
+byId("more").addEventListener("click", () => {
+  const open = byId("trigger").classList.toggle("open");
+  byId("more").setAttribute("aria-expanded", String(open));
+});
 follow("rows", (data) => capture.rows(data), () => {});
 follow("state", takeState, (open, why) => {
   byId("offline").hidden = open;

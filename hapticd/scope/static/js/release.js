@@ -87,7 +87,7 @@ export class Release {
   get note() {
     const { missed, firstMissedS } = this.running ?? { missed: 0, firstMissedS: NaN };
     if (!missed) return "";
-    return `${missed} period${missed > 1 ? "s" : ""} missed here, which the simulation kept: from ${duration(firstMissedS)} on the residual is of the timing, too`;
+    return `${missed} period${missed > 1 ? "s" : ""} missed, which the simulation kept: from ${duration(firstMissedS)} on it is of the timing, too`;
   }
 
   /** Why there is no residual. */
