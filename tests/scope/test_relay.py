@@ -124,5 +124,5 @@ def test_a_change_is_looked_at_as_soon_as_a_row_or_a_command_tells_of_it(
         put(4, FLAG_FAULT | FLAG_CLAMPED, 1)
         with pytest.raises(TimeoutError):
             state.recv(0.5)
-        assert scope.post("start").status_code == 200
+        assert scope.post("start", {"force": False}).status_code == 200
         assert next_state() == "running"

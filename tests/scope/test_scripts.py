@@ -133,30 +133,41 @@ def test_another_servo_loop_goes_on_to_the_right(blank: Page) -> None:
 
 
 def test_a_picture_put_aside_is_what_it_was(blank: Page) -> None:
-    """Over the place where the ring begins anew, with its gaps, and with the extents that the trace draws."""
-    rng = np.random.default_rng(5)
-    count = CAPACITY + 3000
-    made = rows(count)
-    made["force_command"] = rng.normal(size=count).astype(np.float32)
-    made["tick"][CAPACITY + 100 :] += 5
-    made["flags"][CAPACITY + 100] = FLAG_MISSED_PERIOD
-    parts = [frame(made[start : start + 4096], start) for start in range(0, count, 4096)]
-    begin, end = CAPACITY - 2000, count - 500
-    copied = """(store, [begin, end]) => {
-        const copy = store.copy(begin, end), out = [], inner = [];
-        copy.extent("force", 0, copy.head, out);
-        copy.extent("force", 17, 1300, inner);
-        const last = copy.timeAt(copy.head - 1);
-        return [copy.first, copy.head, copy.gaps, out, inner, copy.tick[0], last, copy.value("force", 7)];
-    }"""
-    first, head, gaps, whole, inner, tick, time_s, value = store(blank, parts, copied, [begin, end])
-    force = made["force_command"]
-    assert (first, head, tick) == (0, end - begin, begin)
-    assert gaps == [{"row": CAPACITY + 100 - begin, "ticks": 5, "kind": "missed"}]
-    assert whole == [force[begin:end].min(), force[begin:end].max()]
-    assert inner == [force[begin + 17 : begin + 1300].min(), force[begin + 17 : begin + 1300].max()]
-    assert time_s == pytest.approx(made["time_s"][end - 1])
-    assert value == force[begin + 7]
+    """Over the place where the ring begins anew, with its gap, and with the extents that the trace draws."""
+    count, begin, end, gap = CAPACITY + 3000, CAPACITY - 2000, CAPACITY + 2500, CAPACITY + 100
+    found = blank.evaluate(
+        """async ([capacity, count, begin, end, gap]) => {
+            const { Store } = await import("/static/js/store.js");
+            const store = new Store(capacity);
+            const rows = 1000;
+            const force = (row) => Math.fround(((row * 7919) % 10007) / 10);
+            for (let from = 0; from < count; from += rows) {
+                const zeros = () => new Float32Array(rows);
+                store.append({ rows, firstRow: from, firstTick: from, epoch: 0, decimation: 1, timeS: from / 1000,
+                    periodS: 1e-3, unixS: 0, originCounts: 0,
+                    tickOffset: Int32Array.from({ length: rows }, (_, i) => i + (from + i >= gap ? 5 : 0)),
+                    timeOffset: Float32Array.from({ length: rows }, (_, i) => i / 1000), counts: new Int32Array(rows),
+                    ticks: new Int32Array(rows), current: zeros(), measured: zeros(), late: zeros(),
+                    force: Float32Array.from({ length: rows }, (_, i) => force(from + i)), flags: new Int32Array(rows) });
+            }
+            const copy = store.copy(begin, end);
+            const extents = [[0, end - begin], [17, 1300], [2000, 2050]].map(([from, to]) => {
+                const [whole, part] = [[], []];
+                store.extent("force", begin + from, begin + to, whole);
+                copy.extent("force", from, to, part);
+                return [whole, part];
+            });
+            const last = copy.timeAt(copy.head - 1);
+            return [copy.first, copy.head, copy.gaps, extents, copy.tick[0], last, copy.value("force", 7),
+                force(begin + 7)];
+        }""",
+        [CAPACITY, count, begin, end, gap],
+    )
+    first, head, gaps, extents, tick, time_s, value, expected = found
+    assert (first, head, tick, value) == (0, end - begin, begin, expected)
+    assert gaps == [{"row": gap - begin, "ticks": 5, "kind": "missed"}]
+    assert all(whole == part for whole, part in extents)
+    assert time_s == pytest.approx((end - 1) / 1000)
 
 
 @pytest.mark.parametrize(

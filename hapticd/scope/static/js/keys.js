@@ -34,8 +34,8 @@ export function connectKeys(view, bar) {
     const target = /** @type {HTMLElement} */ (event.target);
     if (event.ctrlKey || event.metaKey || event.altKey || target.matches("input:not([type=checkbox]), select, textarea")) return;
     const digit = Number(event.key);
-    const spec = trace.specs[digit - 1];
-    if (spec) byId(`lane-${spec.id}`).click();
+    const lane = [...trace.specs.map((spec) => spec.id), "xy"][digit - 1];
+    if (lane) byId(`lane-${lane}`).click();
     else if (keys[event.key] && !(event.key === " " && target.matches("button"))) keys[event.key]();
     else return;
     event.preventDefault();

@@ -9,6 +9,7 @@ import { byId, duration, make, number, say } from "./dom.js";
 import { connectFiles } from "./files.js";
 import { showHealth, showHistograms } from "./health.js";
 import { connectKeys } from "./keys.js";
+import { LOOK } from "./lane.js";
 import { follow } from "./link.js";
 import { Measure } from "./measure.js";
 import { togglePanel } from "./panels.js";
@@ -19,10 +20,11 @@ import { channelUnit, makeLanes, makeSource } from "./source.js";
 import { CHANNELS, Store, VELOCITY_WINDOW_S } from "./store.js";
 import "./tabs.js";
 import { Theory } from "./theory.js";
-import { LOOK, Trace } from "./trace.js";
+import { Trace } from "./trace.js";
 import { Trigger } from "./trigger.js";
 import { TriggerBar } from "./triggerbar.js";
 import { View } from "./view.js";
+import { XY } from "./xy.js";
 
 const STALE_S = 1;
 const TELL_MS = 100;
@@ -50,12 +52,16 @@ const fields = {
 const bar = new TriggerBar(view);
 const theory = new Theory(view, fields);
 const controls = new Controls((found) => theory.dream(found), () => theory.deflection);
-const release = new Release(view, fields, () => showLane("residual"));
+const xy = new XY(view);
+const release = new Release(view, fields, (begin, end) => {
+  showLane("residual");
+  xy.remember(begin, end);
+});
 const capture = new Capture(live, (row) => (view.faultRow = row));
 const measure = new Measure();
 view.changed = () => theory.show();
 
-/** Why a lane is empty. @param {import("./trace.js").LaneSpec} spec @param {number} rows in view */
+/** Why a lane is empty. @param {import("./lane.js").LaneSpec} spec @param {number} rows in view */
 function whyEmpty(spec, rows) {
   if (view.isLive && !view.store.head) {
     if (!byId("offline").hidden) return "not connected: no rows come";
@@ -129,9 +135,11 @@ function showLease(lease) {
 /** On a phone there is room for one lane. */
 const narrow = matchMedia("(max-width: 560px)");
 
-/** @param {string} id the lane that stays */
+/** @param {string} id the lane that stays; "xy": that one */
 function showOnly(id) {
   for (const spec of trace.specs) spec.shown = spec.id === id;
+  byId("xy").hidden = id !== "xy";
+  byId("lanes").hidden = id === "xy";
   trace.rebuild();
   showLanes();
 }
@@ -150,6 +158,13 @@ function showLanes() {
       return make("label", { title: `key ${i + 1}` }, box, spec.title);
     }),
   );
+  const box = /** @type {HTMLInputElement} */ (make("input", { type: "checkbox", id: "lane-xy" }));
+  box.checked = !byId("xy").hidden;
+  box.addEventListener("change", () => {
+    if (narrow.matches) return showOnly("xy");
+    byId("xy").hidden = !box.checked;
+  });
+  byId("lane-choice").append(make("label", { title: `key ${trace.specs.length + 1}` }, box, "X–Y"));
 }
 
 /** @param {string} id */
@@ -215,6 +230,7 @@ function tellMeasures() {
 function frame() {
   requestAnimationFrame(frame);
   document.body.dataset.seen = String(view.frame());
+  xy.frame();
   document.body.dataset.frames = String(++looked.frames);
 }
 

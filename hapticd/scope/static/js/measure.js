@@ -2,7 +2,7 @@
 // @ts-check
 
 import { byId, duration, number, say } from "./dom.js";
-import { LOOK, colour } from "./trace.js";
+import { LOOK, colour } from "./lane.js";
 
 const LONGEST_SPECTRUM = 1 << 16;
 

@@ -19,12 +19,12 @@ export class Release {
   /**
    * @param {import("./view.js").View} view
    * @param {Record<"deflection" | "duration_s", Field>} fields
-   * @param {() => void} showResidual
+   * @param {(begin: number, end: number) => void} ended a release is over whose rows these are
    */
-  constructor(view, fields, showResidual) {
+  constructor(view, fields, ended) {
     this.view = view;
     this.fields = fields;
-    this.showResidual = showResidual;
+    this.ended = ended;
     /** @type {Running | null} */ this.running = null;
     byId("release-form").addEventListener("submit", (event) => {
       event.preventDefault();
@@ -149,10 +149,11 @@ export class Release {
   /** The whole release, as a single shot, unless something else is looked at. @param {Running} running */
   show(running) {
     const { store, view } = this;
-    if (running.start < store.first || view.store !== store) return;
+    if (running.start < store.first) return;
     const start = store.timeAt(running.start);
-    this.showResidual();
-    const lasted = Math.max(0.05, Math.min(running.durationS, view.newest() - start));
+    const lasted = Math.max(0.05, Math.min(running.durationS, store.timeAt(store.head - 1) - start));
+    this.ended(running.start, store.rowAt(start + lasted));
+    if (view.store !== store) return;
     view.show(start - 0.05 * lasted, 1.1 * lasted, start, "the release, taken as a single shot; Run looks at the present again");
   }
 

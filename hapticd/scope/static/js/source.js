@@ -44,7 +44,7 @@ export function channelUnit(channel, { units }) {
 /**
  * The lanes, of whatever is looked at.
  * @param {() => Source} source
- * @returns {import("./trace.js").LaneSpec[]}
+ * @returns {import("./lane.js").LaneSpec[]}
  */
 export function makeLanes(source) {
   const ticks = () => `ticks of ${number(source().scales.resolution, 3)} ${source().units.position}`;

@@ -6,7 +6,7 @@ import { ask } from "./link.js";
 import { Field } from "./quantity.js";
 import { channelUnit } from "./source.js";
 import { CHANNELS, VELOCITY_WINDOW_S } from "./store.js";
-import { LOOK } from "./trace.js";
+import { LOOK } from "./lane.js";
 
 /** @typedef {import("./trigger.js").TriggerSettings} TriggerSettings */
 /** @typedef {import("./store.js").Channel} Channel */
