@@ -21,7 +21,7 @@ from hapticd.config import ConfigError, parse_config
 from hapticd.control.json_reply import to_json
 from hapticd.record import Run, RunWriter, export, read_run, run_metadata
 from hapticd.record.frames import PREFIX, Context, decode, encode
-from hapticd.record.reader import median_period
+from hapticd.record.run import median_period
 from hapticd.record.schema import ROW, Rows, empty_rows
 from hapticd.scope.theory import describe
 
