@@ -4,10 +4,11 @@ The block is a contiguous float64 buffer ``f``; ``i = f.view(int64)`` is the sam
 below are its layout, so that the loopback driver, the simulated hardware and the Python class share one plant.
 
 Instants are (ns, fraction of a ns): an int64 and a float64 in [0, 1), so that a period such as 1/3 ms loses nothing over
-any number of ticks. A commanded current takes effect T_A = 2 δ_A/ω_A later (eq. 5); between two such switches the force is
-constant and the motion is exact (:mod:`hapticd.plant.exact`, with a hand's stiffness :mod:`hapticd.plant.spring`). Effects
-of the catalogue that are edits of that model (another inertia, a bias, a delay) leave it exact; with the others the motion
-is that of :mod:`hapticd.plant.closed_loop`.
+any number of ticks. With an ideal amplifier the force is constant between two commands and the motion is exact
+(:mod:`hapticd.plant.exact`, with a hand's stiffness :mod:`hapticd.plant.spring`). Effects of the catalogue that are edits of
+that model (another inertia, a bias, a delay) leave it exact; with the others, and with the current loop of an amplifier that
+has a bandwidth, the motion is that of :mod:`hapticd.plant.closed_loop`. Where the effect ``amplifier_lag`` is the current
+loop, a commanded current reaches it T_A = 2 δ_A/ω_A later (eq. 5).
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ HAND_REST = 10
 TORQUE_CONSTANT = 11
 """N m/A or N/A."""
 LAG_NS = 12
-"""T_A in ns."""
+"""After how many ns a command reaches the current loop."""
 DAC_STEP = 13
 """A; 0 for none."""
 DAC_MAX_CODE = 14
@@ -98,6 +99,8 @@ _EXTERNAL = effects.index_of("external_force")
 _TRANSPORT_DELAY = effects.index_of("transport_delay.t_d")
 _LOSS = effects.index_of("dropped_samples.p")
 _LAG = effects.index_of("amplifier_lag.f_a")
+_LAG_DAMPING = effects.index_of("amplifier_lag.delta")
+_FEWEST_PARTS = 4
 _is_lost = effect_term(dropped_samples.is_lost)
 # Divided by, not multiplied with 1e-9, which no double holds: 10⁶ ns are then the very double 0.001 s.
 _NS_PER_SECOND = 1e9
@@ -136,20 +139,19 @@ def init_plant(config: Config, position: float = 0.0, velocity: float = 0.0) -> 
     f[STIFFNESS] = config.hand.stiffness
     f[HAND_REST] = config.origin_counts * config.raw_resolution
     f[TORQUE_CONSTANT] = amplifier.torque_constant
-    f[LAG_NS] = amplifier.delay * 1e9
     f[DAC_STEP], i[DAC_MAX_CODE] = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
     f[SATURATION] = amplifier.peak_current or math.inf
     f[RAW_RESOLUTION] = config.raw_resolution
     i[INVERT] = int(config.encoder.invert)
     f[DEVICE:_STATE] = effects.neutral_vector()
     f[_STATE:] = effects.initial_state(position, velocity)
-    if config.plant.effects:
+    if config.plant.effects or amplifier.bandwidth_hz:
         _add_effects(f, i, config)
     return f
 
 
 def _add_effects(f: NDArray[np.float64], i: NDArray[np.int64], config: Config) -> None:
-    """Put a config's effects into a block: as an edit of the base model where one is that, as a term otherwise."""
+    """Put a config's effects and current loop into a block: as an edit of the base model where one is that, else as a term."""
     p = f[DEVICE:_STATE]
     p[:] = effects.device_vector(config)
     (
@@ -161,9 +163,13 @@ def _add_effects(f: NDArray[np.float64], i: NDArray[np.int64], config: Config) -
         f[STIFFNESS],
         f[HAND_REST],
     ) = edited_base(p)
-    f[LAG_NS] += p[_TRANSPORT_DELAY] * 1e9
+    f[LAG_NS] = p[_TRANSPORT_DELAY] * 1e9
+    if p[_LAG] < math.inf:
+        f[LAG_NS] += config.amplifier.delay * 1e9
+    elif config.amplifier.bandwidth_hz:
+        p[_LAG], p[_LAG_DAMPING] = config.amplifier.bandwidth_hz, config.amplifier.damping_ratio
     i[HAS_EFFECT_TERMS] = int(needs_effect_terms(p))
-    f[LONGEST_STEP] = config.period / substeps_for(p, config.period)
+    f[LONGEST_STEP] = config.period / max(substeps_for(p, config.period), _FEWEST_PARTS if p[_LAG] < math.inf else 1)
     i[LINK] = config.dither.seed ^ _OF_LINK
 
 

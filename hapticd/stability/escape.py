@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from hapticd.plant.exact import phi_functions
 from hapticd.stability.criterion import lambda_
+from hapticd.stability.current_loop import lagged
 from hapticd.stability.whole_loop import is_bare
 
 FloatArray = NDArray[np.float64]
@@ -134,4 +135,7 @@ def growth_proofs(loops: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.fl
 
 def never_grows(loops: NDArray[Any]) -> NDArray[np.bool_]:
     """Which loops (n,) theorem 2 keeps bounded, whatever their force's error is: β > λ(τ_D, β_v)."""
-    return np.asarray((loops["beta"] > lambda_(loops["tau_d"], loops["beta_v"])) & (loops["counts"] == 0))
+    lam = np.asarray(lambda_(loops["tau_d"], loops["beta_v"]))
+    for k in np.flatnonzero(loops["natural"]):
+        lam[k] = lagged(*(float(loops[name][k]) for name in ("tau_d", "natural", "ratio", "beta_v")))[0]
+    return np.asarray((loops["beta"] > lam) & (loops["counts"] == 0))

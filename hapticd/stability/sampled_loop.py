@@ -2,9 +2,9 @@
 
 One kernel, compiled twice. *Bare* it is the spring of eq. 7–9, as the region maps have it; otherwise with all that the
 servo renders: virtual damping with its velocity estimate, a wall, no half tick, dither, a converter that rounds and ends, a
-current that saturates, a hand's stiffness κ, a spring without ticks (φ = −ξ), and the passivity controller
-(`hapticd.stability.passivity`), for which the whole delay is T_V: it knows when a command is sent. The amplifier is the
-delay of (5), as in ``hapticd simulate``. Numbers are those of Table I. Period and friction do not change, so that the
+current that saturates, the amplifier's current loop of second order (`hapticd.stability.current_loop`), a hand's stiffness κ,
+a spring without ticks (φ = −ξ), and the passivity controller (`hapticd.stability.passivity`), for which the whole delay is
+T_V: it knows when a command is sent. Numbers are those of Table I. Period and friction do not change, so that the
 exponentials of `hapticd.plant.exact` are computed once a run. A run ends
 
 * at rest: the mass stands, and stiction holds whatever force may come; a bare one also where it slides to its rest within
@@ -39,9 +39,9 @@ from numba import from_dtype, types
 from numpy.typing import NDArray
 
 from hapticd.jit import njit
-from hapticd.plant.exact import phi_functions, step, time_and_way_to_rest
+from hapticd.plant.exact import phi_functions
 from hapticd.plant.noise import next_uniform
-from hapticd.plant.spring import propagate_with_stiffness
+from hapticd.stability.current_loop import SPAN_WORDS, forgets, held_motion, lagged_motion, prepare, stop_of
 from hapticd.stability.escape import growth_proofs, never_grows
 from hapticd.stability.outcome import (
     DECAYING,
@@ -75,14 +75,6 @@ _f8 = types.float64
 
 
 @njit(inline=True)
-def _stop(x: float, v: float, force: float, mu: float, beta: float, sigma: float) -> float:
-    """Where a mass that is being slowed down comes to its first rest."""
-    sign = math.copysign(1.0, v)
-    _, way = time_and_way_to_rest(abs(v), (sigma - sign * force) / mu, beta / mu)
-    return x + sign * way
-
-
-@njit(inline=True)
 def _resting_place(ring: Any, pending: int, x: float, v: float, mu: float, beta: float, sigma: float) -> float:
     """Where a bare loop is at rest, or will be if no force changes before; not a number where that is not certain."""
     tick = math.floor(x)
@@ -92,27 +84,19 @@ def _resting_place(ring: Any, pending: int, x: float, v: float, mu: float, beta:
     for k in range(pending):
         if abs(ring[k]) > sigma or (v != 0.0 and ring[k] != force):
             return np.nan
-    stop = _stop(x, v, force, mu, beta, sigma) if v != 0.0 else x
+    stop = stop_of(x, v, force, mu, beta, sigma) if v != 0.0 else x
     return stop if v == 0.0 or tick < stop < tick + 1.0 else np.nan
 
 
 @njit(inline=True)
-def _moved(
-    x: float, v: float, dt: float, force: float, mu: float, beta: float, sigma: float, kappa: float,
-    exponential: float, phi1: float, phi2: float,
-) -> tuple[float, float]:  # fmt: skip
-    """Move through a time of constant force, which has these `phi_functions`."""
-    if kappa > 0.0:
-        return propagate_with_stiffness(x, v, dt, force, mu, beta, sigma, kappa)
-    return step(x, v, dt, force, mu, beta, sigma, exponential, phi1, phi2)
-
-
-@njit(inline=True)
-def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: float, memory: Any) -> None:
+def _run(
+    loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: float, memory: Any, spans: Any
+) -> None:
     """Run one loop; ``bare`` is a literal where this is called, so that what a bare loop has not is not compiled.
 
     ``growth`` is the eigenvector of `hapticd.stability.escape.Escape`, real and imaginary part, ``threshold`` its threshold,
-    ``memory`` (4, …) work space: the commands under way, the positions that the damper remembers, and both as they were.
+    ``memory`` (4, …) work space: the commands under way, the positions that the damper remembers, and both as they were;
+    ``spans`` (2, SPAN_WORDS) that of the current loop.
     """
     ring, samples, ring_saved, samples_saved = memory[0], memory[1], memory[2], memory[3]
     mu, beta, sigma, far, ticks = loop.mu, loop.beta, loop.sigma, loop.far, bare or loop.ticks
@@ -126,6 +110,12 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
     x, v = loop.xi, loop.xi_dot
     ring[:pending] = 0.0
     velocity, known = 0.0, 0
+    natural, current, rate = 0.0 if bare else loop.natural, 0.0, 0.0
+    remembered = pending + window
+    if natural > 0.0:
+        remembered += forgets(natural, loop.ratio)
+        prepare(natural, loop.ratio, mu, beta, first_span, spans[0])
+        prepare(natural, loop.ratio, mu, beta, second_span, spans[1])
     if loop.known:
         velocity, known = loop.past, window
         for k in range(window):
@@ -133,6 +123,11 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
         for k in range(pending):
             then = x - loop.past * (k + 1)
             ring[(pending - 1 - k) % pending] = delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))
+        if natural > 0.0:  # a ramp comes late by 2δ/ω
+            then = x - loop.past * (loop.tau_d + 0.5 + 2.0 * loop.ratio / natural)
+            current = delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))
+            then -= loop.past
+            rate = (current - delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))) / natural
     half = periods // 2
     edge, stretch, peak = half, -1, 0.0
     first, last, rose = stored(ticks, mu, kappa, x, v), np.inf, False
@@ -148,6 +143,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
     back_low, back_high, pushed = x, x, 0.0
     alike, weight = _SAME if settles else 0.0, math.sqrt(mu)
     velocity_saved, phase_saved, counted_saved, excess_saved = velocity, phase, counted, excess
+    current_saved, rate_saved = current, rate
     run.reason, run.cycle, run.added, run.largest = HORIZON, 0, 0.0, 0.0
     slot = sample_slot = 0
     h, end = 0, periods
@@ -180,6 +176,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
             if abs(x - x_saved) <= near and weight * abs(v - v_saved) <= near and abs(phase - phase_saved) <= alike:
                 same = counted == counted_saved and abs(excess - excess_saved) <= near
                 same = same and abs(velocity - velocity_saved) <= near
+                same = same and abs(current - current_saved) <= near and abs(rate - rate_saved) <= near
                 same = same and not (dithered and loop.waveform == UNIFORM)
                 for k in range(pending):
                     same = same and abs(ring[(slot + k) % pending] - ring_saved[k]) <= near
@@ -194,7 +191,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
                 reference, next_reference = h, h + max(1, h // 4) if settles else 2 * h
                 back_low = back_high = x
                 x_saved, v_saved, velocity_saved, phase_saved = x, v, velocity, phase
-                counted_saved, excess_saved = counted, excess
+                counted_saved, excess_saved, current_saved, rate_saved = counted, excess, current, rate
                 for k in range(pending):
                     ring_saved[k] = ring[(slot + k) % pending]
                 for k in range(window):
@@ -245,7 +242,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
                     force = braked
             run.largest = max(run.largest, abs(force))
             force = delivered(loop, force)
-            if still > pending + window and stays(loop, x, force):
+            if still > remembered and stays(loop, x, force):
                 run.reason = REST
                 break
             if not ticks and last <= _VANISHED * first:
@@ -260,19 +257,26 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
         for part in range(2):
             held = sent if part else before
             x_before, v_before = x, v
-            if part:
-                x, v = _moved(x, v, second_span, held, mu, beta, sigma, kappa, e1, a1, b1)
-            else:
-                if first_span > 0.0:
-                    x, v = _moved(x, v, first_span, held, mu, beta, sigma, kappa, e0, a0, b0)
-                if h >= whole:
-                    now = stored(ticks, mu, kappa, x, v)
-                    rose = rose or now > last * (1.0 + RISE_TOLERANCE)
-                    last = now
-                    peak = max(peak, now)
+            lowest = highest = np.nan
+            if natural > 0.0:
+                if part or first_span > 0.0:
+                    x, v, current, rate, lowest, highest = lagged_motion(
+                        x, v, current, rate, held, mu, beta, sigma, kappa, spans[part]
+                    )
+            elif part:
+                x, v = held_motion(x, v, second_span, held, mu, beta, sigma, kappa, e1, a1, b1)
+            elif first_span > 0.0:
+                x, v = held_motion(x, v, first_span, held, mu, beta, sigma, kappa, e0, a0, b0)
+            if part == 0 and h >= whole:
+                now = stored(ticks, mu, kappa, x, v)
+                rose = rose or now > last * (1.0 + RISE_TOLERANCE)
+                last = now
+                peak = max(peak, now)
             if measuring and (part or first_span > 0.0):
-                if v * v_before < 0.0 and kappa == 0.0:
-                    turn = _stop(x_before, v_before, held, mu, beta, sigma)
+                if natural > 0.0:
+                    low, high = min(low, lowest), max(high, highest)
+                elif v * v_before < 0.0 and kappa == 0.0:
+                    turn = stop_of(x_before, v_before, held, mu, beta, sigma)
                     low, high = min(low, turn), max(high, turn)
                 low, high = min(low, x), max(high, x)
                 reversals += int(heading * v < 0.0)
@@ -303,12 +307,12 @@ def _run_all(loops: Any, runs: Any, periods: int, bare: Any, growth: Any, thresh
     longest = 1
     for k in range(len(loops)):
         longest = max(longest, math.floor(loops[k].tau_d) + 1, loops[k].periods)
-    memory = np.zeros((4, longest))
+    memory, spans = np.zeros((4, longest)), np.zeros((2, SPAN_WORDS))
     for k in range(len(loops)):
         if bare[k] >= 0:
-            _run(loops[k], runs[k], periods, True, growth[bare[k]], thresholds[k], memory)
+            _run(loops[k], runs[k], periods, True, growth[bare[k]], thresholds[k], memory, spans)
         else:
-            _run(loops[k], runs[k], periods, False, growth[0], thresholds[k], memory)
+            _run(loops[k], runs[k], periods, False, growth[0], thresholds[k], memory, spans)
 
 
 @njit(types.boolean(_LOOPS))

@@ -21,15 +21,13 @@ Not covered: effects of the plant that push or lag, the passivity controller, a 
 
 from __future__ import annotations
 
-import functools
 import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.stability.criterion import lambda_
+from hapticd.stability.current_loop import current_loop, lagged
 from hapticd.stability.damping import damper_from_config
 
 if TYPE_CHECKING:
@@ -37,9 +35,6 @@ if TYPE_CHECKING:
 
     from hapticd.config import Config
     from hapticd.stability.numbers import Dimensionless, Loop
-
-#: Grid of the impulse response, and what its error is rounded up by.
-_POINTS, _ROUNDING = 20_000, 1.0 + 1e-3
 
 
 @dataclass(frozen=True)
@@ -124,7 +119,7 @@ def proof_of(config: Config, loop: Loop) -> Proof | None:
     """
     if loop.stiffness == 0.0 or next(unproven(config), None) is not None:
         return None
-    numbers, amplifier, spring = loop.numbers, config.amplifier, config.spring
+    numbers, spring = loop.numbers, config.spring
     q, grown = numbers.quantum, (0.0, 0.0)
     beta_v, n = 0.0, 1
     if spring.damping > 0.0:
@@ -134,10 +129,9 @@ def proof_of(config: Config, loop: Loop) -> Proof | None:
         if n > 1:
             grown = 0.5 * beta_v * (n - 1), beta_v * sum(1.0 / j - 1.0 / n for j in range(1, n))
     lam, late = float(lambda_(numbers.tau_d, beta_v)), 0.0
-    if amplifier.bandwidth_hz:
-        before = max(0.0, loop.delay - amplifier.delay) / loop.period
-        natural = 2.0 * math.pi * amplifier.bandwidth_hz * loop.period
-        lam, gain, late = lagged(before, natural, amplifier.damping_ratio, beta_v)
+    before, natural, ratio = current_loop(config, loop)
+    if natural:
+        lam, gain, late = lagged(before, natural, ratio, beta_v)
         q *= gain
     offset = 0.0 if spring.half_tick_bias else 0.5
     return Proof(numbers, q, lam, offset, late, grown, n, beta_v > 0.0)
@@ -166,30 +160,3 @@ def unproven(config: Config) -> Iterator[str]:
         yield f"plant.effects ({', '.join(outside)})"
     if config.safety.passivity == "control":
         yield "safety.passivity: control"
-
-
-@functools.lru_cache(maxsize=256)
-def lagged(tau: float, natural: float, damping: float, beta_v: float = 0.0) -> tuple[float, float, float]:
-    """λ, the gain of q, and the lateness of a first force, of a current loop of second order behind a delay.
-
-    Its force is a mixture of delays, weighted with its impulse response a(θ): each delay τ + θ puts in at most
-    λ(τ + θ)∫ξ̇², whatever the sign of its weight.
-
-    Args:
-        tau: the delay before it, periods. natural: ω_A, rad per period. damping: δ_A. beta_v: virtual damping.
-
-    Returns:
-        ∫|a|λ(τ + θ)dθ, ∫|a|dθ and ∫|1 − s|dθ with the step response s, a little rounded up.
-    """
-    slowest = damping if damping <= 1.0 else 1.0 / (damping + math.sqrt(damping * damping - 1.0))
-    step = 25.0 / slowest / _POINTS
-    x = step * (np.arange(_POINTS) + 0.5)
-    root = np.sqrt(complex(damping * damping - 1.0))
-    if abs(root) < 1e-6:
-        root = 1e-6 + 0.0j  # the critically damped loop, to 12 digits
-    fast, slow = damping + root, damping - root
-    impulse = ((np.exp(-slow * x) - np.exp(-fast * x)) / (2.0 * root)).real
-    rest = ((fast * np.exp(-slow * x) - slow * np.exp(-fast * x)) / (2.0 * root)).real
-    weight = np.abs(impulse) * step * _ROUNDING
-    lam = float(weight @ lambda_(tau + x / natural, beta_v))
-    return lam, float(weight.sum()), float(np.abs(rest).sum() * step / natural) * _ROUNDING

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from hapticd.jit import njit
 from hapticd.plant.amplifier import converter_grid
+from hapticd.stability.current_loop import current_loop, overshoot
 from hapticd.stability.damped import sprung
 from hapticd.stability.damping import passive_viscous, velocity_filter
 from hapticd.stability.numbers import Dimensionless, Loop
@@ -44,6 +45,8 @@ LOOP: Final = np.dtype(
         ("step", "f8"),  # of the converter, ticks of force; 0 for none
         ("codes", "f8"),  # its largest code
         ("clip", "f8"),  # largest force, ticks
+        ("natural", "f8"),  # ω of a current loop behind τ_D, rad per period; 0 for none
+        ("ratio", "f8"),  # and its damping ratio δ
         ("counts", "i8"),  # in a tick, as the passivity controller reads them; 0 for no controller
         ("stiffest", "f8"),  # its α T in units of K
         ("force_limit", "f8"),  # within which it adds, ticks of force
@@ -152,15 +155,18 @@ def delivered(loop: Any, force: float) -> float:
 
 @njit(inline=True)
 def stays(loop: Any, x: float, force: float) -> bool:
-    """Whether stiction holds a mass that stands at x, under this force and under any that dither can make of it."""
+    """Whether stiction holds a mass that stands at x, under this force and under any that dither can make of it in time."""
     low = delivered(loop, asked(loop, read(loop, x, 1.0), 0.0) - loop.force_dither)
     high = delivered(loop, asked(loop, read(loop, x, -1.0), 0.0) + loop.force_dither)
     pull, sigma = loop.kappa * x, loop.sigma
+    if loop.natural > 0.0 and low != high:
+        beyond = 0.5 * (high - low) * (overshoot(loop.ratio) - 1.0)
+        low, high = low - beyond, high + beyond
     return bool(abs(low - pull) <= sigma and abs(high - pull) <= sigma and abs(force - pull) <= sigma)
 
 
 #: What is neutral in a bare loop, beside `blank`; `periods`, `keep` and `seed` then say nothing.
-_NEUTRAL: Final = ("kappa", "side", "beta_v", "position_dither", "force_dither", "step", "counts")
+_NEUTRAL: Final = ("kappa", "side", "beta_v", "position_dither", "force_dither", "step", "counts", "natural")
 
 
 def is_bare(loops: NDArray[Any]) -> NDArray[np.bool_]:
@@ -186,6 +192,7 @@ def record_of(config: Config, loop: Loop) -> NDArray[Any]:
     amplifier = config.amplifier
     per_ampere = amplifier.torque_constant / scales.force
     record = bare_loop(numbers)
+    record["tau_d"], record["natural"], record["ratio"] = current_loop(config, loop)
     record["bias"] = 0.5 if spring.half_tick_bias else 0.0
     record["side"] = _SIDES[spring.side]
     record["beta_v"] = loop.damping / (loop.stiffness * loop.period)

@@ -1,0 +1,69 @@
+"""The current loop of second order: its motion against SciPy and against a finer division, and how it stands in a record."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from scipy.integrate import solve_ivp
+
+from hapticd.stability.current_loop import SPAN_WORDS, lagged_motion, prepare
+from hapticd.stability.whole_loop import blank
+from hapticd.stability.sampled_loop import run_loops
+
+_PARTS, _PART = 4, 12
+
+
+def made(natural: float, ratio: float, mu: float, beta: float, span: float, finer: int = 1) -> NDArray[np.float64]:
+    """What `prepare` makes; its parts so many times finer."""
+    coarse, fine = np.zeros(SPAN_WORDS), np.zeros(SPAN_WORDS)
+    prepare(natural, ratio, mu, beta, span, coarse)
+    if finer > 1:
+        parts = int(coarse[_PARTS]) * finer
+        prepare(natural, ratio, mu, beta, span / parts, fine)
+        coarse[_PARTS], coarse[_PART : _PART + 7] = parts, fine[5:12]
+    return coarse
+
+
+def drawn(rng: np.random.Generator, speed: float) -> tuple[tuple[float, ...], tuple[float, ...], float]:
+    """A state (x, v, force, rate, aim), a device (μ, β, σ, ω, δ) and a span."""
+    state = tuple(rng.normal(0.0, size) for size in (3.0, speed, 3.0, 3.0, 3.0))
+    device = (10.0 ** rng.uniform(0.0, 2.5), rng.uniform(0.0, 2.0), rng.uniform(0.0, 2.0))
+    return state, (*device, 10.0 ** rng.uniform(-1.5, 1.7), 10.0 ** rng.uniform(-1.0, 0.5)), rng.uniform(0.05, 1.0)
+
+
+def test_a_slide_is_that_of_scipy() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(60):
+        (x, v, force, rate, aim), (mu, beta, sigma, natural, ratio), span = drawn(rng, 1.0)
+        v = math.copysign(30.0, v)  # it does not stop
+
+        def slope(_: float, y: Any) -> list[float]:
+            drag = math.copysign(sigma, v) + beta * y[1]
+            pull = natural * natural * (aim - y[2]) - 2.0 * ratio * natural * y[3]
+            return [y[1], (y[2] - drag) / mu, y[3], pull]
+
+        end = solve_ivp(slope, (0.0, span), [x, v, force, rate * natural], method="DOP853", rtol=1e-12, atol=1e-12)
+        found = lagged_motion(x, v, force, rate, aim, mu, beta, sigma, 0.0, made(natural, ratio, mu, beta, span))
+        assert found[:3] == pytest.approx(end.y[:3, -1], rel=1e-8, abs=1e-8)
+        assert found[3] * natural == pytest.approx(end.y[3, -1], rel=1e-7, abs=1e-7)
+
+
+def test_what_dividing_a_period_costs() -> None:
+    rng = np.random.default_rng(6)
+    errors = []
+    for _ in range(4000):
+        state, (mu, beta, sigma, natural, ratio), span = drawn(rng, 0.3)
+        coarse, fine = (
+            lagged_motion(*state, mu, beta, sigma, 0.0, made(natural, ratio, mu, beta, span, finer))
+            for finer in (1, 64)
+        )
+        # in units of what the largest force does to the mass in a period
+        pushed = (sum(map(abs, state[2:])) + sigma) / mu
+        errors.append([abs(coarse[0] - fine[0]) / pushed, abs(coarse[1] - fine[1]) / pushed])
+    worst = np.array(errors)
+    print(worst.max(axis=0), np.percentile(worst, 99, axis=0), (worst > 1e-9).mean(axis=0))
+    assert (worst.max(axis=0) < [0.01, 0.03]).all()
