@@ -108,7 +108,7 @@ class LoopbackDriver(Driver):
     def open(self) -> None:
         """Put the shaft at its initial state; amplifier off unless asked otherwise."""
         position, velocity, enabled, limited = self._initial
-        plant = kernel.init_plant(self.config, position, velocity)
+        plant = kernel.init_plant(self.config, position, velocity, current_loop=True)
         plant[kernel.LAG_NS] += self._stood_in_latency_s * 1e9
         if not limited:
             plant[kernel.SATURATION] = np.inf

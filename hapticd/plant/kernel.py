@@ -4,11 +4,10 @@ The block is a contiguous float64 buffer ``f``; ``i = f.view(int64)`` is the sam
 below are its layout, so that the loopback driver, the simulated hardware and the Python class share one plant.
 
 Instants are (ns, fraction of a ns): an int64 and a float64 in [0, 1), so that a period such as 1/3 ms loses nothing over
-any number of ticks. With an ideal amplifier the force is constant between two commands and the motion is exact
-(:mod:`hapticd.plant.exact`, with a hand's stiffness :mod:`hapticd.plant.spring`). Effects of the catalogue that are edits of
-that model (another inertia, a bias, a delay) leave it exact; with the others, and with the current loop of an amplifier that
-has a bandwidth, the motion is that of :mod:`hapticd.plant.closed_loop`. Where the effect ``amplifier_lag`` is the current
-loop, a commanded current reaches it T_A = 2 δ_A/ω_A later (eq. 5).
+any number of ticks. A commanded current takes effect T_A = 2 δ_A/ω_A later (eq. 5); between two such switches the force is
+constant and the motion is exact (:mod:`hapticd.plant.exact`, with a hand's stiffness :mod:`hapticd.plant.spring`); or it
+reaches a current loop of second order (:mod:`hapticd.plant.lagged`). Effects of the catalogue that are edits of that model
+(another inertia, a bias, a delay) leave it exact; with the others the motion is that of :mod:`hapticd.plant.closed_loop`.
 """
 
 from __future__ import annotations
@@ -24,6 +23,7 @@ from hapticd.plant import layout as effects
 from hapticd.plant.amplifier import converter_grid, quantise_current
 from hapticd.plant.closed_loop import advance_with_effects, stays_with_effects
 from hapticd.plant.electrical import delivered
+from hapticd.plant.lagged import SPAN_WORDS, lagged_motion, parts_per_time, prepare
 from hapticd.plant.noise import next_uniform
 from hapticd.plant.numeric import edited_base, measured, needs_effect_terms
 from hapticd.plant.resolution import substeps_for
@@ -59,7 +59,7 @@ HAND_REST = 10
 TORQUE_CONSTANT = 11
 """N m/A or N/A."""
 LAG_NS = 12
-"""After how many ns a command reaches the current loop."""
+"""After how many ns a command takes effect, or reaches the current loop: T_A for an amplifier that is a delay."""
 DAC_STEP = 13
 """A; 0 for none."""
 DAC_MAX_CODE = 14
@@ -88,6 +88,14 @@ LONGEST_STEP = 25
 """Longest substep of such effects, s."""
 LINK = 26
 """i64: state of the random numbers by which a link loses commands."""
+CURRENT_RATE = 27
+"""Derivative of CURRENT over the current loop's ω, A."""
+NATURAL = 28
+"""ω of a current loop without other effects, rad/s; 0 for none."""
+DAMPING = 29
+"""Its damping ratio δ."""
+FINEST = 30
+"""Parts a second into which its motion is divided where the shaft may stop."""
 HEADER_WORDS = 32
 
 QUEUE_LENGTH = 4096
@@ -100,7 +108,6 @@ _TRANSPORT_DELAY = effects.index_of("transport_delay.t_d")
 _LOSS = effects.index_of("dropped_samples.p")
 _LAG = effects.index_of("amplifier_lag.f_a")
 _LAG_DAMPING = effects.index_of("amplifier_lag.delta")
-_FEWEST_PARTS = 4
 _is_lost = effect_term(dropped_samples.is_lost)
 # Divided by, not multiplied with 1e-9, which no double holds: 10⁶ ns are then the very double 0.001 s.
 _NS_PER_SECOND = 1e9
@@ -111,11 +118,14 @@ _DUE_CURRENT = _DUE_FRAC + QUEUE_LENGTH
 DEVICE = _DUE_CURRENT + QUEUE_LENGTH
 """First element of the device vector (`hapticd.plant.layout`)."""
 _STATE = DEVICE + effects.SIZE
-PLANT_SIZE = _STATE + effects.STATE
+_SPAN = _STATE + effects.STATE
+PLANT_SIZE = _SPAN + SPAN_WORDS
 """Words of the block."""
 
 
-def init_plant(config: Config, position: float = 0.0, velocity: float = 0.0) -> NDArray[np.float64]:
+def init_plant(
+    config: Config, position: float = 0.0, velocity: float = 0.0, *, current_loop: bool = False
+) -> NDArray[np.float64]:
     """A new block for a config's ``plant``, ``hand``, ``amplifier`` and ``encoder``, at instant 0 with no current.
 
     The grip's spring is relaxed at the virtual spring's origin: it acts in parallel with it (Sec. III-B). With
@@ -125,6 +135,8 @@ def init_plant(config: Config, position: float = 0.0, velocity: float = 0.0) -> 
         config: resolved configuration.
         position: true initial position, rad or m.
         velocity: true initial velocity, rad/s or m/s.
+        current_loop: whether the amplifier is its current loop of second order, and not the delay (5) of it. With the
+            effect ``amplifier_lag`` it is the delay in any case, and that effect the current loop behind it.
 
     Returns:
         Shape (PLANT_SIZE,), float64.
@@ -139,19 +151,20 @@ def init_plant(config: Config, position: float = 0.0, velocity: float = 0.0) -> 
     f[STIFFNESS] = config.hand.stiffness
     f[HAND_REST] = config.origin_counts * config.raw_resolution
     f[TORQUE_CONSTANT] = amplifier.torque_constant
+    f[LAG_NS] = amplifier.delay * 1e9
     f[DAC_STEP], i[DAC_MAX_CODE] = converter_grid(amplifier.dac_bits, amplifier.dac_full_scale)
     f[SATURATION] = amplifier.peak_current or math.inf
     f[RAW_RESOLUTION] = config.raw_resolution
     i[INVERT] = int(config.encoder.invert)
     f[DEVICE:_STATE] = effects.neutral_vector()
-    f[_STATE:] = effects.initial_state(position, velocity)
-    if config.plant.effects or amplifier.bandwidth_hz:
-        _add_effects(f, i, config)
+    f[_STATE:_SPAN] = effects.initial_state(position, velocity)
+    if config.plant.effects or (current_loop and amplifier.bandwidth_hz):
+        _add_effects(f, i, config, current_loop)
     return f
 
 
-def _add_effects(f: NDArray[np.float64], i: NDArray[np.int64], config: Config) -> None:
-    """Put a config's effects and current loop into a block: as an edit of the base model where one is that, else as a term."""
+def _add_effects(f: NDArray[np.float64], i: NDArray[np.int64], config: Config, current_loop: bool) -> None:
+    """Put a config's effects into a block: as an edit of the base model or its current loop, or else as terms."""
     p = f[DEVICE:_STATE]
     p[:] = effects.device_vector(config)
     (
@@ -163,20 +176,25 @@ def _add_effects(f: NDArray[np.float64], i: NDArray[np.int64], config: Config) -
         f[STIFFNESS],
         f[HAND_REST],
     ) = edited_base(p)
-    f[LAG_NS] = p[_TRANSPORT_DELAY] * 1e9
-    if p[_LAG] < math.inf:
-        f[LAG_NS] += config.amplifier.delay * 1e9
-    elif config.amplifier.bandwidth_hz:
+    f[LAG_NS] += p[_TRANSPORT_DELAY] * 1e9
+    if current_loop and config.amplifier.bandwidth_hz and p[_LAG] == math.inf:
         p[_LAG], p[_LAG_DAMPING] = config.amplifier.bandwidth_hz, config.amplifier.damping_ratio
+        f[LAG_NS] -= config.amplifier.delay * 1e9
+    lag, p[_LAG] = p[_LAG], math.inf
     i[HAS_EFFECT_TERMS] = int(needs_effect_terms(p))
-    f[LONGEST_STEP] = config.period / max(substeps_for(p, config.period), _FEWEST_PARTS if p[_LAG] < math.inf else 1)
+    if i[HAS_EFFECT_TERMS] or lag == math.inf:
+        p[_LAG] = lag
+    else:
+        f[NATURAL], f[DAMPING] = 2.0 * math.pi * lag, p[_LAG_DAMPING]
+        f[FINEST] = parts_per_time(f[NATURAL], config.period)
+    f[LONGEST_STEP] = config.period / substeps_for(p, config.period)
     i[LINK] = config.dither.seed ^ _OF_LINK
 
 
 @njit("void(float64[::1], float64)", counted=False)
 def _move_with_effect_terms(f: NDArray[Any], dt: float) -> None:
     p = f[DEVICE:_STATE]
-    state = f[_STATE:PLANT_SIZE]
+    state = f[_STATE:_SPAN]
     p[_EXTERNAL] = f[HAND_FORCE]
     state[effects.THETA], state[effects.OMEGA] = f[POSITION], f[VELOCITY]
     advance_with_effects(p, state, f[AGE], dt, f[LONGEST_STEP], f[AIM])
@@ -185,10 +203,29 @@ def _move_with_effect_terms(f: NDArray[Any], dt: float) -> None:
     f[AGE] += dt
 
 
+@njit("void(float64[::1], float64)", counted=False)
+def _move_behind_current_loop(f: NDArray[Any], dt: float) -> None:
+    made, given = f[_SPAN:PLANT_SIZE], f[HAND_FORCE] + f[BIAS]
+    if made[0] != dt:  # periods are alike
+        prepare(f[NATURAL], f[DAMPING], f[INERTIA], f[VISCOUS], f[FINEST], dt, made)
+    constant, stretch = f[TORQUE_CONSTANT], f[POSITION] - f[HAND_REST] if f[STIFFNESS] > 0.0 else f[POSITION]
+    after, f[VELOCITY], force, rate, _, _ = lagged_motion(
+        stretch, f[VELOCITY], constant * f[CURRENT] + given, constant * f[CURRENT_RATE], constant * f[AIM] + given,
+        f[INERTIA], f[VISCOUS], f[COULOMB], f[STIFFNESS], made,
+    )  # fmt: skip
+    # a shaft that stiction holds keeps its position to the bit
+    if after != stretch:
+        f[POSITION] = after + f[HAND_REST] if f[STIFFNESS] > 0.0 else after
+    f[CURRENT], f[CURRENT_RATE] = (force - given) / constant, rate / constant
+
+
 @njit("void(float64[::1], int64[::1], float64)", inline=True, counted=False)
 def _move(f: NDArray[Any], i: NDArray[Any], dt: float) -> None:
     if i[HAS_EFFECT_TERMS] != 0:
         _move_with_effect_terms(f, dt)
+        return
+    if f[NATURAL] > 0.0:
+        _move_behind_current_loop(f, dt)
         return
     force = f[CURRENT] * f[TORQUE_CONSTANT] + f[HAND_FORCE] + f[BIAS]
     f[POSITION], f[VELOCITY] = propagate_about_rest(
@@ -199,7 +236,7 @@ def _move(f: NDArray[Any], i: NDArray[Any], dt: float) -> None:
 @njit("void(float64[::1], float64)", inline=True, counted=False)
 def _take_effect(f: NDArray[Any], current: float) -> None:
     f[AIM] = current
-    if f[DEVICE + _LAG] == math.inf:
+    if f[DEVICE + _LAG] == math.inf and f[NATURAL] == 0.0:
         f[CURRENT] = current
 
 
@@ -301,6 +338,9 @@ def plant_stays(f: NDArray[Any], i: NDArray[Any]) -> bool:
     if i[HAS_EFFECT_TERMS] != 0:
         f[DEVICE + _EXTERNAL] = f[HAND_FORCE]
         f[_STATE + effects.THETA], f[_STATE + effects.OMEGA] = f[POSITION], f[VELOCITY]
-        return stays_with_effects(f[DEVICE:_STATE], f[_STATE:PLANT_SIZE], f[AGE], f[AIM])
-    force = f[CURRENT] * f[TORQUE_CONSTANT] + f[HAND_FORCE] + f[BIAS] - f[STIFFNESS] * (f[POSITION] - f[HAND_REST])
-    return f[VELOCITY] == 0.0 and abs(force) <= f[COULOMB]
+        return stays_with_effects(f[DEVICE:_STATE], f[_STATE:_SPAN], f[AGE], f[AIM])
+    current, swing = f[CURRENT], 0.0
+    if f[NATURAL] > 0.0:
+        current, swing = f[AIM], f[TORQUE_CONSTANT] * math.hypot(f[CURRENT] - f[AIM], f[CURRENT_RATE])
+    force = current * f[TORQUE_CONSTANT] + f[HAND_FORCE] + f[BIAS] - f[STIFFNESS] * (f[POSITION] - f[HAND_REST])
+    return f[VELOCITY] == 0.0 and abs(force) + swing <= f[COULOMB]

@@ -197,7 +197,7 @@ def _verdict(where: str, proof: Proof | None, explored: Explored | None) -> Verd
         return "depends"
     if explored.moving_on:
         return "unstable" if explored.growing or where in _SHAKES else "buzzes"
-    return "undecided" if explored.undecided or explored.rings else "buzzes"
+    return "undecided" if explored.undecided else "buzzes"
 
 
 def _cycle(numbers: Dimensionless, deflection: float | None, velocity: float | None) -> LimitCycle | None:

@@ -16,8 +16,8 @@ others have at most its energy. Where β > λ theorem 2 takes from faster ones w
 Work is counted in periods and not in seconds, so that the same question has the same answer on every machine. None of n
 starts says that, of all starts drawn like these, fewer than 1 − 0.05^(1/n) move on, with 95 % confidence.
 
-The amplifier is the delay of (5), as in ``hapticd simulate``, which repeats a start that moves on; effects of the plant that
-are no edits of its base are left out. `Explored.approximate` names both.
+``hapticd simulate`` repeats a start that moves on. Effects of the plant that are no edits of its base are left out, but for
+the lag of the amplifier; `Explored.approximate` names them.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.effects import amplifier_lag
 from hapticd.stability import sampled_loop as loops
 from hapticd.stability.cycles import (
     AT_REST,
@@ -47,7 +48,7 @@ from hapticd.stability.cycles import (
 )
 from hapticd.stability.numbers import Loop, loop_from_config
 from hapticd.stability.starts import HEAVIEST, horizon, starts_of
-from hapticd.stability.theorems import proof_of, unproven
+from hapticd.stability.theorems import proof_of, uncovered
 from hapticd.stability.whole_loop import LOOP, record_of
 
 if TYPE_CHECKING:
@@ -55,8 +56,8 @@ if TYPE_CHECKING:
 
 #: Ticks per period where no limit is set.
 UNLIMITED: Final = 1e3
-#: Damping ratio below which a current loop is no delay: with 0.7 its step response overshoots by 4.6 %.
-_RINGS: Final = 0.7
+#: What a period behind a current loop takes, in periods without one; and with a hand's stiffness too.
+_LAGGED, _HELD = 2, 12
 #: How far above what theorem 2 leaves the fastest start is, and so many ticks.
 _BEYOND, _TICKS = 3.0, 10.0
 
@@ -104,7 +105,6 @@ class Explored:
         of_ticks: whether a buzz is what ticks alone make of this device.
         motion_rests: whether the motion asked about comes to rest; None without one.
         approximate: what the runs take differently from the device.
-        rings: whether the amplifier's current loop overshoots so much that a delay does not stand for it.
     """
 
     starts: int
@@ -122,17 +122,16 @@ class Explored:
     motion_rests: bool | None
     approximate: tuple[str, ...] = ()
     cycles: tuple[Cycle, ...] = ()
-    rings: bool = False
 
     @property
     def stable(self) -> bool:
         """Whether all came to rest."""
-        return self.at_rest == self.starts and not self.rings
+        return self.at_rest == self.starts
 
     @property
     def admissible(self) -> bool:
-        """Whether none moved on, none is undecided, and the runs are of this device."""
-        return self.moving_on == self.undecided == 0 and not self.rings
+        """Whether none moved on, and none is undecided."""
+        return self.moving_on == self.undecided == 0
 
     @property
     def bound(self) -> float:
@@ -200,7 +199,6 @@ class Explored:
             "repeats": self.repeats,
             "cycles": [asdict(cycle) for cycle in self.cycles],
             "approximate": list(self.approximate),
-            "rings": self.rings,
             "words": self.words,
         }
 
@@ -227,20 +225,13 @@ def explore(
     """
     loop = loop or loop_from_config(config, latency_s)
     record = record_of(config, loop)
-    approximate, amplifier = [], config.amplifier
-    rings = amplifier.bandwidth_hz > 0.0 and amplifier.damping_ratio < _RINGS
-    if rings:
-        ratio = f"amplifier.damping_ratio is {amplifier.damping_ratio:g}"
-        approximate.append(
-            f"the amplifier rings ({ratio}), which its delay (5) does not show: give it {_RINGS:g} or more"
-        )
-    elif amplifier.bandwidth_hz:
-        approximate.append("the amplifier's lag is taken as the delay of (5)")
-    if left_out := [text for text in unproven(config) if "passivity" not in text]:
-        approximate.append(f"without {', '.join(left_out)}")
+    left_out = [name for name in uncovered(config) if name != amplifier_lag.EFFECT.slug]
+    approximate = [f"without plant.effects ({', '.join(left_out)})"] if left_out else []
+    if len(left_out) < len(uncovered(config)) and config.amplifier.bandwidth_hz:
+        approximate.insert(0, "the amplifier is the delay of (5) before amplifier_lag")
     reach, widest = admitted(config, loop, record, motion)
     found = explore_loop(record, reach, widest, motion=motion, effort=effort, skip=skip, jobs=jobs)
-    return replace(found, approximate=tuple(approximate), rings=rings)
+    return replace(found, approximate=tuple(approximate))
 
 
 def explore_loop(
@@ -291,6 +282,7 @@ def _explored(
     for name in ("beta_v", "position_dither", "force_dither", "step"):
         bare[name] = 0.0
     of_ticks = not loops.can_rest(bare[0])
+    each = 1 if not loop["natural"][0] else _HELD if loop["kappa"][0] else _LAGGED
     spent, done, longest = 0, 0, horizon(loop, reach, effort.horizon)
     motion_rests: bool | None = None
     with Threads(jobs) as run:
@@ -306,7 +298,7 @@ def _explored(
             runs.append(ended)
             answers.append(answer)
             done += count
-            spent += int(ended["periods"].sum())
+            spent += each * int(ended["periods"].sum())
             if motion is not None and done == count:
                 motion_rests = skip > 0 or bool(answer[0] == AT_REST)
                 if effort.motion_rests and not motion_rests:

@@ -2,7 +2,7 @@
 
 One kernel, compiled twice. *Bare* it is the spring of eq. 7–9, as the region maps have it; otherwise with all that the
 servo renders: virtual damping with its velocity estimate, a wall, no half tick, dither, a converter that rounds and ends, a
-current that saturates, the amplifier's current loop of second order (`hapticd.stability.current_loop`), a hand's stiffness κ,
+current that saturates, the amplifier's current loop of second order (`hapticd.plant.lagged`), a hand's stiffness κ,
 a spring without ticks (φ = −ξ), and the passivity controller (`hapticd.stability.passivity`), for which the whole delay is
 T_V: it knows when a command is sent. Numbers are those of Table I. Period and friction do not change, so that the
 exponentials of `hapticd.plant.exact` are computed once a run. A run ends
@@ -40,8 +40,8 @@ from numpy.typing import NDArray
 
 from hapticd.jit import njit
 from hapticd.plant.exact import phi_functions
+from hapticd.plant.lagged import SPAN_WORDS, forgets, held_motion, lagged_motion, parts_per_time, prepare, stop_of
 from hapticd.plant.noise import next_uniform
-from hapticd.stability.current_loop import SPAN_WORDS, forgets, held_motion, lagged_motion, prepare, stop_of
 from hapticd.stability.escape import growth_proofs, never_grows
 from hapticd.stability.outcome import (
     DECAYING,
@@ -89,9 +89,7 @@ def _resting_place(ring: Any, pending: int, x: float, v: float, mu: float, beta:
 
 
 @njit(inline=True)
-def _run(
-    loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: float, memory: Any, spans: Any
-) -> None:
+def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: float, memory: Any, spans: Any) -> None:
     """Run one loop; ``bare`` is a literal where this is called, so that what a bare loop has not is not compiled.
 
     ``growth`` is the eigenvector of `hapticd.stability.escape.Escape`, real and imaginary part, ``threshold`` its threshold,
@@ -114,8 +112,9 @@ def _run(
     remembered = pending + window
     if natural > 0.0:
         remembered += forgets(natural, loop.ratio)
-        prepare(natural, loop.ratio, mu, beta, first_span, spans[0])
-        prepare(natural, loop.ratio, mu, beta, second_span, spans[1])
+        finest = parts_per_time(natural, 1.0)
+        prepare(natural, loop.ratio, mu, beta, finest, first_span, spans[0])
+        prepare(natural, loop.ratio, mu, beta, finest, second_span, spans[1])
     if loop.known:
         velocity, known = loop.past, window
         for k in range(window):

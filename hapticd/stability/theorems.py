@@ -150,13 +150,17 @@ def proven(config: Config, loop: Loop, xi_dot_max: float | None) -> bool:
 
 def unproven(config: Config) -> Iterator[str]:
     """What of a configuration no proof covers, in words."""
-    outside = [
+    if outside := uncovered(config):
+        yield f"plant.effects ({', '.join(outside)})"
+    if config.safety.passivity == "control":
+        yield "safety.passivity: control"
+
+
+def uncovered(config: Config) -> list[str]:
+    """Effects of the plant that are no exact edits of the loop in which the proofs hold."""
+    return [
         listed.name
         for listed in config.plant.effects
         for effect in [CATALOGUE[listed.name]]
         if effect.in_loop is None or not effect.in_loop_exact or effect.acts_on == "force"
     ]
-    if outside:
-        yield f"plant.effects ({', '.join(outside)})"
-    if config.safety.passivity == "control":
-        yield "safety.passivity: control"

@@ -10,7 +10,8 @@ from numpy.typing import NDArray
 
 from hapticd.jit import njit
 from hapticd.plant.amplifier import converter_grid
-from hapticd.stability.current_loop import current_loop, overshoot
+from hapticd.plant.lagged import overshoot
+from hapticd.stability.current_loop import current_loop
 from hapticd.stability.damped import sprung
 from hapticd.stability.damping import passive_viscous, velocity_filter
 from hapticd.stability.numbers import Dimensionless, Loop

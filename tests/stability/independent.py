@@ -2,7 +2,8 @@
 
 It shares no code with the product. Between two changes of the motor's current the motion of a mass with viscous and Coulomb
 friction is a closed form, from stop to stop; nothing is stepped. Knows virtual damping with each velocity estimate, the
-converter, dither of every waveform, any delay, walls, no half tick; not a hand's stiffness, nor effects of the plant.
+converter, dither of every waveform, any delay, walls, no half tick, and the amplifier's current loop of second order, whose
+current is divided finely and is constant in each part; not a hand's stiffness, nor effects of the plant.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from typing import Any, Final
 import numba
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import expm
 
 Floats = NDArray[np.float64]
 
@@ -23,13 +25,16 @@ _LONGER: Final = 16
 
 (
     MASS, VISCOUS, COULOMB, STIFFNESS, DAMPING, COUNT, DECIMATION, PERIOD, DELAY, BIAS, SIDE, WINDOW, KEEP, AMPERE, CODE,
-    CODES, PEAK, TARGET, WAVE, AMPLITUDE, TURNS, SIZE,
-) = range(22)  # fmt: skip
+    CODES, PEAK, TARGET, WAVE, AMPLITUDE, TURNS, FADES, EARLY,
+) = range(23)  # fmt: skip
+#: Parts of each part of a period in which the current is constant. For either: what moves current and slope on; its mean.
+_PARTS: Final = 40
+LATE: Final = EARLY + 6
+SIZE: Final = LATE + 6
 
 
 def numbers_of(config: Any) -> Floats:
-    """The keys of a config that matter, as one vector; ``amplifier.bandwidth_hz`` must be 0."""
-    assert not config.amplifier.bandwidth_hz
+    """The keys of a config that matter, as one vector."""
     p = np.zeros(SIZE)
     encoder, spring, amplifier, dither = config.encoder, config.spring, config.amplifier, config.dither
     p[MASS], p[VISCOUS], p[COULOMB] = config.plant.inertia, config.plant.viscous, config.plant.coulomb
@@ -52,6 +57,16 @@ def numbers_of(config: Any) -> Floats:
     p[TARGET] = {"none": 0, "position": 1, "current": 2}[dither.target]
     p[WAVE] = {"sine": 0, "triangle": 1, "square": 2, "uniform": 3}[dither.waveform]
     p[AMPLITUDE], p[TURNS] = dither.amplitude, dither.frequency_hz * p[PERIOD]
+    if amplifier.bandwidth_hz:
+        turn, ratio = 2.0 * math.pi * amplifier.bandwidth_hz, amplifier.damping_ratio
+        late = p[DELAY] / p[PERIOD] % 1.0
+        flow = np.array([[0.0, turn, 0.0], [-turn, -2.0 * ratio * turn, 0.0], [1.0, 0.0, 0.0]])
+        for first, share in ((EARLY, late), (LATE, 1.0 - late)):
+            time = max(share, 1e-9) * p[PERIOD] / _PARTS
+            moved = expm(flow * time)
+            p[first : first + 6] = [*moved[0, :2], *moved[1, :2], *(moved[2, :2] / time)]
+        slowest = -np.linalg.eigvals(flow[:2, :2]).real.max()
+        p[FADES] = math.ceil(16.0 / (slowest * p[PERIOD]))
     return p
 
 
@@ -98,6 +113,21 @@ def _move(p: Any, x: float, v: float, force: float, time: float, ends: Any) -> t
 
 
 @numba.njit(nogil=True, cache=True)
+def _through(
+    p: Any, x: float, v: float, sent: float, time: float, made: int, loop: Any, ends: Any
+) -> tuple[float, float]:
+    """The same under a command [A] that has just reached the current loop; ``loop`` is its current and slope."""
+    if p[FADES] == 0:
+        return _move(p, x, v, sent * p[AMPERE], time, ends)
+    for _ in range(_PARTS):
+        off, slope = loop[0] - sent, loop[1]
+        mean = sent + p[made + 4] * off + p[made + 5] * slope
+        loop[0], loop[1] = sent + p[made] * off + p[made + 1] * slope, p[made + 2] * off + p[made + 3] * slope
+        x, v = _move(p, x, v, mean * p[AMPERE], time / _PARTS, ends)
+    return x, v
+
+
+@numba.njit(nogil=True, cache=True)
 def _tick(p: Any, x: float, dither: float) -> float:
     raw = math.floor(x / p[COUNT])
     if p[TARGET] == 1:
@@ -122,6 +152,12 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
             seen[-1 - k] = math.floor(math.floor(before / p[COUNT]) / p[DECIMATION])
             sent[-1 - k] = _current(p, _tick(p, before, 0.0), v, 0.0)
         estimate, first, remembered = v, False, _MEMORY
+    loop, still = np.zeros(2), np.zeros(2)
+    if p[FADES] > 0 and remembered > 0:  # what has reached it before
+        for k in range(_MEMORY - whole - 2, 0, -1):
+            if part > 0:
+                _through(p, 0.0, 0.0, sent[-1 - k - whole - 1], 0.0, EARLY, loop, still)
+            _through(p, 0.0, 0.0, sent[-1 - k - whole], 0.0, LATE, loop, still)
     ends = np.array([x, x])
     stood, check, before_it, heading, turns = 0, horizon // 8, np.inf, 0.0, 0
     chance = int(1e6 * start[3]) + 1
@@ -129,6 +165,7 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
     # Brent's search for a state that comes again, bit for bit; then the cycle is followed once more for its size
     mark, marked, place_marked, speed_marked, estimate_marked, phase_marked = 1, 0, np.nan, np.nan, np.nan, np.nan
     sent_marked, seen_marked, closing = np.zeros(whole + 1), np.zeros(window), 0
+    loop_marked = loop.copy()
     for h in range(_LONGER * horizon):
         if h == closing > 0:
             size = 0.5 * (ends[1] - ends[0]) / delta
@@ -136,6 +173,7 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
             return
         if closing == 0 and x == place_marked and v == speed_marked and phase == phase_marked:
             same = estimate == estimate_marked and (p[TARGET] == 0 or p[WAVE] != 3)
+            same = same and loop[0] == loop_marked[0] and loop[1] == loop_marked[1]
             for k in range(whole + 1):
                 same = same and sent[(h - 1 - k) % _MEMORY] == sent_marked[k]
             for k in range(window):
@@ -146,6 +184,7 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
         if h == mark and closing == 0:
             mark, marked = 2 * h, h
             place_marked, speed_marked, estimate_marked, phase_marked = x, v, estimate, phase
+            loop_marked[:] = loop
             for k in range(whole + 1):
                 sent_marked[k] = sent[(h - 1 - k) % _MEMORY]
             for k in range(window):
@@ -172,7 +211,7 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
             phase = (phase + p[TURNS]) % 1.0
         wave *= p[AMPLITUDE]
         sent[h % _MEMORY] = _current(p, _tick(p, x, wave), estimate, wave if p[TARGET] == 2 else 0.0)
-        if v == 0.0 and stood > window + whole + 3:
+        if v == 0.0 and stood > window + whole + 3 + p[FADES]:
             more = p[AMPLITUDE] if p[TARGET] == 2 else 0.0
             low = _current(p, _tick(p, x, p[AMPLITUDE]), 0.0, -more)
             high = _current(p, _tick(p, x, -p[AMPLITUDE]), 0.0, more)
@@ -182,8 +221,8 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
                 return
         place = x
         if part > 0:
-            x, v = _move(p, x, v, sent[(h - whole - 1) % _MEMORY] * p[AMPERE], part * period, ends)
-        x, v = _move(p, x, v, sent[(h - whole) % _MEMORY] * p[AMPERE], (1 - part) * period, ends)
+            x, v = _through(p, x, v, sent[(h - whole - 1) % _MEMORY], part * period, EARLY, loop, ends)
+        x, v = _through(p, x, v, sent[(h - whole) % _MEMORY], (1 - part) * period, LATE, loop, ends)
         stood = stood + 1 if v == 0.0 and x == place else 0
         ends[0], ends[1] = min(ends[0], x), max(ends[1], x)
         if v != 0.0:
