@@ -34,6 +34,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.effects import amplifier_lag
+from hapticd.plant.lagged import parts_per_time
 from hapticd.stability import sampled_loop as loops
 from hapticd.stability.cycles import (
     AT_REST,
@@ -56,8 +57,8 @@ if TYPE_CHECKING:
 
 #: Ticks per period where no limit is set.
 UNLIMITED: Final = 1e3
-#: What a period behind a current loop takes, in periods without one; and with a hand's stiffness too.
-_LAGGED, _HELD = 2, 12
+#: So many parts of a period behind a current loop take as long as a period without; and with a hand's stiffness too.
+_PARTS, _HELD_PARTS = 16, 2
 #: How far above what theorem 2 leaves the fastest start is, and so many ticks.
 _BEYOND, _TICKS = 3.0, 10.0
 
@@ -282,7 +283,9 @@ def _explored(
     for name in ("beta_v", "position_dither", "force_dither", "step"):
         bare[name] = 0.0
     of_ticks = not loops.can_rest(bare[0])
-    each = 1 if not loop["natural"][0] else _HELD if loop["kappa"][0] else _LAGGED
+    each = 1
+    if natural := float(loop["natural"][0]):
+        each += math.ceil(parts_per_time(natural, 1.0) / (_HELD_PARTS if loop["kappa"][0] else _PARTS))
     spent, done, longest = 0, 0, horizon(loop, reach, effort.horizon)
     motion_rests: bool | None = None
     with Threads(jobs) as run:

@@ -66,6 +66,8 @@ _SAME: Final = 1e-9
 #: How equal the windows of a search are when a motion counts as settled, how many after the first, the share of friction's
 #: work that may be left over, and the amplitude in ticks from which a buzz is followed to the horizon.
 _SETTLED, _WINDOWS, _NET, _NEARLY = 0.01, 2, 0.03, 0.8
+#: Most periods before a start that the current loop of one that has memory is brought through.
+_EARLIER: Final = 256
 # A slide to rest and proven growth are looked for once in so many periods; a power of two.
 _LOOK = 64
 
@@ -122,11 +124,14 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
         for k in range(pending):
             then = x - loop.past * (k + 1)
             ring[(pending - 1 - k) % pending] = delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))
-        if natural > 0.0:  # a ramp comes late by 2δ/ω
-            then = x - loop.past * (loop.tau_d + 0.5 + 2.0 * loop.ratio / natural)
-            current = delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))
-            then -= loop.past
-            rate = (current - delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))) / natural
+        for k in range(min(remembered - pending - window, _EARLIER), 0, -1):  # what has reached the current loop before
+            for part in range(2):
+                then = x - loop.past * (k + pending - part)
+                aim = delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))
+                if part or first_span > 0.0:
+                    _, _, current, rate, _, _ = lagged_motion(
+                        0.0, 0.0, current, rate, aim, mu, beta, np.inf, 0.0, spans[part]
+                    )
     half = periods // 2
     edge, stretch, peak = half, -1, 0.0
     first, last, rose = stored(ticks, mu, kappa, x, v), np.inf, False
