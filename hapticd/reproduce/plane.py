@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticd.figures.style import INK, RED, REGION
+from hapticd.figures.plane import middles, shade_regions
+from hapticd.figures.style import INK, RED
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import critical_sigma, region
 from hapticd.stability.storage import FloatArray
@@ -21,8 +22,6 @@ Name = Callable[[Dimensionless, float], str]
 """Operating point and ξ̇_max → region."""
 _POINTS: Final = 200
 _LABEL_GRID: Final = 72
-# a region that covers less of the plane than this has no room for its name
-_LEAST_SHARE: Final = 0.012
 
 
 def critical_line(mu: float, tau_d: float, xi_dot_max: float, beta: FloatArray) -> FloatArray:
@@ -58,14 +57,8 @@ def draw_plane(
     """
     corner = 0.5 + tau_d
     left, right = np.linspace(0.0, corner, _POINTS), np.linspace(corner, beta_max, _POINTS)
-    line_left = np.minimum(line(mu, tau_d, xi_dot_max, left), sigma_max)
-    line_right = np.minimum(line(mu, tau_d, xi_dot_max, right), sigma_max)
-    axes.fill_between(left, 0.0, 0.5, color=REGION["C"], lw=0)
-    axes.fill_between(right, 0.0, 0.5, color=REGION["B"], lw=0)
-    axes.fill_between(left, 0.5, line_left, color=REGION["D"], lw=0, alpha=0.65)
-    axes.fill_between(left, line_left, sigma_max, color=REGION["E"], lw=0)
-    axes.fill_between(right, 0.5, line_right, color=REGION["F2"], lw=0)
-    axes.fill_between(right, line_right, sigma_max, color=REGION["A"], lw=0)
+    whole, height = np.append(left, right[1:]), np.array([0.0, sigma_max])
+    shade_regions(axes, whole, height, corner, 0.5, lambda beta: line(mu, tau_d, xi_dot_max, beta))
     axes.plot([corner, corner], [0.0, sigma_max], color=INK, lw=0.9)
     axes.plot([0.0, beta_max], [0.5, 0.5], color=INK, lw=0.9)
     axes.plot(left, line(mu, tau_d, xi_dot_max, left), color=RED, lw=1.8)
@@ -75,22 +68,9 @@ def draw_plane(
     axes.set_ylim(0.0, sigma_max)
     axes.set_xlabel(r"viscous friction $\beta$")
     axes.set_ylabel(r"Coulomb friction $\sigma$")
-    middles = _middles(mu, tau_d, xi_dot_max, beta_max, sigma_max, name)
-    for letter, (beta, sigma) in middles.items():
+    steps = (np.arange(_LABEL_GRID) + 0.5) / _LABEL_GRID
+    places = middles(steps * beta_max, steps * sigma_max, lambda b, s: name(Dimensionless(mu, b, s, tau_d), xi_dot_max))
+    for letter, (beta, sigma) in places.items():
         text = (names or {}).get(letter, letter)
         axes.text(beta, sigma, text, ha="center", va="center", fontsize=9, weight="bold" if text == letter else None)
-    return middles
-
-
-def _middles(
-    mu: float, tau_d: float, xi_dot_max: float, beta_max: float, sigma_max: float, name: Name
-) -> dict[str, tuple[float, float]]:
-    """The middle of each region, asked of its name and not of the lines drawn."""
-    steps = (np.arange(_LABEL_GRID) + 0.5) / _LABEL_GRID
-    found: dict[str, list[tuple[float, float]]] = {}
-    for beta in (steps * beta_max).tolist():
-        for sigma in (steps * sigma_max).tolist():
-            found.setdefault(name(Dimensionless(mu, beta, sigma, tau_d), xi_dot_max), []).append((beta, sigma))
-    least = _LEAST_SHARE * _LABEL_GRID**2
-    middles = {letter: np.mean(points, axis=0) for letter, points in sorted(found.items()) if len(points) >= least}
-    return {letter: (float(middle[0]), float(middle[1])) for letter, middle in middles.items()}
+    return places

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -15,14 +16,15 @@ import numpy as np
 
 from hapticd.config import apply_settings
 from hapticd.figures.files import save_figure
-from hapticd.figures.style import BLUE, BUZZ, LOCAL, STABLE, UNSTABLE, prefixed
+from hapticd.figures.plane import middles, shade_regions
+from hapticd.figures.style import BLUE, UNSTABLE, prefixed
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, assess
 from hapticd.stability.damping import velocity_filter
 from hapticd.stability.figures.basins import basins, draw_basins
 from hapticd.stability.linear_loop import effective
 from hapticd.stability.numbers import loop_from_config
-from hapticd.stability.regions import critical_sigma
+from hapticd.stability.regions import critical_sigma, region
 from hapticd.stability.storage import FloatArray
 
 if TYPE_CHECKING:
@@ -30,11 +32,12 @@ if TYPE_CHECKING:
 
     from hapticd.stability.uncertainty import Confidence
 
-BRIEF = "#d5ebe9"
 _MARKERS: Final = {"spring.stiffness": "D", "servo.rate_hz": ">", "encoder.decimation": "^", "hand.damping": "s"}
 # Beyond this ratio of the point to the plane's corner a linear axis shows nothing of the boundaries.
 _LINEAR_UP_TO: Final = 6.0
 _SMALLEST: Final = 0.02
+#: Of so many places along an axis one is asked for its region.
+_LABELS: Final = 8
 
 
 def check_figure(
@@ -165,46 +168,15 @@ def _scales(axis: Axes, found: Assessment, targets: list[tuple[float, float]]) -
 
 def _regions(axis: Any, found: Assessment, beta: FloatArray, sigma: FloatArray) -> None:
     """Shade and name the regions of this motion, or those that hold for every motion."""
-    n = found.numbers
-    corner, top = 0.5 + n.tau_d, sigma[-1]
-    low, half = sigma[0], n.quantum
-    left, right = beta <= corner, beta >= corner
-    delayed = n.tau_d > 0.0
-    axis.fill_between([beta[0], corner], low, half, color=UNSTABLE, lw=0)
-    axis.fill_between([corner, beta[-1]], low, half, color=BUZZ, lw=0)
-    names = [("C", beta[0], corner, low, half), ("B", corner, beta[-1], low, half)]
-    if found.xi_dot_max is None:
-        axis.fill_between([beta[0], corner], half, top, color=LOCAL, lw=0)
-        axis.fill_between([corner, beta[-1]], half, top, color=STABLE, lw=0)
-        names += [("D | E", beta[0], corner, half, top), ("F1" if delayed else "A", corner, beta[-1], half, top)]
-    else:
-        line = np.minimum(_critical(found, beta), top)
-        axis.fill_between(beta[left], half, line[left], color=UNSTABLE, lw=0)
-        axis.fill_between(beta[left], line[left], top, color=LOCAL, lw=0)
-        axis.fill_between(beta[right], half, line[right], color=BRIEF if delayed else LOCAL, lw=0)
-        axis.fill_between(beta[right], line[right], top, color=STABLE, lw=0)
-        edge = float(np.interp(_middle(beta[0], corner, axis.get_xscale()), beta, line))
-        names += [("D", beta[0], corner, half, edge), ("E", beta[0], corner, edge, top)]
-        after = float(np.interp(_middle(corner, beta[-1], axis.get_xscale()), beta, line)) if delayed else half
-        names += [("F2", corner, beta[-1], half, after)] if delayed else []
-        names += [("F1" if delayed else "A", corner, beta[-1], after, top)]
+    n, speed = found.numbers, found.xi_dot_max
+    corner, half = 0.5 + n.tau_d, n.quantum
+    line = (lambda b: np.full_like(b, half)) if speed is None else (lambda b: _critical(found, b))
+    shade_regions(axis, beta, sigma, corner, half, line)
     axis.axhline(half, color="#777777", lw=0.8)
     axis.axvline(corner, color="#777777", lw=0.8)
-    for name, x0, x1, y0, y1 in names:
-        x, y = _middle(x0, x1, axis.get_xscale()), _middle(y0, y1, axis.get_yscale())
-        if _overlap(y0, y1, low, top, axis.get_yscale()) > 0.06:
-            axis.text(x, y, name, ha="center", va="center", fontsize=15, color="#555555", alpha=0.8)
-
-
-def _middle(a: float, b: float, scale: str) -> float:
-    return float(np.sqrt(max(a, 1e-12) * b)) if scale == "log" else 0.5 * (a + b)
-
-
-def _overlap(a: float, b: float, low: float, high: float, scale: str) -> float:
-    """How much of an axis a stretch takes."""
-    if scale == "log":
-        return float(np.log(max(b, low) / max(a, low)) / np.log(high / low))
-    return (b - a) / (high - low)
+    places = middles(beta[::_LABELS], sigma[::_LABELS], lambda b, s: region(replace(n, beta=b, sigma=s), speed))
+    for name, (x, y) in places.items():
+        axis.text(x, y, name, ha="center", va="center", fontsize=15, color="#555555", alpha=0.8)
 
 
 def _critical(found: Assessment, beta: FloatArray, xi_dot: float | None = None) -> FloatArray:
