@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
 FloatArray = NDArray[np.float64]
-# a region that covers less of the plane than this has no room for its name
-_LEAST_SHARE: Final = 0.012
 
 
 def shade_regions(
@@ -41,18 +39,24 @@ def shade_regions(
         axes.fill_between(side, edge, sigma[-1], color=REGION[over], lw=0)
 
 
-def middles(beta: FloatArray, sigma: FloatArray, name: Callable[[float, float], str]) -> dict[str, tuple[float, float]]:
+def middles(
+    beta: FloatArray, sigma: FloatArray, name: Callable[[float, float], str], least: float = 0.012
+) -> dict[str, tuple[float, float]]:
     """Region → (β, σ) of its middle, asked of the name of each point and not of lines, where there is room for a name.
 
     Args:
         beta, sigma: places of either axis, as far from each other as they are drawn. name: of the region of a point.
+        least: share of the plane that a name needs.
     """
     found: dict[str, list[tuple[int, int]]] = {}
     for j, b in enumerate(beta.tolist()):
         for k, s in enumerate(sigma.tolist()):
             found.setdefault(name(b, s), []).append((j, k))
-    least = _LEAST_SHARE * beta.size * sigma.size
-    told = {letter: np.mean(points, axis=0) for letter, points in sorted(found.items()) if len(points) >= least}
+    told = {
+        letter: np.mean(points, axis=0)
+        for letter, points in sorted(found.items())
+        if len(points) >= least * beta.size * sigma.size
+    }
     return {
         letter: (float(np.interp(j, np.arange(beta.size), beta)), float(np.interp(k, np.arange(sigma.size), sigma)))
         for letter, (j, k) in told.items()

@@ -156,8 +156,8 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
     if p[FADES] > 0 and remembered > 0:  # what has reached it before
         for k in range(_MEMORY - whole - 2, 0, -1):
             if part > 0:
-                _through(p, 0.0, 0.0, sent[-1 - k - whole - 1], 0.0, EARLY, loop, still)
-            _through(p, 0.0, 0.0, sent[-1 - k - whole], 0.0, LATE, loop, still)
+                _through(p, 0.0, 0.0, sent[-1 - k - whole], 0.0, EARLY, loop, still)
+            _through(p, 0.0, 0.0, sent[-k - whole], 0.0, LATE, loop, still)
     ends = np.array([x, x])
     stood, check, before_it, heading, turns = 0, horizon // 8, np.inf, 0.0, 0
     chance = int(1e6 * start[3]) + 1

@@ -174,7 +174,8 @@ def _regions(axis: Any, found: Assessment, beta: FloatArray, sigma: FloatArray) 
     shade_regions(axis, beta, sigma, corner, half, line)
     axis.axhline(half, color="#777777", lw=0.8)
     axis.axvline(corner, color="#777777", lw=0.8)
-    places = middles(beta[::_LABELS], sigma[::_LABELS], lambda b, s: region(replace(n, beta=b, sigma=s), speed))
+    points = beta[::_LABELS], sigma[::_LABELS]
+    places = middles(*points, lambda b, s: region(replace(n, beta=b, sigma=s), speed), least=0.03)
     for name, (x, y) in places.items():
         axis.text(x, y, name, ha="center", va="center", fontsize=15, color="#555555", alpha=0.8)
 
