@@ -20,7 +20,9 @@ from hapticd.stability.explore import GUARD, Effort
 from hapticd.stability.guard import judge
 from tests.stability.independent import BUZZES, MOVES_ON, UNDECIDED, Floats, runs, starts_within
 
-CLASSES: Final = ("damping", "B", "converter", "dither", "fractional delay", "one-sided", "averaged velocity")
+CLASSES: Final = (
+    "damping", "B", "converter", "dither", "fractional delay", "one-sided", "averaged velocity", "current loop",
+)  # fmt: skip
 _K, _T, _TICK = 0.012, 1e-3, 2.0 * np.pi / 8192
 
 
@@ -77,6 +79,10 @@ def draw(kind: str, count: int, seed: int) -> Iterator[Question]:
             late = rng.uniform(0.05, 2.5)
             beta = rng.uniform(0.3, 1.1) * (0.5 + late)
             data["delay"] = {"computation_s": late * _T}
+        if kind == "current loop":  # one that rings
+            turned, ratio = 10.0 ** rng.uniform(-0.7, 1.3), rng.uniform(0.2, 0.6)
+            beta = rng.uniform(0.3, 1.3) * (0.5 + 2.0 * ratio / turned)
+            data["amplifier"] |= {"bandwidth_hz": turned / (2.0 * np.pi * _T), "damping_ratio": ratio}
         if kind == "one-sided":
             data["spring"]["side"] = str(rng.choice(["positive", "negative"]))
         data["plant"] = {"inertia": mu * _K * _T**2, "viscous": beta * _K * _T, "coulomb": sigma * _K * _TICK}

@@ -367,13 +367,43 @@ def test_the_speed_limit_is_where_the_margin_is_zero() -> None:
         assert proof.margin(1.01 * proof.speed_limit + 1e-9) < 0.0 or proof.speed_limit == math.inf
 
 
-def test_what_rings_is_not_explored_as_a_delay() -> None:
-    ringing = config(V | {"amplifier.bandwidth_hz": 70.0, "amplifier.damping_ratio": 0.3})
-    found = assess(ringing)
-    assert found.explored is not None
-    assert found.explored.rings
-    assert found.verdict != "stable"
-    assert judge(ringing, 0.0, velocity=0.1).verdict == "refused"
+def _as_a_delay(given: Config) -> Config:
+    return apply_settings(given, {"amplifier.bandwidth_hz": 0, "delay.computation_s": given.amplifier.delay})
+
+
+def test_an_amplifier_that_rings_is_run_as_it_is() -> None:
+    """As the delay of (5) all of these would be admitted; `simulate` and the other simulator show some of them grow."""
+    drawn = list(draw("current loop", 34, 7))
+    for number in (15, 16, 19, 33):
+        given, asked = drawn[number].config, drawn[number].asked
+        assert given.amplifier.damping_ratio < 0.6
+        assert judge(_as_a_delay(given), 0.0, **asked).verdict == "admitted"
+        assert judge(given, 0.0, **asked).verdict == "refused"
+        found = explore(given, motion=drawn[number].motion, effort=GUARD)
+        assert found.worst_start is not None
+        assert "hapticd simulate" in found.command(given.period)
+        xi, xi_dot = found.worst_start
+        assert runs(given, np.array([[xi, xi_dot, 0.0, 0.0]]))[0, 0] == MOVES_ON
+        seconds = max(1.0, 3.0 * found.worst_periods * given.period)
+        assert simulate(given, seconds, deflection=xi, velocity=xi_dot)["outcome"] == "growing"
+    for number in (0, 1, 2):
+        given, asked = drawn[number].config, drawn[number].asked
+        said = judge(given, 0.0, **asked)
+        assert (said.verdict, "as the delay" in said.reason) == ("admitted", False)
+        starts = starts_within(given, drawn[number].motion, 300, np.random.default_rng(number))
+        assert (runs(given, starts, 4_000)[:, 0] != MOVES_ON).all()
+
+
+def test_the_lag_of_an_amplifier_is_explored_as_effect_and_as_amplifier_alike() -> None:
+    given = list(draw("current loop", 16, 7))[15].config
+    amplifier = given.amplifier
+    lag = {"name": "amplifier_lag", "f_a": amplifier.bandwidth_hz, "delta": amplifier.damping_ratio}
+    listed = apply_settings(given, {"amplifier.bandwidth_hz": 0, "plant.effects": [lag]})
+    assert explore(listed, effort=GUARD) == explore(given, effort=GUARD)
+    behind = apply_settings(listed, {"amplifier.bandwidth_hz": 3000})
+    assert "delay of (5) before amplifier_lag" in explore(behind, effort=GUARD).approximate[0]
+    ends = [simulate(each, 0.05, deflection=3.3)["final"]["position"] for each in (given, listed)]
+    assert ends[0] == pytest.approx(ends[1], rel=1e-9)
 
 
 def test_below_one_tick_theorem_2_forbids_growth_under_dither() -> None:

@@ -1,4 +1,4 @@
-"""The current loop of second order: its motion against SciPy and against a finer division, and how it stands in a record."""
+"""Motion behind a current loop of second order: against SciPy, a finer division, and the way of the effects."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ import pytest
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
+from hapticd.config import apply_settings, load_config
+from hapticd.plant import kernel
 from hapticd.plant.lagged import SPAN_WORDS, lagged_motion, parts_per_time, prepare
+from hapticd.plant.layout import index_of
 
 Floats = NDArray[np.float64]
 _PARTS, _WHOLE, _PART = 1, 2, 9
@@ -74,3 +77,36 @@ def test_what_dividing_a_period_costs() -> None:
         errors.append([abs(coarse[0] - fine[0]) / pushed, abs(coarse[1] - fine[1]) / pushed])
     worst = np.array(errors)
     assert (worst.max(axis=0) < [0.004, 0.004]).all()
+
+
+@pytest.mark.parametrize(("bandwidth_hz", "ratio", "hand"), [(40.0, 0.3, 0.0), (500.0, 0.2, 0.0), (3000.0, 0.7, 0.004)])
+def test_the_plant_moves_as_with_the_effect_in_fine_steps(bandwidth_hz: float, ratio: float, hand: float) -> None:
+    config = apply_settings(load_config(None), {"amplifier.dac_bits": 0, "hand.stiffness": hand})
+    lag = {"name": "amplifier_lag", "f_a": bandwidth_hz, "delta": ratio}
+    amplifier = {"amplifier.bandwidth_hz": bandwidth_hz, "amplifier.damping_ratio": ratio}
+    ours = kernel.init_plant(apply_settings(config, amplifier), 0.1, 3.0, current_loop=True)
+    ideal = apply_settings(config, {"amplifier.bandwidth_hz": 0, "plant.effects": [lag]})
+    fine = kernel.init_plant(ideal, 0.1, 3.0)
+    as_effect = kernel.init_plant(ideal, 0.1, 3.0)
+    assert (as_effect[kernel.NATURAL], as_effect[kernel.LAG_NS]) == (ours[kernel.NATURAL], ours[kernel.LAG_NS])
+    fine[kernel.NATURAL], fine[kernel.LONGEST_STEP] = 0.0, 2e-6
+    fine.view(np.int64)[kernel.HAS_EFFECT_TERMS] = 1
+    fine[kernel.DEVICE + index_of("amplifier_lag.f_a")] = bandwidth_hz
+    rng = np.random.default_rng(3)
+    for tick, current in enumerate(rng.normal(0.0, 0.2, 200)):
+        for f in (ours, fine):
+            kernel.plant_current(f, f.view(np.int64), tick * 1_000_000, 0.0, current)
+            kernel.plant_advance(f, f.view(np.int64), (tick + 1) * 1_000_000, 0.0)
+        assert ours[kernel.CURRENT] == pytest.approx(fine[kernel.CURRENT], abs=1e-9)
+        assert ours[kernel.POSITION] == pytest.approx(fine[kernel.POSITION], abs=2e-5)
+        assert ours[kernel.VELOCITY] == pytest.approx(fine[kernel.VELOCITY], abs=2e-2)
+
+
+def test_a_shaft_stays_only_if_the_swing_of_the_current_is_held_too() -> None:
+    f = kernel.init_plant(load_config(None), current_loop=True)
+    i = f.view(np.int64)
+    holds = f[kernel.COULOMB] / f[kernel.TORQUE_CONSTANT]
+    f[kernel.AIM] = f[kernel.CURRENT] = 0.9 * holds
+    assert kernel.plant_stays(f, i)
+    f[kernel.CURRENT_RATE] = 0.2 * holds
+    assert not kernel.plant_stays(f, i)
