@@ -40,24 +40,21 @@ def shade_regions(
 
 
 def middles(
-    beta: FloatArray, sigma: FloatArray, name: Callable[[float, float], str], least: float = 0.012
+    beta: FloatArray, sigma: FloatArray, names: NDArray[np.str_], least: float = 0.0
 ) -> dict[str, tuple[float, float]]:
-    """Region → (β, σ) of its middle, asked of the name of each point and not of lines, where there is room for a name.
+    """Region → (β, σ) of its middle, asked of the name of each point and not of lines.
 
     Args:
-        beta, sigma: places of either axis, as far from each other as they are drawn. name: of the region of a point.
+        beta, sigma: (n,) and (m,) places of either axis, as far from each other as they are drawn. names: (n, m) of regions.
         least: share of the plane that a name needs.
     """
-    found: dict[str, list[tuple[int, int]]] = {}
-    for j, b in enumerate(beta.tolist()):
-        for k, s in enumerate(sigma.tolist()):
-            found.setdefault(name(b, s), []).append((j, k))
-    told = {
-        letter: np.mean(points, axis=0)
-        for letter, points in sorted(found.items())
-        if len(points) >= least * beta.size * sigma.size
-    }
-    return {
-        letter: (float(np.interp(j, np.arange(beta.size), beta)), float(np.interp(k, np.arange(sigma.size), sigma)))
-        for letter, (j, k) in told.items()
-    }
+    told = {}
+    for name in sorted(set(names.ravel().tolist())):
+        points = np.argwhere(names == name)
+        if len(points) >= least * names.size:
+            j, k = points.mean(axis=0)
+            told[name] = (
+                float(np.interp(j, np.arange(beta.size), beta)),
+                float(np.interp(k, np.arange(sigma.size), sigma)),
+            )
+    return told

@@ -22,6 +22,8 @@ Name = Callable[[Dimensionless, float], str]
 """Operating point and ξ̇_max → region."""
 _POINTS: Final = 200
 _LABEL_GRID: Final = 72
+# a region that covers less of the plane than this has no room for its name
+_LEAST_SHARE: Final = 0.012
 
 
 def critical_line(mu: float, tau_d: float, xi_dot_max: float, beta: FloatArray) -> FloatArray:
@@ -69,7 +71,9 @@ def draw_plane(
     axes.set_xlabel(r"viscous friction $\beta$")
     axes.set_ylabel(r"Coulomb friction $\sigma$")
     steps = (np.arange(_LABEL_GRID) + 0.5) / _LABEL_GRID
-    places = middles(steps * beta_max, steps * sigma_max, lambda b, s: name(Dimensionless(mu, b, s, tau_d), xi_dot_max))
+    betas, sigmas = steps * beta_max, steps * sigma_max
+    named = [[name(Dimensionless(mu, b, s, tau_d), xi_dot_max) for s in sigmas.tolist()] for b in betas.tolist()]
+    places = middles(betas, sigmas, np.array(named), _LEAST_SHARE)
     for letter, (beta, sigma) in places.items():
         text = (names or {}).get(letter, letter)
         axes.text(beta, sigma, text, ha="center", va="center", fontsize=9, weight="bold" if text == letter else None)

@@ -29,7 +29,7 @@ def current_loop(config: Config, loop: Loop) -> tuple[float, float, float]:
         config: the configuration. loop: it in SI units, or another loop of the same kind.
 
     Returns:
-        The delay that is left before it (periods), ω (rad per period, 0 where there is none) and δ.
+        The delay that is left before it (periods), ω (rad per period) and δ, both 0 where there is none.
     """
     hertz, ratio = config.amplifier.bandwidth_hz, config.amplifier.damping_ratio
     for listed in config.plant.effects:
@@ -37,7 +37,7 @@ def current_loop(config: Config, loop: Loop) -> tuple[float, float, float]:
             values = amplifier_lag.EFFECT.complete(listed.model_extra or {})
             hertz, ratio = float(values["f_a"]), float(values["delta"])
     if not hertz:
-        return loop.delay / loop.period, 0.0, ratio
+        return loop.delay / loop.period, 0.0, 0.0
     own = ratio / (math.pi * hertz)
     # a delay of whole periods must not become one of a whole period less a rounding
     return round(max(0.0, loop.delay - own) / loop.period, 12), 2.0 * math.pi * hertz * loop.period, ratio

@@ -25,8 +25,9 @@ from __future__ import annotations
 import functools
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
@@ -89,6 +90,9 @@ GUARD: Final = Effort(2048, 400_000, 40_000, batch=8, least=16, until=ONE_TICK)
 #: What a change that is offered is checked with, and one draw of what is uncertain.
 REMEDY: Final = Effort(256, 60_000, 40_000, batch=8, least=16, until=ONE_TICK)
 DRAW: Final = Effort(32, 20_000, 20_000, batch=16, least=16, until=ONE_TICK)
+
+
+_COUNTS: Final = ("starts", "at_rest", "buzzing", "moving_on", "undecided", "growing")
 
 
 @dataclass(frozen=True)
@@ -185,23 +189,13 @@ class Explored:
     @property
     def document(self) -> dict[str, Any]:
         """The key ``explored`` of ``hapticd check --json``."""
-        return {
-            "starts": self.starts,
-            "at_rest": self.at_rest,
-            "buzzing": self.buzzing,
-            "moving_on": self.moving_on,
-            "undecided": self.undecided,
-            "growing": self.growing,
-            "bound_95": self.bound if self.moving_on == 0 else None,
-            "longest": self.longest,
-            "largest_cycle": self.largest_cycle,
-            "worst_start": self.worst_start
-            and {"position_ticks": self.worst_start[0], "velocity_ticks_per_period": self.worst_start[1]},
-            "repeats": self.repeats,
-            "cycles": [asdict(cycle) for cycle in self.cycles],
-            "approximate": list(self.approximate),
-            "words": self.words,
-        }
+        told: dict[str, Any] = {name: getattr(self, name) for name in _COUNTS}
+        told["bound_95"] = self.bound if self.moving_on == 0 else None
+        told |= {name: getattr(self, name) for name in ("longest", "largest_cycle")}
+        keys = "position_ticks", "velocity_ticks_per_period"
+        told["worst_start"] = self.worst_start and dict(zip(keys, self.worst_start, strict=True))
+        told |= {"repeats": self.repeats, "cycles": [asdict(cycle) for cycle in self.cycles]}
+        return told | {"approximate": list(self.approximate), "words": self.words}
 
 
 def explore(
@@ -288,7 +282,7 @@ def _explored(
         each += math.ceil(parts_per_time(natural, 1.0) / (_HELD_PARTS if loop["kappa"][0] else _PARTS))
     spent, done, longest = 0, 0, horizon(loop, reach, effort.horizon)
     motion_rests: bool | None = None
-    with Threads(jobs) as run:
+    with threads(jobs) as run:
         while done < effort.starts and (spent < effort.periods or done < effort.least):
             # as many as there is likely to be time for, from what the starts before took
             left = (effort.periods - spent) * done // max(spent, 1) if done else 0
@@ -322,27 +316,22 @@ _FEW: Final = 4
 _AT_ONCE: Final = 256
 
 
-class Threads:
-    """Runs batches of loops, in the thread that asks or in several."""
+@contextmanager
+def threads(jobs: int | None) -> Iterator[Callable[[NDArray[Any], int, int], NDArray[Any]]]:
+    """What runs (n,) starts, so many periods at most, so many starts at a time: in the thread that asks or in several.
 
-    def __init__(self, jobs: int | None) -> None:
-        self._jobs = jobs or len(os.sched_getaffinity(0))
-        self._pool: ThreadPoolExecutor | None = None
+    Args:
+        jobs: threads; None for one per core that this process may use.
+    """
+    jobs = jobs or len(os.sched_getaffinity(0))
+    with nullcontext() if jobs == 1 else ThreadPoolExecutor(jobs, thread_name_prefix="loops") as pool:
+        mapped = map if pool is None else pool.map
 
-    def __enter__(self) -> Threads:
-        if self._jobs > 1:
-            self._pool = ThreadPoolExecutor(self._jobs, thread_name_prefix="explore")
-        return self
+        def run(begun: NDArray[Any], periods: int, batch: int) -> NDArray[Any]:
+            parts = [begun[k : k + batch] for k in range(0, begun.size, batch)]
+            return np.concatenate(list(mapped(lambda part: loops.run_loops(part, periods), parts)))
 
-    def __exit__(self, *_: object) -> None:
-        if self._pool is not None:
-            self._pool.shutdown()
-
-    def __call__(self, begun: NDArray[Any], periods: int, batch: int) -> NDArray[Any]:
-        """What becomes of the starts, (n,) of `RUN`; so many periods at most, so many starts at a time."""
-        parts = [begun[k : k + batch] for k in range(0, begun.size, batch)]
-        mapped = map if self._pool is None else self._pool.map
-        return np.concatenate(list(mapped(lambda part: loops.run_loops(part, periods), parts)))
+        yield run
 
 
 def _summary(

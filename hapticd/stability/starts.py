@@ -24,8 +24,7 @@ def horizon(loop: NDArray[Any], reach: float, most: int) -> int:
     mu, beta, sigma = (float(loop[name][0]) for name in ("mu", "beta", "sigma"))
     speed = reach / math.sqrt(min(mu, HEAVIEST))
     by_coulomb = speed * mu / sigma if sigma > 0.0 else math.inf
-    natural, ratio = float(loop["natural"][0]), float(loop["ratio"][0])
-    late = float(loop["tau_d"][0]) + (2.0 * ratio / natural if natural else 0.0)
+    late = float(loop["tau_d"][0]) + 2.0 * float(loop["ratio"][0]) / (float(loop["natural"][0]) or 1.0)
     net = beta + float(loop["beta_v"][0]) - 0.5 - late
     by_viscous = 20.0 * mu / net if net > 0.0 else math.inf
     return int(min(max(20_000.0, 3.0 * min(by_coulomb, by_viscous)), most))

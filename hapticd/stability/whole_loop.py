@@ -57,10 +57,7 @@ LOOP: Final = np.dtype(
         ("known", "?"),  # whether the servo has run before, at `past` ticks per period to where the motion starts
         ("past", "f8"),
         ("far", "f8"),  # beyond which it counts as gone, ticks
-        (
-            "search",
-            "i8",
-        ),  # the first window of a search, periods; 0 for none: it ends only at rest, `far` and the horizon
+        ("search", "i8"),  # first window of a search, periods; 0: it ends only at rest, `far` and the horizon
     ],
     align=True,
 )

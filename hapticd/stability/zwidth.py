@@ -17,9 +17,7 @@ A point is *calm* if its motions die out or end in less than one tick. Beside it
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from typing import Any, Final
 
@@ -29,10 +27,11 @@ from numpy.typing import NDArray
 from hapticd.config import Config, apply_settings
 from hapticd.stability.damping import passive_stiffness, velocity_filter
 from hapticd.stability.devices import HUMAN_OPERATOR, Hand
+from hapticd.stability.explore import threads
 from hapticd.stability.linear_loop import VelocityFilter, largest_damping, largest_stable
 from hapticd.stability.numbers import Loop, loop_from_config
 from hapticd.stability.outcome import GROWING, PERSISTENT
-from hapticd.stability.sampled_loop import HORIZON, run_loops
+from hapticd.stability.sampled_loop import HORIZON
 from hapticd.stability.storage import FloatArray
 from hapticd.stability.theorems import proven
 from hapticd.stability.tuning import Start
@@ -296,9 +295,8 @@ class _Judge:
 
 def run_in_threads(loops: NDArray[Any], periods: int, jobs: int | None) -> NDArray[Any]:
     """`run_loops` on threads; None for one per core that this process may use."""
-    parts = [loops[k : k + _CHUNK] for k in range(0, loops.size, _CHUNK)]
-    with ThreadPoolExecutor(jobs or len(os.sched_getaffinity(0)), thread_name_prefix="loops") as pool:
-        return np.concatenate(list(pool.map(lambda part: run_loops(part, periods), parts)))
+    with threads(jobs) as run:
+        return run(loops, periods, _CHUNK)
 
 
 def _proven(config: Config, loops: list[Loop], damping: FloatArray, velocity: float) -> FloatArray:

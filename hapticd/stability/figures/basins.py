@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hapticd.figures.style import GREY, INK, ORANGE, RED, STABLE, UNSTABLE
 from hapticd.stability.assessment import Assessment
 from hapticd.stability.cycles import AT_REST, ONE_TICK, UNDECIDED, WANDERS, answers_of, growing, sorted_into
-from hapticd.stability.explore import Explored, Threads, admitted
+from hapticd.stability.explore import Explored, admitted, threads
 from hapticd.stability.starts import HEAVIEST, alone, horizon
 from hapticd.stability.storage import FloatArray
 from hapticd.stability.whole_loop import record_of
@@ -59,7 +59,7 @@ def basins(found: Assessment, jobs: int | None = None) -> Basins:
     place, speed = _linear_up_to(found, weight)
     far = 1.05 * math.asinh(reach / place), 1.05 * math.asinh(reach / weight / speed)
     longest = horizon(record, reach, _LONGEST)
-    with Threads(jobs) as run:
+    with threads(jobs) as run:
 
         def look(n: int) -> tuple[NDArray[np.bool_], NDArray[Any], NDArray[Any]]:
             middle = (2.0 * np.arange(n) + 1.0 - n) / n

@@ -36,8 +36,6 @@ _MARKERS: Final = {"spring.stiffness": "D", "servo.rate_hz": ">", "encoder.decim
 # Beyond this ratio of the point to the plane's corner a linear axis shows nothing of the boundaries.
 _LINEAR_UP_TO: Final = 6.0
 _SMALLEST: Final = 0.02
-#: Of so many places along an axis one is asked for its region.
-_LABELS: Final = 8
 
 
 def check_figure(
@@ -174,9 +172,9 @@ def _regions(axis: Any, found: Assessment, beta: FloatArray, sigma: FloatArray) 
     shade_regions(axis, beta, sigma, corner, half, line)
     axis.axhline(half, color="#777777", lw=0.8)
     axis.axvline(corner, color="#777777", lw=0.8)
-    points = beta[::_LABELS], sigma[::_LABELS]
-    places = middles(*points, lambda b, s: region(replace(n, beta=b, sigma=s), speed), least=0.03)
-    for name, (x, y) in places.items():
+    b, s = beta[::8], sigma[::8]
+    names = np.array([[region(replace(n, beta=x, sigma=y), speed) for y in s.tolist()] for x in b.tolist()])
+    for name, (x, y) in middles(b, s, names, least=0.03).items():
         axis.text(x, y, name, ha="center", va="center", fontsize=15, color="#555555", alpha=0.8)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.figures.plane import middles
 from hapticd.figures.style import new_figure
 from hapticd.stability.criterion import lambda_
 from hapticd.stability.map_report import regions_of
@@ -107,11 +108,8 @@ def patches(shades: Shades) -> list[Any]:
 
 def _name_regions(axes: Axes, maps: Maps, delay: int, velocity: int) -> None:
     beta, sigma = maps.study.betas(maps.study.delays[delay]), maps.study.sigmas
-    names = regions_of(maps, delay, velocity)
-    for name in sorted(set(names.ravel().tolist())):
-        i, j = np.argwhere(names == name).mean(axis=0)
-        place = float(np.interp(i, np.arange(beta.size), beta)), float(np.interp(j, np.arange(sigma.size), sigma))
-        box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
+    box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "edgecolor": "none", "alpha": 0.8}
+    for name, place in middles(beta, sigma, regions_of(maps, delay, velocity)).items():
         axes.text(*place, name, color=_LINE, weight="bold", ha="center", va="center", fontsize=9, bbox=box)
 
 
