@@ -137,7 +137,7 @@ def lagged_motion(
     """
     off = force - aim
     place, end, away, after, sure = _slid(x, v, aim, off, rate, made[_SPAN], _WHOLE, mu, beta, sigma, kappa, made)
-    if sure:
+    if sure or made[_SPAN] == 0.0:
         return place, end, aim + away, after, min(x, place), max(x, place)
     low = high = x
     length = made[_SPAN] / made[_PARTS]

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.stability import sampled_loop as loops
+from hapticd.stability.criterion import lambda_
 from hapticd.stability.escape import never_grows
 from hapticd.stability.outcome import GROWING, PERSISTENT, STRETCHES
 from hapticd.stability.whole_loop import UNIFORM
@@ -76,11 +77,14 @@ def answers_of(begun: NDArray[Any], runs: NDArray[Any]) -> NDArray[np.int8]:
     # what has neither recurred nor settled below a tick may grow very slowly, where nothing forbids it
     unsettled = (reason == loops.HORIZON) & (amplitude < ONE_TICK) & ~chance & ~rests & ~grows
     unsettled[unsettled] = ~never_grows(begun[unsettled])
-    # a damper's cycles wander; it takes a rise that would lead beyond a tick
+    # a damper's cycles wander, and what the delay of a current loop forbids its second order hardly does: it takes a rise
+    # that would lead beyond a tick
+    late = begun["tau_d"] + 2.0 * begun["ratio"] / np.where(begun["natural"] > 0.0, begun["natural"], np.inf)
+    bounded = (begun["beta_v"] > 0.0) | ((begun["natural"] > 0.0) & (begun["beta"] > lambda_(late)))
     half = STRETCHES // 2
     earlier, later = runs["peaks"][:, :half].max(axis=1), runs["peaks"][:, half:].max(axis=1)
     rise = np.sqrt(np.divide(later, earlier, out=np.ones(runs.size), where=earlier > 0.0))
-    unsettled &= (begun["beta_v"] == 0.0) | (amplitude * rise**_FURTHER >= ONE_TICK)
+    unsettled &= ~bounded | (amplitude * rise**_FURTHER >= ONE_TICK)
     found = np.select(
         [rests & ~grows, grows, (amplitude < ONE_TICK) & ~unsettled, goes_on & ~unsettled],
         [AT_REST, MOVES_ON, BUZZES, MOVES_ON],

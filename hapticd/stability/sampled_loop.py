@@ -128,10 +128,8 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
             for part in range(2):
                 then = x - loop.past * (k + pending - part)
                 aim = delivered(loop, asked(loop, read(loop, then, 0.0), loop.past))
-                if part or first_span > 0.0:
-                    _, _, current, rate, _, _ = lagged_motion(
-                        0.0, 0.0, current, rate, aim, mu, beta, np.inf, 0.0, spans[part]
-                    )
+                way = lagged_motion(0.0, 0.0, current, rate, aim, mu, beta, np.inf, 0.0, spans[part])
+                current, rate = way[2], way[3]
     half = periods // 2
     edge, stretch, peak = half, -1, 0.0
     first, last, rose = stored(ticks, mu, kappa, x, v), np.inf, False
@@ -144,7 +142,7 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
     measuring, begun, low, high, reversals, heading = settles, 0, x, x, 0, v
     look, amplitude, equal = loop.search, np.inf, 0
     reference, next_reference, x_saved, v_saved = 0, 1, np.nan, np.nan
-    back_low, back_high, pushed = x, x, 0.0
+    back_low, back_high, pushed, lowest, highest = x, x, 0.0, x, x
     alike, weight = _SAME if settles else 0.0, math.sqrt(mu)
     velocity_saved, phase_saved, counted_saved, excess_saved = velocity, phase, counted, excess
     current_saved, rate_saved = current, rate
@@ -261,12 +259,9 @@ def _run(loop: Any, run: Any, periods: int, bare: bool, growth: Any, threshold: 
         for part in range(2):
             held = sent if part else before
             x_before, v_before = x, v
-            lowest = highest = np.nan
             if natural > 0.0:
-                if part or first_span > 0.0:
-                    x, v, current, rate, lowest, highest = lagged_motion(
-                        x, v, current, rate, held, mu, beta, sigma, kappa, spans[part]
-                    )
+                way = lagged_motion(x, v, current, rate, held, mu, beta, sigma, kappa, spans[part])
+                x, v, current, rate, lowest, highest = way
             elif part:
                 x, v = held_motion(x, v, second_span, held, mu, beta, sigma, kappa, e1, a1, b1)
             elif first_span > 0.0:

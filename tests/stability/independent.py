@@ -211,7 +211,8 @@ def _run(p: Any, start: Any, horizon: int, out: Any) -> None:
             phase = (phase + p[TURNS]) % 1.0
         wave *= p[AMPLITUDE]
         sent[h % _MEMORY] = _current(p, _tick(p, x, wave), estimate, wave if p[TARGET] == 2 else 0.0)
-        if v == 0.0 and stood > window + whole + 3 + p[FADES]:
+        # what a dither sets swinging in a current loop is seen in the windows alone
+        if v == 0.0 and stood > window + whole + 3 + p[FADES] and (p[FADES] == 0 or p[TARGET] == 0):
             more = p[AMPLITUDE] if p[TARGET] == 2 else 0.0
             low = _current(p, _tick(p, x, p[AMPLITUDE]), 0.0, -more)
             high = _current(p, _tick(p, x, -p[AMPLITUDE]), 0.0, more)
