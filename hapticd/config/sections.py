@@ -161,7 +161,7 @@ class Amplifier(Section):
     peak_time_s: Number = quantity(1.0, "Time for which the peak current may flow (I²t)", "s", gt=0, le=3600)
     bandwidth_hz: Ideal = quantity(
         3000.0,
-        "Bandwidth ω_A/2π of the current loop, seen as the delay T_A = 2 δ_A/ω_A (eq. 5)",
+        "Bandwidth ω_A/2π of the current loop; regions and the criterion see the delay T_A = 2 δ_A/ω_A (eq. 5)",
         "Hz",
         zero="no lag",
         ge=0,

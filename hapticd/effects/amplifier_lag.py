@@ -34,8 +34,8 @@ EFFECT = Effect(
             "also when the current does not change."
         ),
         shown_by="steps and a chirp beyond f_a as far as the servo rate allows.",
-        in_theory="As the amplifier itself: T_A = 2 δ/ω (5).",
-        simulated="The current loop is exact; the torque is its mean over each substep.",
+        in_theory="As the amplifier itself: T_A = 2 δ/ω (5); explored as it is, proven not.",
+        simulated="The current loop is exact; beside effects with terms the torque is its mean over each substep.",
     ),
     grid=lambda scale: [{"f_a": share / scale.period_s, "delta": 0.7} for share in (0.01, 0.03, 0.08, 0.2)],
     near=("transport_delay",),
