@@ -37,17 +37,7 @@ from numpy.typing import NDArray
 from hapticd.effects import amplifier_lag
 from hapticd.plant.lagged import parts_per_time
 from hapticd.stability import sampled_loop as loops
-from hapticd.stability.cycles import (
-    AT_REST,
-    BUZZES,
-    MOVES_ON,
-    ONE_TICK,
-    UNDECIDED,
-    Cycle,
-    answers_of,
-    growing,
-    sorted_into,
-)
+from hapticd.stability.cycles import AT_REST, BUZZES, MOVES_ON, ONE_TICK, UNDECIDED, answers_of, growing, sorted_into
 from hapticd.stability.numbers import Loop, loop_from_config
 from hapticd.stability.starts import HEAVIEST, horizon, starts_of
 from hapticd.stability.theorems import proof_of, uncovered
@@ -55,6 +45,7 @@ from hapticd.stability.whole_loop import LOOP, record_of
 
 if TYPE_CHECKING:
     from hapticd.config import Config
+    from hapticd.stability.cycles import Cycle
 
 #: Ticks per period where no limit is set.
 UNLIMITED: Final = 1e3
@@ -308,12 +299,9 @@ def _explored(
     return _summary(np.concatenate(starts), np.concatenate(runs), np.concatenate(answers), of_ticks, motion_rests)
 
 
-#: Batches that are run before it is asked whether there is time for more.
-_TOGETHER: Final = 2
-#: Starts that are run first where one that moves on is enough.
-_FEW: Final = 4
-#: Most starts between two looks at the budget.
-_AT_ONCE: Final = 256
+#: Starts that are run first where one that moves on is enough; batches before it is asked whether there is time for more;
+#: most starts between two looks at the budget.
+_FEW, _TOGETHER, _AT_ONCE = 4, 2, 256
 
 
 @contextmanager

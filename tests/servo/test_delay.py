@@ -71,9 +71,14 @@ def test_a_hidden_period_makes_case_c_grow() -> None:
 
 
 def test_declared_amplifier_lag_is_part_of_the_plant() -> None:
-    """T_A = 2 δ/ω acts like T_V of the same length, down to the last count."""
+    """A current loop of second order, as the effect is, down to the last count; T_A = 2 δ/ω is near."""
+    amplifier = {"bandwidth_hz": 500, "damping_ratio": 0.7}
+    with_amplifier = recording(config(**FAST, amplifier=amplifier), 0.1, 30.4)["encoder_counts"]
+    effect = {"name": "amplifier_lag", "f_a": 500, "delta": 0.7}
+    with_effect = recording(config(**FAST, plant={"effects": [effect]}), 0.1, 30.4)["encoder_counts"]
     lag = 2 * 0.7 / (2 * np.pi * 500.0)
-    with_amplifier = recording(config(**FAST, amplifier={"bandwidth_hz": 500, "damping_ratio": 0.7}), 0.1, 30.4)
-    with_delay = recording(config(**FAST, delay={"computation_s": lag}), 0.1, 30.4)
+    with_delay = recording(config(**FAST, delay={"computation_s": lag}), 0.1, 30.4)["encoder_counts"]
     assert lag == pytest.approx(0.446e-3, abs=1e-6)
-    assert list(with_amplifier["encoder_counts"]) == list(with_delay["encoder_counts"])
+    assert list(with_amplifier) == list(with_effect)
+    assert np.abs(with_amplifier - with_delay)[:20].max() <= 3
+    assert (with_amplifier != with_delay).any()
