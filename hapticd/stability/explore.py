@@ -274,7 +274,7 @@ def _explored(
     spent, done, longest = 0, 0, horizon(loop, reach, effort.horizon)
     motion_rests: bool | None = None
     with threads(jobs) as run:
-        while done < effort.starts and (spent < effort.periods or done < effort.least):
+        while done < effort.starts and (spent < effort.periods or each * done < effort.least):
             # as many as there is likely to be time for, from what the starts before took
             left = (effort.periods - spent) * done // max(spent, 1) if done else 0
             first = _FEW if effort.until is not None and not done else effort.batch * _TOGETHER
