@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 @command(
     "hapticd gap run.arrow --model rig.yaml -o gap",
     "hapticd gap ramp.arrow steps.csv --model re35 --refit-base -o gap --json",
+    "hapticd gap ramp.arrow steps.csv --validate chirp.arrow -o gap",
     "hapticd gap --live --excite steps -o gap",
     codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
 )
@@ -39,6 +40,7 @@ def gap(
     model: str | None = None,
     refit_base: bool = False,
     effect: list[str] | None = None,
+    validate: Path | None = None,
     live: bool = False,
     excite: str | None = None,
     socket: SocketOption = None,
@@ -65,6 +67,8 @@ def gap(
         model (MODEL.yaml): The nominal model: a config or a preset. Default: the config inside the first recording.
         refit_base: No longer needed: inertia and friction are always fitted. With --effect: them as well.
         effect (SLUG): Consider only this effect of the catalogue. Repeatable; what cannot be looked for is said.
+        validate (RUN): Another recording of the device, which is not fitted: how the model as given and the improved one
+            predict it, 50 ms ahead and in a free run, is said and drawn.
         live: Make the recordings now, with the running daemon; takes no RUN.
         excite (NAME|FILE): With --live: the first experiment, as in 'hapticd excite'. Default: all.
     """
@@ -75,6 +79,7 @@ def gap(
         raise UsageError("--excite goes with --live")
     from hapticd.client import find_run
     from hapticd.gap import find_gap
+    from hapticd.gap.data import load_recording
     from hapticd.gap.outputs import document_of, keep, write_outputs
     from hapticd.gap.workflow import considered, why_unknown
 
@@ -83,12 +88,20 @@ def gap(
             raise UsageError(f"--effect {slug}: {reason}")
 
     try:
-        keep(out, [Path(read) for read in (model, excite, *(runs or ())) if read])
+        keep(out, [Path(read) for read in (model, excite, validate, *(runs or ())) if read])
     except ValueError as error:
         raise UsageError(f"-o: {error}") from error
 
     document: dict[str, Any] = {}
     said: list[str] = []
+    test = find_run(validate) if validate else None
+
+    def loaded(path: Path, nominal: Config) -> Recording:
+        recording = load_recording(path, nominal)
+        for warning in recording.warnings:
+            output.warn(f"warning: {warning}")
+        said.extend(recording.warnings)
+        return recording
 
     def check(nominal: Config) -> Config:
         try:
@@ -97,7 +110,7 @@ def gap(
             raise UsageError(f"--effect: {error}") from error
         return nominal
 
-    def analyse(nominal: Config, recordings: Sequence[Recording]) -> GapResult:
+    def analyse(nominal: Config, validation: Recording | None, recordings: Sequence[Recording]) -> GapResult:
         with output.progress_bar("gap") as bar:
             result = find_gap(
                 recordings,
@@ -105,6 +118,7 @@ def gap(
                 refit_base=refit_base,
                 candidates=effect,
                 progress=lambda fraction, what: bar(fraction),
+                validation=validation,
             )
         document.update(document_of(result, nominal))
         try:
@@ -120,18 +134,13 @@ def gap(
         experiment = experiment_named(excite or "all")
         client = connect(socket)
         nominal = check(model_of_daemon(client, model, assignments))
-        of_daemon = partial(analyse, nominal)
+        of_daemon = partial(analyse, nominal, loaded(test, nominal) if test else None)
         result = close_the_circle(client, nominal, experiment, of_daemon, output.note, output.progress_bar)[0]
     else:
-        from hapticd.gap.data import load_recording
-
         paths = [find_run(run) for run in runs or ()]
         nominal = check(model_of_run(paths[0], model, assignments))
-        recordings = [load_recording(path, nominal) for path in paths]
-        said = [warning for recording in recordings for warning in recording.warnings]
-        for warning in said:
-            output.warn(f"warning: {warning}")
-        result = analyse(nominal, recordings)
+        recordings = [loaded(path, nominal) for path in paths]
+        result = analyse(nominal, loaded(test, nominal) if test else None, recordings)
     output.emit(document, describe(document, out))
     for warning in document["warnings"]:
         if warning not in said:
@@ -160,6 +169,7 @@ def describe(document: dict[str, Any], out: Path | None) -> str:
         f"{held_out['after']:.3g} {unit} after; noise alone reads {gap['noise_floor']:.2g} {unit}"
     )
     lines += [f"predicted {sentence}" for sentence in text.predictions(document)]
+    lines += text.validated(document)
     left = document["remainder"]["words"]
     is_news = document["verdict"] != "no_missing_effect" or document["remainder"]["fingerprint"]
     if is_news and left not in document["statement"]:

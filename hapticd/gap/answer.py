@@ -17,13 +17,14 @@ from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.law_set import is_quiet
 from hapticd.gap.missing import Missing, missing_force
 from hapticd.gap.model_file import BASE_KEYS
-from hapticd.gap.prediction import prediction_errors
+from hapticd.gap.prediction import predicted, prediction_errors
 from hapticd.gap.profile import Profile
 from hapticd.gap.propose import ROUGH
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
 from hapticd.gap.terms import BASE_WORDS, Coordinate, Term, parameters_of_term
 from hapticd.gap.unnamed import better_function
+from hapticd.gap.validation import validate
 from hapticd.gap.verdict import decide, doubts_about
 from hapticd.plant.layout import NAMES
 
@@ -46,13 +47,14 @@ def answer(
     named: Sequence[Named],
     *,
     are_all: bool,
+    validation: Recording | None = None,
 ) -> GapResult:
     """What a search found, judged beside a disturbance that may be slow.
 
     Args:
         recordings: what was searched. model: the nominal model. search: it.
         chosen: the set of laws. named: its laws, in the order in which they are said.
-        are_all: whether the whole catalogue was looked for.
+        are_all: whether the whole catalogue was looked for. validation: a recording that was not searched.
     """
     freed = [one.beside_slow for one in path(search, chosen, named)]
     after = missing.held_out_rms(freed[-1].fit)
@@ -123,7 +125,8 @@ def answer(
         ),
         base=_base_estimates(last, effects, variance, reach, model.is_linear),
         begun=begun,
-        prediction=prediction_errors(first.fit, last.fit, model.is_linear),
+        prediction=prediction_errors(predicted(first.fit), predicted(last.fit), model.is_linear),
+        validation=validate(first.fit, last.fit, validation) if validation else None,
         recording=timing,
         details={
             "samples": series.size,

@@ -27,6 +27,7 @@ def gap(
     settings: Mapping[str, Any] | None = None,
     refit_base: bool = False,
     effects: Sequence[str] | None = None,
+    validate: Recorded | None = None,
     out: str | PathLike[str] | None = None,
     progress: Callable[[float, str], None] | None = None,
 ) -> GapResult:
@@ -38,6 +39,8 @@ def gap(
         settings: dotted key to value, applied to the model.
         refit_base: fit inertia and friction of the model as well.
         effects: consider only these effects of the catalogue.
+        validate: another recording of that device, which is not fitted: the answer's ``validation`` says how the model as
+            given and the improved one predict it.
         out: folder for report.html, model.yaml and gap.json, made if missing.
         progress: told the fraction done and what is being done.
 
@@ -46,21 +49,26 @@ def gap(
 
     Raises:
         RunFileError: a recording cannot be read.
-        RecordingError: nothing can be concluded from one.
+        RecordingError: nothing can be concluded from one, or one is there twice.
         ConfigError: no model, or anything wrong in it.
         ValueError: no recording, an unknown effect, none that can be looked for, or an answer in place of what is read.
     """
     recorded = runs_of(runs)
     nominal = config_of(model if model is not None else own_model(recorded[0]), settings)
     recordings = [recording_of(run, nominal) for run in recorded]
+    tests = runs_of([validate]) if validate is not None else []
+    validation = recording_of(tests[0], nominal) if tests else None
     if out is not None:
         from hapticd.gap.outputs import keep
 
         keep(
             Path(out),
-            [run.path for run in recorded] + [Path(name) for name in [model] if isinstance(name, str | PathLike)],
+            [run.path for run in [*recorded, *tests]]
+            + [Path(name) for name in [model] if isinstance(name, str | PathLike)],
         )
-    result = find_gap(recordings, nominal, refit_base=refit_base, candidates=effects, progress=progress)
+    result = find_gap(
+        recordings, nominal, refit_base=refit_base, candidates=effects, progress=progress, validation=validation
+    )
     if out is not None:
         from hapticd.gap.outputs import document_of, write_outputs
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from hapticd.figures.style import BLUE, GREY, ORANGE, new_figure
+from hapticd.figures.style import BLUE, GREY, INK, ORANGE, new_figure
 from hapticd.gap.checks import GAP_PERIODS
 from hapticd.gap.missing import since_reversal
 from hapticd.gap.text import COORDINATES, is_linear
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from hapticd.gap.profile import Profile
     from hapticd.gap.result import GapResult, Step
+    from hapticd.gap.validation import Validation
 
 Floats = NDArray[np.float64]
 
@@ -248,6 +249,50 @@ def ranking(step: Step) -> Figure:
     return figure
 
 
+def measured_and_predicted(validation: Validation) -> Figure:
+    """Measured and predicted position of a recording that was not fitted, and the errors of the predictions.
+
+    No line where a prediction is off by more than the whole motion, nor across a hole in the record.
+    """
+    before, after = validation.before, validation.after
+    time_s, measured, span = before.time_s, before.measured, float(np.ptp(before.measured))
+    rows = np.array([part[part.size // 2] if part.size else -1 for part in _parts(time_s)])
+    unit = str(validation.errors["unit"])
+    figure = new_figure(_WIDTH, 7.0)
+    over, error, ahead = figure.subplots(3, 1, sharex=True, height_ratios=(2.0, 1.0, 1.0))
+
+    def near(values: Floats) -> Floats:
+        known = np.abs(values - measured) <= span
+        return np.where(known, values, np.nan)
+
+    def line(axis: Axes, values: Floats, colour: str, words: str, width: float = 1.0) -> None:
+        axis.plot(np.append(time_s, np.nan)[rows], np.append(values, np.nan)[rows], color=colour, lw=width, label=words)
+
+    models = (("model as given", ORANGE, before), ("improved model", BLUE, after))
+    factor, label = _prefix([measured], unit, 0.0)
+    line(over, factor * measured, GREY, "measured", 3.0)
+    for model, colour, predicted in models:
+        line(over, factor * near(predicted.free_run), colour, f"free run, {model}")
+    over.set_ylabel(f"position, {label}")
+    over.set_title(f"{validation.run}, which was not fitted")
+    free_runs, k_steps = (
+        [near(getattr(one, name)) - measured for _, _, one in models] for name in ("free_run", "k_step")
+    )
+    factor, label = _prefix(free_runs, unit, 0.0)
+    for (model, colour, _), values in zip(models, free_runs, strict=True):
+        line(error, factor * values, colour, model)
+    error.set_ylabel(f"error of the free run,\n{label}")
+    factor, label = _prefix(k_steps, unit, 0.0)
+    for (model, colour, _), values in zip(models, k_steps, strict=True):
+        ahead.plot(time_s, factor * values, ".", color=colour, ms=2.5, label=model)
+    ahead.set_ylabel(f"error {1e3 * validation.errors['horizon_s']:.3g} ms ahead,\n{label}")
+    ahead.set_xlabel("s")
+    for axis in (error, ahead):
+        axis.axhline(0.0, color=INK, lw=0.6)
+    figure.legend(*over.get_legend_handles_labels(), ncols=3, loc="outside upper right")
+    return figure
+
+
 def all_figures(result: GapResult) -> dict[str, Any]:
     """Name to figure, in the order of the report."""
     figures: dict[str, Any] = {}
@@ -256,6 +301,8 @@ def all_figures(result: GapResult) -> dict[str, Any]:
     if moved:
         figures["time"] = over_time(profiles, unit, floor)
         figures["laws"] = laws(profiles, unit, floor)
+    if result.validation:
+        figures["tested"] = measured_and_predicted(result.validation)
     figures |= {f"ranking-{number}": ranking(step) for number, step in enumerate(result.steps, 1) if step.ranking}
     if moved and result.remainder.structure:
         figures["left"] = left(profiles, result.remainder.structure[0]["coordinate"], unit, floor)

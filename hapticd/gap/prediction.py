@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,59 +13,95 @@ from hapticd.plant.numeric import simulate_windows_serial
 from hapticd.plant.resolution import substeps_for
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
     from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
+    from hapticd.gap.series import Series
 
 HORIZON_S = 0.05
 
 
-def prediction_errors(before: Fit, after: Fit, is_linear: bool) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Prediction:
+    """Positions of n samples by one model, rad or m; not a number where nothing is predicted, infinite where it overflows.
+
+    Attributes:
+        time_s: (n,) from the start of each recording. begins: (n,) whether a stretch without a gap begins. measured: (n,).
+        k_step: (n,) at the end of each horizon, from the filtered state at its start, the first of a stretch without a gap
+            `HORIZON_S` after its first sample.
+        free_run: (n,) from that first state to the end of the stretch.
+    """
+
+    time_s: Floats
+    begins: NDArray[np.bool_]
+    measured: Floats
+    k_step: Floats
+    free_run: Floats
+
+
+def predicted(fit: Fit) -> Prediction | None:
+    """What a model predicts of the samples that its fit is on; None where no stretch without a gap is long enough."""
+    series, p = fit.problem.series, fit.device()
+    commands = series.commands(fit.filter_s())
+    measured = (series.cell + 0.5) * series.resolution
+    k_step, free_run = np.full(series.size, np.nan), np.full(series.size, np.nan)
+    for part, period_s, steps in stretches(series):
+        time_s, size = series.time_s[part], part.stop - part.start
+        current = np.empty((size, max(substeps_for(p, period_s), 2)))
+        electrical(p, time_s, commands[part].copy(), np.zeros(size, dtype=np.uint8), current.shape[1], current)
+        starts = np.arange(steps, size - steps - 1, steps)  # at the first sample no speed is known
+        near = _positions(fit, part, time_s, current, starts, steps, p)
+        k_step[part.start + starts + steps] = np.where(np.isnan(near[:, -1]), np.inf, near[:, -1])
+        whole = _positions(fit, part, time_s, current, starts[:1], size - 1 - steps, p)
+        free_run[part.start + steps + 1 : part.stop] = np.where(np.isnan(whole[0]), np.inf, whole[0])
+    return Prediction(series.time_s, series.begins, measured, k_step, free_run) if not np.isnan(k_step).all() else None
+
+
+def stretches(series: Series) -> Iterator[tuple[slice, float, int]]:
+    """Rows, median period [s], and samples of a horizon, of each stretch without a gap in which something is predicted."""
+    first = np.flatnonzero(series.begins).tolist()
+    for begin, end in zip(first, [*first[1:], series.size], strict=True):
+        period_s = float(np.median(np.diff(series.time_s[begin:end]))) if end - begin > 1 else HORIZON_S
+        steps = max(round(HORIZON_S / period_s), 1)
+        if end - begin > 2 * steps + 1:
+            yield slice(begin, end), period_s, steps
+
+
+def prediction_errors(before: Prediction | None, after: Prediction | None, is_linear: bool) -> dict[str, Any]:
     """RMS errors of position, rad or m, by both models.
 
     Returns:
-        ``horizon_s``; ``k_step`` (from the filtered state, that long ahead) and ``free_run`` (from the state so long after
-        the first sample of each stretch without a gap, to its end), ``before`` and ``after`` each; ``unit``. Nothing where
-        no stretch is that long.
+        ``horizon_s``; ``k_step`` and ``free_run`` (see `Prediction`), ``before`` and ``after`` each, with ``unit`` and
+        ``fit_percent``: 100 (1 − ‖e‖ / ‖x − mean‖), over the same samples; ``unit``. Nothing where nothing is predicted.
     """
-    of_before, of_after = _errors(before), _errors(after)
-    if of_before is None or of_after is None:
+    if before is None or after is None:
         return {}
-    found = {"before": of_before, "after": of_after}
-    return {
-        "horizon_s": HORIZON_S,
-        "k_step": {name: errors[0] for name, errors in found.items()},
-        "free_run": {name: errors[1] for name, errors in found.items()},
-        "unit": "m" if is_linear else "rad",
-    }
+    unit = "m" if is_linear else "rad"
+    found: dict[str, Any] = {"horizon_s": HORIZON_S, "unit": unit}
+    for name in ("k_step", "free_run"):
+        errors = {"before": _error(before, name), "after": _error(after, name)}
+        found[name] = {
+            **{when: rms for when, (rms, _) in errors.items()},
+            "unit": unit,
+            "fit_percent": {when: fit for when, (_, fit) in errors.items()},
+        }
+    return found
 
 
-def _errors(fit: Fit) -> tuple[float, float] | None:
-    series, p = fit.problem.series, fit.device()
-    commands = series.commands(fit.filter_s())
-    near, free = [], []
-    first = np.flatnonzero(series.begins).tolist()
-    for begin, end in zip(first, [*first[1:], series.size], strict=True):
-        part, size = slice(begin, end), end - begin
-        time_s, position = series.time_s[part], (series.cell[part] + 0.5) * series.resolution
-        period_s = float(np.median(np.diff(time_s))) if size > 1 else HORIZON_S
-        steps = max(round(HORIZON_S / period_s), 1)
-        if size < steps + 3:
-            continue
-        current = np.empty((size, max(substeps_for(p, period_s), 2)))
-        electrical(p, time_s, commands[part].copy(), np.zeros(size, dtype=np.uint8), current.shape[1], current)
-        starts = np.arange(0, size - steps - 1, steps)
-        near.append(_predicted(fit, part, time_s, current, starts, steps, p)[:, -1] - position[starts + steps])
-        whole = _predicted(fit, part, time_s, current, starts[:1] + steps, size - 1 - steps, p)
-        free.append(whole[0] - position[steps + 1 :])
-    if not near:
-        return None
-    of_near, of_free = (float(np.sqrt(np.mean(np.concatenate(errors) ** 2))) for errors in (near, free))
-    return of_near, of_free
+def _error(of: Prediction, name: str) -> tuple[float, float | None]:
+    """RMS error, and the fit in percent; None of a motion that is none."""
+    positions: Floats = getattr(of, name)
+    known = ~np.isnan(positions)
+    with np.errstate(over="ignore"):
+        rms = float(np.sqrt(np.mean((positions - of.measured)[known] ** 2)))
+    spread = float(np.std(of.measured[known]))
+    return rms, 100.0 * (1.0 - rms / spread) if spread > 0.0 else None
 
 
-def _predicted(
+def _positions(
     fit: Fit, part: slice, time_s: Floats, current: Floats, starts: NDArray[np.int64], length: int, p: Floats
 ) -> Floats:
     rows = fit.out[part][starts]

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from hapticd.gap.profile import Profile
+    from hapticd.gap.validation import Validation
 
 Verdict = Literal["effect_found", "partly_explained", "no_missing_effect", "ambiguous", "unexplained"]
 
@@ -104,6 +105,8 @@ class GapResult:
     """Frictions that the model has not, and what their corrections are relative to."""
     prediction: Mapping[str, Any] = field(default_factory=dict)
     """Errors of predictions over a horizon and of a free run, before and after; see `hapticd.gap.prediction`."""
+    validation: Validation | None = None
+    """The same over a recording that was not fitted, where there is one."""
     recording: Mapping[str, Any] = field(default_factory=dict)
     """Timing quality of the recordings, and what limits the conclusions."""
     next_experiment: Mapping[str, Any] | None = None
@@ -139,6 +142,7 @@ class GapResult:
             },
             "remainder": asdict(self.remainder),
             "prediction": dict(self.prediction),
+            "validation": self.validation.to_json() if self.validation else None,
             "recording": dict(self.recording),
             "base": {name: asdict(value) for name, value in self.base.items()},
             "next_experiment": dict(self.next_experiment) if self.next_experiment else None,

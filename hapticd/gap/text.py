@@ -119,7 +119,20 @@ def timing(document: Mapping[str, Any]) -> str:
 
 def predictions(document: Mapping[str, Any]) -> list[str]:
     """What the models predict of the motion from the command alone; `document` of `gap.json`."""
-    found = document["prediction"]
+    return _errors(document["prediction"])
+
+
+def validated(document: Mapping[str, Any]) -> list[str]:
+    """How the models predict a recording that was not fitted, in a line; none without one. `document` of `gap.json`."""
+    found = document["validation"]
+    if not found:
+        return []
+    fits = found["free_run"]["fit_percent"]
+    fit = "" if None in fits.values() else f" (fit {fits['before']:.4g} % before, {fits['after']:.4g} % after)"
+    return [f"validated on {found['run']}, which was not fitted: {', '.join(_errors(found))}{fit}. {found['words']}"]
+
+
+def _errors(found: Mapping[str, Any]) -> list[str]:
     if not found:
         return []
     spans = ((f"{1e3 * found['horizon_s']:.3g} ms ahead", "k_step"), ("the whole record from its start", "free_run"))

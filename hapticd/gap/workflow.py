@@ -14,6 +14,7 @@ from hapticd.gap.checks import check_together
 from hapticd.gap.choose import Search
 from hapticd.gap.parallel import one_blas_thread
 from hapticd.gap.terms import BASE_WORDS
+from hapticd.gap.validation import check_validation
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -33,6 +34,7 @@ def find_gap(
     candidates: Sequence[str] | None = None,
     progress: Callable[[float, str], None] | None = None,
     design: bool = True,
+    validation: Recording | None = None,
 ) -> GapResult:
     """Find the effects that a model lacks.
 
@@ -43,9 +45,10 @@ def find_gap(
         candidates: slugs to consider; the whole catalogue by default.
         progress: told the fraction done and what is being done.
         design: where laws stay indistinguishable, design the experiment that would tell them apart.
+        validation: another run of that device, which is not fitted: both models are tested on it.
 
     Raises:
-        RecordingError: a recording is there twice.
+        RecordingError: a recording is there twice, or nothing of the one for validation can be predicted.
         ValueError: no recording, a candidate that is unknown, or none that can be looked for.
         KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
     """
@@ -53,6 +56,8 @@ def find_gap(
     progress = progress or (lambda fraction, text: None)
     progress(0.0, "fitting the model as given")
     check_together(recordings)
+    if validation:
+        check_validation(recordings, validation)
     problem = problem_of(recordings, model)
     is_asked = candidates is not None
     if refit_base:
@@ -75,7 +80,7 @@ def find_gap(
 
     def said() -> tuple[list[Named], GapResult]:
         named = search.named(chosen)
-        return named, answer(recordings, model, search, chosen, named, are_all=not is_asked)
+        return named, answer(recordings, model, search, chosen, named, are_all=not is_asked, validation=validation)
 
     try:
         named, result = said()
@@ -95,7 +100,7 @@ def find_gap(
         except KeyboardInterrupt:
             interrupted = True
     progress(1.0, "done")
-    result.recording["warnings"].extend(not_considered)
+    result.recording["warnings"].extend([*not_considered, *(validation.warnings if validation else ())])
     if interrupted:
         result = replace(result, interrupted=True, statement=f"Interrupted: {result.statement}")
     return result

@@ -93,6 +93,50 @@ def test_json_is_one_document(hapticd: Run, recording: tuple[Path, Path], tmp_pa
     assert said.document == json.loads((tmp_path / "gap" / "gap.json").read_text())
 
 
+def lab_run(folder: Path, name: str, rows: int) -> Path:
+    """The beginning of another recording of the device with the weight."""
+    made = generate(HIDDEN, 2, 3.0, "re35", step_s=4.0 * STEP_S)
+    columns = {"time_s": made.time_s, "encoder_counts": made.counts, "current_command_A": made.current_command}
+    run, values = folder / name, np.column_stack(list(columns.values()))[:rows]
+    np.savetxt(run, values, "%.17g", ",", header=",".join(columns), comments="")
+    return run
+
+
+def test_a_recording_that_is_not_fitted_tests_the_model(
+    hapticd: Run, recording: tuple[Path, Path], tmp_path: Path
+) -> None:
+    other, out = lab_run(tmp_path, "other.csv", 3000), tmp_path / "gap"
+    said = gap(hapticd, recording, out, "--effect", "gravity", "--validate", str(other))
+    assert said.code == 0, said.err
+    assert "validated on other.csv, which was not fitted: 50 ms ahead: off by" in said.out
+    assert "other.csv: 3 s is short" in said.err
+    found = json.loads((out / "gap.json").read_text())["validation"]
+    assert (found["run"], found["verdict"]) == ("other.csv", "better")
+    assert found["k_step"]["after"] < 0.2 * found["k_step"]["before"]
+    report = (out / "report.html").read_text()
+    assert 'alt="measured and predicted position"' in report
+    assert found["words"] in report
+
+
+def test_a_recording_that_cannot_test_is_refused(hapticd: Run, recording: tuple[Path, Path], tmp_path: Path) -> None:
+    out, short = tmp_path / "gap", lab_run(tmp_path, "short.csv", 500)
+    axis = tmp_path / "axis.arrow"
+    assert hapticd("simulate", "mit_toolhandle", "--duration", "2", "--deflection", "20", "-o", str(axis)).code == 0
+    for test, statement in (
+        (recording[0], "lab.csv and lab.csv are the same recording: name it once; what is fitted is no test"),
+        (short, "s are too short; at least 1 s are needed"),
+        (axis, "a run of a linear device (m, N), but the model is a rotary device (rad, N m)"),
+        (tmp_path / "nothing.csv", "nothing.csv"),
+        (out / "gap.json", "choose another folder"),
+    ):
+        out.mkdir(exist_ok=True)
+        (out / "gap.json").write_text("{}")
+        said = gap(hapticd, recording, out, "--validate", str(test))
+        assert said.code == 2
+        assert statement in said.err.replace("\n", " ")
+        assert (out / "gap.json").read_text() == "{}"
+
+
 def interrupted_in(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C in that round of the search."""
     extensions, rounds = hapticd.gap.choose.extensions, 0

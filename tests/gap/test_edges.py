@@ -19,7 +19,7 @@ from hapticd.gap.lines import lines
 from hapticd.gap.missing import missing_force, since_reversal
 from hapticd.gap.model_file import improved_model, with_effects
 from hapticd.gap.nominal import nominal_fit
-from hapticd.gap.prediction import prediction_errors
+from hapticd.gap.prediction import predicted, prediction_errors
 from hapticd.gap.recording import Recording
 from hapticd.gap.terms import term
 from hapticd.gap.workflow import considered
@@ -113,7 +113,8 @@ def test_predictions_do_not_run_across_gaps_and_know_each_recordings_period() ->
     errors = {}
     for name, recordings in {"whole": [whole], "parts": [parts], "both": [whole, slow]}.items():
         fit = nominal_fit(problem_of(recordings, model()))
-        errors[name] = prediction_errors(fit, fit, is_linear=False)["k_step"]["before"]
+        found = predicted(fit)
+        errors[name] = prediction_errors(found, found, is_linear=False)["k_step"]["before"]
     assert errors["parts"] < 2.0 * errors["whole"]
     assert errors["both"] < 3.0 * errors["whole"]
 
@@ -128,7 +129,8 @@ def test_nothing_is_predicted_where_no_stretch_is_long_enough() -> None:
         current=np.ascontiguousarray(whole.current[rows]),
     )
     fit = nominal_fit(problem_of([parts], model()))
-    assert prediction_errors(fit, fit, is_linear=False) == {}
+    assert predicted(fit) is None
+    assert prediction_errors(None, None, is_linear=False) == {}
 
 
 def test_an_interruption_at_the_end_keeps_what_was_found(hidden: Hidden, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,11 +6,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from syrupy.assertion import SnapshotAssertion
 
 from hapticd.gap import outputs
+from hapticd.gap.prediction import Prediction
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Remainder, Step
+from hapticd.gap.validation import Validation, judged
 from tests.cli.conftest import Run
 
 STRIBECK = Step(
@@ -64,6 +67,24 @@ FOUND = GapResult(
     recording={"missed": 0, "jitter_s": 2e-6, "period_s": 1e-3, "warnings": []},
     details={"samples": 4000, "blocks": 20, "candidates": ["stribeck"], "needed_standard_errors": 4.2},
 )
+_NONE = np.zeros(0)
+_ERRORS = {
+    "horizon_s": 0.05,
+    "unit": "rad",
+    "k_step": {"before": 0.05, "after": 0.0003, "unit": "rad", "fit_percent": {"before": 91.7, "after": 99.95}},
+    "free_run": {"before": 1.7, "after": 2.1, "unit": "rad", "fit_percent": {"before": 12.3, "after": -8.4}},
+}
+_PREDICTION = Prediction(_NONE, np.zeros(0, dtype=bool), _NONE, _NONE, _NONE)
+TESTED = Validation(
+    "chirp.arrow",
+    judged(_ERRORS, 7.5, is_improved=True)[0],
+    _ERRORS,
+    310.0,
+    7.5,
+    judged(_ERRORS, 7.5, is_improved=True)[1],
+    _PREDICTION,
+    _PREDICTION,
+)
 PLAN = {
     "words": "Play a chirp: expected separation of stribeck and presliding: 9.0 standard errors.",
     "separates": ["stribeck", "presliding"],
@@ -91,6 +112,7 @@ RESULTS = {
         next_experiment=PLAN,
     ),
     "partly explained": replace(FOUND, verdict="partly_explained", remainder=LEFT),
+    "validated": replace(FOUND, validation=TESTED),
     "interrupted": replace(FOUND, statement=f"Interrupted: {FOUND.statement}", interrupted=True),
     "bad timing": replace(FOUND, recording={**FOUND.recording, **LATE, "warnings": ["the motion goes one way"]}),
     "unexplained": replace(
