@@ -136,14 +136,14 @@ def judged(errors: Mapping[str, Any], standard_errors: float, is_improved: bool)
         )
     if near > 0:
         return "mixed", (
-            f"The improved model predicts it better {ahead}, and worse in the free run. You are given the improved model: "
-            f"it has the evidence ({standard_errors:.1f} standard errors here, from each sample to the next), and a free "
-            "run integrates any bias, however small."
+            f"The improved model predicts it better {ahead}, and worse over the whole record. You are given the improved "
+            f"model: it has the evidence ({standard_errors:.1f} standard errors here, from each sample to the next), and a "
+            "free run integrates any bias, however small."
         )
     return "mixed", (
-        f"The improved model predicts it worse {ahead}, and better in the free run. You are given the improved model, for "
-        f"its evidence in the recordings that were fitted ({standard_errors:.1f} standard errors here); a free run "
-        "integrates any bias, so its being better may be chance. Fit both recordings together before you rely on it."
+        f"The improved model predicts it worse {ahead}, and better over the whole record. You are given the improved "
+        f"model, for its evidence in the recordings that were fitted ({standard_errors:.1f} standard errors here); a free "
+        "run integrates any bias, so its being better may be chance. Fit both recordings together before you rely on it."
     )
 
 

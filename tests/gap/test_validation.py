@@ -118,7 +118,7 @@ def _errors(k_step: tuple[float, float], free_run: tuple[float, float]) -> dict[
             "mixed",
             "it has the evidence (7.5 standard errors here, from each sample to the next)",
         ),
-        ((2.0, 1.0), (1.0, np.inf), "mixed", "better 50 ms ahead, and worse in the free run"),
+        ((2.0, 1.0), (1.0, np.inf), "mixed", "better 50 ms ahead, and worse over the whole record"),
         ((1.0, 2.0), (2.0, 1.0), "mixed", "a free run integrates any bias, so its being better may be chance"),
         ((1.0, 2.0), (1.0, 2.0), "worse", "fit both recordings together before you rely on it"),
         ((1.0, 1.01), (2.0, 2.0), "same", "Both models predict it equally well"),
