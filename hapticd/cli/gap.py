@@ -175,10 +175,10 @@ def describe(document: dict[str, Any], out: Path | None) -> str:
     if is_news and left not in document["statement"]:
         lines.append(f"left: {left}")
     lines += [f"for you: {sentence}" for sentence in document["consequences"]["words"]]
-    if planned := document["next_experiment"]:
-        lines.append(f"next: {planned['words']}")
-        if out and planned["file"]:
-            lines.append(f"next: hapticd excite {out / planned['file']}")
+    lines.append(f"next: {document['next']}")
+    planned = document["next_experiment"]
+    if out and planned and planned["file"]:
+        lines.append(f"next: hapticd excite {out / planned['file']}")
     return "\n".join([*lines, f"{out / 'report.html'}, {out / 'model.yaml'}"] if out else lines)
 
 

@@ -22,7 +22,7 @@ from hapticd.gap.profile import Profile
 from hapticd.gap.propose import ROUGH
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
-from hapticd.gap.terms import BASE_WORDS, Coordinate, Term, parameters_of_term
+from hapticd.gap.terms import BASE_WORDS, Coordinate, Term, parameters_of_term, whole_turns
 from hapticd.gap.unnamed import better_function
 from hapticd.gap.validation import validate
 from hapticd.gap.verdict import decide, doubts_about
@@ -239,7 +239,11 @@ def estimates_of(
     for coordinate, value, own in zip(term.coordinates, u, variance, strict=True):
         model = accuracy if coordinate.is_log else accuracy * abs(value)
         half = reach * math.hypot(float(np.sqrt(own)), model)
-        found[coordinate.name] = _estimate(coordinate, value, half, units[coordinate.name.partition("[")[0]])
+        name = coordinate.name.partition("[")[0]
+        estimate = _estimate(coordinate, value, half, units[name])
+        turns = whole_turns(term.slug, name, estimate.value)
+        low, high = estimate.ci95
+        found[coordinate.name] = Estimate(estimate.value - turns, (low - turns, high - turns), estimate.unit)
     return found
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.figures.style import BLUE, GREY, INK, ORANGE, new_figure
 from hapticd.gap.checks import GAP_PERIODS
 from hapticd.gap.missing import since_reversal
@@ -144,16 +145,28 @@ _AXES: Final = {
 _SHOWN: Final = ("position", "velocity", "current")
 
 
-def laws(profiles: Sequence[Profile], unit: str, floor: float) -> Figure:
-    """The missing force against position, velocity and current: the law that was missing, and that it is gone."""
+def _within_a_turn(profile: Profile) -> Floats:
+    return profile.position - 2.0 * np.pi * np.rint(profile.position / (2.0 * np.pi))
+
+
+def laws(profiles: Sequence[Profile], unit: str, floor: float, *, in_angle: bool = False) -> Figure:
+    """The missing force against position, velocity and current: the law that was missing, and that it is gone.
+
+    Args:
+        profiles: of all recordings. unit: of the force. floor: what noise alone reads.
+        in_angle: whether a law was found that repeats itself with every turn, so that all turns are one.
+    """
     figure = new_figure(_WIDTH, 3.0)
     axes = figure.subplots(1, len(_SHOWN), sharey=True)
     factor, label = _prefix([_pooled(profiles, lambda p: p.before)], unit, floor)
     for axis, name in zip(axes, _SHOWN, strict=True):
         for part, colour, words in (("before", ORANGE, "model as given"), ("after", BLUE, "improved model")):
-            _band(axis, profiles, _AXES[name], part, factor, colour, words)
+            shown = _Axis(name, _within_a_turn) if in_angle and name == "position" else _AXES[name]
+            _band(axis, profiles, shown, part, factor, colour, words)
         axis.axhline(0.0, color=GREY, lw=0.8)
         axis.set_xlabel(_labelled(name, unit))
+    if in_angle:
+        axes[0].set_xlabel("position within a turn, rad")
     _with_floor(axes[0], factor * floor)
     axes[0].set_ylabel(f"missing force, {label}")
     axes[0].legend()
@@ -300,7 +313,8 @@ def all_figures(result: GapResult) -> dict[str, Any]:
     moved = any(profile.moves.any() for profile in profiles)
     if moved:
         figures["time"] = over_time(profiles, unit, floor)
-        figures["laws"] = laws(profiles, unit, floor)
+        in_angle = any(CATALOGUE[slug].rotary_only for slug in result.effects)
+        figures["laws"] = laws(profiles, unit, floor, in_angle=in_angle)
     if result.validation:
         figures["tested"] = measured_and_predicted(result.validation)
     figures |= {f"ranking-{number}": ranking(step) for number, step in enumerate(result.steps, 1) if step.ranking}

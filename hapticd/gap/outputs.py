@@ -17,6 +17,7 @@ from hapticd.figures.files import naming
 from hapticd.gap.consequences import consequences
 from hapticd.gap.design import FILE as EXPERIMENT
 from hapticd.gap.model_file import improved_model, model_yaml
+from hapticd.gap.next_step import next_step
 from hapticd.gap.report import page
 
 if TYPE_CHECKING:
@@ -33,7 +34,8 @@ FILES: Final = (JSON, MODEL, REPORT, EXPERIMENT)
 def document_of(result: GapResult, model: Config) -> dict[str, Any]:
     """The document of gap.json."""
     changes = consequences(model, improved_model(model, result), declared_latency(model)[0])
-    return {**result.to_json(), "consequences": changes}
+    found = result.to_json()
+    return {**found, "consequences": changes, "next": next_step(found)}
 
 
 def keep(folder: Path, read: Iterable[Path]) -> None:
@@ -56,12 +58,11 @@ def write_outputs(
     Files appear when all are finished: an interruption leaves the folder as it was.
     """
     text = model_yaml(model, result, [recording.name for recording in recordings])
-    summaries = {slug: spec.summary for slug, spec in CATALOGUE.items()}
     plain = to_jsonable_python(document, inf_nan_mode="null", fallback=lambda value: value.tolist())
     files = {
         JSON: json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
         MODEL: text,
-        REPORT: page(result, recordings, document["consequences"], summaries, text),
+        REPORT: page(result, recordings, document["consequences"], CATALOGUE, text),
     }
     if result.next_experiment and result.next_experiment["experiment"]:
         files[EXPERIMENT] = yaml.safe_dump(dict(result.next_experiment["experiment"]), sort_keys=False)

@@ -17,10 +17,12 @@ from hapticd.figures.markup import STYLE
 from hapticd.figures.style import style
 from hapticd.gap import text
 from hapticd.gap.figures import all_figures
+from hapticd.gap.next_step import next_step
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+    from hapticd.effects.spec import Effect
     from hapticd.gap.recording import Recording
     from hapticd.gap.result import GapResult
 
@@ -37,7 +39,7 @@ def page(
     result: GapResult,
     recordings: Sequence[Recording],
     changes: Mapping[str, Any],
-    catalogue: Mapping[str, str],
+    catalogue: Mapping[str, Effect],
     improved: str,
 ) -> str:
     """The whole page.
@@ -45,7 +47,7 @@ def page(
     Args:
         result: what was found. recordings: in what.
         changes: of :func:`hapticd.gap.consequences.consequences`.
-        catalogue: slug to what the effect is, in a sentence.
+        catalogue: slug to effect.
         improved: the improved model as YAML.
     """
     environment = Environment(
@@ -65,6 +67,7 @@ def page(
         places=text.places(document["where"], result.gap.unit),
         predictions=text.predictions(document),
         timing=text.timing(document),
+        next_step=next_step(document),
         chosen=text.chosen,
         behind=text.behind,
         recordings=recordings,

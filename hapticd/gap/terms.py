@@ -193,6 +193,14 @@ def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, series: Se
     return found
 
 
+def whole_turns(slug: str, name: str, value: float) -> float:
+    """Whole turns in a parameter of an effect that is an angle of which its law is a sine [rad]; 0 in any other."""
+    spec = CATALOGUE[slug]
+    parameter = next(p for p in spec.parameters if p.name == name)
+    is_angle = parameter.unit == "rad" and (parameter.unit_linear == "rad" or spec.rotary_only)
+    return 2.0 * math.pi * round(value / (2.0 * math.pi)) if is_angle else 0.0
+
+
 def parameters_of_term(item: Term, u: Sequence[float] | Floats) -> dict[str, float | list[float]]:
     """Parameter to value (or values) of an effect whose coordinates are `u`, in the order of the catalogue."""
     if item.slug in BASE_WORDS:
@@ -204,6 +212,7 @@ def parameters_of_term(item: Term, u: Sequence[float] | Floats) -> dict[str, flo
     for parameter in CATALOGUE[item.slug].parameters:
         first = index_of(f"{item.slug}.{parameter.name}")
         listed = [p[first + k] for k in range(parameter.length) if first + k in p]
+        listed = [value - whole_turns(item.slug, parameter.name, value) for value in listed]
         if listed:
             found[parameter.name] = listed[0] if parameter.length == 1 else listed
     return found

@@ -129,7 +129,7 @@ def validated(document: Mapping[str, Any]) -> list[str]:
         return []
     fits = found["free_run"]["fit_percent"]
     fit = "" if None in fits.values() else f" (fit {fits['before']:.4g} % before, {fits['after']:.4g} % after)"
-    return [f"validated on {found['run']}, which was not fitted: {', '.join(_errors(found))}{fit}. {found['words']}"]
+    return [f"validated on {found['run']}, which was not fitted: {'; '.join(_errors(found))}{fit}. {found['words']}"]
 
 
 def _errors(found: Mapping[str, Any]) -> list[str]:

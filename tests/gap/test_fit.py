@@ -16,7 +16,7 @@ from hapticd.gap.candidates import scale_of
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.fit import Fit
 from hapticd.gap.nominal import nominal_fit
-from hapticd.gap.terms import term
+from hapticd.gap.terms import parameters_of_term, term
 
 SECONDS = 8.0
 HIDDEN: dict[str, tuple[dict[str, float], dict[str, float]]] = {
@@ -165,6 +165,25 @@ def test_a_parameter_at_its_bound_has_an_interval(nothing: Fit, slug: str) -> No
     assert found.ci95 is not None
     assert found.ci95[0] == pytest.approx(lowest)
     assert lowest < found.ci95[1] < 0.3 * highest
+
+
+@pytest.mark.parametrize(
+    ("slug", "values", "name", "turns"),
+    [
+        ("torque_ripple", {"orders": [7.0], "amplitudes": [1e-4], "phases": [9.0]}, "phases[0]", 1),
+        ("gravity", {"m_g_l": 1e-4, "theta_0": -40.0}, "theta_0", -6),
+        ("return_spring", {"k_s": 1e-4, "theta_0": -40.0}, "theta_0", 0),
+    ],
+)
+def test_an_angle_that_repeats_itself_is_within_a_turn(slug: str, values: Any, name: str, turns: int) -> None:
+    law = term(slug, values, ("orders",), 0.1)
+    u = np.array(law.start)
+    given = {c.name: start for c, start in zip(law.coordinates, law.start, strict=True)}[name]
+    found = estimates_of(law, u, np.full(u.size, 1e-4), 40, False)[name]
+    assert found.value == pytest.approx(given - 2.0 * np.pi * turns)
+    assert np.mean(found.ci95) == pytest.approx(found.value)
+    entry = parameters_of_term(law, u)[name.partition("[")[0]]
+    assert np.ravel(entry)[0] == pytest.approx(found.value)
 
 
 def test_terms_climb_in_turn_where_one_would_hold_up_the_others(hidden: Callable[..., Any]) -> None:

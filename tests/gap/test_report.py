@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import re
 from dataclasses import replace
 from typing import Any
@@ -14,6 +15,7 @@ from hapticd.figures.style import style
 from hapticd.gap import text as gap_text
 from hapticd.gap.consequences import consequences
 from hapticd.gap.figures import all_figures, over_time
+from hapticd.gap.next_step import next_step
 from hapticd.gap.profile import Profile
 from hapticd.gap.recording import Recording
 from hapticd.gap.report import page
@@ -70,8 +72,7 @@ FOUND = GapResult(
 
 def whole_page(result: GapResult, run: Recording) -> str:
     changes: dict[str, Any] = consequences(model(), model(), 0.0)
-    catalogue = {slug: spec.summary for slug, spec in CATALOGUE.items()}
-    return page(result, [run], changes, catalogue, "plant: {}\n")
+    return page(result, [run], changes, CATALOGUE, "plant: {}\n")
 
 
 def first_screen(result: GapResult, run: Recording) -> str:
@@ -155,6 +156,48 @@ def test_how_sure_it_is_that_nothing_is_missing(nominal_run: Recording) -> None:
     assert f"{tried} none reaches the 4.2 standard errors" in first_screen(nothing, nominal_run)
     quiet = replace(nothing, details={**FOUND.details, "is_quiet": True})
     assert "No effect was tried: no more force is missing than the least noise" in first_screen(quiet, nominal_run)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({}, "hapticd gap RUN… --validate RUN"),
+        ({"verdict": "partly_explained", "remainder": Remainder(0.3, "", LEFT)}, "turns round often"),
+        ({"verdict": "no_missing_effect", "effects": (), "steps": ()}, "Keep the model"),
+        ({"verdict": "ambiguous"}, "goes faster, slower and both ways"),
+        ({"verdict": "ambiguous", "next_experiment": {"words": "Play a chirp."}}, "Play a chirp."),
+        ({"verdict": "unexplained", "effects": (), "steps": ()}, "goes both ways at many speeds"),
+        ({"verdict": "unexplained", "effects": (), "steps": (), "where": ()}, "from slow ramps to a chirp"),
+        ({"interrupted": True}, "Let the search run to its end"),
+    ],
+)
+def test_every_verdict_says_what_to_do_next(nominal_run: Recording, change: dict[str, Any], said: str) -> None:
+    result = replace(FOUND, **change)
+    assert said in next_step(result.to_json())
+    planned = {"experiment": None, "file": None, **(result.next_experiment or {})}
+    text = first_screen(replace(result, next_experiment=planned if result.next_experiment else None), nominal_run)
+    assert said in text[text.index("What to do next") :]
+
+
+def test_an_effect_links_to_what_is_known_of_it(nominal_run: Recording) -> None:
+    whole, spec = whole_page(FOUND, nominal_run), CATALOGUE["stribeck"]
+    assert '<a href="#stribeck">' in whole
+    about = whole[whole.index('<h3 id="stribeck">') :]
+    assert spec.where_it_shows in html.unescape(about)
+    assert "Its page: docs/effects/stribeck.md" in about
+
+
+def test_where_a_law_is_in_an_angle_all_turns_are_one() -> None:
+    position = np.linspace(-30.0, 30.0, 4000)
+    before = 1e-4 * np.sin(position)
+    turning = replace(FOUND.profiles[0], position=position, before=before, after=0.0 * before, moves=position > -40.0)
+    gravity = replace(FOUND, effects=("gravity",), steps=(replace(STEP, effect="gravity"),), profiles=(turning,))
+    panel = all_figures(gravity)["laws"].axes[0]
+    angle, force = np.asarray(panel.lines[0].get_xydata()).T
+    assert np.abs(angle).max() <= np.pi
+    assert force == pytest.approx(100.0 * np.sin(angle), abs=5.0)
+    assert panel.get_xlabel() == "position within a turn, rad"
+    assert all_figures(replace(FOUND, profiles=(turning,)))["laws"].axes[0].get_xlabel() == "position, rad"
 
 
 def test_bad_timing_comes_before_the_figures(nominal_run: Recording) -> None:
