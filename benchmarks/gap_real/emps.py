@@ -2,20 +2,24 @@
 
 Beside the answer: the residual force of the usual recipe (3.82 N rigid, 2.16 N with an offset, 1.64 N with a viscous
 friction that depends on the direction), and the free run, in which a model follows the recorded force for the whole record.
-There the rigid model is 9.2 mm off and a published neural state-space model 4.6 mm, on a test record; our models are run on
-the record in which their effects were found.
+There the rigid model is 9.2 mm off and a published neural state-space model 4.6 mm, on a test record that is not beside this
+one; our models are run on the record in which their effects were found, and those of its first half on the second half.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from benchmarks.gap_real import answer, free_run
 from benchmarks.gap_real.datasets import EMPS, imported
 from benchmarks.gap_real.recipe import Balance
-from benchmarks.report import Figure
+from benchmarks.report import Figure, progress
 from hapticd.config import Config, parse_config
 from hapticd.config.effects import checked_effects
+from hapticd.gap import find_gap
 from hapticd.gap.recording import Recording
 
 FORCE_PER_VOLT = 35.15065188
@@ -30,6 +34,7 @@ MAP = {
 }
 _RIGID_MM, _NEURAL_MM = 9.2, 4.6
 NAMED_GOAL_N = 1.7
+_HALF = 12_420
 
 
 def nominal(effects: tuple[dict[str, object], ...] = ()) -> Config:
@@ -91,6 +96,35 @@ def rigid_free_runs(recording: Recording) -> list[Figure]:
     ]
 
 
+def half(recording: Recording, number: int) -> Recording:
+    """The first (0) or second (1) half of the record: the axis rests between them."""
+    rows = slice(number * _HALF, (number + 1) * _HALF)
+    time_s = recording.time_s[rows]
+    return replace(
+        recording,
+        name=f"half {number + 1}",
+        time_s=time_s - time_s[0],
+        position=recording.position[rows],
+        current=np.ascontiguousarray(recording.current[rows]),
+        current_measured=None,
+    )
+
+
+def kept_back(recording: Recording) -> list[Figure]:
+    """What is named in the first half, tested on the second one, as `hapticd gap --validate` does."""
+    found = find_gap([half(recording, 0)], nominal(), validation=half(recording, 1), design=False)
+    tested = found.validation
+    assert tested is not None
+    progress(f"EMPS, second half by the first: {', '.join(found.effects)}; {tested.verdict}. {tested.words}")
+    return [
+        Figure(
+            f"EMPS second half by the first, {name.replace('_', ' ')}, {when}", 1e3 * tested.errors[name][when], "mm"
+        )
+        for name in ("k_step", "free_run")
+        for when in ("before", "after")
+    ]
+
+
 def measure(data: Path, scratch: Path) -> list[Figure]:
     """The answer, what the recipe says, and the free runs."""
     model, recording = nominal(), record(data, scratch)
@@ -103,5 +137,6 @@ def measure(data: Path, scratch: Path) -> list[Figure]:
         *by_recipe(recording),
         *named_by_recipe(recording, found.improved),
         *rigid_free_runs(recording),
+        *kept_back(recording),
         Figure("EMPS free run, named model", named, "mm", _NEURAL_MM, peer=f"neural state space {_NEURAL_MM}"),
     ]

@@ -92,13 +92,13 @@ def prediction_errors(before: Prediction | None, after: Prediction | None, is_li
 
 
 def _error(of: Prediction, name: str) -> tuple[float, float | None]:
-    """RMS error, and the fit in percent; None of a motion that is none."""
+    """RMS error, and the fit in percent; None of a motion that is none, or where a prediction overflows."""
     positions: Floats = getattr(of, name)
     known = ~np.isnan(positions)
     with np.errstate(over="ignore"):
         rms = float(np.sqrt(np.mean((positions - of.measured)[known] ** 2)))
     spread = float(np.std(of.measured[known]))
-    return rms, 100.0 * (1.0 - rms / spread) if spread > 0.0 else None
+    return rms, 100.0 * (1.0 - rms / spread) if spread > 0.0 and np.isfinite(rms) else None
 
 
 def _positions(

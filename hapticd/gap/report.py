@@ -56,7 +56,7 @@ def page(
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"g": _number, "percent": text.percent}
+    environment.filters |= {"g": _number, "percent": text.percent, "sized": text.sized}
     document = result.to_json()
     with style():
         figures = {name: _svg(figure) for name, figure in all_figures(result).items()}

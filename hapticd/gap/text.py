@@ -5,11 +5,13 @@ They take the documents of `gap.json`, so that a result that was read from there
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 from hapticd.config.text import significant
 from hapticd.effects.catalogue import CATALOGUE
+from hapticd.figures.style import prefixed
 from hapticd.gap import constants
 
 if TYPE_CHECKING:
@@ -140,9 +142,16 @@ def _errors(found: Mapping[str, Any]) -> list[str]:
 
 
 def _shrunk(error: Mapping[str, float], unit: str) -> str:
-    if error["before"] == error["after"]:
-        return f"{error['before']:.3g} {unit}"
-    return f"{error['before']:.3g} {unit} before, {error['after']:.3g} {unit} after"
+    before, after = (sized(error[when], unit) for when in ("before", "after"))
+    return before if before == after else f"{before} before, {after} after"
+
+
+def sized(value: float | None, unit: str) -> str:
+    """A magnitude to three digits, in a unit with the prefix that suits it."""
+    if value is None or not math.isfinite(value):
+        return "more than can be computed"
+    factor, prefixed_unit = prefixed(value, unit) if value > 0.0 else (1.0, unit)
+    return f"{value / factor:.3g} {prefixed_unit}"
 
 
 def confidence(result: GapResult, known: int) -> str:

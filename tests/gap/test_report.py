@@ -92,9 +92,9 @@ def test_all_questions_are_answered_with_numbers_and_units(nominal_run: Recordin
     assert "function of the position" not in text
     assert "9.8 standard errors" in text
     assert "the next best, coulomb_friction, is 7.2 standard errors behind" in text
-    assert "0.000231 → 1.04e-05 N m" in text
-    assert "noise alone reads 1e-06 N m" in text
-    assert "50 ms ahead: off by 0.05 rad before, 0.0003 rad after" in text
+    assert "231 µN m → 10.4 µN m" in text
+    assert "noise alone reads 1 µN m" in text
+    assert "50 ms ahead: off by 50 mrad before, 300 µrad after" in text
     assert "0.2 % of the missing force&#39;s power is left" in text
     assert "the motion goes one way" in text
     assert text.index("Timing of the data: 0 of 4000 samples missed, jitter 2 µs") < text.index("Missing: stribeck")
@@ -103,7 +103,7 @@ def test_all_questions_are_answered_with_numbers_and_units(nominal_run: Recordin
 def test_a_linear_device_is_told_of_in_its_units(nominal_run: Recording) -> None:
     text = first_screen(replace(FOUND, gap=replace(FOUND.gap, unit="N")), nominal_run)
     assert "from 0.02 to 2 m/s" in text
-    assert "1.04e-05 N RMS missing force" in text
+    assert "10.4 µN RMS missing force" in text
 
 
 def test_an_ambiguous_answer_names_both_in_the_title(nominal_run: Recording) -> None:
@@ -198,6 +198,21 @@ def test_where_a_law_is_in_an_angle_all_turns_are_one() -> None:
     assert force == pytest.approx(100.0 * np.sin(angle), abs=5.0)
     assert panel.get_xlabel() == "position within a turn, rad"
     assert all_figures(replace(FOUND, profiles=(turning,)))["laws"].axes[0].get_xlabel() == "position, rad"
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        (0.0, "0 m"),
+        (4.82e-5, "48.2 µm"),
+        (0.084709, "84.7 mm"),
+        (1.7, "1.7 m"),
+        (float("inf"), "more than can be computed"),
+        (None, "more than can be computed"),
+    ],
+)
+def test_a_magnitude_has_the_prefix_that_suits_it(value: float | None, said: str) -> None:
+    assert gap_text.sized(value, "m") == said
 
 
 def test_bad_timing_comes_before_the_figures(nominal_run: Recording) -> None:
