@@ -15,6 +15,7 @@ import pytest
 
 import hapticd
 from hapticd.config.units import UnitError
+from hapticd.gap.errors import RecordingError
 from hapticd.record import RunFileError
 from tests.cli.conftest import Run as CommandLine
 from tests.cli.conftest import hapticd as command_line
@@ -183,8 +184,15 @@ def test_identify_measures_a_device_into_a_config(tmp_path: Path) -> None:
 def test_gap_finds_a_wrong_friction() -> None:
     real = {"plant.viscous": 2.5e-5, "spring.stiffness": 0.002}
     measured = hapticd.simulate("re35", "4s", excitation="steps", settings=real)
-    found = hapticd.gap(measured, "re35", effects=["viscous_friction"])
+    other = hapticd.simulate("re35", "2s", excitation="chirp", settings=real)
+    found = hapticd.gap(measured, "re35", effects=["viscous_friction"], validate=other)
     assert [step.effect for step in found.steps] == ["viscous_friction"]
+    assert found.validation is not None
+    assert found.validation.verdict == "better"
+    errors = found.validation.errors["free_run"]
+    assert errors["after"] < 0.1 * errors["before"]
+    with pytest.raises(RecordingError, match="what is fitted is no test of the model"):
+        hapticd.gap(measured, "re35", effects=["viscous_friction"], validate=measured)
 
 
 class TestSweep:
