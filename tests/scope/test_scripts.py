@@ -170,6 +170,13 @@ def test_a_picture_put_aside_is_what_it_was(blank: Page) -> None:
     assert time_s == pytest.approx((end - 1) / 1000)
 
 
+def test_a_moved_origin_is_no_velocity(blank: Page) -> None:
+    made = rows(100, 100)
+    parts = [frame(rows(100), 0), list(encode(made, Context(100, 0, 1, 1e-3, -500, 0.0)))]
+    found = store(blank, parts, "(store) => Array.from(store.channels.velocity.values.slice(90, 120), (v) => v || 0)")
+    assert found == [0.0] * 30
+
+
 @pytest.mark.parametrize(
     ("settings", "expected"),
     [

@@ -16,6 +16,7 @@ CURVES = """async ([config, counts, forces]) => {
     counts.forEach((count, row) => {
         store.counts[row] = count;
         store.channels.force.values[row] = forces[row];
+        store.flags[row] = 1;
     });
     store.head = counts.length;
     const scales = { resolution: 217 * store.rawResolution };
@@ -58,16 +59,16 @@ def test_a_release_over_the_ideal_spring(page: Page, testbed: Testbed) -> None:
     testbed.client.set({"encoder.decimation": 217, "servo.rate_hz": 500})
     expect(page.locator("#set-servo-rate_hz-confirmed")).to_have_text("500")
     page.check("#lane-xy")
-    expect(page.locator("#xy")).to_be_visible()
+    expect(page.locator("#xy-words")).to_have_text("the spring is not rendered in this window")
     release(page, "10.3")
     expect(page.locator("#hold-why")).to_contain_text("the release")
     page.wait_for_timeout(300)
     assert points(page) > 100
-    expect(page.locator("#xy-words")).to_contain_text("ticks")
+    expect(page.locator("#xy-words")).to_have_text("in N m over ticks")
     expect(page.locator("#xy-canvas")).to_have_attribute("data-before", "0")
     page.select_option("#xy-unit", "deg")
-    expect(page.locator("#xy-words")).to_contain_text("deg")
     page.select_option("#xy-kind", "phase")
+    expect(page.locator("#xy-words")).to_have_text("in deg/s over deg")
     release(page, "6")
     expect(page.locator("#xy-canvas")).to_have_attribute("data-before", "1")
     drawn = page.evaluate(

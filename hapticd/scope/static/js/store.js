@@ -60,6 +60,8 @@ export class Store {
     this.nextRow = -1;
     this.shift = 0;
     this.originCounts = 0;
+    /** The first row counted from the present origin. */
+    this.originRow = 0;
     this.periodS = 1e-3;
   }
 
@@ -115,6 +117,7 @@ export class Store {
     }
     this.nextRow = frame.firstRow + rows;
     this.periodS = frame.periodS;
+    if (frame.originCounts !== this.originCounts) this.originRow = before;
     this.originCounts = frame.originCounts;
     const { position, coarse, velocity, current, measured, force, late, model, residual } = this.channels;
     const back = Math.max(1, Math.round(VELOCITY_WINDOW_S / frame.periodS));
@@ -155,7 +158,7 @@ export class Store {
   /** Slope of the position over the last rows, rad/s or m/s; not a number across a gap or a moved origin. @param {number} row @param {number} back */
   slope(row, back) {
     const then = row - back;
-    if (then < this.first) return NaN;
+    if (then < Math.max(this.first, this.originRow)) return NaN;
     const { mask } = this;
     const gap = this.gaps[this.gaps.length - 1];
     if (gap && gap.row > then && gap.kind !== "missed") return NaN;

@@ -3,6 +3,7 @@
 // @ts-check
 
 import { byId, make, number, say } from "./dom.js";
+import { FLAG } from "./frames.js";
 import { colour } from "./lane.js";
 
 const MOST_POINTS = 4000;
@@ -25,7 +26,8 @@ export function placeUnits({ units, scales }) {
 }
 
 /**
- * Rows as a curve, at most every so many of them; what is not a number is left out.
+ * Rows as a curve, at most every so many of them; not a number where it is broken off: the force is one where the spring is
+ * rendered alone, and the velocity is none across a moved origin.
  * @param {import("./source.js").Source} source @param {number} begin @param {number} end @param {Kind} kind @param {number} scale of a unit of place
  * @returns {Curve}
  */
@@ -34,9 +36,9 @@ export function curve(source, begin, end, kind, scale) {
   const step = Math.max(1, Math.ceil((end - begin) / MOST_POINTS));
   const [x, y] = [[], []].map(() => /** @type {number[]} */ ([]));
   for (let row = begin; row < end; row += step) {
-    const value = store.value(kind === "force" ? "force" : "velocity", row);
-    if (!Number.isFinite(value)) continue;
-    x.push((store.counts[row & store.mask] * store.rawResolution) / scale);
+    const rendered = store.flags[row & store.mask] & FLAG.running;
+    const value = kind === "phase" ? store.value("velocity", row) : rendered ? store.value("force", row) : NaN;
+    x.push(!Number.isFinite(value) ? NaN :(store.counts[row & store.mask] * store.rawResolution) / scale);
     y.push(kind === "force" ? value : value / scale);
   }
   return { x: Float64Array.from(x), y: Float64Array.from(y) };
@@ -109,14 +111,17 @@ export class XY {
     const old = this.view.isLive ? this.before.slice(0, -1).map((each) => scaled(each[kind], scale, kind)) : [];
     const [x, y] = [extent([now, ...old], "x"), extent([now, ...old], "y")];
     const ideal = kind === "force" && source.config ? [idealSpring(source.config, x[0], x[1], scale)] : [];
-    this.canvas.dataset.points = String(now.x.length);
+    const drawn = now.x.reduce((count, value) => count + (Number.isFinite(value) ? 1 : 0), 0);
+    const unit = kind === "force" ? source.units.force : `${this.unit.value}/s`;
+    this.canvas.dataset.points = String(drawn);
+    byId("xy-ideal").hidden = !ideal.length;
     this.canvas.dataset.before = String(old.length);
-    say("xy-words", now.x.length ? `position ${number(x[0], 3)} to ${number(x[1], 3)} ${this.unit.value}` : "no rows in this window");
-    this.paint(now, old, ideal, x, y, kind === "force" ? source.units.force : `${this.unit.value}/s`);
+    say("xy-words", drawn ? `in ${unit} over ${this.unit.value}` : kind === "force" ? "the spring is not rendered in this window" : "no rows in this window");
+    this.paint(now, old, ideal, x, y);
   }
 
-  /** @param {Curve} now @param {Curve[]} old @param {Curve[]} ideal @param {[number, number]} x @param {[number, number]} y @param {string} unit of y */
-  paint(now, old, ideal, x, y, unit) {
+  /** @param {Curve} now @param {Curve[]} old @param {Curve[]} ideal @param {[number, number]} x @param {[number, number]} y */
+  paint(now, old, ideal, x, y) {
     const { canvas } = this;
     const [width, height] = [canvas.clientWidth, canvas.clientHeight];
     const ratio = devicePixelRatio;
@@ -146,15 +151,19 @@ export class XY {
       line([LEFT, up(value), width - RIGHT, up(value)]);
       ctx.fillText(number(value, 4), LEFT - 4, up(value) + 4);
     }
-    ctx.textAlign = "left";
-    ctx.fillText(unit, LEFT + 4, TOP + 10);
     const draw = (/** @type {Curve} */ each, /** @type {string} */ stroke, /** @type {number} */ alpha, /** @type {number[]} */ dash) => {
       ctx.strokeStyle = stroke;
       ctx.globalAlpha = alpha;
       ctx.setLineDash(dash);
       ctx.lineWidth = 1.25;
       ctx.beginPath();
-      for (let i = 0; i < each.x.length; i++) ctx.lineTo(at(each.x[i]), up(each.y[i]));
+      let down = false;
+      for (let i = 0; i < each.x.length; i++) {
+        const there = Number.isFinite(each.x[i]);
+        if (there && down) ctx.lineTo(at(each.x[i]), up(each.y[i]));
+        else if (there) ctx.moveTo(at(each.x[i]), up(each.y[i]));
+        down = there;
+      }
       ctx.stroke();
     };
     for (const each of old) draw(each, colour("--c3"), 0.35, []);
