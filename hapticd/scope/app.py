@@ -1,4 +1,4 @@
-"""The scope's server: the page, its two WebSockets, and what it may ask of the daemon.
+"""The scope's server: the page, and what it may ask of the daemon.
 
 A request is answered on small pools of threads of its own kind, as in the daemon, so that nothing slow is ever in front
 of a stop.
@@ -7,7 +7,6 @@ of a stop.
 from __future__ import annotations
 
 import asyncio
-import contextlib
 from collections.abc import Awaitable, Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
@@ -21,36 +20,31 @@ from starlette.responses import FileResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route, WebSocketRoute
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp
-from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hapticd.client import Client, DaemonUnreachable, RequestRefused, StoppedUnanswered
 from hapticd.config import Config, ConfigError, parse_config
-from hapticd.control.json_reply import JsonReply, error_reply, to_json
+from hapticd.control.json_reply import JsonReply, error_reply
 from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
 from hapticd.scope import runs, theory
 from hapticd.scope.access import Access, Guard, Names, Role
 from hapticd.scope.choices import choice_for_page, in_asked_unit
-from hapticd.scope.forms import CLIENT, BadRequest, body_of, client_of, fields_of, read_json
+from hapticd.scope.forms import BadRequest, body_of, client_of, fields_of
 from hapticd.scope.hub import Hub
 from hapticd.scope.lease import Lease
 from hapticd.scope.quantities import read_quantities, read_settings
 from hapticd.scope.runs import RunError
+from hapticd.scope.sockets import Sockets
 from hapticd.scope.strangers import has_token
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
 """Of the source tree, else of the installation."""
 
-HELLO_TIMEOUT_S = 5.0
 MAX_FILE_BYTES = 256 * 1024 * 1024
-MAX_CONNECTIONS = 64
 FRAMES_TYPE = "application/vnd.hapticd.frames"
 RUN_TYPE = "application/vnd.apache.arrow.stream"
 """No form and no page of another origin can send these, or JSON, without asking the server first (CORS), which says no."""
-
-CLOSE_TOKEN = 4401
-CLOSE_FULL = 4429
 
 
 class ScopeServer:
@@ -183,74 +177,10 @@ class ScopeServer:
     def _parsed(self) -> Config:
         return parse_config(self._config(), "the daemon's config")
 
-    # the two WebSockets
-
-    async def rows(self, socket: WebSocket) -> None:
-        """Frames, as the daemon sends them."""
-        await self._serve(socket, self._send_rows)
-
-    async def state(self, socket: WebSocket) -> None:
-        """State, config, and who holds the controls."""
-        await self._serve(socket, self._send_state)
-
-    async def _serve(self, socket: WebSocket, serve: Callable[[WebSocket, Role, str], Awaitable[None]]) -> None:
-        with contextlib.suppress(WebSocketDisconnect):
-            hello = await self._greet(socket)
-            if hello is None:
-                return
-            has_token(socket)
-            if self.connections >= MAX_CONNECTIONS:
-                await socket.close(CLOSE_FULL)
-                return
-            self.connections += 1
-            try:
-                await serve(socket, *hello)
-            finally:
-                self.connections -= 1
-
-    async def _greet(self, socket: WebSocket) -> tuple[Role, str] | None:
-        """Role and client of a WebSocket whose first message carries a token; any other is closed."""
-        await socket.accept()
-        hello = await _hello(socket)
-        role, client = self.access.role(hello.get("token")), hello.get("client")
-        if role is None or not isinstance(client, str) or not CLIENT.fullmatch(client):
-            await socket.close(CLOSE_TOKEN, "this token is not one of this start's; use the URL just printed")
-            return None
-        return role, client
-
-    async def _send_rows(self, socket: WebSocket, role: Role, client: str) -> None:
-        queue = self.hub.watch_rows()
-
-        async def send() -> None:
-            while True:
-                await socket.send_bytes(await queue.get())
-
-        try:
-            await _until_gone(socket, send)
-        finally:
-            self.hub.leave_rows(queue)
-
-    async def _send_state(self, socket: WebSocket, role: Role, client: str) -> None:
-        queue = self.hub.watch_state()
-        if role == "command":
-            self.lease.claim(client)
-
-        async def send() -> None:
-            while True:
-                message = await queue.get()
-                lease = {**self.lease.report(client), "may": role == "command"}
-                await socket.send_text(to_json({**message, "lease": lease}).decode())
-
-        try:
-            await _until_gone(socket, send)
-        finally:
-            self.hub.leave_state(queue)
-            self.lease.gone(client)
-
 
 def create_app(server: ScopeServer, names: Names) -> ASGIApp:
     """The whole application, guarded."""
-    client = server.client
+    client, sockets = server.client, Sockets(server)
     posts: dict[str, tuple[Callable[[Request], Awaitable[Any]], Role, bool]] = {
         "stop": (server.stop, "command", False),
         "estop": (server.estop, "command", False),
@@ -274,8 +204,8 @@ def create_app(server: ScopeServer, names: Names) -> ASGIApp:
         Route("/", _page),
         *(Route(f"/api/{name}", _endpoint(server, *what), methods=["POST"]) for name, what in posts.items()),
         Route("/faults/{code}", _fault_page),
-        WebSocketRoute("/ws/rows", server.rows),
-        WebSocketRoute("/ws/state", server.state),
+        WebSocketRoute("/ws/rows", sockets.rows),
+        WebSocketRoute("/ws/state", sockets.state),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
     return Guard(Starlette(routes=routes), names)
@@ -325,32 +255,3 @@ def _endpoint(server: ScopeServer, handler: Callable[[Request], Awaitable[Any]],
         return result if isinstance(result, Response) else JsonReply(result)
 
     return endpoint
-
-
-async def _hello(socket: WebSocket) -> dict[str, Any]:
-    """The first message; an empty one when it does not come in time or is no JSON object."""
-    try:
-        async with asyncio.timeout(HELLO_TIMEOUT_S):
-            found = read_json(await socket.receive_text())
-    except (TimeoutError, ValueError, KeyError):
-        return {}
-    return found if isinstance(found, dict) else {}
-
-
-async def _until_gone(socket: WebSocket, send: Callable[[], Any]) -> None:
-    """Send until the page goes; what it says meanwhile is read and ignored."""
-    sending = asyncio.ensure_future(send())
-    receiving = asyncio.ensure_future(_listen(socket))
-    try:
-        await asyncio.wait({sending, receiving}, return_when=asyncio.FIRST_COMPLETED)
-    finally:
-        for task in (sending, receiving):
-            task.cancel()
-        for outcome in await asyncio.gather(sending, receiving, return_exceptions=True):
-            if isinstance(outcome, Exception) and not isinstance(outcome, WebSocketDisconnect | RuntimeError):
-                raise outcome
-
-
-async def _listen(socket: WebSocket) -> None:
-    while (await socket.receive())["type"] != "websocket.disconnect":
-        pass

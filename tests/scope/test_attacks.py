@@ -144,7 +144,7 @@ def test_a_websocket_without_a_token_says_nothing(scope: Served, path: str, firs
 
 
 def test_a_websocket_that_stays_silent_is_closed(scope: Served, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("hapticd.scope.app.HELLO_TIMEOUT_S", 0.2)
+    monkeypatch.setattr("hapticd.scope.sockets.HELLO_TIMEOUT_S", 0.2)
     with socket_to(scope) as connection, pytest.raises(ConnectionClosed):
         connection.recv(timeout=20)
 

@@ -17,9 +17,9 @@ import pytest
 from websockets.exceptions import ConnectionClosed
 from websockets.sync.client import connect
 
-from hapticd.scope.app import MAX_CONNECTIONS
 from hapticd.scope.forms import DEEPEST, read_json
 from hapticd.scope.hub import WAITING_MESSAGES
+from hapticd.scope.sockets import MAX_CONNECTIONS
 from hapticd.scope.strangers import STRANGERS
 from tests.polling import PATIENCE_S, wait_until
 from tests.service import fake_control
