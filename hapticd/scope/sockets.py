@@ -5,22 +5,30 @@ from __future__ import annotations
 import asyncio
 import contextlib
 from collections.abc import Awaitable, Callable
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from hapticd.control.json_reply import to_json
-from hapticd.scope.access import Role
+from hapticd.scope.access import Access, Role
 from hapticd.scope.forms import CLIENT, read_json
+from hapticd.scope.hub import Hub
+from hapticd.scope.lease import Lease
 from hapticd.scope.strangers import has_token
-
-if TYPE_CHECKING:
-    from hapticd.scope.app import ScopeServer
 
 HELLO_TIMEOUT_S = 5.0
 MAX_CONNECTIONS = 64
 CLOSE_TOKEN = 4401
 CLOSE_FULL = 4429
+
+
+class Shared(Protocol):
+    """What pages share: who may, what the daemon says, who holds the controls, how many connections there are."""
+
+    access: Access
+    hub: Hub
+    lease: Lease
+    connections: int
 
 
 class Sockets:
@@ -30,7 +38,7 @@ class Sockets:
         server: what they share.
     """
 
-    def __init__(self, server: ScopeServer) -> None:
+    def __init__(self, server: Shared) -> None:
         self._server = server
 
     async def rows(self, socket: WebSocket) -> None:
