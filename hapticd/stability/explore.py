@@ -79,7 +79,7 @@ class Effort:
 CHECK: Final = Effort(4096, 10_000_000, 200_000)
 GUARD: Final = Effort(2048, 400_000, 40_000, batch=8, least=16, until=ONE_TICK)
 #: What a change that is offered is checked with, and one draw of what is uncertain.
-REMEDY: Final = Effort(256, 60_000, 40_000, batch=8, least=16, until=ONE_TICK)
+REMEDY: Final = Effort(256, 60_000, 15_000, batch=8, least=16, until=ONE_TICK)
 DRAW: Final = Effort(32, 20_000, 20_000, batch=16, least=16, until=ONE_TICK)
 
 
