@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import json
 import os
 import re
 import time
@@ -101,11 +103,9 @@ def test_export(hapticd: Run, snapshot: SnapshotAssertion, form: str) -> None:
 
 
 def _csv(path: Path) -> dict[str, Any]:
-    lines = path.read_text().splitlines()
-    comments = [line.partition(":")[0] for line in lines if line.startswith("#")]
-    head, *rows = lines[len(comments) :]
-    some = [[float(value) if value else None for value in row.split(",")] for row in rows[:3]]
-    return {"comments": comments, "head": head, "rows": len(rows), "first": some}
+    head, *rows = csv.reader(path.read_text().splitlines())
+    some = [[float(value) if value else None for value in row[:-1]] for row in rows[:3]]
+    return {"head": ",".join(head), "rows": len(rows), "first": some, "metadata": sorted(json.loads(rows[0][-1]))}
 
 
 def _parquet(path: Path) -> dict[str, Any]:
