@@ -23,6 +23,7 @@ from hapticd.record import Run, RunWriter, export, read_run, run_metadata
 from hapticd.record.frames import PREFIX, Context, decode, encode
 from hapticd.record.run import median_period
 from hapticd.record.schema import ROW, Rows, empty_rows
+from hapticd.scope.forms import read_json
 from hapticd.scope.theory import describe
 
 if TYPE_CHECKING:
@@ -71,7 +72,7 @@ def save_run(stream: bytes, label: str) -> bytes:
     """
     try:
         first, *blocks = _blocks(stream)
-        asked = json.loads(first)
+        asked = read_json(first.decode())
         file_format, document, has_model = asked["format"], asked["config"], asked["model"]
         model = np.frombuffer(blocks.pop(), "<f4") if has_model else None
         parts = [decode(frame) for frame in blocks]

@@ -132,9 +132,15 @@ def test_a_slider_that_is_held_through_a_stop_sends_nothing(page: Page, testbed:
     page.mouse.move(box["x"] + box["width"] * 0.5, middle, steps=5)
     page.keyboard.press("Escape")
     expect(page.locator("#stop-answer")).to_contain_text("Stop: the daemon says off")
+    page.mouse.move(box["x"] + box["width"] * 0.6, middle, steps=5)
     page.mouse.up()
     page.wait_for_timeout(300)
     assert testbed.client.config()["spring"]["stiffness"] == 0.012
+    expect(page.locator("#set-spring-stiffness-entry")).to_have_value("0.012")
+    page.mouse.down()  # and the next drag is one again
+    page.mouse.move(box["x"] + box["width"] * 0.45, middle, steps=5)
+    page.mouse.up()
+    expect(page.locator("#set-spring-stiffness-confirmed")).not_to_have_text("0.012")
 
 
 @pytest.mark.parametrize("level", ["1,5", "x", "", "2A"])

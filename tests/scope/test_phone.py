@@ -131,7 +131,7 @@ def test_there_is_one_lane_and_it_is_large_enough(phone: Page) -> None:
     assert box["width"] >= 280
     phone.check("#lane-current")
     expect(phone.locator(".lane")).to_have_count(1)
-    expect(phone.locator(".lane-head strong")).to_have_text("Current")
+    expect(phone.locator(".lane .lane-head strong")).to_have_text("Current")
     expect(phone.locator("#lane-position")).not_to_be_checked()
 
 

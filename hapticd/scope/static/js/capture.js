@@ -5,6 +5,9 @@
 import { FLAG, decode } from "./frames.js";
 import { describe } from "./source.js";
 
+/** Frames: forty seconds. */
+const MOST_WAITING = 512;
+
 export class Capture {
   /** @param {import("./source.js").Source} live @param {(row: number) => void} fault a fault began in this row */
   constructor(live, fault) {
@@ -32,7 +35,7 @@ export class Capture {
     if (!found.rows) return;
     this.newestUnixS = found.unixS;
     if (this.live.config) this.append(found);
-    else this.waiting.push(found);
+    else if (this.waiting.push(found) > MOST_WAITING) this.waiting.shift();
   }
 
   /** @param {any} message */

@@ -141,6 +141,8 @@ class Control {
     this.range = (owner.linear && setting.linearRange) || setting.range || [0, 1];
     this.unit = (owner.linear && setting.linearUnit) || setting.unit || "";
     this.dragging = false;
+    /** Whether a pointer holds the slider, and whether a stop has taken back what it drags. */
+    this.pressed = false;
     this.withdrawn = false;
     this.unitText = make("span", { class: "unit" }, this.unit);
     this.confirmedText = make("output", { class: "confirmed", id: `${id}-confirmed`, title: "as the daemon confirmed it" }, "–");
@@ -155,9 +157,10 @@ class Control {
       const entry = /** @type {HTMLInputElement} */ (make("input", { id: `${id}-entry`, type: "text", inputmode: "decimal", "aria-label": `${setting.label} as a number` }));
       this.slider = slider;
       this.entry = entry;
-      slider.addEventListener("pointerdown", () => (this.withdrawn = false));
-      slider.addEventListener("keydown", () => (this.withdrawn = false));
+      slider.addEventListener("pointerdown", () => Object.assign(this, { pressed: true, withdrawn: false }));
+      for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, () => (this.pressed = false), true);
       slider.addEventListener("input", () => {
+        if (!this.pressed) this.withdrawn = false; // by the keyboard
         if (this.withdrawn) return;
         this.dragging = true;
         entry.value = number(this.shown(this.value()));
@@ -211,7 +214,7 @@ class Control {
 
   /** @param {any} value in force */
   withdraw(value) {
-    if (this.dragging) this.withdrawn = true;
+    if (this.dragging || this.pressed) this.withdrawn = true;
     this.dragging = false;
     this.confirmed(value);
   }

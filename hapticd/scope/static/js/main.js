@@ -178,9 +178,9 @@ function showLane(id) {
 
 /** A stop leaves nothing behind that a later Enter, or a slider let go, would send. */
 function withdraw() {
-  withdrawAll();
+  controls.withdraw(); // first: a slider that loses the focus says that it was changed
   withdrawQuestions();
-  controls.withdraw();
+  withdrawAll();
 }
 
 // ---- what is said ten times a second
