@@ -11,6 +11,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.experiments import experiment_named
+from hapticd.cli.inspecting import first_look
 from hapticd.cli.options import (
     RunsArgument,
     SettingsOption,
@@ -138,6 +139,7 @@ def gap(
         result = close_the_circle(client, nominal, experiment, of_daemon, output.note, output.progress_bar)[0]
     else:
         paths = [find_run(run) for run in runs or ()]
+        first_look(paths)
         nominal = check(model_of_run(paths[0], model, assignments))
         recordings = [loaded(path, nominal) for path in paths]
         result = analyse(nominal, loaded(test, nominal) if test else None, recordings)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
+from hapticd.cli.inspecting import first_look
 from hapticd.cli.options import (
     Quantity,
     RunsArgument,
@@ -82,6 +83,7 @@ def identify(
         recordings = record_live(client, nominal, output.note, output.progress_bar, keep_spring=keep_spring)
     else:
         paths = [find_run(run) for run in runs or ()]
+        first_look(paths)
         nominal = model_of_run(paths[0], model, assignments)
         recordings = [load_any(path, nominal) for path in paths]
     inertia = device_unit(known_inertia, "kg m²", "kg", nominal.is_linear)
