@@ -11,7 +11,7 @@ from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.inspecting import first_look
 from hapticd.cli.options import (
-    Quantity,
+    PositiveQuantity,
     RunsArgument,
     SettingsOption,
     SocketOption,
@@ -39,7 +39,7 @@ def identify(
     out: Path | None = None,
     live: bool = False,
     keep_spring: bool = False,
-    known_inertia: Quantity | None = None,
+    known_inertia: PositiveQuantity | None = None,
     socket: SocketOption = None,
     assignments: SettingsOption = None,
 ) -> None:

@@ -206,11 +206,7 @@ def positive(text: str) -> float:
 
 
 def in_unit_of(unit: str) -> Callable[[str], float]:
-    """A parser of numbers above zero with or without a unit of that kind.
-
-    Raises:
-        typer.BadParameter: from the parser, where it is none.
-    """
+    """A parser of numbers above zero with or without a unit of that kind; it raises typer.BadParameter."""
 
     def parse(text: str) -> float:
         from hapticd.config.units import UnitError, in_unit
@@ -226,20 +222,28 @@ def in_unit_of(unit: str) -> Callable[[str], float]:
     return parse
 
 
-def device_unit(text: str | None, rotary: str, linear: str, is_linear: bool) -> float | None:
-    """An option whose unit depends on the device, in SI; above zero.
+def above_zero(text: str) -> str:
+    """As `quantity`, above zero.
 
     Raises:
-        UnitError: another kind of quantity. UsageError: not above zero.
+        typer.BadParameter: it is not.
+    """
+    from hapticd.config.units import split
+
+    if split(quantity(text))[0] <= 0:
+        raise typer.BadParameter(f"{text!r} is not above zero")
+    return text
+
+
+def device_unit(text: str | None, rotary: str, linear: str, is_linear: bool) -> float | None:
+    """An option whose unit depends on the device, in SI.
+
+    Raises:
+        UnitError: another kind of quantity.
     """
     from hapticd.config.units import in_unit
 
-    if text is None:
-        return None
-    value = in_unit(text, linear if is_linear else rotary)
-    if value <= 0:
-        raise UsageError(f"{text!r} is not above zero")
-    return value
+    return None if text is None else in_unit(text, linear if is_linear else rotary)
 
 
 Rate = Annotated[float, typer.Option(metavar="HZ", parser=in_unit_of("Hz"))]
@@ -250,6 +254,7 @@ Duration = Annotated[float, typer.Option(metavar="S", parser=duration)]
 """In s; a bare number is one."""
 Quantity = Annotated[str, typer.Option(parser=quantity)]
 """With or without a unit."""
+PositiveQuantity = Annotated[str, typer.Option(parser=above_zero)]
 Count = Annotated[int, typer.Option(min=1)]
 
 

@@ -67,9 +67,8 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
 
     Raises:
         RunFileError: the source cannot be read, lacks a column, or holds what no run can hold; ``out`` exists, or
-            is the source.
+            is the source; or the run cannot be written, and nothing is left behind.
         ConfigError: the map's ``model`` is not valid.
-        RecordingError: the run cannot be written; nothing is left behind.
     """
     path, target = Path(source), Path(out)
     refuse_existing(target, force=force, source=path)

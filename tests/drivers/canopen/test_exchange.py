@@ -174,7 +174,7 @@ def test_fault_without_an_emergency_asks_the_drive_for_its_code(wire: Wire) -> N
     assert wire.write(0.0, 1, "> 201#02000000", "> 601#403F600000000000") == OK
     assert wire.read("> 080#", "< 581#4B3F600010420000", FAULT) == DEVICE_FAULT
     assert wire.x[X_DEVICE_CODE] == 0x4210
-    assert wire.why == "node 1: error code 0x603f 0x4210 (temperature); statusword 0x0218, Fault"
+    assert wire.why == "node 1: error code 0x603f 0x4210 (temperature of the device too high); statusword 0x0218, Fault"
 
 
 def test_fault_is_reset_by_one_edge_when_the_amplifier_is_asked_for_again(wire: Wire) -> None:
