@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from pathlib import Path
 
 import pytest
@@ -65,9 +66,10 @@ def test_exports_work_and_foreign_files_need_a_config(hapticd: Run, recorded: Pa
     path = recorded.with_suffix(".csv")
     same = hapticd("energy", str(path), "--json").document
     assert same["generated_J"] == pytest.approx(hapticd("energy", str(recorded), "--json").document["generated_J"])
-    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    with path.open(newline="") as file:
+        rows = [row[:-1] for row in csv.reader(file)]  # without the column of the metadata
     foreign = recorded.with_name("foreign.csv")
-    foreign.write_text("\n".join(lines))
+    foreign.write_text("\n".join(map(",".join, rows)))
     refused = hapticd("energy", str(foreign))
     assert (refused.code, refused.out) == (2, "")
     assert "carries no config" in refused.err

@@ -67,7 +67,7 @@ def test_the_daemons_config_is_the_model_unless_one_is_named(
     monkeypatch.setattr("hapticd.gap.outputs.write_outputs", lambda *given: None)
     monkeypatch.setattr(
         "hapticd.gap.outputs.document_of",
-        lambda result, model: {**result.to_json(), "consequences": {"words": []}},
+        lambda result, model: {**result.to_json(), "consequences": {"words": []}, "next": ""},
     )
     for words in ((), ("--model", "omega")):
         assert daemon("gap", "--live", "--excite", "steps", "-o", str(tmp_path), *words).code == 0

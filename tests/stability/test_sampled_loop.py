@@ -16,7 +16,7 @@ from hapticd.stability.escape import linear_loop
 from hapticd.stability.numbers import Dimensionless, loop_from_config
 from hapticd.stability.outcome import DECAYING, GROWING, OUTCOMES, PERSISTENT
 from hapticd.stability.sampled_loop import CREEP, ESCAPED, HORIZON, LEFT, RECURRED, REST, run_loops
-from hapticd.stability.whole_loop import is_bare
+from hapticd.stability.whole_loop import is_bare, record_of
 
 from .motion import loop_record
 
@@ -111,6 +111,8 @@ def test_the_servo_does_what_the_exact_loop_does(estimate: dict[str, Any], delay
     config = parse_config({**RIG, "spring": {"damping": 2e-4, **estimate}, "delay": {"computation_s": delay_s}}, "test")
     loop = loop_from_config(config)
     loops = loop_record(loop.numbers, damper_from_config(config, loop), np.array([2.3]), np.zeros(1))
+    for name in ("tau_d", "natural", "ratio"):  # the amplifier is its current loop
+        loops[name] = record_of(config, loop)[name]
     for periods in (12, 37, 150):
         run = run_loops(loops, periods)[0]
         found = simulate(config, periods / 100.0, deflection=2.3)["final"]
