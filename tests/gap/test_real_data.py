@@ -33,6 +33,7 @@ def test_the_free_run_of_the_published_model_needs_its_offset(tmp_path: Path) ->
 
 
 @needs_data
+@pytest.mark.timeout(1200)
 def test_what_the_rigid_model_of_emps_lacks_is_named(tmp_path: Path) -> None:
     found = find_gap([emps.record(folder(), tmp_path)], emps.nominal(), design=False)
     assert set(found.effects) == {"asymmetric_viscous", "stribeck", "amplifier_lag"}
