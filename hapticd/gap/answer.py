@@ -19,11 +19,9 @@ from hapticd.gap.missing import Missing, missing_force
 from hapticd.gap.model_file import BASE_KEYS
 from hapticd.gap.prediction import predicted, prediction_errors
 from hapticd.gap.profile import Profile
-from hapticd.gap.propose import ROUGH
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Ranked, Step
 from hapticd.gap.terms import BASE_WORDS, Coordinate, Term, parameters_of_term, whole_turns
-from hapticd.gap.unnamed import better_function
 from hapticd.gap.validation import validate
 from hapticd.gap.verdict import decide, doubts_about
 from hapticd.plant.layout import NAMES
@@ -47,6 +45,7 @@ def answer(
     named: Sequence[Named],
     *,
     are_all: bool,
+    unnamed: Mapping[str, str],
     validation: Recording | None = None,
 ) -> GapResult:
     """What a search found, judged beside a disturbance that may be slow.
@@ -54,7 +53,8 @@ def answer(
     Args:
         recordings: what was searched. model: the nominal model. search: it.
         chosen: the set of laws. named: its laws, in the order in which they are said.
-        are_all: whether the whole catalogue was looked for. validation: a recording that was not searched.
+        are_all: whether the whole catalogue was looked for. unnamed: laws left out, each for a function of a coordinate.
+        validation: a recording that was not searched.
     """
     freed = [one.beside_slow for one in path(search, chosen, named)]
     after = missing.held_out_rms(freed[-1].fit)
@@ -83,14 +83,6 @@ def answer(
     )
     effects = tuple(step.effect for step in steps)
     remainder = remainder_of(last.fit, found[-1], power[0])
-    tolerance = ROUGH * search.least
-    beaten = {
-        one.law: coordinate
-        for one, before_it, with_it in zip(named, freed, freed[1:], strict=False)
-        if one.law not in BASE_WORDS
-        and not is_quiet(last.fit)
-        and (coordinate := better_function(before_it, with_it, len(with_it.law(one.law).coordinates), tolerance))
-    }
     series, half = first.fit.problem.series, reach * np.sqrt(variance)
     at_bounds = {
         one.law: names
@@ -106,7 +98,7 @@ def answer(
         *_relative_to(begun, effects, model.is_linear),
     ]
     timing = {**timing, **late, "warnings": warnings}
-    doubts = [*doubts_about(at_bounds, beaten), *at_the_end(last.fit, half), *parted(last.fit, recordings, model)]
+    doubts = [*doubts_about(at_bounds, unnamed), *at_the_end(last.fit, half), *parted(last.fit, recordings, model)]
     ties = [step.indistinguishable_from for step in steps]
     own = [CATALOGUE[step.effect].equivalent_to for step in steps]
     untied = [tuple(slug for slug in tied if slug not in same) for tied, same in zip(ties, own, strict=True)]
@@ -136,7 +128,7 @@ def answer(
             "needed_standard_errors": search.needed,
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
             "at_bounds": at_bounds,
-            "predicted_better_by": beaten,
+            "predicted_better_by": dict(unnamed),
             "is_quiet": not named and is_quiet(chosen.fit),
             "filter_runs": round(sum(first.fit.problem.runs) / series.size),
             "filter_runs_of_columns": round(sum(first.fit.problem.columns) / series.size),

@@ -22,6 +22,7 @@ from hapticd.gap.nominal import likeliest_fit, nominal_fit
 from hapticd.gap.parallel import each
 from hapticd.gap.propose import ROUGH, extensions, finished
 from hapticd.gap.terms import BASE_WORDS, LINE, term
+from hapticd.gap.unnamed import with_function
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -46,6 +47,7 @@ class Round:
         move: what was done. law: with which law.
         chosen: the set afterwards. other: that with which it was compared; None of the first.
         comparison: why. rivals: sets with another law instead, the best first.
+        function: coordinate of the unnamed function that took the law's place in a swap; empty for none.
     """
 
     move: Literal["begin", "add", "drop", "swap"]
@@ -54,6 +56,7 @@ class Round:
     other: LawSet | None = None
     comparison: Comparison | None = None
     rivals: tuple[LawSet, ...] = ()
+    function: str = ""
 
 
 @dataclass(frozen=True)
@@ -124,6 +127,14 @@ class Search:
 
     def rounds(self) -> Iterator[Round]:
         """The moves, one by one; the last one's set is the choice."""
+        present = self.given
+        for move in self._moves():
+            yield move
+            present = move.chosen
+        if not self.is_asked:
+            yield from self._unnamed(present)
+
+    def _moves(self) -> Iterator[Round]:
         present, is_free = self._first()
         yield Round("begin", "", present)
         while True:
@@ -323,6 +334,21 @@ class Search:
                 self._seen.add(frozenset(top.laws))
                 return Round("swap", law, top, present, comparison)
         return None
+
+    def _unnamed(self, present: LawSet) -> Iterator[Round]:
+        """Leave out laws in whose place an unnamed function of one coordinate is better, the last one first.
+
+        They are compared beside a slow disturbance: beside a short one a function of the time may take its place.
+        """
+        for law in reversed([slug for slug in present.laws if slug not in BASE_WORDS]):
+            if is_quiet(present.fit):
+                return
+            poorer = self.without(present, law)
+            other = with_function(poorer.beside_slow, ROUGH * self.least)
+            comparison = is_better(other, present.beside_slow, self.needed) if other else None
+            if other and comparison and comparison.is_better and self._closes_as_much(other, present.beside_slow):
+                yield Round("swap", law, poorer, present, comparison, function=other.function)
+                present = poorer
 
     def _in_place(self, present: LawSet, poorer: LawSet, law: str) -> list[LawSet]:
         """Sets with another law in the place of one: its limits, and what competed with it."""

@@ -13,6 +13,7 @@ import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import constants
+from hapticd.gap.kernel.modes import OUTLIER
 from hapticd.gap.kernel.ticks import WHITE
 from hapticd.gap.missing import missing_power
 from hapticd.plant.effect_terms import torque_constant
@@ -23,6 +24,8 @@ if TYPE_CHECKING:
     from hapticd.gap.terms import Term
 
 _NOTHING = 1e-300
+OUTLIER_COSTS = -float(np.log(OUTLIER))
+"""Most that one sample can cost [nats]: beyond, it is an outlier (`kernel.modes.OUTLIER`)."""
 
 
 @dataclass(frozen=True)
@@ -33,21 +36,26 @@ class LawSet:
         fit: maximum of the likelihood.
         held_out: (blocks,) log-likelihood of each block under the estimate without its fold, less `penalty`.
         penalty: logarithm of the number of discrete choices that were made for all of its laws, nats.
+        function: coordinate of a flexible function in the set, which has no name; empty for none.
+        function_numbers: how many numbers that function has.
     """
 
     fit: Fit
     held_out: Floats
     penalty: float = 0.0
+    function: str = ""
+    function_numbers: int = 0
 
     @cached_property
     def laws(self) -> tuple[str, ...]:
         """Slugs of the laws, in the order in which they were added; faults of the record are none."""
-        return tuple(item.slug for item in self.fit.terms if item.slug in CATALOGUE)
+        named = tuple(item.slug for item in self.fit.terms if item.slug in CATALOGUE)
+        return (*named, f"unnamed function of the {self.function}") if self.function else named
 
     @property
     def numbers(self) -> int:
         """How many numbers were fitted."""
-        return int(self.fit.u.size)
+        return int(self.fit.u.size) + self.function_numbers
 
     @property
     def total(self) -> float:
@@ -62,7 +70,8 @@ class LawSet:
     @cached_property
     def beside_slow(self) -> LawSet:
         """The same beside a disturbance that may be slow."""
-        return scored(self.fit.with_free_memory())
+        slow = scored(self.fit.with_free_memory())
+        return replace(slow, function=self.function, function_numbers=self.function_numbers)
 
     def number(self, slug: str) -> int:
         """Where a law is among the terms of the fit."""
@@ -84,14 +93,17 @@ def evidence(one: LawSet, other: LawSet) -> tuple[float, float]:
     """Held-out gain of one set over another, nats, and the same in standard errors.
 
     No law gains more where it was not fitted than where it was: more than that is another one's rough likelihood. What the
-    better one leaves counts by the other one's variance, as in the ratio of the two likelihoods.
+    better one leaves counts by the other one's variance, as in the ratio of the two likelihoods. To that an encoder's cell
+    adds a twelfth of its square (Sheppard 1898): within a cell nothing is seen of how sure a model is.
     """
     gain = one.total - other.total
     fitted = one.fit.log_likelihood - one.penalty - other.fit.log_likelihood + other.penalty
     gain = min(max(gain, min(fitted, 0.0)), max(fitted, 0.0))
     a, b = (one.fit.out, other.fit.out) if gain >= 0.0 else (other.fit.out, one.fit.out)
-    noise = (a["mean"] - b["mean"]) * a["score"] * (a["variance"] / b["variance"])
-    return gain, one.fit.problem.series.standard_errors(gain, noise)
+    series = one.fit.problem.series
+    cell = series.resolution**2 / 12.0
+    noise = (a["mean"] - b["mean"]) * a["score"] * ((a["variance"] + cell) / (b["variance"] + cell))
+    return gain, series.standard_errors(gain, np.clip(noise, -OUTLIER_COSTS, OUTLIER_COSTS))
 
 
 def is_quiet(fit: Fit) -> bool:
@@ -163,5 +175,5 @@ def _answer(compared: Comparison, answer: bool, why: str) -> Comparison:
 
 def _is_simpler(one: LawSet, other: LawSet) -> bool:
     own, others = (set(a.laws) - set(b.laws) for a, b in ((one, other), (other, one)))
-    limits = {limit for slug in others for limit in CATALOGUE[slug].contains}
+    limits = {limit for slug in others & set(CATALOGUE) for limit in CATALOGUE[slug].contains}
     return one.numbers < other.numbers or bool(own & limits)

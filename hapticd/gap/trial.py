@@ -22,8 +22,8 @@ from hapticd.config import ConfigError, apply_settings
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import grip, late_record
 from hapticd.gap.fit import Fit
-from hapticd.gap.kernel.modes import OUTLIER
 from hapticd.gap.kernel.ticks import NOISE
+from hapticd.gap.law_set import OUTLIER_COSTS
 from hapticd.gap.model_file import with_effects
 from hapticd.gap.problem import Problem
 from hapticd.gap.recording import Recording
@@ -46,8 +46,6 @@ _MARGIN = 0.7
 """Share of a safety limit that a trial may use: what is missing in the model may make the device livelier."""
 _FEWEST_COUNTS = 20
 """Raw counts that the shaft must travel at least."""
-_MOST = -float(np.log(OUTLIER))
-"""Nats that one sample can give: beyond that it is an outlier to both."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +144,7 @@ def gain(true: Fit, claimed: CompetingModel) -> float:
     change = scale * (np.linalg.pinv(H * np.outer(scale, scale), rcond=1e-9, hermitian=True) @ (scale * g))
     left = difference - slopes @ change
     strained = 0.5 * float(change @ claimed.known @ change)
-    return float(np.minimum(0.5 * information * left**2, _MOST).sum()) + strained
+    return float(np.minimum(0.5 * information * left**2, OUTLIER_COSTS).sum()) + strained
 
 
 def play(config: Config, experiment: Experiment) -> Recording | None:

@@ -1,26 +1,24 @@
-"""Flexible functions of one coordinate in the place of a law: where one predicts as well, the law may be another."""
+"""Unnamed functions of one coordinate: they compete with a law of the catalogue for its place in a set, as any other law."""
 
 from __future__ import annotations
 
-from hapticd.gap import constants
-from hapticd.gap.law_set import LawSet, evidence, scored
+from dataclasses import replace
+
+from hapticd.gap.law_set import LawSet, scored
 from hapticd.gap.missing import missing_force, structure
 
 
-def better_function(before: LawSet, with_it: LawSet, numbers: int, tolerance: float) -> str | None:
-    """The coordinate of which a flexible function takes the place of a law, or None.
+def with_function(poorer: LawSet, tolerance: float) -> LawSet | None:
+    """A set with the flexible function of one coordinate that gains most; None where the shaft never moves.
 
-    Its torque, each block's without its fold, acts on the set without the law, which climbs. It predicts better than the
-    law, or as well with no more numbers.
+    Its torque, each block's without its fold, acts on the set, which climbs. Its numbers count as those of a law do.
 
     Args:
-        before: the set without the law. with_it: with it. numbers: how many the law has. tolerance: of the climb, nats.
+        poorer: the set without it. tolerance: of the climb, nats.
     """
-    functions = structure(before.fit, missing_force(before.fit))
+    functions = structure(poorer.fit, missing_force(poorer.fit))
     if not functions:
         return None
     best = max(functions, key=lambda function: function.gain)
-    fit = before.fit.under(best.held_out).maximise(tolerance=tolerance)
-    ahead = evidence(scored(fit, before.penalty), with_it)[1]
-    is_simpler = best.numbers <= numbers
-    return best.coordinate if ahead > (-1.0 if is_simpler else 1.0) * constants.INDISTINGUISHABLE else None
+    fit = poorer.fit.under(best.held_out).maximise(tolerance=tolerance)
+    return replace(scored(fit, poorer.penalty), function=best.coordinate, function_numbers=best.numbers)

@@ -44,7 +44,7 @@ def decide(
     is_floor = gap.held_out_after < constants.QUIET * gap.noise_floor
     left = not is_floor and any(entry["share"] > constants.MATTERS for entry in remainder.structure)
     force = f"missing {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after"
-    if not effects and left:
+    if not effects and (left or doubts):
         none = "no effect of the catalogue" if are_all else "none of the effects that were asked for"
         statement = (
             f"Something is missing that {none} explains ({gap.held_out_before:.3g} {gap.unit}): {remainder.words}"
@@ -75,18 +75,17 @@ def decide(
     return "effect_found", f"Missing: {names} ({force})."
 
 
-def doubts_about(at_bounds: Mapping[str, Sequence[str]], beaten: Mapping[str, str]) -> list[str]:
+def doubts_about(at_bounds: Mapping[str, Sequence[str]], unnamed: Mapping[str, str]) -> list[str]:
     """Why what is named may not be the whole truth, a sentence each.
 
     Args:
         at_bounds: law to those of its parameters that the data do not distinguish from the end of what they may be.
-        beaten: law to the coordinate of which a flexible function takes that law's place.
+        unnamed: law that was left out to the coordinate of which an unnamed function is better.
     """
     return [
         f"These data do not distinguish {' and '.join(names)} of {law} from a limit: a law at its limit is another law."
         for law, names in at_bounds.items()
     ] + [
-        f"An unnamed function of the {coordinate} predicts better than {law}, or as well with no more numbers: the law may "
-        "be another."
-        for law, coordinate in beaten.items()
+        f"An unnamed function of the {coordinate} is better than {law}, the nearest law of the catalogue: it is not named."
+        for law, coordinate in unnamed.items()
     ]

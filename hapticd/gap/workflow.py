@@ -63,11 +63,13 @@ def find_gap(
     if refit_base:
         slugs += [slug for slug in BASE_WORDS if slug not in slugs]
     search = Search(problem, slugs, known_terms(problem, model), balanced(recordings, model), is_asked=is_asked)
-    chosen, interrupted = search.given, False
+    chosen, unnamed, interrupted = search.given, dict[str, str](), False
     try:
         for number, each in enumerate(search.rounds()):
             progress(min(0.8, number / (3.0 * constants.MOST_EFFECTS)), "trying effects")
             chosen = each.chosen
+            if each.function:
+                unnamed[each.law] = each.function
     except KeyboardInterrupt:
         if not chosen.laws:
             raise
@@ -80,7 +82,10 @@ def find_gap(
 
     def said() -> tuple[list[Named], GapResult]:
         named = search.named(chosen)
-        return named, answer(recordings, model, search, chosen, named, are_all=not is_asked, validation=validation)
+        result = answer(
+            recordings, model, search, chosen, named, are_all=not is_asked, unnamed=unnamed, validation=validation
+        )
+        return named, result
 
     try:
         named, result = said()

@@ -13,7 +13,7 @@ from benchmarks.gap.disturbance import Coloured
 from hapticd.gap import constants, missing
 from hapticd.gap.base_model import base_law, problem_of
 from hapticd.gap.fit import Fit
-from hapticd.gap.law_set import scored
+from hapticd.gap.law_set import is_better, scored
 from hapticd.gap.lines import lines
 from hapticd.gap.missing import (
     dependences,
@@ -29,7 +29,7 @@ from hapticd.gap.missing import (
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.remainder import remainder_of
 from hapticd.gap.terms import Term, term
-from hapticd.gap.unnamed import better_function
+from hapticd.gap.unnamed import with_function
 
 GRAVITY = {"name": "gravity", "m_g_l": 6e-4, "theta_0": 0.3}
 
@@ -93,7 +93,8 @@ def test_what_a_delay_leaves_of_a_lag_follows_the_current(hidden: Callable[..., 
 def _function_in_place_of(fit: Fit, law: Term) -> str | None:
     """The coordinate whose function takes the place of a law, fitted beside what is known."""
     with_it = scored(fit.extended(law).maximise())
-    return better_function(scored(fit), with_it, len(law.coordinates), 1.0)
+    other = with_function(scored(fit), 1.0)
+    return other.function if other and is_better(other, with_it, 4.0).is_better else None
 
 
 def test_a_function_of_the_position_beats_a_law_of_something_else_but_not_gravity(with_gravity: Fit) -> None:

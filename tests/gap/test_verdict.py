@@ -82,16 +82,16 @@ def test_what_is_left_is_said() -> None:
 
 
 @pytest.mark.parametrize(
-    ("at_bounds", "beaten", "words"),
+    ("at_bounds", "unnamed", "words"),
     [
         ({"gravity": ["theta_0"]}, {}, "do not distinguish theta_0 of gravity from a limit"),
-        ({}, {"gravity": "position"}, "An unnamed function of the position predicts better than gravity"),
+        ({}, {"gravity": "position"}, "An unnamed function of the position is better than gravity"),
     ],
 )
 def test_a_doubt_makes_it_a_part_of_the_answer(
-    at_bounds: dict[str, list[str]], beaten: dict[str, str], words: str
+    at_bounds: dict[str, list[str]], unnamed: dict[str, str], words: str
 ) -> None:
-    doubts = doubts_about(at_bounds, beaten)
+    doubts = doubts_about(at_bounds, unnamed)
     assert len(doubts) == 1
     verdict, statement = decide(["gravity"], [()], doubts, GAP, CLEAN, 1.0)
     assert verdict == "partly_explained"
