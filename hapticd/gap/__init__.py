@@ -3,7 +3,7 @@
     Recording → Series → base fit → propose → choose → judge → report
 
     stage      modules                                 types
-    Recording  data, stamps, checks                    Run, Config → Recording
+    Recording  data, checks                            Run, Config → Recording
     Series     series; base_model.problem_of           Sequence[Recording] → Series, in a Problem
     base fit   balance, base_model, nominal            Problem → Fit → LawSet
     propose    candidates, propose                     LawSet → list[Candidate] → list[LawSet], with a law more each

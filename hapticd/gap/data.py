@@ -2,7 +2,7 @@
 
 Positions are centres of quantisation cells: an encoder that counts by flooring says of the shaft no more than
 counts·Δ ≤ θ < (counts + 1)·Δ. Times are the instants at which the samples were really taken: due time plus lateness, or
-what stamps on a grid say of them (`hapticd.gap.stamps`).
+what stamps on a grid say of them (`hapticd.record.stamp_grid`).
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from hapticd.config import Config, Encoder, parse_config
 from hapticd.gap.checks import check_recording, check_samples
 from hapticd.gap.errors import RecordingError
 from hapticd.gap.recording import Recording
-from hapticd.gap.stamps import spread
 from hapticd.record import FLAG_MISSED_EXCHANGE, Run, read_run
+from hapticd.record.stamp_grid import spread
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -102,7 +102,7 @@ def _instants(columns: dict[str, NDArray[Any]]) -> tuple[Floats, float]:
     """When samples were taken, and the grid on which their stamps lie [s]; 0 for none."""
     due = np.asarray(columns["time_s"], dtype=np.float64)
     late = columns.get("wake_late_ns")
-    if late is not None:
+    if late is not None and np.any(late):  # an imported run has the column, and zeros in it
         return due + 1e-9 * np.asarray(late, dtype=np.float64), 0.0
     return spread(due) if due.size > 1 and np.all(np.isfinite(due)) else (due, 0.0)
 

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from hapticd.record.errors import RunFileError
 from hapticd.record.run import Run, clock_steps
+from hapticd.record.stamp_grid import spread
 
 FloatArray = NDArray[np.float64]
 
-_GRIDS: Final = (1e-2, 1e-3, 1e-4, 1e-5, 1e-6)
 _LOST: Final = 1.5
 """Periods between two stamps, beyond which rows are missing."""
 _FEW_CELLS: Final = 10.0
@@ -33,7 +33,6 @@ _LONG_S, _WARM_S = 5.0, 120.0
 _DELAY: Final = 50.0
 """Sampling rate over the fastest frequency of the command, below which a delay of a period shows."""
 _SMOOTH_S: Final = 0.01
-_EVEN: Final = 0.3
 _SWEPT: Final = frozenset(
     {
         "Coulomb friction",
@@ -128,7 +127,7 @@ def _position(run: Run) -> tuple[FloatArray, float]:
 
 
 def _stamps(run: Run, time_s: FloatArray, steps: FloatArray, cells: FloatArray) -> dict[str, Any]:
-    grid = _grid(time_s, steps)
+    grid = spread(time_s)[1] or None
     period = float(np.median(steps)) if grid is None else float(np.mean(steps))
     late = run.columns.get("wake_late_ns")
     set_ = clock_steps(time_s, cells)
@@ -144,24 +143,6 @@ def _stamps(run: Run, time_s: FloatArray, steps: FloatArray, cells: FloatArray) 
         "clock_steps": [{"row": row, "step_s": step} for row, step in set_],
         "late_max_s": None if late is None else 1e-9 * float(np.max(late)),
     }
-
-
-def _grid(time_s: FloatArray, steps: FloatArray) -> float | None:
-    """Width of the grid that stamps were rounded to, where it shows: steps of several of its widths, and of none between.
-
-    Lost rows make steps of several periods, too, but at no even distances.
-    """
-    period = float(np.median(steps))
-    for grid in _GRIDS:
-        whole = np.rint(steps / grid)
-        if not np.all(np.abs(steps - grid * whole) < 1e-9 * np.abs(time_s).max() + 1e-12):
-            continue
-        odd = np.flatnonzero(np.abs(steps - period) > 0.5 * grid)
-        apart = np.diff(odd)
-        between = bool(np.any(np.abs(steps[odd] - period) < 0.5 * period))
-        even = apart.size > _FEW_CELLS and float(np.std(apart)) < _EVEN * float(np.mean(apart))
-        return grid if period < _FEW_CELLS * grid and (between or even) else None
-    return None
 
 
 def _velocity(position: FloatArray, period: float) -> FloatArray:

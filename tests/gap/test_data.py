@@ -11,7 +11,7 @@ from hapticd.config import load_config
 from hapticd.gap.data import load_recording, step_of
 from hapticd.gap.errors import RecordingError
 from hapticd.gap.recording import Recording
-from hapticd.record import RunFileError, RunWriter, run_metadata
+from hapticd.record import RunFileError, RunWriter, import_run, parse_map, run_metadata
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, Rows, empty_rows
 
 from .synthetic import COUNTS, model
@@ -78,6 +78,30 @@ def test_lateness_moves_the_samples(tmp_path: Path) -> None:
     made["wake_late_ns"] = 1000 * (made["tick"] % 50)
     found = load_recording(native(tmp_path / "r.arrow", made), model())
     assert found.time_s[49] == pytest.approx(0.049 + 49e-6)
+
+
+def test_imported_stamps_on_a_grid_are_spread(tmp_path: Path) -> None:
+    """An imported run has a column for lateness, and nothing in it."""
+    exact = np.arange(3000) / 997.0
+    table = np.stack([np.floor(1e3 * exact) / 1e3, np.floor(500 * np.sin(3.0 * exact)), np.cos(3.0 * exact)], axis=1)
+    np.savetxt(tmp_path / "log.csv", table, delimiter=",", header="t,q,i", comments="", fmt="%.17g")
+    mapping = {
+        "device": "rotary",
+        "time": {"column": "t"},
+        "position": {"column": "q", "unit": "count"},
+        "current": {"column": "i"},
+        "encoder": {"counts_per_rev": COUNTS},
+    }
+    done = import_run(tmp_path / "log.csv", parse_map(mapping, "map.yaml"), tmp_path / "run.arrow")
+    found = load_recording(done.path, model())
+    assert found.period_s == pytest.approx(1.0 / 997.0, rel=1e-4)
+    assert any("grid of 1 ms" in warning for warning in found.warnings)
+
+
+def test_missing_rows_are_no_grid(tmp_path: Path) -> None:
+    made = rows()
+    found = load_recording(native(tmp_path / "r.arrow", np.delete(made, [90, 400, 1307, 1310, 2900])), model())
+    assert not any("grid" in warning for warning in found.warnings)
 
 
 def test_a_failed_exchange_is_no_measurement(tmp_path: Path) -> None:

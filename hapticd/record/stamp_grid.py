@@ -14,13 +14,16 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from hapticd.gap.arrays import Floats
+    Floats = NDArray[np.float64]
 
 _COARSE = 0.02
 """Step of the grid, in periods, below which its error is less than a percent of a period."""
 _JITTER = 0.25
 """Steps by which a sample may be early or late, beside its stamp's rounding, and still fit the clock."""
 _ROUNDING = 1e-9
+_BREAKS = 0.3
+"""Share of the waits of several periods at which a clock that makes them by itself may break, and how few say nothing:"""
+_FEW = 8
 _ROWS = 200
 """Rows over which a period is measured first, and those that a stretch has at least that others go on with."""
 _REFINED = 8
@@ -53,7 +56,7 @@ def spread(time_s: Floats) -> tuple[Floats, float]:
         time_s: (n,) stamps that do not run backwards.
 
     Returns:
-        (n,) instants, and the step; 0 with the stamps as they are where they are on no grid, all one period apart, or of a
+        (n,) instants, and the step; 0 with the stamps as they are where they are on no grid, whole periods apart, or of a
         clock that is less even than the grid is coarse.
     """
     step, waits = step_of_stamps(time_s), np.diff(time_s)
@@ -69,7 +72,7 @@ def spread(time_s: Floats) -> tuple[Floats, float]:
             break
         period, begins = refined, refined_begins
     lengths = np.diff(np.append(begins, time_s.size))
-    if float(np.median(np.repeat(lengths, lengths))) < _EVEN:
+    if float(np.median(np.repeat(lengths, lengths))) < _EVEN or _are_missing(waits, step, begins.size - 1):
         return time_s, 0.0
     late = time_s - period * np.arange(time_s.size)
     offset, last = np.empty(time_s.size), None
@@ -84,6 +87,15 @@ def spread(time_s: Floats) -> tuple[Floats, float]:
             last = middle
     found = period * np.arange(time_s.size) + offset
     return found if np.all(np.diff(found) > 0.0) else time_s, step
+
+
+def _are_missing(waits: Floats, step: float, breaks: int) -> bool:
+    """Whether rows are missing between exact stamps, and no uneven clock makes their waits of two periods and more."""
+    shortest = float(waits.min())
+    if not 0.5 * step < shortest < 1.5 * step:
+        return False
+    longer = int(np.sum(waits > 1.5 * shortest))
+    return longer < _FEW or breaks >= _BREAKS * longer
 
 
 def _stretches(time_s: Floats, period: float, step: float) -> NDArray[np.int64]:

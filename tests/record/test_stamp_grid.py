@@ -10,7 +10,7 @@ import pytest
 from hapticd.config import Config
 from hapticd.gap.data import load_recording
 from hapticd.gap.recording import Recording
-from hapticd.gap.stamps import spread, step_of_stamps
+from hapticd.record.stamp_grid import spread, step_of_stamps
 
 RATE_HZ = 997.0
 
