@@ -123,7 +123,7 @@ def gap(
             )
         document.update(document_of(result, nominal))
         try:
-            write_outputs(document, result, recordings, nominal, out)
+            write_outputs(document, result, recordings, nominal, out, model)
         except OSError:  # a full disk: the answer is not lost with it
             output.emit(document, describe(document, None))
             raise

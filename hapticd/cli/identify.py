@@ -70,9 +70,10 @@ def identify(
     if out is not None and out.exists() and (model is None or not Path(model).exists() or not out.samefile(model)):
         raise UsageError(f"{out} exists; choose another name, or update it with --model {out}")
     from hapticd.client import find_run
+    from hapticd.config.editing import text_of
     from hapticd.identify import identify as identify_device
     from hapticd.identify import load_any
-    from hapticd.identify.config_file import text_of, with_plant
+    from hapticd.identify.config_file import with_plant
 
     recordings: Sequence[Recording]
     if live:

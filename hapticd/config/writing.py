@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from hapticd.config.keys import section_models, unit_of
@@ -12,9 +12,10 @@ from hapticd.config.model import Config
 from hapticd.config.text import plain_number, yaml_value
 
 
-def config_to_yaml(config: Config) -> str:
-    """The whole configuration as YAML with units as comments; reading it gives an equal configuration."""
-    return "\n".join(_lines(config.model_dump(), "", "", config.is_linear)) + "\n"
+def config_to_yaml(config: Config, without: Collection[str] = ()) -> str:
+    """The whole configuration, `without` sections, as YAML with units as comments; reading it gives an equal one."""
+    data = config.model_dump(exclude=set(without))
+    return "\n".join(_lines(data, "", "", config.is_linear)) + "\n"
 
 
 def _lines(data: Mapping[str, Any], prefix: str, indent: str, linear: bool) -> Iterator[str]:

@@ -11,7 +11,7 @@ import numpy as np
 from hapticd.config import unit_of
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import chance, grip, late_record, missing
-from hapticd.gap.base_model import at_the_end, parted
+from hapticd.gap.base_model import at_the_end
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.law_set import is_quiet
@@ -96,9 +96,10 @@ def answer(
         *timing["warnings"],
         *late["warnings"],
         *_relative_to(begun, effects, model.is_linear),
+        *([_held(search, model.is_linear)] if search.is_held else []),
     ]
     timing = {**timing, **late, "warnings": warnings}
-    doubts = [*doubts_about(at_bounds, unnamed), *at_the_end(last.fit, half), *parted(last.fit, recordings, model)]
+    doubts = [*doubts_about(at_bounds, unnamed), *at_the_end(last.fit, half)]
     ties = [step.indistinguishable_from for step in steps]
     own = [CATALOGUE[step.effect].equivalent_to for step in steps]
     untied = [tuple(slug for slug in tied if slug not in same) for tied, same in zip(ties, own, strict=True)]
@@ -134,6 +135,15 @@ def answer(
             "filter_runs_of_columns": round(sum(first.fit.problem.columns) / series.size),
         },
         profiles=_profiles(recordings, first.fit, found[0], found[-1]),
+    )
+
+
+def _held(search: Search, is_linear: bool) -> str:
+    """That the inertia is the one of a balance of forces."""
+    unit = unit_of("plant.inertia", is_linear)
+    return (
+        f"inertia: held near {search.balance.values['inertia_error']:.3g} {unit}, as least squares on the balance of forces "
+        "have it; another inertia predicts better one step ahead, but leaves more force missing. Faster motion would decide"
     )
 
 

@@ -35,6 +35,8 @@ _LONGEST_DELAY_S = 0.01
 """Largest delay that is looked for, or this many periods:"""
 _LONGEST_DELAY_PERIODS = 6.0
 _FEWEST_ROWS = 100
+_AS_LITTLE = 1.1
+"""RMS left over the least at any delay, up to which a shorter one is as good."""
 _ROWS_PER_CUTOFF = 5.0
 """Rows a period of the corner frequency: more of them say the same twice."""
 
@@ -47,7 +49,7 @@ class Solution:
         inertia: J in kg m² or kg, > 0. viscous: b. coulomb: c. bias: τ₀, by the corrected sign of the encoder.
         delay_s: from sample to current.
         sign: 1, or −1 where the encoder counts against the torque.
-        explained: fraction of the driving torque's power, at most 1.
+        explained: fraction of the driving torque's power, at most 1. left: RMS of what is left of it, N m or N.
     """
 
     inertia: float
@@ -57,6 +59,7 @@ class Solution:
     delay_s: float
     sign: int
     explained: float
+    left: float
 
 
 @dataclass(frozen=True)
@@ -108,7 +111,7 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
     delays = np.arange(0.0, max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period), max(0.25 * period, 2.5e-4))
     found = [[_solve(parts, delay, sign) for delay in delays] for sign in (1, -1)]
     tried, others = sorted(found, key=lambda of_sign: -max(one.explained for one in of_sign))
-    best, other = (max(of_sign, key=lambda one: one.explained) for of_sign in (tried, others))
+    best, other = _with_the_least_delay(tried), max(others, key=lambda one: one.explained)
     drive = float(np.sqrt(np.mean(np.concatenate([part.torque[part.moves] for part in parts]) ** 2)))
     if drive == 0.0:
         names = ", ".join(recording.name for recording in recordings)
@@ -119,7 +122,13 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
     least = LEAST_START * drive / np.append(size, 1.0)
     at_delays[:, :3] = np.maximum(at_delays[:, :3], least)
     J, b, c, bias, delay_s = at_delays[tried.index(best)].tolist()
-    return Balance(J, b, c, bias, delay_s, best.sign, best.explained, other.explained, at_delays)
+    return Balance(J, b, c, bias, delay_s, best.sign, best.explained, best.left, other.explained, at_delays)
+
+
+def _with_the_least_delay(of_sign: Sequence[Solution]) -> Solution:
+    """The balance with the shortest delay that leaves about as little as the best: in a loop, delay and inertia trade."""
+    least = min(one.left for one in of_sign)
+    return next(one for one in of_sign if one.left <= _AS_LITTLE * least)
 
 
 def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
@@ -158,4 +167,4 @@ def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> Solution:
     left = float(np.mean((y - A @ (found.x / scale)) ** 2))
     power = float(np.mean(y**2))
     explained = 1.0 - left / power if power > 0.0 else 0.0
-    return Solution(float(J), float(b), float(c), float(bias), float(delay_s), sign, explained)
+    return Solution(float(J), float(b), float(c), float(bias), float(delay_s), sign, explained, float(np.sqrt(left)))

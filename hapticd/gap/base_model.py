@@ -7,7 +7,7 @@ one, within its uncertainty, is a law less than another value: which of the two 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,7 +26,7 @@ from hapticd.plant.layout import device_vector, index_of
 from hapticd.plant.numeric import edited_base
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from hapticd.config import Config
     from hapticd.gap.arrays import Floats
@@ -39,6 +39,8 @@ _MOST_WORK = 1.5
 """Work against a friction over what the shaft gets: beyond, friction holds it, and a disturbance moves it."""
 _EXPLAINS, _PARTED = 0.9, 1.5
 """Share of the drive that a balance must explain to be believed, and by which factor its inertia is another one."""
+_ACCURACY = 0.03
+"""How well a balance of forces knows an inertia: its filter and the encoder's steps change it by some per cent."""
 _STEP_S = 0.05
 """Steps over which a way is summed [s]."""
 NOTHING = 1e-6
@@ -65,41 +67,49 @@ def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
     return Problem(series, vector, torque, model.is_linear, begun)
 
 
-def balanced(recordings: Sequence[Recording], model: Config) -> dict[str, float]:
-    """Inertia and friction by least squares, by law; nothing where the shaft hardly moves, or against the current."""
-    try:
-        found = balance(recordings, model.amplifier.torque_constant)
-    except RecordingError:
-        return {}
-    values = {slug: float(getattr(found, name)) for slug, name in BASE_WORDS.items()}
-    return values if found.sign > 0 and all(value > 0.0 for value in values.values()) else {}
+@dataclass(frozen=True)
+class Balanced:
+    """What a balance of forces says of the base parameters.
 
-
-def parted(fit: Fit, recordings: Sequence[Recording], model: Config) -> list[str]:
-    """That the fitted inertia is not the one of a balance of forces that leaves less; a sentence, or none.
-
-    What is predicted best one step ahead need not be the device: a shaft too heavy, beside a disturbance too large, predicts
-    slow motion as well.
+    Attributes:
+        values: by law; empty where the shaft hardly moves, or against the current.
+        left: RMS of the force that it leaves, N m or N; infinite where it explains too little to be believed.
     """
+
+    values: Mapping[str, float]
+    left: float = math.inf
+
+    def contradicts(self, fit: Fit) -> bool:
+        """Whether a fitted inertia is another one although the balance leaves less force.
+
+        What is predicted best one step ahead need not be the device: a shaft too heavy, beside a disturbance too large,
+        predicts slow motion as well.
+        """
+        if not self.values or missing_power(fit) <= self.left**2:
+            return False
+        return abs(math.log(float(edited_base(fit.device())[0]) / self.values["inertia_error"])) > math.log(_PARTED)
+
+
+def balanced(recordings: Sequence[Recording], model: Config) -> Balanced:
+    """Inertia and friction by least squares on the balance of forces."""
     try:
         found = balance(recordings, model.amplifier.torque_constant)
     except RecordingError:
-        return []
-    fitted, series = float(edited_base(fit.device())[0]), fit.problem.series
-    drive = torque_constant(fit.device()) ** 2 * float(np.mean(series.command**2))
-    leaves_less = missing_power(fit) > (1.0 - found.explained) * drive
-    if found.explained < _EXPLAINS or not leaves_less or abs(math.log(fitted / found.inertia)) < math.log(_PARTED):
-        return []
-    unit = "kg" if model.is_linear else "kg m²"
-    return [
-        f"Least squares on the balance of forces gives an inertia of {found.inertia:.3g} {unit} and explains "
-        f"{100.0 * found.explained:.0f} % of the driving torque's power; the model that predicts best has {fitted:.3g} "
-        f"{unit}. Neither is sure: faster motion would decide."
-    ]
+        return Balanced({})
+    values = {slug: float(getattr(found, name)) for slug, name in BASE_WORDS.items()}
+    if found.sign < 0 or any(value <= 0.0 for value in values.values()):
+        return Balanced({})
+    return Balanced(values, found.left if found.explained > _EXPLAINS else math.inf)
 
 
 def base_law(
-    problem: Problem, slug: str, value: float | None = None, filter_s: float = 0.0, balanced: float | None = None
+    problem: Problem,
+    slug: str,
+    value: float | None = None,
+    filter_s: float = 0.0,
+    balanced: float | None = None,
+    *,
+    is_held: bool = False,
 ) -> Term:
     """The law that a base parameter has another value, as its logarithm, with a wide prior.
 
@@ -108,7 +118,7 @@ def base_law(
 
     Args:
         problem: what is fitted. slug: one of `BASE_WORDS`. value: where it starts; as given by default.
-        balanced: what a balance of forces says, if it says something.
+        balanced: what a balance of forces says, if it says something. is_held: whether it stays within `_ACCURACY` of that.
         filter_s: time constant of a filter before the record of the current; 0 for none.
     """
     index = index_of(BASE_WORDS[slug])
@@ -119,6 +129,8 @@ def base_law(
     if slug != "inertia_error":
         coulomb, viscous = most_friction(problem, filter_s)
         most = min(most, max(coulomb if slug == "coulomb_friction" else viscous, given))
+    if is_held and balanced is not None:
+        least, most = balanced / (1.0 + _ACCURACY), balanced * (1.0 + _ACCURACY)
     centre, begin, low, high = (math.log(size) for size in (given, start, least, most))
     neutral = math.nan if slug == "inertia_error" else low  # next to no friction is none
     coordinate = Coordinate("r", index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)

@@ -72,7 +72,8 @@ def gap(
     if out is not None:
         from hapticd.gap.outputs import document_of, write_outputs
 
-        write_outputs(document_of(result, nominal), result, recordings, nominal, Path(out))
+        source = str(model) if isinstance(model, str | PathLike) else None
+        write_outputs(document_of(result, nominal), result, recordings, nominal, Path(out), source)
     return result
 
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import chance, constants, grip, late_record
-from hapticd.gap.base_model import base_law
+from hapticd.gap.base_model import Balanced, base_law
+from hapticd.gap.candidates import keeps_the_drive
 from hapticd.gap.law_set import Comparison, LawSet, evidence, is_better, is_quiet, scored
 from hapticd.gap.lines import along
 from hapticd.gap.nominal import likeliest_fit, nominal_fit
@@ -32,7 +33,7 @@ if TYPE_CHECKING:
     from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
 
-_FACTOR = "torque_constant_error"
+_FACTOR, _INERTIA = "torque_constant_error", "inertia_error"
 _CORRECTIONS = frozenset((*BASE_WORDS, _FACTOR))
 """Errors of the numbers of eq. 1: all four by one factor are none, so that any three say what any others do."""
 _FAR_BEHIND = 12.0
@@ -91,7 +92,8 @@ class Search:
     Attributes:
         problem: what is fitted. slugs: laws that may be added.
         known: terms that are fitted along and are no laws: base parameters within what the model says, a late record.
-        balance: base parameters by least squares, by law. is_asked: whether the laws were asked for by name.
+        balance: what least squares say of the base parameters. is_held: whether the inertia stays where they have it, as
+            what predicts best leaves more force. is_asked: whether the laws were asked for by name.
     """
 
     def __init__(
@@ -99,12 +101,12 @@ class Search:
         problem: Problem,
         slugs: Sequence[str],
         known: Sequence[Term] = (),
-        balance: Mapping[str, float] | None = None,
+        balance: Balanced | None = None,
         *,
         is_asked: bool = False,
     ) -> None:
         self.problem, self.slugs, self.known = problem, tuple(slugs), tuple(known)
-        self.balance, self.is_asked = dict(balance or {}), is_asked
+        self.balance, self.is_held, self.is_asked = balance or Balanced({}), False, is_asked
         self.needed = needed_errors(problem.series.blocks, len(slugs))
         self.least = 0.5 * self.needed**2
         self._seen: set[frozenset[str]] = set()
@@ -192,7 +194,8 @@ class Search:
         law = next(slug for slug in chosen.laws if slug not in poorer.laws)
         gain, errors = evidence(one, chosen)
         is_beaten = gain < -self.least and is_quiet(chosen.fit) and not is_quiet(one.fit)
-        if law in CATALOGUE[one.laws[-1]].contains or is_beaten or errors < -constants.INDISTINGUISHABLE:
+        is_limit = law in CATALOGUE[one.laws[-1]].contains and chosen.numbers < one.numbers
+        if is_limit or is_beaten or errors < -constants.INDISTINGUISHABLE:
             return False  # what a law is a limit of is always as good
         return self._closes_as_much(one, chosen) and is_better(one, poorer, self.needed).is_better
 
@@ -208,12 +211,22 @@ class Search:
         filter_s = self.given.fit.filter_s()
         names = {BASE_WORDS[slug] for slug in base}
         others = tuple(item for item in self.known if item.slug not in names)
-        said = self.balance
-        starts = [
-            (*others, *(base_law(self.problem, slug, values.get(slug), filter_s, said.get(slug)) for slug in base))
-            for values in ({}, said)
-        ]
-        free = scored(likeliest_fit(self.problem, starts if self.balance else starts[:1], self.given.fit.noise))
+        said = self.balance.values
+
+        def start(values: Mapping[str, float], held: str = "") -> tuple[Term, ...]:
+            laws = (
+                base_law(self.problem, slug, values.get(slug), filter_s, said.get(slug), is_held=slug == held)
+                for slug in base
+            )
+            return (*others, *laws)
+
+        noise = self.given.fit.noise
+        free = scored(likeliest_fit(self.problem, [start({}), start(said)] if said else [start({})], noise))
+        self.is_held = self.balance.contradicts(free.fit) and _INERTIA in base
+        if self.is_held:
+            free = scored(likeliest_fit(self.problem, [start(said, _INERTIA)], noise))
+            if free.power < (1.0 - constants.CLOSED) * self.given.power:
+                return free, True
         # A late record looks like another base: it is asked beside the given one too.
         slugs = [slug for slug in self._askable(self.given) if slug in late_record.OPPOSITES]
         late = [one for one in extensions(self.given, slugs, self.least) if late_record.is_late(one.fit.terms[-1])]
@@ -230,9 +243,9 @@ class Search:
         number = len(fit.terms) - 1
         law = fit.terms[number].moved(fit.u[fit.columns(number)])
         self.slugs = tuple(late_record.untouched(self.slugs, law))
-        for k, item in enumerate(fit.terms):
-            if item.slug in BASE_WORDS:  # beside the late record it may go as far again from here
-                self.balance[item.slug] = math.exp(fit.u[fit.columns(k).start])
+        # Beside the late record the base may go as far again from here; the balance of forces does not know of it.
+        base = {item.slug: fit.u[fit.columns(k).start] for k, item in enumerate(fit.terms) if item.slug in BASE_WORDS}
+        self.balance = Balanced({**self.balance.values, **{slug: math.exp(u) for slug, u in base.items()}})
         self.known = (*self.known, late_record.along(law))
         self._seen.clear()
         self._others.clear()
@@ -279,7 +292,7 @@ class Search:
             # Without the law the base took its place, and a rough likelihood does not let it back.
             top = max(top, finished(self._from_the_model(best)), key=lambda one: one.total)
         comparison = is_better(top, present, self.needed)
-        if not comparison.is_better:
+        if not (comparison.is_better and keeps_the_drive(top.fit, present.fit)):
             return None
         self._others[law, frozenset(present.laws)] = rivals
         self._noise[law] = present.fit.noise
@@ -304,7 +317,7 @@ class Search:
         number = len(present.laws) - 1 - newest
         while number >= 0:
             law = present.laws[number]
-            if is_free and law in BASE_WORDS:
+            if (is_free and law in BASE_WORDS) or self._stays(present, law):
                 number -= 1
                 continue
             poorer = self.without(present, law)
@@ -328,7 +341,8 @@ class Search:
             top = finished(other)
             comparison = is_better(top, present, self.needed)
             is_as_close = self._closes_as_much(top, present)
-            if comparison.is_better and is_as_close and is_better(top, poorer, self.needed).is_better:
+            is_closer = is_as_close and keeps_the_drive(top.fit, present.fit)
+            if comparison.is_better and is_closer and is_better(top, poorer, self.needed).is_better:
                 self._rivals.setdefault(top.laws[-1], set()).add(law)
                 self._noise[top.laws[-1]] = poorer.fit.noise
                 self._seen.add(frozenset(top.laws))
@@ -367,8 +381,8 @@ class Search:
     def _in_prior(self, free: LawSet) -> Iterator[Round]:
         """Drop base parameters that have not left their prior; tell three that are wrong by one factor as the fourth."""
         present = free
-        while members := [slug for slug in present.laws if slug in BASE_WORDS]:
-            if present is free:
+        while members := [slug for slug in present.laws if slug in BASE_WORDS and not self._stays(present, slug)]:
+            if present is free and not any(self._stays(present, slug) for slug in present.laws):
                 bare = present
                 for slug in members:
                     bare = self._less(bare, slug)
@@ -393,7 +407,7 @@ class Search:
     def _by_a_factor(self, present: LawSet) -> Round | None:
         """The set with a torque constant in the place of base parameters that are all wrong by one factor, if as good."""
         members = [slug for slug in present.laws if slug in BASE_WORDS]
-        if len(members) < 2 or _FACTOR not in self.slugs:
+        if self.is_held or len(members) < 2 or _FACTOR not in self.slugs:
             return None
         away = [float(one.start[0] - one.coordinates[0].centre) for one in map(present.law, members)]
         factor = math.exp(-float(np.mean(away)))
@@ -414,6 +428,13 @@ class Search:
             if comparison.is_better and self._closes_as_much(one, present):
                 return Round("swap", members[0], one, present, comparison)
         return None
+
+    def _stays(self, laws: LawSet, slug: str) -> bool:
+        """Whether an inertia is held where the model's is not: no likelihood is asked about it."""
+        if not (self.is_held and slug == _INERTIA):
+            return False
+        (own,) = laws.law(slug).coordinates
+        return not own.lower <= own.centre <= own.upper
 
     def _less(self, laws: LawSet, slug: str) -> LawSet:
         """The set without a law, at the same coordinates; of a base parameter remains what the model knows of it."""

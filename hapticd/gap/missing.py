@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 EVERYWHERE = "everywhere"
 """The coordinate of a constant force."""
 _PROBES = 64
+_PERIODS = 10
 _HATS, _RANGES = 8, 12
 """Numbers that a flexible function of a coordinate has, and ranges of it where the missing force is told."""
 
@@ -112,9 +113,9 @@ def own_torque(fit: Fit) -> float:
 
 
 def noise_floor(fit: Fit) -> float:
-    """Standard error of a force that is constant over `constants.WINDOW_S`, N m or N: what noise alone reads."""
+    """Standard error of a force that is constant for some periods, `constants.WINDOW_S` at least, N m or N: noise alone."""
     series = fit.problem.series
-    rows = max(int(constants.WINDOW_S / series.period_s), 1)
+    rows = max(int(constants.WINDOW_S / series.period_s), _PERIODS)
     first = np.linspace(0, max(series.size - 4 * rows, 0), _PROBES).astype(np.int64)
     columns = np.zeros((series.size, _PROBES))
     for k, row in enumerate(first):

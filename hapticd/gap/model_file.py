@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
-from hapticd.config import Config, config_to_yaml, parse_config
-from hapticd.config.text import yaml_value
+from hapticd.config import Config, parse_config, parse_yaml
+from hapticd.config.editing import ConfigText, text_of
 from hapticd.effects.catalogue import CATALOGUE
 
 if TYPE_CHECKING:
@@ -21,6 +22,11 @@ BASE_KEYS: Final = {
     "torque_constant_error": ("amplifier", "torque_constant"),
 }
 """Effects that are corrections of a key of the model."""
+_HEAD: Final = "# gap: "
+_OWN_HEAD: Final = re.compile(rf"^{_HEAD}.*\n", re.MULTILINE)
+"""What an earlier run of gap wrote above the model."""
+_PLACES: Final = ("record", "api")
+"""Sections with places of a host, which no recording changes."""
 
 
 def improved_model(model: Config, result: GapResult) -> Config:
@@ -74,42 +80,58 @@ def _admitted(slug: str, entry: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def model_yaml(model: Config, result: GapResult, recordings: Sequence[str]) -> str:
+def model_yaml(model: Config, result: GapResult, recordings: Sequence[str], text: str | None = None) -> str:
     """The improved model as YAML, with comments; reading it gives `improved_model`.
 
     Args:
         model: as given. result: what was found. recordings: files that it was found in.
+        text: YAML from which the model was read, of which all that does not change stays; by default all its keys.
     """
     improved, gap = improved_model(model, result), result.gap
     lines = [
-        f"# Improved by hapticd gap from {', '.join(recordings)}.",
-        f"# {result.verdict}: {result.statement}",
-        f"# Missing force {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after, in each "
+        f"improved from {', '.join(recordings)}.",
+        f"{result.verdict}: {result.statement}",
+        f"missing force {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after, in each "
         f"block of data with the numbers that the others give; noise alone reads {gap.noise_floor:.2g} {gap.unit}.",
     ]
+    text = _OWN_HEAD.sub("", text_of(None, model) if text is None else text)
+    written, before, after = ConfigText(text), parse_yaml(text, "the model").model_dump(), improved.model_dump()
     remarks = {BASE_KEYS[step.effect]: _remark(step, gap.unit) for step in result.steps if step.effect in BASE_KEYS}
-    section = ""
-    for line in config_to_yaml(improved).splitlines():
-        if found := re.match(r"(\w+):", line):
-            section = found[1]
-        key = line.removeprefix("  ").partition(":")[0]
-        if section == "plant" and key == "effects" and improved.plant.effects:
-            lines += ["  effects:", *_effect_lines(improved, result)]
-        elif (section, key) in remarks:
-            lines.append(f"{line}{';' if '#' in line else '  #'} gap: {remarks[section, key]}")
-        else:
-            lines.append(line)
-    return "\n".join(lines) + "\n"
+    for section, values in after.items():
+        if section in _PLACES:
+            continue
+        for key, value in values.items():
+            if (section, key) != ("plant", "effects") and value != before[section][key]:
+                remark = remarks.get((section, key))
+                written.put(section, key, value, f"gap: {remark}" if remark else "")
+    _put_effects(written, improved, before["plant"]["effects"], result)
+    head = "".join(f"{_HEAD}{line}\n" for line in lines)
+    return head + written.text("the improved model")
 
 
-def _effect_lines(improved: Config, result: GapResult) -> list[str]:
+def changed_lines(before: str, after: str) -> str:
+    """What is different in a text, as a diff without the lines that stay."""
+    lines = difflib.unified_diff(before.splitlines(), after.splitlines(), n=0, lineterm="")
+    return "\n".join(line for line in lines if not line.startswith(("---", "+++", "@@")))
+
+
+def _put_effects(written: ConfigText, improved: Config, before: Sequence[Mapping[str, Any]], result: GapResult) -> None:
     found = {step.effect: step for step in result.steps}
-    lines = []
-    for effect in improved.plant.effects:
-        if step := found.get(effect.name):
-            lines.append(f"    # gap: {_remark(step, result.gap.unit)}")
-        lines.append(f"    - {yaml_value(effect.model_dump())}")
-    return lines
+    wanted = [effect.model_dump(mode="json") for effect in improved.plant.effects]
+    if wanted == before:
+        return
+    listed = written.effects()
+    names = [entry["name"] for entry in wanted]
+    for index in reversed(range(len(listed))):
+        if listed[index]["name"] in found or listed[index]["name"] not in names:
+            del listed[index]
+    kept = {entry["name"] for entry in listed}
+    for entry in wanted:
+        if entry["name"] not in kept:
+            listed.append(written.entry(entry))
+            if step := found.get(entry["name"]):
+                remark = f"gap: {_remark(step, result.gap.unit)}"
+                listed.yaml_set_comment_before_after_key(len(listed) - 1, before=remark, indent=4)
 
 
 def _remark(step: Step, unit: str) -> str:

@@ -12,11 +12,12 @@ import yaml
 from pydantic_core import to_jsonable_python
 
 from drivers import declared_latency
+from hapticd.config.editing import text_of
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.figures.files import naming
 from hapticd.gap.consequences import consequences
 from hapticd.gap.design import FILE as EXPERIMENT
-from hapticd.gap.model_file import improved_model, model_yaml
+from hapticd.gap.model_file import changed_lines, improved_model, model_yaml
 from hapticd.gap.next_step import next_step
 from hapticd.gap.report import page
 
@@ -51,18 +52,28 @@ def keep(folder: Path, read: Iterable[Path]) -> None:
 
 
 def write_outputs(
-    document: Mapping[str, Any], result: GapResult, recordings: Sequence[Recording], model: Config, folder: Path
+    document: Mapping[str, Any],
+    result: GapResult,
+    recordings: Sequence[Recording],
+    model: Config,
+    folder: Path,
+    source: str | None = None,
 ) -> None:
-    """Write everything into a folder, which is made if missing; `document` is that of gap.json.
+    """Write everything into a folder, which is made if missing.
 
     Files appear when all are finished: an interruption leaves the folder as it was.
+
+    Args:
+        document: that of gap.json. result: what was found. recordings: in which. model: as given.
+        folder: where. source: file or preset that the model was read from, of which comments and order stay.
     """
-    text = model_yaml(model, result, [recording.name for recording in recordings])
+    before = text_of(source, model)
+    text = model_yaml(model, result, [recording.name for recording in recordings], before)
     plain = to_jsonable_python(document, inf_nan_mode="null", fallback=lambda value: value.tolist())
     files = {
         JSON: json.dumps(plain, indent=2, ensure_ascii=False, allow_nan=False) + "\n",
         MODEL: text,
-        REPORT: page(result, recordings, document["consequences"], CATALOGUE, text),
+        REPORT: page(result, recordings, document["consequences"], CATALOGUE, changed_lines(before, text)),
     }
     if result.next_experiment and result.next_experiment["experiment"]:
         files[EXPERIMENT] = yaml.safe_dump(dict(result.next_experiment["experiment"]), sort_keys=False)

@@ -40,7 +40,7 @@ def page(
     recordings: Sequence[Recording],
     changes: Mapping[str, Any],
     catalogue: Mapping[str, Effect],
-    improved: str,
+    changed: str,
 ) -> str:
     """The whole page.
 
@@ -48,7 +48,7 @@ def page(
         result: what was found. recordings: in what.
         changes: of :func:`hapticd.gap.consequences.consequences`.
         catalogue: slug to effect.
-        improved: the improved model as YAML.
+        changed: lines of the model that change, as a diff.
     """
     environment = Environment(
         loader=PackageLoader("hapticd.gap", "templates"),
@@ -73,7 +73,7 @@ def page(
         recordings=recordings,
         changes=changes,
         catalogue=catalogue,
-        improved=improved,
+        changed=changed,
         figures=figures,
         style=Markup(STYLE),  # noqa: S704 - a constant of ours
         check_rows=_check_rows(changes),

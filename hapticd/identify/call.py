@@ -52,8 +52,9 @@ def identify(
         [workflow.readable(run, nominal) for run in recorded], nominal, known_inertia=known_inertia, progress=progress
     )
     if out is not None:
+        from hapticd.config.editing import text_of
         from hapticd.figures.files import write_text
-        from hapticd.identify.config_file import text_of, with_plant
+        from hapticd.identify.config_file import with_plant
 
         source = str(model) if isinstance(model, str | PathLike) and not settings else None
         write_text(Path(out), with_plant(text_of(source, nominal), found))

@@ -46,7 +46,7 @@ def test_a_guess_that_the_balance_denies_is_the_error_of_an_inertia(hidden: Call
     recording, model = hidden([], 23, 6.0)
     for times in (1e-3, 1e3):
         guess = guessed(model, times)
-        assert balanced([recording], guess)["inertia_error"] == pytest.approx(INERTIA, rel=0.2)
+        assert balanced([recording], guess).values["inertia_error"] == pytest.approx(INERTIA, rel=0.2)
         result = find_gap([recording], guess, refit_base=True, candidates=["constant_bias"], design=False)
         assert result.base["inertia"].value == pytest.approx(INERTIA, rel=0.02)
 

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 import yaml
 
-from hapticd.config import ConfigError, parse_config
-from hapticd.gap.model_file import improved_model, model_yaml, with_effects
+from hapticd.config import ConfigError, parse_config, parse_yaml
+from hapticd.gap.model_file import changed_lines, improved_model, model_yaml, with_effects
 from hapticd.gap.result import Estimate, GapNumbers, GapResult, Remainder, Step
 
 MODEL = parse_config({"plant": {"effects": [{"name": "constant_bias", "tau_0": 1e-4}]}}, "model")
@@ -38,8 +38,38 @@ def test_effects_join_those_of_the_model_and_the_text_reads_as_the_model() -> No
     assert improved.plant.inertia == pytest.approx(1.5 * MODEL.plant.inertia)
     text = model_yaml(MODEL, result, ["lab.csv"])
     assert parse_config(yaml.safe_load(text), "text") == improved
-    assert "# Missing force 0.0002 N m before, 0.0001 N m after" in text
+    assert "# gap: missing force 0.0002 N m before, 0.0001 N m after" in text
     assert text.count("gap: inertia_error") == 1  # not beside its uncertainty too
+
+
+RIG = """# my rig
+servo: {rate_hz: 500}   # the bus does no more
+plant:
+  # guessed from the drawing
+  inertia: 1.0e-6 kg m²
+  effects:
+    - {name: constant_bias, tau_0: 1.0e-4}  # the cable
+record: {directory: /srv/runs}
+"""
+
+
+def test_of_the_user_s_own_file_all_that_does_not_change_stays() -> None:
+    model = parse_yaml(RIG, "rig.yaml")
+    result = found(("inertia_error", {"r": 0.5}), ("gravity", {"m_g_l": 1e-3, "theta_0": 0.2}))
+    text = model_yaml(model, result, ["lab.csv"], RIG)
+    for kept in ("# my rig", "# the bus does no more", "# guessed from the drawing", "# the cable", "/srv/runs"):
+        assert kept in text
+    assert parse_yaml(text, "written").plant == improved_model(model, result).plant
+    changed = [line for line in changed_lines(RIG, text).splitlines() if "# gap: " not in line[:8]]
+    begin = ("-  inertia: 1.0e-6 kg m²", "+  inertia: 1.5", "+    # gap: gravity", "+    - {name: gravity")
+    assert len(changed) == len(begin)
+    assert all(line.startswith(text) for line, text in zip(changed, begin, strict=True))
+    again = model_yaml(parse_yaml(text, "again"), found(("stribeck", {"s": 0.2, "omega_s": 1.0})), ["next.csv"], text)
+    assert again.count("improved from") == 1
+
+
+def test_a_model_of_a_run_has_no_place_of_the_host_that_recorded_it() -> None:
+    assert "directory" not in model_yaml(parse_yaml(RIG, "rig.yaml"), found(), ["lab.csv"])
 
 
 def test_the_uncertainty_of_what_is_replaced_goes() -> None:

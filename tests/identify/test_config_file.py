@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from hapticd.config import parse_yaml
+from hapticd.config.editing import text_of
 from hapticd.gap.result import Estimate
-from hapticd.identify.config_file import text_of, with_plant
+from hapticd.identify.config_file import with_plant
 from hapticd.identify.result import Identified
 
 RIG = """# my rig

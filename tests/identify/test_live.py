@@ -21,7 +21,7 @@ from hapticd.identify.live import chirp, record_live
 INERTIA, COULOMB = 6e-6, 2e-3
 CONFIG = parse_config({"safety": {"max_excursion": 2.0, "max_velocity": 50.0}}, "rig")
 STIFFNESS = CONFIG.spring.stiffness
-FIRST = Balance(INERTIA, 1e-5, COULOMB, 0.0, 1e-3, 1, 0.99, 0.1, np.zeros((1, 5)))
+FIRST = Balance(INERTIA, 1e-5, COULOMB, 0.0, 1e-3, 1, 0.99, 1e-3, 0.1, np.zeros((1, 5)))
 
 
 @dataclass
