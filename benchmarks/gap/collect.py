@@ -12,11 +12,22 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 from benchmarks.gap import tasks
 from benchmarks.gap.cases import Files, write_files, write_json
-from benchmarks.gap.plan import Case
+
+
+class Case(Protocol):
+    """What is answered one by one; hashable."""
+
+    @property
+    def name(self) -> str:
+        """Of its files."""
+
+    @property
+    def excluded(self) -> Sequence[str]:
+        """Names that are not allowed."""
 
 
 class Asked(NamedTuple):
@@ -87,6 +98,7 @@ def run(
     jobs: int,
     progress: Callable[[float], None] = lambda fraction: None,
     note: Callable[[str], None] = lambda text: None,
+    make: Callable[[Any], tasks.Made] = tasks.make,
 ) -> None:
     """Fill the store with what is missing; whatever ends it, what is finished is kept and not done again.
 
@@ -98,6 +110,7 @@ def run(
         jobs: how many tasks to keep going.
         progress: called with the fraction done.
         note: called with a line on a case that could not be made.
+        make: makes a case; must be picklable.
     """
     missing = {case: _missing(index, case, store, who) for index, case in enumerate(cases)}
     open_cases = deque(case for case, names in missing.items() if names)
@@ -119,7 +132,7 @@ def run(
                 if (known := store.files(case)) is not None:
                     offer(case, known)
                 else:
-                    waiting[pool.submit(tasks.make, case)] = "", case
+                    waiting[pool.submit(make, case)] = "", case
             else:
                 break
         if not waiting:
