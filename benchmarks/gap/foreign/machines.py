@@ -95,7 +95,7 @@ def _clock(rng: Rng, rates: tuple[float, ...], samples: float) -> tuple[float, i
     """Rate of the record, ticks of a controller's period, and the ticks."""
     rate = float(rng.choice(rates))
     every = max(2, math.ceil(400.0 / rate))
-    duration = min(max(samples / rate, 10.0), 40.0)
+    duration = min(max(samples / rate, 8.0), 40.0)
     return rate, every, np.arange(round(duration * rate * every)) / (rate * every)
 
 
@@ -123,7 +123,7 @@ def robot_joint(friction: str, rng: Rng) -> Drawn:
     machine = rubbed(size, friction, rng)
     if rng.random() < 0.4:
         machine = machine._replace(gravity=size.coulomb * between(rng, 0.3, 2.0), hangs_at=rng.uniform(-1.0, 1.0))
-    clock = _clock(rng, (40.0, 100.0, 100.0, 125.0, 200.0, 500.0), 6000)
+    clock = _clock(rng, (40.0, 100.0, 100.0, 125.0, 200.0, 500.0), 4000)
     shape = rng.choice([excite.sines, excite.moves, excite.sweep])
     return _followed(
         size, machine, clock, shape(clock[2], size.travel, size.speed, rng), rng,
@@ -143,7 +143,7 @@ def position_axis(friction: str, rng: Rng) -> Drawn:
         machine = machine._replace(bias=size.coulomb * rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.3))
     if rng.random() < 0.3:
         machine = machine._replace(asymmetry=rng.choice([-1.0, 1.0]) * rng.uniform(0.1, 0.3))
-    clock = _clock(rng, (100.0, 250.0, 500.0, 997.0, 1000.0, 2000.0), 10_000)
+    clock = _clock(rng, (100.0, 250.0, 500.0, 997.0, 1000.0, 2000.0), 8000)
     shape = rng.choice([excite.sines, excite.moves, excite.moves, excite.sweep])
     return _followed(
         size, machine, clock, shape(clock[2], size.travel, size.speed, rng), rng, is_linear=True, is_force=True
@@ -160,7 +160,7 @@ def pendulum(friction: str, rng: Rng) -> Drawn:
         resolution=2 * math.pi / float(rng.choice([4096, 8192, 16384, 65536])), torque_constant=between(rng, 0.1, 1.0),
     )  # fmt: skip
     machine = rubbed(size, friction, rng)._replace(gravity=weight, hangs_at=rng.choice([0.0, rng.uniform(-0.3, 0.3)]))
-    rate, every, t = clock = _clock(rng, (40.0, 100.0, 200.0, 200.0, 500.0), 7000)
+    rate, every, t = clock = _clock(rng, (40.0, 100.0, 200.0, 200.0, 500.0), 5000)
     if rng.random() < 0.4:
         reference = excite.sines(t, size.travel, speed, rng)
         return _followed(size, machine, clock, reference, rng, is_linear=False, is_force=bool(rng.random() < 0.7))
@@ -198,7 +198,7 @@ def cogging_motor(friction: str, rng: Rng) -> Drawn:
         amplitudes=tuple(size.coulomb * between(rng, 0.1, 0.7) for _ in orders),
         phases=tuple(rng.uniform(0.0, 6.28) for _ in orders),
     )
-    clock = _clock(rng, (200.0, 440.0, 500.0, 1000.0, 2000.0), 12_000)
+    clock = _clock(rng, (200.0, 440.0, 500.0, 1000.0, 2000.0), 8000)
     shape = rng.choice([excite.levels, excite.levels, excite.sines])
     return _followed(
         size, machine, clock, shape(clock[2], size.travel, speed, rng), rng, is_linear=False, is_force=False
@@ -219,7 +219,7 @@ def slow_drive(friction: str, rng: Rng) -> Drawn:
         machine = machine._replace(
             breakaway=breakaway, bristle_damping=0.6 * math.sqrt(size.coulomb / breakaway * size.inertia)
         )
-    rate, every, t = clock = _clock(rng, (500.0, 1000.0, 1000.0), 16_000)
+    rate, every, t = clock = _clock(rng, (500.0, 1000.0, 1000.0), 14_000)
     if rng.random() < 0.3:
         peak = rng.uniform(0.4, 1.0) * speed
         reference = excite.triangle(t, peak * 0.5, rng)

@@ -44,7 +44,12 @@ def drawn_base(true: Base, kind: str, rng: Rng) -> tuple[Base, Base]:
         )
         return wrong, Base(0.0, 0.0, 0.0)
     shares = Base(0.02, 0.1, 0.05)
-    said = Base(*(value * math.exp(share * rng.normal()) for value, share in zip(true, shares, strict=True)))
+    said = Base(
+        *(
+            value * math.exp(share * float(np.clip(rng.normal(), -2.0, 2.0)))
+            for value, share in zip(true, shares, strict=True)
+        )
+    )
     known = kind != "identified"
     return said, Base(*(value * share * known for value, share in zip(said, shares, strict=True)))
 

@@ -62,13 +62,18 @@ def by(scored: Sequence[Scored], key: str) -> str:
     return options.table([key, "cases", *judge.OUTCOMES], lines)
 
 
-def slow(scored: Sequence[Scored]) -> str:
-    """The inertia of slow drives."""
-    found = [one for one in scored if one.truth["machine"] == _SLOW and "error" not in one.answer]
-    errors = np.array([judge.inertia_error(one.truth, one.answer) for one in found])
-    within = Rate(int(np.sum(np.abs(errors) <= INERTIA_GOAL)), errors.size)
-    listed = ", ".join(f"{one.name} {100 * error:+.1f} %" for one, error in zip(found, errors, strict=True))
-    return f"slow drives, inertia within {100 * INERTIA_GOAL:g} %: {within}\n{listed}"
+def inertia(scored: Sequence[Scored]) -> str:
+    """How near the inertia comes, machine by machine; that of slow drives one by one."""
+    errors = {one.name: judge.inertia_error(one.truth, one.answer) for one in scored if "error" not in one.answer}
+    lines, listed = [], []
+    for machine in dict.fromkeys(one.truth["machine"] for one in scored):
+        own = [(one.name, errors[one.name]) for one in scored if one.truth["machine"] == machine and one.name in errors]
+        within = Rate(sum(abs(error) <= INERTIA_GOAL for _, error in own), len(own))
+        lines.append([machine, str(within), f"{100 * max((abs(error) for _, error in own), default=0.0):.0f} %"])
+        if machine == _SLOW:
+            listed = [f"{name} {100 * error:+.1f} %" for name, error in own]
+    head = ["machine", f"inertia within {100 * INERTIA_GOAL:g} %", "farthest off"]
+    return f"{options.table(head, lines)}\n{_SLOW}: {', '.join(listed)}"
 
 
 def cost(scored: Sequence[Scored]) -> str:
@@ -123,7 +128,7 @@ def write(root: Path, cases: Sequence[Case]) -> str:
         *(by(scored, key) for key in _SPLITS),
         f"right or abstains {good}, wanted ≥ {100 * GOOD_GOAL:g} %\n"
         f"confidently wrong {wrong}, wanted ≤ {100 * WRONG_GOAL:g} %",
-        slow(scored),
+        inertia(scored),
         cost(scored),
     ]
     text = "\n\n".join(parts) + "\n"
