@@ -18,8 +18,9 @@ What is right (`truth`, `judge`)
 
 What an answer is, the worst of its names counting
     right     every name is right; or no_missing_effect where config and motor torque part by less than 10 % (RMS)
-    abstains  unexplained; ambiguous with a right one tied to each name that is not; a near name said with doubt
-    missed    no_missing_effect although more is missing
+    abstains  unexplained; ambiguous with a right one tied to each name that is not; a near name said with doubt; right
+              names beside an inertia that is off by more than 20 %, where the verdict says that something is left
+    missed    no_missing_effect although more is missing; effect_found beside such an inertia
     doubted   a name that is neither right nor near, with a sentence of doubt about it, or tied to others, none of them right
     wrong     *confidently wrong*: such a name without doubt, or a near one without doubt
     failed    an error

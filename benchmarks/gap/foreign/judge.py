@@ -16,6 +16,8 @@ _FACTOR = "torque_constant_error"
 _NEAR = {"inertia": 0.1, "viscous": 0.2, "coulomb": 0.2}
 _MISSED = 0.1
 """Of the motor's torque; more is something that is missing."""
+_OTHER_INERTIA = math.log(1.2)
+"""An inertia so far off is not right, whatever is named."""
 _ABOUT_ALL = "What is named depends on that"
 _ABOUT_BASE = "Neither is sure"
 
@@ -27,7 +29,10 @@ def outcome(truth: Truth, answer: Answer) -> str:
     if not answer["effects"]:
         is_silent = answer["verdict"] == "no_missing_effect" and truth["config_lacks"] > _MISSED
         return "missed" if is_silent else "right" if answer["verdict"] == "no_missing_effect" else "abstains"
-    return max((of_name(truth, answer, name) for name in answer["effects"]), key=OUTCOMES.index)
+    worst = max((of_name(truth, answer, name) for name in answer["effects"]), key=OUTCOMES.index)
+    if worst == "right" and abs(math.log1p(inertia_error(truth, answer))) > _OTHER_INERTIA:
+        return "missed" if answer["verdict"] == "effect_found" else "abstains"
+    return worst
 
 
 def of_name(truth: Truth, answer: Answer, name: str) -> str:
