@@ -350,7 +350,7 @@ class Search:
         return None
 
     def _unnamed(self, present: LawSet) -> Iterator[Round]:
-        """Leave out laws in whose place an unnamed function of one coordinate is better, the last one first.
+        """Leave out laws in whose place an unnamed function of one coordinate is better and leaves less, the last first.
 
         They are compared beside a slow disturbance: beside a short one a function of the time may take its place.
         """
@@ -360,7 +360,7 @@ class Search:
             poorer = self.without(present, law)
             other = with_function(poorer.beside_slow, ROUGH * self.least)
             comparison = is_better(other, present.beside_slow, self.needed) if other else None
-            if other and comparison and comparison.is_better and self._closes_as_much(other, present.beside_slow):
+            if other and comparison and comparison.is_better and comparison.left < 1.0:
                 yield Round("swap", law, poorer, present, comparison, function=other.function)
                 present = poorer
 
@@ -393,8 +393,7 @@ class Search:
                     return
             poorer = [self.without(present, slug) for slug in members]
             asked = [is_better(present, one, self.needed) for one in poorer]
-            least = constants.MATTERS * self.given.power  # without it nothing is missing that matters
-            dropped = [k for k, one in enumerate(asked) if not one.is_better or poorer[k].power < least]
+            dropped = [k for k, one in enumerate(asked) if not one.is_better]
             if not dropped:
                 break
             k = min(dropped, key=lambda k: asked[k].gain)
