@@ -7,6 +7,7 @@ current.
 from __future__ import annotations
 
 import json
+from collections import Counter
 from pathlib import Path
 from typing import Any
 
@@ -19,33 +20,52 @@ from hapticd.service.api import openapi_document
 
 INTRODUCTION = """# Command line
 
-Made from the program by `python -m docs.make_pages`; do not edit.
+Made from the program by `python -m docs.make_pages`; do not edit. `hapticd COMMAND --help` and the manual pages say the
+same on one screen.
 
 Every command that reports takes `--json`: exactly one JSON document on stdout, everything else on stderr. An error is
 then a document too, `{"error": {"code": …, "message": …}}`, with the same exit code. Long work shows a progress bar on a
-terminal and none in a pipe. The daemon is found by `--socket`, else the variable `HAPTICD_SOCKET`, else `api.socket` of
-the built-in config, else, where nothing is there, the service's `/run/hapticd/hapticd.sock`.
+terminal and none in a pipe.
 """
+COMMON_FROM = 3  # commands that take an option with the same meaning: from here on it is described once
+
+_Row = tuple[str, str]
 
 
 def command_line() -> str:
     """The text of ``cli.md``."""
-    root = typer.main.get_command(build_app())
-    return "\n".join([INTRODUCTION, *(_section(path, command) for path, command in commands(root, "hapticd"))])
+    found = list(commands(typer.main.get_command(build_app()), "hapticd"))
+    rows = {path: list(parameters(command, typer.Context(command, info_name=path))) for path, command in found}
+    counted = Counter(row for listed in rows.values() for row in listed)
+    common = {row: f"`{_cell(row[0])}`" for row, number in counted.items() if number >= COMMON_FROM}
+    head = [f"## Common options\n\nA command names those of them that it takes.\n\n{_table(list(common))}\n"]
+    head.append(f"## Exit codes\n\n```\n{_exit_codes(found[0][1])}\n```\n")
+    return "\n".join([INTRODUCTION, *head, *(_section(path, command, rows[path], common) for path, command in found)])
 
 
-def _section(path: str, command: Any) -> str:
-    context = typer.Context(command, info_name=path)
-    usage = " ".join([path, *command.collect_usage_pieces(context)])
-    parts = [f"## {path}", f"```\n{usage}\n```", plain(command.help)]
-    rows = [f"| `{_cell(names)}` | {_cell(meaning)} |" for names, meaning in parameters(command, context)]
-    if rows:
-        parts.append("\n".join(["| argument or option | meaning |", "|---|---|", *rows]))
+def _section(path: str, command: Any, rows: list[_Row], common: dict[_Row, str]) -> str:
+    usage = " ".join([path, *command.collect_usage_pieces(typer.Context(command, info_name=path))])
+    examples = plain(command.epilog).partition("Exit codes:")[0].partition("Examples:")[2].strip("\n").rstrip()
+    parts = [f"## {path}", f"```\n{usage}\n\n{examples}\n```", plain(command.help)]
+    if own := [row for row in rows if row not in common]:
+        parts.append(_table(own))
+    if shared := [common[row] for row in rows if row in common]:
+        parts.append(f"Common: {', '.join(shared)}.")
     if children := getattr(command, "commands", {}):
-        listed = [f"- [`{path} {name}`](#{f'{path} {name}'.replace(' ', '-')})" for name in children]
-        parts.append("\n".join(listed))
-    parts.append(f"```\n{plain(command.epilog)}\n```")
+        links = (f"[{name}](#{f'{path} {name}'.replace(' ', '-')})" for name in children)
+        parts.append(f"Commands: {', '.join(links)}.")
+    codes = [line.split()[0] for line in _exit_codes(command).splitlines()]
+    parts.append(f"Exit codes: {', '.join(codes)}.")
     return "\n\n".join(parts) + "\n"
+
+
+def _table(rows: list[_Row]) -> str:
+    lines = (f"| `{_cell(names)}` | {_cell(meaning)} |" for names, meaning in rows)
+    return "\n".join(["| argument or option | meaning |", "|---|---|", *lines])
+
+
+def _exit_codes(command: Any) -> str:
+    return plain(command.epilog).partition("Exit codes:")[2].strip("\n")
 
 
 def _cell(text: str) -> str:
