@@ -60,7 +60,7 @@ def test_what_is_a_second_apart_is_counted_and_passes(wire: Wire) -> None:
 
 
 def test_late_samples_are_no_surplus_however_often(wire: Wire) -> None:
-    """Docs/decisions/0013: a late TPDO comes with the next one in one tick."""
+    """Docs/decisions/0077: a late TPDO comes with the next one in one tick."""
     for n in range(6):
         assert wire.read("> 080#", period_ns=2e7) == MISSED
         assert wire.read(period_ns=2e7) == MISSED
