@@ -24,7 +24,7 @@ def found(name: str, ok: bool = True) -> dict[str, object]:
     ("results", "failed"),
     [
         ([found("kernel"), END], False),
-        ([found("kernel"), found("readme", ok=False), END], True),
+        ([found("kernel"), found("install_page", ok=False), END], True),
         ([found("kernel")], True),
         ([], True),
         ([END], True),
@@ -48,7 +48,7 @@ def test_the_console_is_shown_where_the_guest_did_not_get_to_the_end(
 
 def test_a_line_cut_off_and_the_serial_ports_noise_are_no_results(tmp_path: Path) -> None:
     results = tmp_path / "results.jsonl"
-    results.write_text(f'\x00noise\n{json.dumps(found("kernel"))}\n{{"name": "readme", "ok')
+    results.write_text(f'\x00noise\n{json.dumps(found("kernel"))}\n{{"name": "install_page", "ok')
     assert run.read(results) == [found("kernel")]
 
 

@@ -65,9 +65,9 @@ def kernel() -> str:
 
 
 @check
-def readme() -> str:
-    """The newcomer's path in the README, line by line, by a user who may sudo; pip.conf says that there is no index."""
-    text = (SOURCE / "README.md").read_text()
+def install_page() -> str:
+    """The newcomer's path in install.md, line by line, by a user who may sudo; pip.conf says that there is no index."""
+    text = (SOURCE / "docs/how-to/install.md").read_text()
     (block,) = re.findall(r"<!-- system test: run as it stands -->\s*```sh\n(.*?)```", text, re.S)
     lines = [line for line in block.splitlines() if line.strip()]
     (wheel,) = (SOURCE / "dist").glob("hapticd-*.whl")
@@ -91,7 +91,7 @@ def active_and_notified() -> str:
     text = until(lambda: unit("StatusText"), "a status text")
     assert unit("User") == "hapticd"
     found = status()
-    assert found["state"] == "off", found["state"]  # the README's last line
+    assert found["state"] == "off", found["state"]  # the page's last line
     assert found["timing"]["ticks"] > 0
     threads = sh(f"ps -L -o cls=,rtprio=,comm= -p {unit('MainPID')}")
     assert re.search(r"FF\s+80\s+hapticd-servo", threads), threads
