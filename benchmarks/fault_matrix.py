@@ -102,6 +102,13 @@ class Tally:
         """Trials in which everything was as it must be."""
         return sum(row.met for row in self.rows)
 
+    @property
+    def goes_on(self) -> bool:
+        """Every trial went on, or was refused, as it must: it needs no row of its own."""
+        untroubled = self.met == len(self.rows) > 0
+        raised = any(row.code for row in self.rows) and not self.injection.refused
+        return untroubled and self.limit_s is None and not raised
+
     def cells(self) -> list[str]:
         """What stands in the table."""
         codes = Counter(row.code or "none" for row in self.rows)
@@ -109,18 +116,16 @@ class Tally:
             f"`{code}` {count}" if len(codes) > 1 else f"`{code}`" for code, count in codes.most_common()
         )
         zero = self.zero_s
-        stops = self.limit_s is not None and bool(zero)
-        times = [f"{1e3 * zero[len(zero) // 2]:.2f}", f"{1e3 * zero[-1]:.2f}"] if stops else ["", ""]
+        worst = f"{1e3 * zero[-1]:.2f}" if self.limit_s is not None and zero else ""
         limit = f"{1e3 * self.limit_s:g}" if self.limit_s is not None else "goes on"
         problems = Counter(problem for row in self.rows for problem in row.problems)
         said = "; ".join(f"{count} × {problem}" for problem, count in problems.most_common(2))
         return [
             self.injection.what,
             raised or "; ".join(sorted(set(self.refusals))),
-            *times,
+            worst,
             "refused" if self.injection.refused else limit,
-            f"{self.met} of {len(self.rows)}" + (f": {said}" if said else ""),
-            str(self.disturbed),
+            f"{self.met}/{len(self.rows)}" + (f": {said}" if said else ""),
         ]
 
 
@@ -169,17 +174,23 @@ def tally(device: str, injection: Injection, trials: int, witness: Witness) -> T
     return found
 
 
-HEADER = ("injected", "raised", "median, ms", "worst, ms", "limit, ms", "as it must be", "disturbed, repeated")
+HEADER = ("injected", "raised", "worst, ms", "limit, ms", "as it must be")
 
 
 def markdown(tallies: Sequence[Tally], trials: int) -> str:
-    """The table of a device."""
+    """The table of a device, and in one sentence what goes on."""
     asked = ["git", "describe", "--always", "--dirty"]
     commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False)
     date = time.strftime("%Y-%m-%d", time.gmtime())
-    lines = [f"Undisturbed trials of each fault: {trials}; commit {commit.stdout.strip() or 'unknown'}, {date}."]
-    lines += ["", "| " + " | ".join(HEADER) + " |", "|" + "---|" * len(HEADER)]
-    lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in one.cells()) + " |" for one in tallies]
+    repeated = sum(one.disturbed for one in tallies)
+    head = f"Undisturbed trials of each fault: {trials}; commit {commit.stdout.strip() or 'unknown'}, {date}"
+    lines = [f"{head}. Disturbed and repeated: {repeated}."]
+    stops = [one for one in tallies if not one.goes_on]
+    if stops:
+        lines += ["", "| " + " | ".join(HEADER) + " |", "|" + "---|" * len(HEADER)]
+        lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in one.cells()) + " |" for one in stops]
+    if unmoved := [one.injection.what for one in tallies if one.goes_on]:
+        lines += ["", f"The loop goes on, or refuses to start, in every trial: {'; '.join(unmoved)}."]
     return "\n".join(lines) + "\n"
 
 

@@ -23,13 +23,23 @@ def test_a_table_of_trials() -> None:
     assert cells == [
         "SIGKILL of the daemon",
         "`none`",
-        "19.70",
         "23.10",
         "22",
-        "2 of 3: 1 × zero current after 23.1 ms, 22 ms allowed",
-        "4",
+        "2/3: 1 × zero current after 23.1 ms, 22 ms allowed",
     ]
     assert len(cells) == len(HEADER)
+
+
+def test_what_goes_on_as_it_must_is_one_sentence_and_no_row() -> None:
+    lost = next(one for one in INJECTIONS if one.what == "one reply lost")
+    row = replace(GOOD, injection=lost, zero_after_s=None)
+    fine = Tally("serial", lost, None, [row, row], disturbed=1)
+    failed = Tally("serial", lost, None, [row, replace(row, problems=("3 rows lost",))])
+    assert (
+        markdown([fine], 2).splitlines()[-1] == f"The loop goes on, or refuses to start, in every trial: {lost.what}."
+    )
+    assert "Disturbed and repeated: 1." in markdown([fine], 2)
+    assert "| 1/2: 1 × 3 rows lost |" in markdown([failed], 2)
 
 
 def test_the_witness_sees_a_late_wake_only_in_its_span() -> None:
