@@ -2,7 +2,7 @@
 
 Each Python gets the newest packages that pip finds for it, and the oldest that pyproject.toml allows: every lower bound
 taken at its word. Interpreters are those of this machine (``python3.N`` on the path, pyenv's), and Debian's, with
-debootstrap in a folder that is thrown away, as root. The table on stdout is the one in docs/reference/reliability.md.
+debootstrap in a folder that is thrown away, as root. The table is on stdout.
 """
 
 from __future__ import annotations
