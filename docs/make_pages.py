@@ -1,7 +1,7 @@
 """Writes the reference pages that are made from the program itself: ``python -m docs.make_pages``.
 
-``cli.md`` is every command's help, ``openapi.json`` the control API's document, ``config.md`` the schema's. Tests keep them
-current.
+``cli.md`` is the commands in a line each (the site has their help below), ``openapi.json`` the control API's document,
+``config.md`` the schema's. Tests keep them current.
 """
 
 from __future__ import annotations
@@ -20,27 +20,54 @@ from hapticd.service.api import openapi_document
 
 INTRODUCTION = """# Command line
 
-Made from the program by `python -m docs.make_pages`; do not edit. `hapticd COMMAND --help` and the manual pages say the
-same on one screen.
+Made from the program by `python -m docs.make_pages`; do not edit. Arguments, options and examples of a command are in
+`hapticd COMMAND --help`, in its manual page (`man hapticd-gap`), and below this table on the site that `make site` makes.
 
 Every command that reports takes `--json`: exactly one JSON document on stdout, everything else on stderr. An error is
 then a document too, `{"error": {"code": …, "message": …}}`, with the same exit code. Long work shows a progress bar on a
 terminal and none in a pipe.
 """
-COMMON_FROM = 3  # commands that take an option with the same meaning: from here on it is described once
+SECTIONS = "<!-- On the site the commands follow here, each with its options: docs/site_hooks.py. -->"
+"""Where the site's build puts `command_sections` on the page."""
+COMMON_FROM = 3
+"""Commands that take an option with the same meaning: from here on it is described once."""
 
 _Row = tuple[str, str]
 
 
 def command_line() -> str:
-    """The text of ``cli.md``."""
-    found = list(commands(typer.main.get_command(build_app()), "hapticd"))
-    rows = {path: list(parameters(command, typer.Context(command, info_name=path))) for path, command in found}
-    counted = Counter(row for listed in rows.values() for row in listed)
-    common = {row: f"`{_cell(row[0])}`" for row, number in counted.items() if number >= COMMON_FROM}
-    head = [f"## Common options\n\nA command names those of them that it takes.\n\n{_table(list(common))}\n"]
-    head.append(f"## Exit codes\n\n```\n{_exit_codes(found[0][1])}\n```\n")
-    return "\n".join([INTRODUCTION, *head, *(_section(path, command, rows[path], common) for path, command in found)])
+    """The text of ``cli.md``: what all commands have in common, and each in a line."""
+    found = _commands()
+    listed = "\n".join(f"| `{path}` | {_cell(plain(command.help).splitlines()[0])} |" for path, command in found[1:])
+    parts = [
+        INTRODUCTION,
+        f"## Common options\n\nA command names those of them that it takes.\n\n{_table(list(_common(found)))}\n",
+        f"## Exit codes\n\n```\n{_exit_codes(found[0][1])}\n```\n",
+        f"## Commands\n\n| command | |\n|---|---|\n{listed}\n",
+        f"{SECTIONS}\n",
+    ]
+    return "\n".join(parts)
+
+
+def command_sections() -> str:
+    """Every command with its usage, help, options and exit codes: what the site has below the table."""
+    found = _commands()
+    common = _common(found)
+    return "\n".join(_section(path, command, _rows(path, command), common) for path, command in found)
+
+
+def _commands() -> list[tuple[str, Any]]:
+    return list(commands(typer.main.get_command(build_app()), "hapticd"))
+
+
+def _rows(path: str, command: Any) -> list[_Row]:
+    return list(parameters(command, typer.Context(command, info_name=path)))
+
+
+def _common(found: list[tuple[str, Any]]) -> dict[_Row, str]:
+    """The options of several commands, and how a command's section names them."""
+    counted = Counter(row for path, command in found for row in _rows(path, command))
+    return {row: f"`{_cell(row[0])}`" for row, number in counted.items() if number >= COMMON_FROM}
 
 
 def _section(path: str, command: Any, rows: list[_Row], common: dict[_Row, str]) -> str:

@@ -1,7 +1,8 @@
-"""Hook of the site's build: whole folders in the navigation."""
+"""Hooks of the site's build: whole folders in the navigation, and the help of every command on the commands' page."""
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,16 @@ def on_config(config: Any) -> Any:
     """Replace every navigation entry ``folder/`` by the folder's pages, its README first."""
     config.nav = _expanded(config.nav, Path(config.docs_dir))
     return config
+
+
+def on_page_markdown(markdown: str, /, *, page: Any, config: Any, files: Any) -> str:
+    """Put the commands' help where the page of the command line has its mark."""
+    if page.file.src_uri != "reference/cli.md":
+        return markdown
+    sys.path.insert(0, str(Path(config.config_file_path).parent))
+    from docs.make_pages import SECTIONS, command_sections
+
+    return markdown.replace(SECTIONS, command_sections())
 
 
 def _expanded(entry: Any, root: Path) -> Any:

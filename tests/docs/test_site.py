@@ -9,8 +9,14 @@ import sys
 from pathlib import Path
 
 import pytest
+import typer
+
+from hapticd.cli.main import build_app
+from hapticd.cli.man import commands
 
 from .snippets import PAGES, ROOT
+
+PROGRAM = dict(commands(typer.main.get_command(build_app()), "hapticd"))
 
 
 def build(root: Path, site: Path) -> subprocess.CompletedProcess[str]:
@@ -33,6 +39,11 @@ def test_site_builds_with_every_page_and_loads_nothing_from_elsewhere(tmp_path: 
     for page in PAGES[1:]:
         name = page.relative_to(ROOT / "docs").with_suffix("")
         assert (name.with_name("index") if name.name == "README" else name) in made
+    help_page = (tmp_path / "reference" / "cli.html").read_text(encoding="utf-8")
+    for path, command in PROGRAM.items():
+        assert f'id="{path.replace(" ", "-")}"' in help_page
+        options = [max(parameter.opts, key=len) for parameter in command.params]
+        assert [name for name in options if name.startswith("--") and name not in help_page] == [], path
     html = (tmp_path / "index.html").read_text(encoding="utf-8")
     loaded = re.findall(r'<(?:link|script|img|iframe)\b[^>]*(?:href|src)="(https?:)?//', html)
     assert loaded == []
