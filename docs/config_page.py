@@ -1,4 +1,7 @@
-"""The reference page of the configuration, generated from the schema: ``python -m docs.make_pages``."""
+"""The reference page of the configuration, generated from the schema.
+
+``python -m docs.make_pages`` writes what the source has of it: rules and sections. The site's build adds the keys.
+"""
 
 from __future__ import annotations
 
@@ -30,8 +33,12 @@ and a value out of its limits are errors, and all of them are reported at once:
     lab.yaml: spring.stifness: unknown key; did you mean spring.stiffness?
 
 `hapticd config show [CONFIG]` prints a configuration with every default filled in; `hapticd config schema` prints the
-JSON Schema, for editors.
+JSON Schema: every key with its meaning, unit, limits and default, for people and for editors. The same stands below on the
+site that `make site` makes.
 """
+
+SECTIONS = "<!-- On the site the keys follow here, a table for each section: docs/site_hooks.py. -->"
+"""Where the site's build puts `key_sections` on the page."""
 
 _CHECKS = """\
 ## Checks between keys
@@ -52,14 +59,24 @@ def reference_page() -> str:
     """The text of ``docs/reference/config.md``."""
     names = ", ".join(f"`{name}`" for name in preset_names())
     presets = f"Presets, taken by every command in place of a file: {names}.\n"
-    sections = ("\n".join(_section(key, model)) + "\n" for key, model in section_models().items())
-    return "\n".join([_HEAD, presets, *sections, _CHECKS])
+    listed = "\n".join(f"| `{key}` | {_meaning(model)} |" for key, model in section_models().items())
+    sections = f"## Sections\n\n| section | |\n|---|---|\n{listed}\n"
+    return "\n".join([_HEAD, presets, sections, _CHECKS, f"{SECTIONS}\n"])
+
+
+def key_sections() -> str:
+    """A table of its keys for each section: what the site has below."""
+    return "\n".join("\n".join(_section(key, model)) + "\n" for key, model in section_models().items())
+
+
+def _meaning(model: type[Section]) -> str:
+    return (model.__doc__ or "").partition("\n")[0]
 
 
 def _section(key: str, model: type[Section]) -> Iterator[str]:
     yield f"## {key}"
     yield ""
-    yield (model.__doc__ or "").partition("\n")[0]
+    yield _meaning(model)
     yield ""
     yield "| key | unit | default | limits | live | meaning |"
     yield "|---|---|---|---|---|---|"

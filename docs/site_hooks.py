@@ -1,4 +1,4 @@
-"""Hooks of the site's build: whole folders in the navigation, and the help of every command on the commands' page."""
+"""Hooks of the site's build: whole folders in the navigation, and the references of commands and settings."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ def on_config(config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, /, *, page: Any, config: Any, files: Any) -> str:
-    """Put the commands' help where the page of the command line has its mark."""
-    if page.file.src_uri != "reference/cli.md":
+    """Put what is made from the program where the pages of commands and settings have their marks."""
+    if page.file.src_uri not in ("reference/cli.md", "reference/config.md"):
         return markdown
     sys.path.insert(0, str(Path(config.config_file_path).parent))
-    from docs.make_pages import SECTIONS, command_sections
+    from docs import config_page, make_pages
 
-    return markdown.replace(SECTIONS, command_sections())
+    markdown = markdown.replace(make_pages.SECTIONS, make_pages.command_sections())
+    return markdown.replace(config_page.SECTIONS, config_page.key_sections())
 
 
 def _expanded(entry: Any, root: Path) -> Any:

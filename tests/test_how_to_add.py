@@ -17,7 +17,7 @@ import typer
 from annotated_types import Ge
 from typer.testing import CliRunner
 
-from docs.config_page import reference_page
+from docs.config_page import key_sections
 from hapticd.cli.command import add_commands, command
 from hapticd.client import Client, RequestRefused
 from hapticd.config import ConfigError, keys, parse_config
@@ -150,7 +150,7 @@ def test_a_setting() -> None:
     assert (problem.key, problem.limit, problem.unit) == ("spring.cubic", 0, "N m/rad³")
     with pytest.raises(ConfigError, match=r"spring\.cubic"):
         parse_config({"spring": {"cubik": 1}}, "rig.yaml")
-    assert "| `spring.cubic` | N m/rad³, N/m³ |" in reference_page()
+    assert "| `spring.cubic` | N m/rad³, N/m³ |" in key_sections()
 
 
 LAB_PARAMS = np.dtype([*((name, w.PARAMS[name]) for name in w.PARAMS.names or ()), ("cubic", "f8")], align=True)

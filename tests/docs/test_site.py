@@ -13,6 +13,7 @@ import typer
 
 from hapticd.cli.main import build_app
 from hapticd.cli.man import commands
+from hapticd.config.keys import leaf_fields
 
 from .snippets import PAGES, ROOT
 
@@ -44,6 +45,8 @@ def test_site_builds_with_every_page_and_loads_nothing_from_elsewhere(tmp_path: 
         assert f'id="{path.replace(" ", "-")}"' in help_page
         options = [max(parameter.opts, key=len) for parameter in command.params]
         assert [name for name in options if name.startswith("--") and name not in help_page] == [], path
+    settings = (tmp_path / "reference" / "config.html").read_text(encoding="utf-8")
+    assert [key for key in leaf_fields() if f"<code>{key}</code>" not in settings] == []
     html = (tmp_path / "index.html").read_text(encoding="utf-8")
     loaded = re.findall(r'<(?:link|script|img|iframe)\b[^>]*(?:href|src)="(https?:)?//', html)
     assert loaded == []
