@@ -59,8 +59,8 @@ def reference_page() -> str:
     """The text of ``docs/reference/config.md``."""
     names = ", ".join(f"`{name}`" for name in preset_names())
     presets = f"Presets, taken by every command in place of a file: {names}.\n"
-    listed = "\n".join(f"| `{key}` | {_meaning(model)} |" for key, model in section_models().items())
-    sections = f"## Sections\n\n| section | |\n|---|---|\n{listed}\n"
+    listed = "\n".join(f"- `{key}`: {_meaning(model)}" for key, model in section_models().items())
+    sections = f"## Sections\n\n{listed}\n"
     return "\n".join([_HEAD, presets, sections, _CHECKS, f"{SECTIONS}\n"])
 
 

@@ -38,15 +38,12 @@ _Row = tuple[str, str]
 def command_line() -> str:
     """The text of ``cli.md``: what all commands have in common, and each in a line."""
     found = _commands()
-    listed = "\n".join(
-        f"| `{path.removeprefix('hapticd ')}` | {_cell(plain(command.help).splitlines()[0])} |"
-        for path, command in found[1:]
-    )
+    listed = "\n".join(f"- `{path}`: {plain(command.help).splitlines()[0]}" for path, command in found[1:])
     parts = [
         INTRODUCTION,
         f"## Common options\n\nA command names those of them that it takes.\n\n{_table(list(_common(found)))}\n",
         f"## Exit codes\n\n```\n{_exit_codes(found[0][1])}\n```\n",
-        f"## Commands\n\n| `hapticd …` | |\n|---|---|\n{listed}\n",
+        f"## Commands\n\n{listed}\n",
         f"{SECTIONS}\n",
     ]
     return "\n".join(parts)
