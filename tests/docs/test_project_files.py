@@ -1,4 +1,4 @@
-"""License, citation and changelog agree with pyproject.toml, and their links lead somewhere."""
+"""License, citation and changelog agree with pyproject.toml; decision records are listed, few, and say status and date."""
 
 from __future__ import annotations
 
@@ -40,3 +40,22 @@ def test_links_lead_somewhere(name: str) -> None:
     links = re.findall(r"\]\(([^)#]+)", (ROOT / name).read_text(encoding="utf-8"))
     assert links
     assert [link for link in links if not (ROOT / link).is_file()] == []
+
+
+def test_decision_records_are_few_listed_and_say_status_and_date() -> None:
+    folder = ROOT / "docs" / "decisions"
+    listed = re.findall(r"\]\((0[^)]+)\)", (folder / "README.md").read_text(encoding="utf-8"))
+    records = sorted(path.name for path in folder.glob("0*.md"))
+    assert listed == records
+    assert len(records) <= 30
+    for name in records:
+        head = (folder / name).read_text(encoding="utf-8").split("\n\n")
+        assert re.match(rf"# {int(name[:4])}\. \S", head[0]), name
+        assert re.match(r"\*\*Status\.\*\* .*\*\*Date\.\*\* \d{4}-\d\d-\d\d", head[1], re.S), name
+
+
+def test_the_readme_begins_with_the_two_commands_and_the_changelog_is_short() -> None:
+    readme = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert re.match(r"# hapticd\n\n```sh\nmake run .*\nmake test .*\n```\n", readme)
+    assert len(readme.splitlines()) <= 40
+    assert len((ROOT / "CHANGELOG.md").read_text(encoding="utf-8").splitlines()) <= 25
