@@ -99,7 +99,7 @@ def answer(
         *([_held(search, model.is_linear)] if search.is_held else []),
     ]
     timing = {**timing, **late, "warnings": warnings}
-    doubts = [*doubts_about(at_bounds, unnamed), *at_the_end(last.fit, half)]
+    doubts = [*doubts_about(at_bounds, unnamed), *at_the_end(last.fit, half, is_held=search.is_held)]
     ties = [step.indistinguishable_from for step in steps]
     own = [CATALOGUE[step.effect].equivalent_to for step in steps]
     untied = [tuple(slug for slug in tied if slug not in same) for tied, same in zip(ties, own, strict=True)]

@@ -177,9 +177,10 @@ def most_friction(problem: Problem, filter_s: float = 0.0) -> tuple[float, float
     return gets / max(way, series.resolution), gets / max(square, series.resolution**2 / series.duration_s)
 
 
-def at_the_end(fit: Fit, half: Floats) -> list[str]:
-    """Base parameters that the data do not distinguish from an end of the range that is fitted."""
-    own = [(term, fit.columns(number)) for number, term in enumerate(fit.terms) if term.slug in BASE_WORDS]
+def at_the_end(fit: Fit, half: Floats, *, is_held: bool = False) -> list[str]:
+    """Base parameters that the data do not distinguish from an end of the fitted range; not an inertia that is held."""
+    asked = [slug for slug in BASE_WORDS if not (is_held and slug == "inertia_error")]
+    own = [(term, fit.columns(number)) for number, term in enumerate(fit.terms) if term.slug in asked]
     open_ended = [BASE_WORDS[term.slug] for term, columns in own if term.at_bounds(fit.u[columns], half[columns])]
     if not open_ended:
         return []
