@@ -99,5 +99,6 @@ _KNOWN: Final[tuple[tuple[str, str, Callable[[Any], Failure]], ...]] = (
     ("hapticd.gap.errors", "RecordingError", _plain(USAGE, "recording")),
     ("hapticd.record.errors", "RecordingError", _plain(USAGE, "file")),
     ("hapticd.record.errors", "RunFileError", _plain(USAGE, "file")),
+    ("hapticd.export.errors", "ExportError", _plain(USAGE, "export")),
     ("hapticd.gap.live", "LiveError", _plain(FAULT, "live")),
 )

@@ -33,7 +33,7 @@ EPILOG = epilog(
 
 MODULES = (
     "run", "scope", "status", "state", "experiments", "record", "verify", "recover", "runs", "plot",
-    "export", "importing", "metrics", "check", "simulate", "energy", "map", "zwidth", "reproduce",
+    "export", "importing", "model", "metrics", "check", "simulate", "energy", "map", "zwidth", "reproduce",
     "identify", "gap", "inspecting", "help", "hil", "init", "config", "drivers", "doctor", "latency",
 )  # fmt: skip
 """Modules of this package that declare commands, in the order of the help."""
@@ -43,6 +43,7 @@ GROUPS = {
         ("hapticd record start", "hapticd record stop"),
         (exits.NO, exits.UNREACHABLE),
     ),
+    "model": ("Take the model elsewhere.", ("hapticd model export gap/model.yaml --to mjcf",), ()),
     "config": ("Look at the config.", ("hapticd config show",), ()),
 }
 """Modules whose commands stand below one of the module's name: its help, examples and exit codes."""
