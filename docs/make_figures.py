@@ -4,6 +4,8 @@
 over the exact simulation of the deflection that the daemon really achieved.
 
 `images/missing-effect-*.png`: the story of docs/tutorials/missing-effect.md.
+
+`images/take-the-model.png`: MuJoCo with a model before and after, for docs/how-to/take-the-model-with-you.md.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from typing import Any
 import matplotlib as mpl
 import numpy as np
 from figure_missing_effect import missing_effect
+from figure_take_the_model import take_the_model
 
 from hapticd.config import Config, parse_config
 from hapticd.record import read_run
@@ -110,6 +113,7 @@ def main() -> None:
         os.environ["XDG_STATE_HOME"] = folder
         fig8(Path(folder))
     missing_effect(IMAGES)
+    take_the_model(IMAGES)
 
 
 if __name__ == "__main__":

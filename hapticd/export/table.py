@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, Literal, get_args
 
-from hapticd.effects.catalogue import CATALOGUE, OWN_SLUGS
+from hapticd.effects.catalogue import OWN_SLUGS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -49,16 +49,16 @@ def _refused(why: str) -> Saying:
     return Saying("refused", "", why)
 
 
-_MODULE = "the Python module beside it"
-_OTHER_DRAWS = "commands are lost as often, but other ones: the random numbers are not hapticd's"
+_MODULE = "the module beside it"
+_OTHER_DRAWS = "as often, but other commands: the random numbers are not hapticd's"
 _ONE_FRICTION = "a joint has one Coulomb and one viscous friction"
-_NO_INPUT = "a joint is commanded in torque or force; what is before that is the controller's"
+_NO_INPUT = "a joint takes a torque or force: what comes before is the controller's"
 _NO_FIELD = "a joint has no torque over its position"
 _ONE_MASS = "a joint drives one rigid body"
 
 _PYTHON: Final[Mapping[str, Saying]] = {
-    **dict.fromkeys(OWN_SLUGS, _exact("Axis")),
-    "dropped_samples": _near("Axis.send", _OTHER_DRAWS),
+    **dict.fromkeys(OWN_SLUGS, _exact("class Axis")),
+    "dropped_samples": _near("class Axis", _OTHER_DRAWS),
 }
 _MJCF: Final[Mapping[str, Saying]] = {
     "inertia_error": _exact("joint armature"),
@@ -132,16 +132,15 @@ def sayings(effects: Iterable[str], to: Format) -> dict[str, Saying]:
 
 
 def markdown() -> str:
-    """The table, as a page of the documentation has it."""
-    lines = ["| effect | " + " | ".join(FORMATS) + " |", "|---|" + "---|" * len(FORMATS)]
-    for slug in CATALOGUE:
-        cells = []
-        for to in FORMATS:
-            said = TABLE[to].get(slug)
-            if said is not None:
-                cells.append(
-                    f"{said.how}: {said.where or said.why}" + (f" ({said.why})" if said.where and said.why else "")
-                )
-        if cells:
-            lines.append(f"| `{slug}` | " + " | ".join(cells) + " |")
+    """The table, as the documentation has it."""
+    columns: dict[str, Mapping[str, Saying]] = {"mjcf": _MJCF, "urdf": _URDF, "fmu, python": _PYTHON}
+    lines = ["| effect | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
+    for slug in OWN_SLUGS:
+        cells = [_cell(said[slug]) for said in columns.values()]
+        lines.append(f"| [{slug}](../effects/{slug}.md) | " + " | ".join(cells) + " |")
     return "\n".join(lines) + "\n"
+
+
+def _cell(said: Saying) -> str:
+    where = f" in {said.where}" if said.where else ""
+    return f"{said.how}{where}{f': {said.why}' if said.why else ''}"

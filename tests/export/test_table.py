@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from docs.make_pages import model_formats
 from hapticd.effects.catalogue import OWN_SLUGS
 from hapticd.export import FORMATS, SUFFIXES, TABLE, Format, sayings
 from tests.cli.conftest import Run, hapticd
@@ -21,6 +22,11 @@ def test_each_effect_is_said_and_what_is_not_exact_is_explained(to: Format) -> N
     for said in TABLE[to].values():
         assert bool(said.where) == (said.how != "refused")
         assert bool(said.why) == (said.how != "exact")
+
+
+def test_the_reference_page_is_current() -> None:
+    page = Path(__file__).parents[2] / "docs" / "reference" / "model-formats.md"
+    assert page.read_text(encoding="utf-8") == model_formats(), "run: python -m docs.make_pages"
 
 
 def test_a_law_from_outside_is_refused() -> None:
