@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     "hapticd gap run.arrow --model rig.yaml -o gap",
     "hapticd gap ramp.arrow steps.csv --model re35 --refit-base -o gap --json",
     "hapticd gap ramp.arrow steps.csv --validate chirp.arrow -o gap",
+    "hapticd gap run.arrow --model rig.yaml --nominal my_simulator.py:torque -o gap",
     "hapticd gap --live --excite steps -o gap",
     codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
 )
@@ -41,6 +42,7 @@ def gap(
     model: str | None = None,
     refit_base: bool = False,
     effect: list[str] | None = None,
+    nominal: str | None = None,
     validate: Path | None = None,
     live: bool = False,
     excite: str | None = None,
@@ -68,6 +70,9 @@ def gap(
         model (MODEL.yaml): The nominal model: a config or a preset. Default: the config inside the first recording.
         refit_base: No longer needed: inertia and friction are always fitted. With --effect: them as well.
         effect (SLUG): Consider only this effect of the catalogue. Repeatable; what cannot be looked for is said.
+        nominal (MODULE:FUNCTION): Your own simulator as the nominal model: a Python function torque(x, v, i, t), in a module
+            or as FILE.py:FUNCTION, which is run. From position, velocity, motor current in A and time it gives the torque
+            of all there is, the motor's among it; what is found is added to it. Inertia, amplifier and encoder are MODEL's.
         validate (RUN): Another recording of the device, which is not fitted: how the model as given and the improved one
             predict it, 50 ms ahead and in a free run, is said and drawn.
         live: Make the recordings now, with the running daemon; takes no RUN.
@@ -82,12 +87,17 @@ def gap(
     from hapticd.gap import find_gap
     from hapticd.gap.data import load_recording
     from hapticd.gap.outputs import document_of, keep, write_outputs
+    from hapticd.gap.own_simulator import beside, find_torque
     from hapticd.gap.workflow import considered, why_unknown
 
     for slug in effect or ():
         if reason := why_unknown(slug):
             raise UsageError(f"--effect {slug}: {reason}")
 
+    try:
+        torque = find_torque(nominal) if nominal else None
+    except ValueError as error:
+        raise UsageError(f"--nominal: {error}") from error
     try:
         keep(out, [Path(read) for read in (model, excite, validate, *(runs or ())) if read])
     except ValueError as error:
@@ -97,33 +107,40 @@ def gap(
     said: list[str] = []
     test = find_run(validate) if validate else None
 
-    def loaded(path: Path, nominal: Config) -> Recording:
-        recording = load_recording(path, nominal)
+    def loaded(path: Path, config: Config) -> Recording:
+        recording = load_recording(path, config)
         for warning in recording.warnings:
             output.warn(f"warning: {warning}")
         said.extend(recording.warnings)
         return recording
 
-    def check(nominal: Config) -> Config:
+    def check(config: Config) -> Config:
         try:
-            considered(nominal, effect)
+            considered(config, effect)
         except ValueError as error:
             raise UsageError(f"--effect: {error}") from error
-        return nominal
+        return config
 
-    def analyse(nominal: Config, validation: Recording | None, recordings: Sequence[Recording]) -> GapResult:
+    def analyse(config: Config, validation: Recording | None, recordings: Sequence[Recording]) -> GapResult:
+        if torque:
+            try:
+                recordings = [beside(recording, config, torque) for recording in recordings]
+                validation = beside(validation, config, torque) if validation else None
+            except ValueError as error:
+                raise UsageError(f"--nominal {nominal}: {error}") from error
+            document["nominal"] = nominal
         with output.progress_bar("gap") as bar:
             result = find_gap(
                 recordings,
-                nominal,
+                config,
                 refit_base=refit_base,
                 candidates=effect,
                 progress=lambda fraction, what: bar(fraction),
                 validation=validation,
             )
-        document.update(document_of(result, nominal))
+        document.update(document_of(result, config))
         try:
-            write_outputs(document, result, recordings, nominal, out, model)
+            write_outputs(document, result, recordings, config, out, model)
         except OSError:  # a full disk: the answer is not lost with it
             output.emit(document, describe(document, None))
             raise
@@ -134,15 +151,15 @@ def gap(
 
         experiment = experiment_named(excite or "all")
         client = connect(socket)
-        nominal = check(model_of_daemon(client, model, assignments))
-        of_daemon = partial(analyse, nominal, loaded(test, nominal) if test else None)
-        result = close_the_circle(client, nominal, experiment, of_daemon, output.note, output.progress_bar)[0]
+        config = check(model_of_daemon(client, model, assignments))
+        of_daemon = partial(analyse, config, loaded(test, config) if test else None)
+        result = close_the_circle(client, config, experiment, of_daemon, output.note, output.progress_bar)[0]
     else:
         paths = [find_run(run) for run in runs or ()]
         first_look(paths)
-        nominal = check(model_of_run(paths[0], model, assignments))
-        recordings = [loaded(path, nominal) for path in paths]
-        result = analyse(nominal, loaded(test, nominal) if test else None, recordings)
+        config = check(model_of_run(paths[0], model, assignments))
+        recordings = [loaded(path, config) for path in paths]
+        result = analyse(config, loaded(test, config) if test else None, recordings)
     output.emit(document, describe(document, out))
     for warning in document["warnings"]:
         if warning not in said:
@@ -160,6 +177,8 @@ def describe(document: dict[str, Any], out: Path | None) -> str:
     held_out, unit = gap["held_out"], gap["unit"]
     lines = [f"timing of the data: {text.timing(document)}"]
     lines.append(f"{document['verdict']}: {document['statement']}")
+    if simulator := document.get("nominal"):
+        lines.append(f"  beside {simulator}, whose torque is taken as known; model.yaml has no part of it")
     for step in document["steps"]:
         values = [*text.chosen(step), *(f"{name} = {_estimate(value)}" for name, value in step["parameters"].items())]
         lines.append(f"  {step['effect']}: {', '.join(values)}")

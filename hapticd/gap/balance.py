@@ -27,9 +27,9 @@ if TYPE_CHECKING:
 
 LEAST_START = 0.05
 """A base parameter whose torque is a smaller part of all starts at that part: zero is no start for a logarithm."""
-_CUTOFF_HZ = 40.0
+CUTOFF_HZ = 40.0
 """Corner of the filter; lower where the record is slow."""
-_MOVING = 4.0
+MOVING = 4.0
 """Speed, in cells per filter time, above which a shaft is taken to move."""
 _LONGEST_DELAY_S = 0.01
 """Largest delay that is looked for, or this many periods:"""
@@ -135,14 +135,15 @@ def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
     from scipy.signal import butter, sosfiltfilt
 
     T, time_s = recording.period_s, recording.time_s
-    cutoff = min(_CUTOFF_HZ, 0.1 / T)
+    cutoff = min(CUTOFF_HZ, 0.1 / T)
     sos = butter(2, cutoff, fs=1.0 / T, output="sos")
     grid = np.arange(time_s[0], time_s[-1], T)
     position = sosfiltfilt(sos, np.interp(grid, time_s, recording.position))
     velocity = np.gradient(position, T)
     row = np.clip(np.searchsorted(time_s, grid, side="right") - 1, 0, time_s.size - 1)
-    torque = sosfiltfilt(sos, torque_constant * recording.current[row])
-    slowest = _MOVING * max(recording.resolution, 1e-12) * cutoff
+    current = recording.current if recording.added is None else recording.current + recording.added
+    torque = sosfiltfilt(sos, torque_constant * current[row])
+    slowest = MOVING * max(recording.resolution, 1e-12) * cutoff
     rests = np.abs(velocity) < slowest
     direction = sosfiltfilt(sos, np.where(rests, 0.0, np.sign(velocity)))
     width = 2 * round(0.5 / (cutoff * T)) + 1

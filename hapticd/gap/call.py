@@ -11,6 +11,7 @@ from hapticd.client import find_run
 from hapticd.config import ConfigError, Problem, parse_config
 from hapticd.config.loading import ConfigSource, config_of
 from hapticd.gap.data import recording_of
+from hapticd.gap.own_simulator import Torque, beside, find_torque
 from hapticd.gap.workflow import find_gap
 from hapticd.record import Run, read_run
 
@@ -27,6 +28,7 @@ def gap(
     settings: Mapping[str, Any] | None = None,
     refit_base: bool = False,
     effects: Sequence[str] | None = None,
+    nominal: str | Torque | None = None,
     validate: Recorded | None = None,
     out: str | PathLike[str] | None = None,
     progress: Callable[[float, str], None] | None = None,
@@ -39,6 +41,9 @@ def gap(
         settings: dotted key to value, applied to the model.
         refit_base: fit inertia and friction of the model as well.
         effects: consider only these effects of the catalogue.
+        nominal: your own simulator as a function ``torque(x, v, i, t)``, or its name as ``module:function``: position,
+            velocity, motor current and time to the torque of all there is, the motor's among it. What is found is added to
+            it; inertia, amplifier and encoder are the model's.
         validate: another recording of that device, which is not fitted: the answer's ``validation`` says how the model as
             given and the improved one predict it.
         out: folder for report.html, model.yaml and gap.json, made if missing.
@@ -51,13 +56,16 @@ def gap(
         RunFileError: a recording cannot be read.
         RecordingError: nothing can be concluded from one, or one is there twice.
         ConfigError: no model, or anything wrong in it.
-        ValueError: no recording, an unknown effect, none that can be looked for, or an answer in place of what is read.
+        ValueError: no recording, a simulator that fails, an unknown effect, none that can be looked for, or an answer in
+            place of what is read.
     """
     recorded = runs_of(runs)
-    nominal = config_of(model if model is not None else own_model(recorded[0]), settings)
-    recordings = [recording_of(run, nominal) for run in recorded]
+    config = config_of(model if model is not None else own_model(recorded[0]), settings)
+    torque = find_torque(nominal) if isinstance(nominal, str) else nominal
     tests = runs_of([validate]) if validate is not None else []
-    validation = recording_of(tests[0], nominal) if tests else None
+    taken = [recording_of(run, config) for run in [*recorded, *tests]]
+    taken = [beside(one, config, torque) for one in taken] if torque else taken
+    recordings, validation = taken[: len(recorded)], taken[-1] if tests else None
     if out is not None:
         from hapticd.gap.outputs import keep
 
@@ -67,13 +75,13 @@ def gap(
             + [Path(name) for name in [model] if isinstance(name, str | PathLike)],
         )
     result = find_gap(
-        recordings, nominal, refit_base=refit_base, candidates=effects, progress=progress, validation=validation
+        recordings, config, refit_base=refit_base, candidates=effects, progress=progress, validation=validation
     )
     if out is not None:
         from hapticd.gap.outputs import document_of, write_outputs
 
         source = str(model) if isinstance(model, str | PathLike) else None
-        write_outputs(document_of(result, nominal), result, recordings, nominal, Path(out), source)
+        write_outputs(document_of(result, config), result, recordings, config, Path(out), source)
     return result
 
 

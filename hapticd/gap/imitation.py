@@ -53,4 +53,4 @@ def imitated(fit: Fit, seed: int) -> Problem:
         added,
         cell,
     )
-    return replace(problem, series=replace(series, cell=cell, added=added), runs=[])
+    return replace(problem, series=replace(series, cell=cell, added=series.added + added), runs=[])

@@ -52,6 +52,7 @@ def predicted(fit: Fit) -> Prediction | None:
         time_s, size = series.time_s[part], part.stop - part.start
         current = np.empty((size, max(substeps_for(p, period_s), 2)))
         electrical(p, time_s, commands[part].copy(), np.zeros(size, dtype=np.uint8), current.shape[1], current)
+        current += series.added[part, None]
         starts = np.arange(steps, size - steps - 1, steps)  # at the first sample no speed is known
         near = _positions(fit, part, time_s, current, starts, steps, p)
         k_step[part.start + starts + steps] = np.where(np.isnan(near[:, -1]), np.inf, near[:, -1])

@@ -23,6 +23,7 @@ class Recording:
         current_measured: (n,) current reported by the amplifier in A, where every sample has one.
         period_s: median time between samples.
         is_linear: metres and newtons.
+        added: (n,) current in A that came past the amplifier, for a torque that is known besides; None for none.
         warnings: what limits the conclusions, in words.
     """
 
@@ -35,6 +36,7 @@ class Recording:
     period_s: float
     is_linear: bool
     warnings: tuple[str, ...] = ()
+    added: Floats | None = None
 
     @property
     def rows(self) -> int:

@@ -238,5 +238,7 @@ def series_of(recordings: Sequence[Recording]) -> Series:
         block=np.concatenate(block),
         fold=_folds(blocks),
         period_s=float(np.median(np.concatenate([np.diff(recording.time_s) for recording in recordings]))),
-        added=np.zeros(sum(recording.rows for recording in recordings)),
+        added=np.concatenate(
+            [np.zeros(recording.rows) if recording.added is None else recording.added for recording in recordings]
+        ),
     )
