@@ -20,13 +20,14 @@ FileArgument = Annotated[
     typer.Argument(
         metavar="FILE",
         show_default=False,
-        help="Measured data: .csv, .mat, .npy or .parquet; or a run that was exported as .mcap.",
+        help="Measured data: .csv, .mat, .npy or .parquet; a robot's bag; or a run that was exported as .mcap.",
     ),
 ]
 
 
 @command(
     "hapticd import measured.csv --map columns.yaml -o measured.arrow",
+    "hapticd import robot_bag --map elbow.yaml -o elbow.arrow",
     "hapticd import run.mcap -o run.arrow",
     name="import",
 )
@@ -41,24 +42,30 @@ def import_data(
     The map says which column is the time (or the rate), the position (counts, angle or length), and the command (current
     or force), each with its unit; and whether the device is rotary or linear. Time stamps keep their jitter.
 
-    An .mcap that 'hapticd export' wrote becomes the run that it was, bit for bit.
+    Of a robot's bag (ROS 1 .bag; ROS 2 folder, .db3 or .mcap) a column is a joint's signal, elbow.position, with its topic
+    where more than one has joints, /arm/joint_states:elbow.effort, or a number in any other message, /command:data[2]; the
+    time is column stamp or log_time, in ns. Signals of other topics are joined as they were at each position's instant.
+    Needs rosbags: pip install 'hapticd[rosbag]'.
+
+    An .mcap that 'hapticd export' wrote needs no map and becomes the run that it was, bit for bit.
 
     Args:
         out (-o, --output RUN): Run file to write (.arrow).
         mapping (--map MAP.yaml): What the columns are, with their units; every key is in docs/reference/import-map.md.
-            An .mcap needs none.
+            An .mcap of hapticd's own needs none.
         force: Replace RUN if it exists.
     """
     check_run_name(out)
     from hapticd.record import import_mcap, import_run, load_map
+    from hapticd.robots import import_bag, is_bag
 
-    if file.suffix.lower() == ".mcap":
-        if mapping is not None:
-            raise UsageError(f"{file} describes itself: leave --map out")
+    if mapping is None and file.suffix.lower() == ".mcap":
         done = import_mcap(file, out, force=force)
+    elif mapping is None:
+        raise UsageError(f"{file} does not say what its columns are: give --map")
+    elif is_bag(file):
+        done = import_bag(file, load_map(mapping), out, force=force)
     else:
-        if mapping is None:
-            raise UsageError(f"{file} does not say what its columns are: give --map")
         done = import_run(file, load_map(mapping), out, force=force)
     for warning in done.warnings:
         output.warn(f"{file}: {warning}")

@@ -41,6 +41,9 @@ def test_there_and_back(hapticd: Run, run: Path) -> None:
 
 def test_an_mcap_needs_no_map_and_a_table_needs_one(hapticd: Run, run: Path) -> None:
     assert hapticd("export", "run.arrow", "--to", "mcap").code == 0
+    Path("columns.yaml").write_text(
+        "{device: rotary, time: {column: stamp, unit: ns}, position: {column: a.position}, current: {column: a.effort}}"
+    )
     for words, said in (
         (("run.mcap", "--map", "columns.yaml"), "run.mcap describes itself: leave --map out"),
         (("run.csv",), "run.csv does not say what its columns are: give --map"),
