@@ -16,8 +16,6 @@ from hapticd.export.python_module import module_text
 if TYPE_CHECKING:
     from hapticd.config import Config
 
-_LIGHT = 1e-6
-"""Share of the inertia that a body has where the joint's armature has the rest: MuJoCo moves no body without mass."""
 _MASS = 1e-3
 """Of a body that turns about its centre: any."""
 _GRAVITY = 9.81
@@ -72,15 +70,14 @@ def _xml(n: Numbers, step: float, is_linear: bool, remarks: list[str]) -> str:
         "axis": "1 0 0" if is_linear else "0 -1 0",
     }
     own = n.inertia - n.load_inertia
-    light = _LIGHT * own
-    place, mass, lever_inertia = "0 0 0", light if is_linear else _MASS, 0.0
+    # In the body, not in the joint's armature: how hard a friction is goes by the bodies alone.
+    place, mass, lever_inertia = "0 0 0", own if is_linear else _MASS, 0.0
     if n.gravity and not is_linear:
         lever = _LEVER * own * _GRAVITY / n.gravity
         mass = n.gravity / (_GRAVITY * lever)
         lever_inertia = mass * lever * lever
         # At the position where it hangs the mass is below the axis; a positive angle lifts it.
         place = f"{_number(-lever * math.sin(n.gravity_rest))} 0 {_number(-lever * math.cos(n.gravity_rest))}"
-    joint["armature"] = _number(own - light - lever_inertia)
     joint["damping"] = _number(n.viscous + n.damping) + (f" {_number(n.drag)} 0" if n.drag > 0.0 else "")
     joint["frictionloss"] = _number(n.coulomb)
     # Stops within a step, and holds: the nearest to stiction that MuJoCo's friction can be.
@@ -105,7 +102,7 @@ def _xml(n: Numbers, step: float, is_linear: bool, remarks: list[str]) -> str:
         f'  <option timestep="{_number(step)}" integrator="implicitfast" gravity="{gravity}"/>',
         "  <worldbody>",
         '    <body name="motor">',
-        f"      {_inertial(place, mass, light)}",
+        f"      {_inertial(place, mass, own - lever_inertia)}",
         f"      <joint {_attributes(joint)}/>",
         *(f"      {line}" for line in _load(n, joint, step, is_linear)),
         "    </body>",

@@ -61,7 +61,7 @@ _PYTHON: Final[Mapping[str, Saying]] = {
     "dropped_samples": _near("class Axis", _OTHER_DRAWS),
 }
 _MJCF: Final[Mapping[str, Saying]] = {
-    "inertia_error": _exact("joint armature"),
+    "inertia_error": _exact("body inertial"),
     "viscous_friction": _exact("joint damping"),
     "coulomb_friction": _exact("joint frictionloss"),
     "torque_constant_error": _exact("motor gear"),

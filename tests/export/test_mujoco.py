@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from hapticd.config import Config, parse_config
+from hapticd.config import Config, load_config, parse_config
 from hapticd.effects.catalogue import OWN_SLUGS
 from hapticd.export import TABLE, write_model
 from tests.export.cases import CASES, PERIOD_S, POSITION, VELOCITY, commands, config_of, loaded, off_by, reference
@@ -111,6 +111,25 @@ def linear() -> Config:
 
 def test_a_slide(tmp_path: Path) -> None:
     assert off_by(in_mujoco(linear(), tmp_path), reference(linear())) < 0.01
+
+
+@pytest.mark.parametrize("preset", ["re35", "delta", "freedom6", "impulse_engine", "phantom"])
+def test_friction_holds_and_lets_go_as_stiction_does(preset: str, tmp_path: Path) -> None:
+    config = load_config(preset)
+    files = write_model(config, "mjcf", tmp_path / "rig.xml")
+    model = mujoco.MjModel.from_xml_path(str(files[0]))
+    data, coulomb = mujoco.MjData(model), config.plant.coulomb
+    breaks_away = coulomb / config.amplifier.torque_constant
+    data.ctrl[0] = 0.9 * breaks_away
+    for _ in range(1000):
+        mujoco.mj_step(model, data)
+    passed = 1000 * model.opt.timestep
+    # a thousandth of where the same torque would take it without friction
+    assert abs(data.qpos[0]) < 1e-3 * 0.5 * 0.9 * coulomb / config.plant.inertia * passed**2
+    data.ctrl[0] = 2.0 * breaks_away
+    for _ in range(10):
+        mujoco.mj_step(model, data)
+    assert data.qfrc_constraint[0] == pytest.approx(-coulomb, rel=1e-6)
 
 
 IN_URDF = [slug for slug in OWN_SLUGS if TABLE["urdf"][slug].how == "exact"]
