@@ -24,7 +24,8 @@ def remarks(config: Config, to: Format) -> list[str]:
         ),
         *doubts(config),
     ]
-    return [line.replace("--", "-") for line in lines]
+    # Neither may end an XML comment or a docstring, whatever a driver is called.
+    return [line.replace("--", "-").replace('"', "'").replace("\\", "/") for line in lines]
 
 
 def doubts(config: Config) -> list[str]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -53,6 +54,17 @@ def test_the_command_says_it_all(to: Format, hapticd: Run, tmp_path: Path) -> No
     if to != "fmu":
         text = Path(document["output"]).read_text()
         assert all(f"{slug}: " in text for slug in PARAMETERS if slug != "flexible_coupling")
+
+
+def test_what_is_not_known_of_the_driver_is_said(hapticd: Run, tmp_path: Path) -> None:
+    config = tmp_path / "rig.yaml"
+    config.write_text(json.dumps({"driver": {"name": 'a-->"""\\'}}))
+    for to in ("mjcf", "python"):
+        done = hapticd("model", "export", str(config), "--to", to)
+        assert done.code == 0
+        assert "its latency is not known" in done.err
+    compile((tmp_path / "rig.py").read_text(), "rig.py", "exec")
+    ElementTree.parse(tmp_path / "rig.xml")
 
 
 def test_a_file_that_is_there_stays(hapticd: Run, tmp_path: Path) -> None:
