@@ -1,7 +1,8 @@
 """Writes the reference pages that are made from the program itself: ``python -m docs.make_pages``.
 
 ``cli.md`` is the commands in a line each (the site has their help below), ``openapi.json`` the control API's document,
-``config.md`` the schema's. Tests keep them current.
+``config.md`` the schema's, ``model-formats.md`` what each format of ``hapticd model export`` says of each effect. Tests keep
+them current.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import typer
 from docs.config_page import reference_page
 from hapticd.cli.main import build_app
 from hapticd.cli.man import commands, parameters, plain
+from hapticd.export.table import markdown
 from hapticd.service.api import openapi_document
 
 INTRODUCTION = """# Command line
@@ -99,11 +101,33 @@ def _cell(text: str) -> str:
     return text.replace("|", chr(92) + "|")
 
 
+FORMATS = """# What each format says of each effect
+
+Made from `hapticd/export/table.py` by `python -m docs.make_pages`; do not edit. [How to take the model with
+you](../how-to/take-the-model-with-you.md).
+
+**exact**: the law of [the catalogue](../effects/README.md); what differs is the solver's step. **approximated**: another law
+that comes near. **refused**: left out, and said so.
+
+"""
+
+
+def model_formats() -> str:
+    """The text of ``model-formats.md``."""
+    return FORMATS + markdown()
+
+
 def main() -> None:
     """Write every page."""
     folder = Path(__file__).parent / "reference"
     document = json.dumps(openapi_document(), indent=2, ensure_ascii=False) + "\n"
-    for name, text in (("cli.md", command_line()), ("openapi.json", document), ("config.md", reference_page())):
+    pages = {
+        "cli.md": command_line(),
+        "openapi.json": document,
+        "config.md": reference_page(),
+        "model-formats.md": model_formats(),
+    }
+    for name, text in pages.items():
         (folder / name).write_text(text, encoding="utf-8")
 
 
