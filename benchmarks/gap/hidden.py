@@ -45,18 +45,18 @@ def _one_joint(d: Device) -> None:
         raise ValueError("backlash and flexible_coupling: this simulation has one joint between motor and load")
 
 
-def _backlash(d: Device, gap: float, load_share: float) -> Device:
+def _backlash(
+    d: Device, gap: float, load_share: float, stiffness: float = math.inf, damping: float | None = None
+) -> Device:
+    """As good as rigid, with a rebound, unless the contact has a stiffness."""
     if gap == 0.0:
         return d
     _one_joint(d)
     reduced = d.inertia * load_share * (1.0 - load_share)
-    omega = 2.0 * math.pi * _CONTACT_HZ
-    return d._replace(
-        backlash_half=gap / 2.0,
-        load_share=load_share,
-        joint_stiffness=reduced * omega**2,
-        joint_damping=2.0 * _CONTACT_DAMPING * reduced * omega,
-    )
+    stiffness = min(stiffness, reduced * (2.0 * math.pi * _CONTACT_HZ) ** 2)
+    if damping is None:
+        damping = 2.0 * _CONTACT_DAMPING * math.sqrt(stiffness * reduced)
+    return d._replace(backlash_half=gap / 2.0, load_share=load_share, joint_stiffness=stiffness, joint_damping=damping)
 
 
 def _coupling(d: Device, f_r: float, load_share: float, damping: float) -> Device:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from numba import types
 
 from hapticd.jit import njit
-from hapticd.plant.effect_terms import coulomb_level, has_bristle, whole_inertia
+from hapticd.plant.effect_terms import coulomb_level, has_bristle, shared_inertia, whole_inertia
 from hapticd.plant.electrical import lagged
 from hapticd.plant.layout import (
     BRISTLE,
@@ -25,6 +25,8 @@ from hapticd.plant.layout import (
     index_of,
 )
 from hapticd.plant.numeric import has_hand, holding, substep
+from hapticd.plant.springy_contact import hardest_push
+from hapticd.plant.two_masses import is_springy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,6 +37,7 @@ _a = types.Array(_f8, 1, "C")
 _LAG = index_of("amplifier_lag.f_a")
 _BREAKAWAY = index_of("presliding.breakaway")
 _GAP = index_of("backlash.gap")
+_GAP_SHARE = index_of("backlash.load_share")
 _RESONANCE = index_of("flexible_coupling.f_r")
 _RESONANCE_SHARE = index_of("flexible_coupling.load_share")
 _HAND_OFF = index_of("hand_impedance.off_s")
@@ -75,9 +78,9 @@ def advance_with_effects(
 def stays_with_effects(p: NDArray[Any], state: NDArray[Any], time: float, aim: float) -> bool:
     """Whether friction holds a device for as long as the command stays as it is.
 
-    A bristle or a load on a flexible coupling may still swing: friction holds if it does against the largest torque that
-    the energy in the swing can give. A load that coasts in its play does not stay, nor does a device that a hand is yet
-    to take or to leave.
+    A bristle or a load on a spring may still swing: friction holds if it does against the largest torque that the energy in
+    the swing can give. A load that coasts towards a rigid contact does not stay, nor does a device that a hand is yet to
+    take or to leave.
     """
     if time < p[_HAND_OFF] and has_hand(p):
         return False
@@ -87,8 +90,11 @@ def stays_with_effects(p: NDArray[Any], state: NDArray[Any], time: float, aim: f
         pull_now, _ = holding(p, state[THETA], time, state[MOTOR_CURRENT])
         if abs(pull_now) > abs(pull):
             pull = pull_now
-    if p[_GAP] > 0.0 and state[LOAD_OMEGA] != 0.0:
-        return False
+    if p[_GAP] > 0.0:
+        if is_springy(p):
+            level -= hardest_push(p, state, shared_inertia(p, p[_GAP_SHARE]))
+        elif state[LOAD_OMEGA] != 0.0:
+            return False
     if p[_RESONANCE] < math.inf and not p[_GAP] > 0.0:
         natural = 2.0 * math.pi * p[_RESONANCE]
         twist = state[LOAD_THETA] - state[THETA]

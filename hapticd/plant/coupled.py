@@ -86,7 +86,7 @@ def swing(
 
 
 @njit(_f8(_f8, COUPLING, _f8), counted=False, inline=True)
-def _longest_phase(rate: float, to: Coupling, omega2: float) -> float:
+def longest_phase(rate: float, to: Coupling, omega2: float) -> float:
     """Return the time in which the two masses swing by a radian: as long as their series converges to rounding."""
     return 1.0 / (math.sqrt(to.stiffness * (1.0 + to.ratio) + omega2) + rate)
 
@@ -117,7 +117,7 @@ def swing_apart(
     Returns:
         Differences of the motors' positions and speeds, and of the loads'.
     """
-    parts = math.ceil(span / _longest_phase(rate + 2.0 * to.damping * (1.0 + to.ratio), to, omega2))
+    parts = math.ceil(span / longest_phase(rate + 2.0 * to.damping * (1.0 + to.ratio), to, omega2))
     twist, twist_rate = load_way - way, load_speed - speed
     for _ in range(parts):
         further, speed, twist, twist_rate = swing(
@@ -131,14 +131,14 @@ _BRACKET = types.Tuple((_f8, _f8, _f8, _f8, types.int64))
 
 
 @njit(_f8(_BRACKET), counted=False, inline=True)
-def _between(bracket: tuple[float, float, float, float, int]) -> float:
+def between(bracket: tuple[float, float, float, float, int]) -> float:
     """Return where a chord through both ends of a bracket is zero."""
     early, low, late, high, _ = bracket
     return min(max((early * high - late * low) / (high - low), early), late)
 
 
 @njit(_BRACKET(_BRACKET, _f8, _f8, types.boolean), counted=False, inline=True)
-def _narrowed(
+def narrowed(
     bracket: tuple[float, float, float, float, int], time: float, value: float, is_late: bool
 ) -> tuple[float, float, float, float, int]:
     """Return a bracket (time and value at either end, which end was moved last) with one end moved (Illinois)."""
@@ -167,9 +167,9 @@ def _time_of_stop(
     for _ in range(_HALVINGS):
         if not (bracket[2] - bracket[0] > tolerance and bracket[1] > 0.0 > bracket[3]):
             break
-        time = _between(bracket)
+        time = between(bracket)
         found = swing(time, speed, twist, twist_rate, a, rate, omega2, to)[1]
-        bracket = _narrowed(bracket, time, found, found <= 0.0)
+        bracket = narrowed(bracket, time, found, found <= 0.0)
     return bracket[2]
 
 
@@ -218,9 +218,9 @@ def _stick(state: NDArray[Any], span: float, x: float, pull: float, level: float
         for _ in range(_HALVINGS):
             if not (bracket[2] - bracket[0] > _PRECISION * span and bracket[1] < 0.0 < bracket[3]):
                 break
-            middle = _between(bracket)
+            middle = between(bracket)
             beyond = side * _torque_at_rest(middle, twist, twist_rate, pull, to) - least
-            bracket = _narrowed(bracket, middle, beyond, beyond >= 0.0)
+            bracket = narrowed(bracket, middle, beyond, beyond >= 0.0)
         time = bracket[2]
     end, end_rate = swing_on_fixed_end(time, twist, twist_rate, to)
     state[LOAD_THETA], state[LOAD_OMEGA] = x + end, end_rate
@@ -228,7 +228,7 @@ def _stick(state: NDArray[Any], span: float, x: float, pull: float, level: float
 
 
 @njit(_f8(_a, _a, _f8, FORCES, COUPLING), counted=False)
-def _phase(p: NDArray[Any], state: NDArray[Any], span: float, on: Forces, to: Coupling) -> float:
+def phase_coupled(p: NDArray[Any], state: NDArray[Any], span: float, on: Forces, to: Coupling) -> float:
     """Move motor and load until the motor stops or breaks away, or to the end of `span`; return the time taken."""
     x, v = state[THETA], state[OMEGA]
     sign = math.copysign(1.0, v)
@@ -293,10 +293,10 @@ def move_coupled(p: NDArray[Any], state: NDArray[Any], span: float, motor: Force
         motor: what acts on the motor; the inertia is the motor's alone.
         to: the load, `is_underdamped`.
     """
-    longest = _longest_phase((motor.viscous + motor.damping) / motor.inertia, to, motor.stiffness / motor.inertia)
+    longest = longest_phase((motor.viscous + motor.damping) / motor.inertia, to, motor.stiffness / motor.inertia)
     remaining = span
     for _ in range(MOST_PHASES):
         parts = math.ceil(remaining / longest)
-        remaining -= _phase(p, state, remaining / max(parts, 1.0), motor, to)
+        remaining -= phase_coupled(p, state, remaining / max(parts, 1.0), motor, to)
         if not remaining > 1e-15 * span:
             break

@@ -27,7 +27,8 @@ from hapticd.plant.layout import BRISTLE, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, 
 from hapticd.plant.phases import move
 from hapticd.plant.slide import FORCES, Forces, friction_of, pull_on
 from hapticd.plant.spring import propagate_about_rest, springs_together
-from hapticd.plant.two_masses import move_with_backlash, move_with_coupling
+from hapticd.plant.springy_contact import move_with_springy_contact
+from hapticd.plant.two_masses import is_springy, move_with_backlash, move_with_coupling
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -99,7 +100,10 @@ def _move(p: NDArray[Any], state: NDArray[Any], time: float, span: float, curren
     on = _forces(p, time + 0.5 * span, current)
     if p[_GAP] > 0.0:
         load_inertia = shared_inertia(p, p[_GAP_SHARE])
-        move_with_backlash(p, state, span, on, load_inertia, 0.5 * p[_GAP])
+        if is_springy(p):
+            move_with_springy_contact(p, state, span, on, load_inertia)
+        else:
+            move_with_backlash(p, state, span, on, load_inertia, 0.5 * p[_GAP])
         return
     if p[_RESONANCE] < math.inf:
         load_inertia = shared_inertia(p, p[_RESONANCE_SHARE])

@@ -13,7 +13,7 @@ from numba import types
 from hapticd.effects import backlash
 from hapticd.jit import effect_term, njit
 from hapticd.plant.coupled import Coupling, is_underdamped, move_coupled
-from hapticd.plant.effect_terms import has_bristle
+from hapticd.plant.effect_terms import has_bristle, shared_inertia, whole_inertia
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, index_of
 from hapticd.plant.phases import MOST_PHASES, move, phase
 from hapticd.plant.slide import FORCES, Forces
@@ -27,8 +27,14 @@ _a = types.Array(_f8, 1, "C")
 _HALVINGS = 80
 _EXACT = 1e-15
 """Fraction of a position, or of a time, that is rounding."""
+_GAP_SHARE = index_of("backlash.load_share")
 _RESTITUTION = index_of("backlash.restitution")
+_CONTACT_STIFFNESS = index_of("backlash.stiffness")
+_CONTACT_DAMPING = index_of("backlash.damping")
 _common_velocity = effect_term(backlash.common_velocity)
+_rebound = effect_term(backlash.rebound)
+_FASTEST = (2.0 * math.pi * 1e4) ** 2
+"""Square of the angular frequency from which on the two masses on their contact are as good as on a rigid one."""
 _LEAST_REBOUND = 2.0
 """Slowest rebound, in half gaps a second. Slower masses stay together, or the rebounds would never end."""
 _LOWEST_FLIGHT = 4e-3
@@ -41,7 +47,8 @@ soon after, and would do so for ever."""
 
 
 @njit(FORCES(FORCES, _f8, _f8), inline=True)
-def _with_torque(on: Forces, inertia: float, torque: float) -> Forces:
+def with_torque(on: Forces, inertia: float, torque: float) -> Forces:
+    """Return what acts on a motor of that inertia, with a torque besides."""
     return Forces(
         on.drive + torque,
         on.motor,
@@ -54,6 +61,26 @@ def _with_torque(on: Forces, inertia: float, torque: float) -> Forces:
         on.warm,
         on.time,
     )
+
+
+@njit(_f8(_a), counted=False, inline=True)
+def _reduced_inertia(p: NDArray[Any]) -> float:
+    load = shared_inertia(p, p[_GAP_SHARE])
+    return load * (1.0 - load / whole_inertia(p))
+
+
+@njit(types.boolean(_a), counted=False, inline=True)
+def is_springy(p: NDArray[Any]) -> bool:
+    """Whether the contact of a play is a spring that is followed, and not one as good as rigid."""
+    return p[_CONTACT_STIFFNESS] < _FASTEST * _reduced_inertia(p)
+
+
+@njit(_f8(_a), counted=False)
+def restitution_of(p: NDArray[Any]) -> float:
+    """Return the share of the closing speed at which motor and load part after a contact that takes no time."""
+    if p[_CONTACT_STIFFNESS] < math.inf:
+        return min(_rebound(p[_CONTACT_STIFFNESS], p[_CONTACT_DAMPING], _reduced_inertia(p)), 0.95)
+    return p[_RESTITUTION]
 
 
 @njit(_f8(_a, _a, _f8, _f8, _f8, FORCES), counted=False)
@@ -110,7 +137,8 @@ def move_with_backlash(
         load_inertia: of the load in it [kg m² or kg].
         half_gap: half the play [rad or m].
     """
-    motor = _with_torque(joined, joined.inertia - load_inertia, 0.0)
+    motor = with_torque(joined, joined.inertia - load_inertia, 0.0)
+    restitution = restitution_of(p)
     apart = state[THETA] - state[LOAD_THETA]
     if abs(apart) > half_gap:
         state[LOAD_THETA] = state[THETA] - (half_gap if apart > 0.0 else -half_gap)
@@ -143,7 +171,7 @@ def move_with_backlash(
             closing = v - state[LOAD_OMEGA]
             v = _common_velocity(motor.inertia, v, load_inertia, state[LOAD_OMEGA])
             state[LOAD_OMEGA] = v
-            rebound = p[_RESTITUTION] * closing
+            rebound = restitution * closing
             # Of rebounds that follow each other in a step the flight is a parabola, four times lower than this.
             is_high = not rebounds or abs(closing) * (flight + time) > _LOWEST_FLIGHT * half_gap
             rebounds = is_high and abs(rebound) > _LEAST_REBOUND * half_gap
@@ -161,6 +189,42 @@ def move_with_backlash(
 
 
 @njit(types.void(_a, _a, _f8, FORCES, _f8, _f8, _f8), counted=False)
+def swing_behind(
+    p: NDArray[Any],
+    state: NDArray[Any],
+    span: float,
+    joined: Forces,
+    load_inertia: float,
+    damping: float,
+    stiffness: float,
+) -> None:
+    """Move motor and load, joined by a spring and a damper, through a step short against their swing.
+
+    The load's motion behind a motor of constant acceleration is exact, whatever the step; the motor feels the mean torque of
+    the coupling during the step, the part that depends on its own acceleration as an inertia. No step is unstable, and
+    momentum is kept to rounding.
+
+    Args:
+        p: device vector. state: mechanical state, changed in place. span: duration [s].
+        joined: what acts on the motor; the inertia is that of both.
+        load_inertia: of the load in it [kg m² or kg].
+        damping: ζω₀ of the load on its spring [1/s]. stiffness: ω₀² [1/s²].
+    """
+    rate, s, c = spring_functions(span, damping, stiffness)
+    x, v, z = state[THETA], state[OMEGA], state[BRISTLE]
+    twist, twist_rate = state[LOAD_THETA] - x, state[LOAD_OMEGA] - v
+    # The load's mean acceleration is linear in the motor's: a part from the present twist, and a fraction of the motor's.
+    given = (twist_rate * (rate - 1.0) - stiffness * twist * s) / span
+    fraction = 1.0 - s / span
+    on = with_torque(joined, joined.inertia - load_inertia * (1.0 - fraction), -load_inertia * given)
+    end_x, end_v, end_z = move(p, x, v, z, span, on)
+    acceleration = (end_v - v) / span
+    state[THETA], state[OMEGA], state[BRISTLE] = end_x, end_v, end_z
+    state[LOAD_THETA] = end_x + twist + twist_rate * s - (acceleration + stiffness * twist) * c
+    state[LOAD_OMEGA] += (given + fraction * acceleration) * span
+
+
+@njit(types.void(_a, _a, _f8, FORCES, _f8, _f8, _f8), counted=False)
 def move_with_coupling(
     p: NDArray[Any],
     state: NDArray[Any],
@@ -172,10 +236,8 @@ def move_with_coupling(
 ) -> None:
     """Move motor and load, joined by a spring and a damper, through a step of constant action.
 
-    With stiction and a coupling that swings, the motion is exact (`hapticd.plant.coupled`). On a bristle, or with a damper
-    too strong for that, the load's motion behind a motor of constant acceleration
-    is exact, whatever the step; the motor feels the mean torque of the coupling during the step, the part that depends on
-    its own acceleration as an inertia. No step is unstable, and momentum is kept to rounding.
+    With stiction and a coupling that swings, the motion is exact (`hapticd.plant.coupled`); on a bristle, or with a damper
+    too strong for that, it is that of `swing_behind`.
 
     Args:
         p: device vector.
@@ -189,18 +251,7 @@ def move_with_coupling(
     motor_inertia = joined.inertia - load_inertia
     ratio = load_inertia / motor_inertia
     if is_underdamped(ratio, damping) and not has_bristle(p):
-        motor = _with_torque(joined, motor_inertia, 0.0)
+        motor = with_torque(joined, motor_inertia, 0.0)
         move_coupled(p, state, span, motor, Coupling(load_inertia, ratio, damping * natural, natural * natural))
-        return
-    rate, s, c = spring_functions(span, damping * natural, natural * natural)
-    x, v, z = state[THETA], state[OMEGA], state[BRISTLE]
-    twist, twist_rate = state[LOAD_THETA] - x, state[LOAD_OMEGA] - v
-    # The load's mean acceleration is linear in the motor's: a part from the present twist, and a fraction of the motor's.
-    given = (twist_rate * (rate - 1.0) - natural * natural * twist * s) / span
-    fraction = 1.0 - s / span
-    on = _with_torque(joined, joined.inertia - load_inertia * (1.0 - fraction), -load_inertia * given)
-    end_x, end_v, end_z = move(p, x, v, z, span, on)
-    acceleration = (end_v - v) / span
-    state[THETA], state[OMEGA], state[BRISTLE] = end_x, end_v, end_z
-    state[LOAD_THETA] = end_x + twist + twist_rate * s - (acceleration + natural * natural * twist) * c
-    state[LOAD_OMEGA] += (given + fraction * acceleration) * span
+    else:
+        swing_behind(p, state, span, joined, load_inertia, damping * natural, natural * natural)

@@ -136,6 +136,14 @@ WRONG = [
         "plant.effects[0].gap = -0.1: must be at least 0 rad (m on a linear device)",
     ),
     (
+        "plant: {effects: [{name: backlash, gap: 0.1, damping: 1e-4}]}",
+        "plant.effects[0].damping = 1.0e-4: is that of a contact with a stiffness; a rigid one has a restitution",
+    ),
+    (
+        "plant: {effects: [{name: backlash, gap: 0.1, stiffness: 2, restitution: 0.5}]}",
+        "plant.effects[0].restitution = 0.5: is that of a rigid contact; how one with a stiffness rebounds its damping says",
+    ),
+    (
         "plant: {effects: [{name: transport_delay, t_d: soon}]}",
         "plant.effects[0].t_d = soon: must be a number in s",
     ),

@@ -68,6 +68,17 @@ def test_a_plain_effect_is_named(hidden: Hidden, slug: str) -> None:
     assert result.prediction["k_step"]["after"] < result.prediction["k_step"]["before"]
 
 
+def test_a_play_whose_contact_is_a_spring_is_named_with_its_stiffness(hidden: Hidden) -> None:
+    """Without the spring in the law it was a coupling with Stribeck friction, of 19 and 15 standard errors."""
+    play = {"name": "backlash", "gap": 0.02, "load_share": 0.4, "stiffness": 2.0, "damping": 2e-4}
+    result = find(hidden, [play], 10.0, None)
+    assert [step.effect for step in result.steps] == ["backlash"], result.statement
+    assert result.verdict == "effect_found"
+    (found,) = result.effects
+    assert found.parameters["stiffness"].value == pytest.approx(2.0, rel=0.2)
+    assert found.parameters["gap"].value == pytest.approx(0.02, rel=0.1)
+
+
 @pytest.mark.parametrize("slug", SHORTCOMINGS)
 def test_what_is_not_found_is_not_taken_for_something_else(hidden: Hidden, slug: str) -> None:
     result = find(hidden, [plain(slug, SHORTCOMINGS[slug])], SHORTCOMINGS[slug], None)

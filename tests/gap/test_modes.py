@@ -119,7 +119,7 @@ def test_an_impact_within_the_period_has_one_effect_whenever_it_happens() -> Non
     coasted = np.array([x + PERIOD_S * v, v, 0.0, 0.0, load + PERIOD_S * load_v, load_v])
     piece = np.zeros(1, MODE)
     piece[0]["covariance"] = np.outer(coasted, coasted)
-    impact(piece[0], (1.0 + e) * part, (1.0 + e) * (1.0 - part))
+    impact(piece[0], (-e, 0.0, 0.0, -e), part)
     expected = np.array([difference[0], difference[1], 0.0, 0.0, difference[2], difference[3]])
     np.testing.assert_allclose(piece[0]["covariance"], np.outer(expected, expected), rtol=1e-9, atol=1e-15)
 

@@ -16,10 +16,13 @@ from numba import from_dtype, types
 from hapticd.gap.kernel.cell import lower_tail
 from hapticd.gap.kernel.device import FARTHEST_TWIST, LAWS, PERIOD, coupling_of, loosen, moving_inertia
 from hapticd.gap.kernel.modes import DOWN, HELD, MODE, RARE, STATES, STOPPED, UP, W, impact, join, spread, tie
+from hapticd.gap.kernel.springy import blurred, touch
 from hapticd.jit import njit
 from hapticd.plant.exact import propagate
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, STATE, THETA, index_of
 from hapticd.plant.numeric import holding, substep
+from hapticd.plant.springy_contact import push_of
+from hapticd.plant.two_masses import restitution_of
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -30,7 +33,6 @@ _a = types.Array(_f8, 1, "C")
 
 _EXTERNAL = index_of("external_force")
 _GAP = index_of("backlash.gap")
-_RESTITUTION = index_of("backlash.restitution")
 
 _law, _period, _mode = from_dtype(LAWS), from_dtype(PERIOD), from_dtype(MODE)
 _laws, _periods = types.Array(_law, 1, "C"), types.Array(_period, 1, "C")
@@ -117,6 +119,8 @@ def cut(
     if law.has_coupling:
         to = coupling_of(p)
         strain = to.inertia * (to.stiffness * (m.mean[4] - x) + 2.0 * to.damping * (m.mean[5] - v))
+    if law.is_springy:
+        strain = -push_of(p, x - m.mean[4], v - m.mean[5])
     most, least, mean, stiction = -math.inf, math.inf, strain, law.coulomb
     for j in range(len(current)):
         if duration[j] > 0.0:
@@ -189,13 +193,16 @@ def carry(
     state[LOAD_THETA], state[LOAD_OMEGA] = x, v
     if law.size == STATES:
         state[LOAD_THETA], state[LOAD_OMEGA] = r.mean[4], r.mean[5]
-        if before != 0.0:
+        if before != 0.0 and not law.is_springy:
             state[LOAD_THETA], state[LOAD_OMEGA] = x - 0.5 * before * p[_GAP], v
     if law.has_bristle:
         for j in range(STATE):
             other[j] = state[j]
     load_v = state[LOAD_OMEGA]
-    _go(p, law, period, duration, current, state, x, v, (r.mean[W] - v) / unit)
+    more = closed = 0.0
+    if law.is_springy:
+        more, closed = blurred(p, r, 0.5 * (v + r.mean[W]), period.span)
+    _go(p, law, period, duration, current, state, x, v, (r.mean[W] - v) / unit - more)
     ends = HELD if to_mode == STOPPED else to_mode
     if not law.has_bristle:
         ends = UP if state[OMEGA] > 0.0 else DOWN if state[OMEGA] < 0.0 else HELD
@@ -224,13 +231,16 @@ def carry(
     r.covariance[0, 0] += period.white / 12.0 * (slide * period.span / inertia) ** 2
     r.mean[0], r.mean[1], r.bristle = state[THETA], state[OMEGA], state[BRISTLE]
     if law.has_play:
-        hits = before == 0.0 and state[LOAD_OMEGA] != load_v
-        bounce = (1.0 if state[CONTACT] != 0.0 else 1.0 + p[_RESTITUTION]) if hits else 0.0
-        r.contact = state[CONTACT]
-        impact(r, bounce * law.passed, bounce * (1.0 - law.passed))
-        r.mean[4], r.mean[5] = state[LOAD_THETA], state[LOAD_OMEGA]
-        if r.contact != 0.0:
-            tie(r)
+        r.contact, r.mean[4], r.mean[5] = state[CONTACT], state[LOAD_THETA], state[LOAD_OMEGA]
+        if law.is_springy:
+            touch(p, law, period, r, more, closed, 1.0 if slide > 0.0 else 0.0)
+            slide = max(r.covariance[1, W] / r.covariance[W, W], 0.0)
+        else:
+            if before == 0.0 and state[LOAD_OMEGA] != load_v:
+                left = 0.0 if r.contact != 0.0 else -restitution_of(p)
+                impact(r, (left, 0.0, 0.0, left), law.passed)
+            if r.contact != 0.0:
+                tie(r)
     if law.has_coupling:
         r.mean[4], r.mean[5] = state[LOAD_THETA], state[LOAD_OMEGA]
         if abs(r.mean[4] - r.mean[0]) > FARTHEST_TWIST:

@@ -14,6 +14,7 @@ from hapticd.plant.coupled import COUPLING, Coupling, swing_apart, swing_on_fixe
 from hapticd.plant.effect_terms import shared_inertia
 from hapticd.plant.layout import index_of
 from hapticd.plant.numeric import edited_base, needs_effect_terms
+from hapticd.plant.two_masses import is_springy
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -39,7 +40,7 @@ _BREAKAWAY = index_of("presliding.breakaway")
 def moving_inertia(p: NDArray[Any], contact: float) -> float:
     """Return the inertia that a torque on the shaft accelerates at once."""
     inertia = edited_base(p)[0]
-    if p[_GAP] > 0.0 and contact == 0.0:
+    if p[_GAP] > 0.0 and (contact == 0.0 or is_springy(p)):
         inertia -= shared_inertia(p, p[_GAP_SHARE])
     if p[_RESONANCE] < math.inf:
         inertia -= shared_inertia(p, p[_RESONANCE_SHARE])
@@ -52,6 +53,7 @@ LAWS = np.dtype(
         ("remembers", "?"),
         ("has_bristle", "?"),
         ("has_play", "?"),
+        ("is_springy", "?"),  # the contact of that play
         ("has_coupling", "?"),
         ("viscous", "f8"),
         ("coulomb", "f8"),
@@ -107,6 +109,7 @@ def look_up(p: NDArray[Any], current: NDArray[Any], law: Any) -> None:
     law.simple = not needs_effect_terms(p) and law.stiffness == 0.0
     law.has_bristle = p[_BREAKAWAY] > 0.0
     law.has_play = p[_GAP] > 0.0
+    law.is_springy = law.has_play and is_springy(p)
     law.has_coupling = p[_RESONANCE] < math.inf and not law.has_play
     law.remembers = law.has_bristle or law.has_play or law.has_coupling
     law.size = STATES if law.has_play or law.has_coupling else SHAFT

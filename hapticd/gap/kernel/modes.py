@@ -156,17 +156,20 @@ def spread(r: Any, half: float, slide: float, size: int) -> None:
         _spread(r, half, slide, STATES)
 
 
-@njit(types.void(_mode, _f8, _f8), counted=False)
-def impact(r: Any, J: float, K: float) -> None:
-    """An impact takes J of the relative motion from the shaft and gives K of it to the load, whenever it happens."""
-    S = r.covariance
-    for first, second in ((0, 4), (1, 5)):
-        for j in range(STATES):
-            a, b = S[first, j], S[second, j]
-            S[first, j], S[second, j] = a - J * (a - b), b + K * (a - b)
-        for j in range(STATES):
-            a, b = S[j, first], S[j, second]
-            S[j, first], S[j, second] = a - J * (a - b), b + K * (a - b)
+@njit(types.void(_mode, types.UniTuple(_f8, 4), _f8), counted=False)
+def impact(r: Any, G: tuple[float, float, float, float], passed: float) -> None:
+    """A contact makes G times what it were of the relative motion; the shaft takes a share of that, the load the rest."""
+    S, kept = r.covariance, 1.0 - passed
+    for j in range(STATES):
+        way, speed = S[0, j] - S[4, j], S[1, j] - S[5, j]
+        more, faster = (G[0] - 1.0) * way + G[1] * speed, G[2] * way + (G[3] - 1.0) * speed
+        S[0, j], S[4, j] = S[0, j] + passed * more, S[4, j] - kept * more
+        S[1, j], S[5, j] = S[1, j] + passed * faster, S[5, j] - kept * faster
+    for j in range(STATES):
+        way, speed = S[j, 0] - S[j, 4], S[j, 1] - S[j, 5]
+        more, faster = (G[0] - 1.0) * way + G[1] * speed, G[2] * way + (G[3] - 1.0) * speed
+        S[j, 0], S[j, 4] = S[j, 0] + passed * more, S[j, 4] - kept * more
+        S[j, 1], S[j, 5] = S[j, 1] + passed * faster, S[j, 5] - kept * faster
 
 
 @njit(types.void(_mode), counted=False)

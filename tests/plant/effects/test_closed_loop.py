@@ -11,6 +11,8 @@ import pytest
 from hapticd.config import Config, parse_config
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.plant import kernel
+from hapticd.plant.closed_loop import stays_with_effects
+from hapticd.plant.layout import LOAD_OMEGA, LOAD_THETA, initial_state
 from hapticd.servo.simulate import simulate
 from tests.plant.effects.independent import KT, PERIOD, B, C, J, excitation, simulated, vector
 
@@ -76,6 +78,29 @@ def test_the_plant_moves_as_the_kernels_of_a_record(slug: str) -> None:
         assert np.abs(got - expected)[20:].max() < 0.02 * np.ptp(expected)
     else:
         assert np.abs(got - expected).max() < 1e-10
+
+
+def test_a_springy_play_moves_as_the_kernels_of_a_record_and_is_not_the_rigid_one() -> None:
+    springy = {"gap": 0.02, "stiffness": 2.0, "damping": 2e-4}
+    currents = excitation(150)
+    expected, _ = simulated(vector(**{f"backlash__{name}": value for name, value in springy.items()}), currents)
+    got = driven(config_with({"name": "backlash", **springy}), currents)
+    rigid = driven(config_with({"name": "backlash", "gap": 0.02}), currents)
+    assert np.abs(got - expected).max() < 1e-10
+    assert np.abs(got - rigid).max() > 0.02 * np.ptp(rigid)
+
+
+@pytest.mark.parametrize(
+    ("position", "speed", "stays"),
+    [(0.0, 0.0, True), (0.0, 0.3, True), (0.0, 3.0, False), (0.0105, 0.0, True), (0.0115, 0.0, False)],
+)
+def test_a_shaft_stays_where_no_contact_can_push_it_loose(position: float, speed: float, stays: bool) -> None:
+    p = vector(backlash__gap=0.02, backlash__stiffness=2.0, backlash__damping=1e-5)
+    state = initial_state()
+    state[LOAD_THETA], state[LOAD_OMEGA] = position, speed
+    assert stays_with_effects(p, state, 0.0, 0.0) is stays
+    positions, _ = simulated(p, np.zeros(100), state)
+    assert bool(np.all(positions == 0.0)) is stays
 
 
 def test_a_delay_beyond_the_amplifier_s_is_exact() -> None:

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
+from hapticd.effects.backlash import rebound
 from hapticd.plant.coupled import Coupling, swing_apart
 from hapticd.plant.layout import BRISTLE, CONTACT, LOAD_OMEGA, LOAD_THETA, OMEGA, THETA, initial_state
 from tests.plant.effects.independent import KT, PERIOD, B, C, Floats, J, apart, excitation, simulated, stiff, vector
@@ -127,12 +128,9 @@ def test_the_motor_stands_still_at_the_anti_resonance() -> None:
     assert gain(50.0) < 0.1 * min(gain(40.0), gain(60.0))
 
 
-def test_backlash_is_the_limit_of_a_stiff_damped_contact() -> None:
-    gap, share = 0.02, 0.4
+def _pushed(currents: Floats, gap: float, share: float, k: float, d: float) -> Floats:
+    """States (x, v, load x, load v) after every tick, of two masses with a contact that pushes and never pulls, by LSODA."""
     load = share * J
-    reduced = load * (J - load) / J
-    natural = 2 * math.pi * 3000.0
-    k, d = reduced * natural**2, 2.0 * reduced * natural
 
     def motion(t: float, y: Floats, current: float) -> tuple[float, float, float, float]:
         x, v, load_x, load_v = y
@@ -144,9 +142,7 @@ def test_backlash_is_the_limit_of_a_stiff_damped_contact() -> None:
             torque = min(k * (apart + gap / 2) + d * (v - load_v), 0.0)
         return v, (KT * current - torque - C * _smooth_sign(v) - B * v) / (J - load), load_v, torque / load
 
-    t = np.arange(60) * PERIOD
-    currents = 0.25 * np.sin(2 * np.pi * 35 * t)
-    expected = np.empty((60, 4))
+    found = np.empty((len(currents), 4))
     y = np.zeros(4)
     for n, current in enumerate(currents):
         solved = solve_ivp(
@@ -158,12 +154,119 @@ def test_backlash_is_the_limit_of_a_stiff_damped_contact() -> None:
             atol=1e-10,
             max_step=2e-5,
         )
-        expected[n] = y = solved.y[:, -1]
+        found[n] = y = solved.y[:, -1]
+    return found
+
+
+def test_backlash_is_the_limit_of_a_stiff_damped_contact() -> None:
+    gap, share = 0.02, 0.4
+    load = share * J
+    reduced = load * (J - load) / J
+    natural = 2 * math.pi * 3000.0
+    currents = 0.25 * np.sin(2 * np.pi * 35 * np.arange(60) * PERIOD)
+    expected = _pushed(currents, gap, share, reduced * natural**2, 2.0 * reduced * natural)
     got, end = simulated(vector(backlash__gap=gap, backlash__load_share=share), currents)
     assert apart(got, expected[:, 0]) < 0.01
     assert end[LOAD_THETA] == pytest.approx(expected[-1, 2], abs=0.01 * np.ptp(expected[:, 0]))
     rigid, _ = simulated(vector(), currents)
     assert apart(rigid, expected[:, 0]) > 0.05
+
+
+@pytest.mark.parametrize(("stiffness", "damping"), [(2.0, 2e-4), (2.0, 0.0), (0.2, 2e-3), (130.0, 8e-3), (600.0, 0.06)])
+def test_a_springy_contact_is_that_of_an_independent_integrator(stiffness: float, damping: float) -> None:
+    """Slow and soft, without a damper, one that is all damper, and two that last for less than a tick."""
+    gap, share = 0.02, 0.4
+    currents = 0.25 * np.sin(2 * np.pi * 35 * np.arange(60) * PERIOD)
+    expected = _pushed(currents, gap, share, stiffness, damping)
+    p = vector(backlash__gap=gap, backlash__load_share=share, backlash__stiffness=stiffness, backlash__damping=damping)
+    got, end = simulated(p, currents)
+    assert apart(got, expected[:, 0]) < 2e-3
+    assert end[LOAD_THETA] == pytest.approx(expected[-1, 2], abs=2e-3 * np.ptp(expected[:, 0]))
+    finer, _ = simulated(p, currents, substeps=16)
+    assert apart(got, finer) < 1e-9
+    rigid, _ = simulated(vector(backlash__gap=gap, backlash__load_share=share), currents)
+    assert apart(rigid, expected[:, 0]) > apart(got, expected[:, 0])
+
+
+def test_a_springy_contact_on_a_bristle_needs_no_substeps() -> None:
+    p = vector(
+        backlash__gap=0.02,
+        backlash__stiffness=2.0,
+        backlash__damping=2e-4,
+        presliding__breakaway=2e-3,
+        presliding__sigma_1=1e-4,
+    )
+    currents = 0.25 * np.sin(2 * np.pi * 35 * np.arange(60) * PERIOD)
+    got, _ = simulated(p, currents)
+    finer, _ = simulated(p, currents, substeps=32)
+    assert apart(got, finer) < 3e-3  # the bristle's own, which the first steps have before any contact
+
+
+@pytest.mark.parametrize("damping", [1.0, 1e3])
+def test_a_damper_far_too_strong_for_its_spring_stops_no_clock(damping: float) -> None:
+    p = vector(coulomb=0.0, viscous=0.0, backlash__gap=0.02, backlash__stiffness=2.0, backlash__damping=damping)
+    state = initial_state(0.0, 0.0)
+    state[OMEGA] = 4.0
+    positions, end = simulated(p, np.zeros(60), state)
+    assert end[[OMEGA, LOAD_OMEGA]] == pytest.approx([2.0, 2.0], rel=3e-3)
+    # The first 0.01 rad at full speed, the rest at half of it: together, since the spring has no time to part them.
+    assert positions[-1] == pytest.approx(0.01 + 2.0 * (60 * PERIOD - 2.5e-3), rel=3e-3)
+
+
+@pytest.mark.parametrize("damping", [0.0, 2e-4, 1e-2])
+def test_a_springy_contact_keeps_momentum_gains_no_energy_and_never_pulls(damping: float) -> None:
+    share, k, half_gap = 0.3, 2.0, 0.01
+    p = vector(
+        coulomb=0.0,
+        viscous=0.0,
+        backlash__gap=2.0 * half_gap,
+        backlash__load_share=share,
+        backlash__stiffness=k,
+        backlash__damping=damping,
+    )
+    state = initial_state(0.0, 0.0)
+    state[OMEGA] = 4.0
+    energies, momenta, pulls = [], [], []
+    for _ in range(200):
+        before = state.copy()
+        _, state = simulated(p, np.zeros(1), state)
+        pressed = max(abs(state[THETA] - state[LOAD_THETA]) - half_gap, 0.0)
+        energies.append(
+            0.5 * J * ((1 - share) * state[OMEGA] ** 2 + share * state[LOAD_OMEGA] ** 2) + 0.5 * k * pressed**2
+        )
+        momenta.append((1 - share) * state[OMEGA] + share * state[LOAD_OMEGA])
+        both = before[CONTACT] if before[CONTACT] == state[CONTACT] else 0.0
+        pulls.append(min(both * (state[LOAD_OMEGA] - before[LOAD_OMEGA]), 0.0))
+    assert np.abs(np.array(momenta) / ((1 - share) * 4.0) - 1.0).max() < 1e-9
+    assert np.diff(energies).max() < 1e-9 * energies[0]
+    assert energies[-1] == pytest.approx(energies[0], rel=1e-8) if damping == 0.0 else energies[-1] < 0.99 * energies[0]
+    assert min(pulls) == 0.0
+
+
+@pytest.mark.parametrize("zeta", [0.0, 0.1, 0.5, 0.71, 1.0, 2.0])
+def test_masses_leave_a_springy_contact_as_the_rigid_one_that_stands_for_it(zeta: float) -> None:
+    """The closed form of the rebound, against the motion through the contact; stiff enough, they are the same."""
+    share, half_gap, speed = 0.4, 0.01, 3.0
+    reduced = share * (1 - share) * J
+
+    def parted(hz: float) -> float:
+        natural = 2 * math.pi * hz
+        p = vector(
+            coulomb=0.0,
+            viscous=0.0,
+            backlash__gap=2.0 * half_gap,
+            backlash__load_share=share,
+            backlash__stiffness=reduced * natural**2,
+            backlash__damping=2 * zeta * reduced * natural,
+        )
+        state = initial_state(0.0, 0.0)
+        state[OMEGA] = speed
+        _, end = simulated(p, np.zeros(6), state)
+        return float(end[LOAD_OMEGA] - end[OMEGA]) / speed
+
+    expected = rebound(1.0, 2.0 * zeta, 1.0)
+    assert parted(1000.0) == pytest.approx(expected, abs=1e-6)
+    assert parted(20_000.0) == pytest.approx(min(expected, 0.95), abs=1e-6)
 
 
 def test_an_impact_keeps_momentum_and_play_keeps_its_width() -> None:
