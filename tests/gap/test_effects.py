@@ -74,7 +74,7 @@ def test_a_play_whose_contact_is_a_spring_is_named_with_its_stiffness(hidden: Hi
     result = find(hidden, [play], 10.0, None)
     assert [step.effect for step in result.steps] == ["backlash"], result.statement
     assert result.verdict == "effect_found"
-    (found,) = result.effects
+    (found,) = result.steps
     assert found.parameters["stiffness"].value == pytest.approx(2.0, rel=0.2)
     assert found.parameters["gap"].value == pytest.approx(0.02, rel=0.1)
 
