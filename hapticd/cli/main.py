@@ -32,7 +32,7 @@ EPILOG = epilog(
 )
 
 MODULES = (
-    "run", "scope", "status", "state", "experiments", "record", "verify", "recover", "runs", "plot",
+    "run", "scope", "status", "state", "experiments", "record", "noting", "verify", "recover", "runs", "plot",
     "export", "importing", "model", "metrics", "check", "simulate", "energy", "map", "zwidth", "reproduce",
     "identify", "gap", "inspecting", "help", "hil", "init", "config", "drivers", "doctor", "latency",
 )  # fmt: skip

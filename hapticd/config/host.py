@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BeforeValidator, ConfigDict, model_validator
+from pydantic import AfterValidator, BeforeValidator, ConfigDict, StringConstraints, model_validator
 from pydantic_core import PydanticCustomError
 
 from hapticd.config.fields import Flag, Section, Text, WholeLimit, findings_error, quantity
@@ -16,6 +16,15 @@ from hapticd.config.nearest import nearest_name
 from hapticd.config.paths import default_directory, default_socket
 from hapticd.config.problems import NO_VALUE, Finding
 
+
+def _number_as_text(value: Any) -> Any:
+    """A subject may be called 7; 07 is text to our reader of YAML already."""
+    return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+Label = Annotated[
+    Annotated[Text, StringConstraints(min_length=1, max_length=200)] | None, BeforeValidator(_number_as_text)
+]
 _SOCKET_BYTES = 107  # sun_path of Linux is 108 bytes with its terminating zero
 
 
@@ -130,6 +139,10 @@ class Record(Section):
         ge=0,
         le=10**15,
     )
+    subject: Label = quantity(
+        None, "Who or what the next recordings are of; in each of them, and a filter of `hapticd runs`"
+    )
+    condition: Label = quantity(None, "Under which condition of an experiment; the same")
 
 
 class Api(Section):

@@ -10,7 +10,17 @@ from pydantic.fields import FieldInfo
 from hapticd.config.fields import Section
 from hapticd.config.model import Config
 
-_LIVE = ("servo.rate_hz", "servo.overrun", "spring", "encoder.decimation", "dither", "delay", "safety")
+_LIVE = (
+    "servo.rate_hz",
+    "servo.overrun",
+    "spring",
+    "encoder.decimation",
+    "dither",
+    "delay",
+    "safety",
+    "record.subject",
+    "record.condition",
+)
 
 
 @cache

@@ -5,7 +5,9 @@ Written so that YAML 1.1 and 1.2 readers agree: no bare ``1e-3`` (text in 1.1), 
 
 from __future__ import annotations
 
+import contextlib
 import itertools
+import math
 import re
 from collections.abc import Mapping
 
@@ -37,6 +39,15 @@ def decimal_comma(value: object) -> str | None:
     if not isinstance(value, str) or not _DECIMAL_COMMA.fullmatch(value.strip()):
         return None
     return value.strip().replace(",", ".")
+
+
+def number_or_text(text: str) -> int | float | str:
+    """A finite number where a text reads as one, else the text."""
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            if math.isfinite(number := kind(text)):
+                return number
+    return text
 
 
 def bound_text(bound: float) -> str:

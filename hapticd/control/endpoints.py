@@ -15,10 +15,10 @@ from typing import Annotated, Any, Final, Literal, ParamSpec, TypeVar, cast
 
 from annotated_types import Ge, Le, Len
 
-from hapticd.control.fields import Force, PathText, Positive, Rule, Seconds, Setting, absolute
+from hapticd.control.fields import LONGEST_NOTE, Force, PathText, Positive, Rule, Seconds, Setting, absolute
 
 JsonDict = dict[str, Any]
-Queue = Literal["query", "command", "stop", "estop"]
+Queue = Literal["query", "command", "note", "stop", "estop"]
 P = ParamSpec("P")
 R = TypeVar("R")
 
@@ -27,6 +27,7 @@ TEXT: Final = "text"
 _ERRORS: Final[dict[Queue, tuple[int, ...]]] = {
     "query": (),
     "command": (400, 403, 409, 413, 422),
+    "note": (400, 403, 409, 413, 422),
     "stop": (403, 502),
     "estop": (403, 502),
 }
@@ -46,7 +47,8 @@ class Endpoint:
         name: of the method, here, of the daemon and of the client.
         method: of HTTP. path: of HTTP.
         reply: name of its model in `hapticd.control.schemas`, `TEXT`, or None for a dict without a model.
-        queue: who answers it: threads for queries, one thread for commands. A stop and an estop are carried out when they
+        queue: who answers it: threads for queries, one thread for commands, one for notes, so that what is to be noted now
+            waits for no release. A stop and an estop are carried out when they
             arrive and answered where they arrive; they are in no queue.
         errors: HTTP codes that it may answer with, besides 200.
         motion_s: of a command that sets the motor in motion, changes what it renders or clears a fault, the time within
@@ -72,7 +74,7 @@ class Endpoint:
     @property
     def reads_body(self) -> bool:
         """Whether a body is looked at. That of a stop never is: a stop is not refused for its form."""
-        return self.queue == "command"
+        return self.queue in ("command", "note")
 
     def help_of(self, parameter: str) -> str:
         """What a parameter means: the text in its annotation."""
@@ -222,8 +224,8 @@ class Endpoints:
         """Change settings while the daemon runs: all of them together between two ticks, or none.
 
         Live are servo.rate_hz (Hz), servo.overrun.*, spring.* (stiffness in N m/rad or N/m, origin in rad or m),
-        encoder.decimation, dither.* (amplitude in coarse ticks or A, frequency_hz), delay.* (s) and safety.*;
-        every other key needs a restart. Changes are not written to the config file.
+        encoder.decimation, dither.* (amplitude in coarse ticks or A, frequency_hz), delay.* (s), safety.*, record.subject,
+        and record.condition; every other key needs a restart. Changes are not written to the config file.
 
         Settings with which theory sees no motion die out are refused, with what would help (safety.guard); nothing changes.
 
@@ -327,4 +329,26 @@ class Endpoints:
 
         Raises:
             Refused: nothing is being recorded.
+        """
+
+    @endpoint("POST", "/note", "Noted", queue="note")
+    def note(self, text: Annotated[str, Len(1, LONGEST_NOTE), "What to note."]) -> JsonDict:
+        """Note something in the running recording, with the tick at which it was said.
+
+        Raises:
+            Refused: code ``recording``, nothing is being recorded.
+        """
+
+    @endpoint("POST", "/marker", "Noted", queue="note")
+    def marker(
+        self,
+        name: Annotated[str, Len(1, 200), "Of what happened, such as stimulus_onset."],
+        value: Annotated[Setting, "A number or text that belongs to it."] = None,
+    ) -> JsonDict:
+        """Mark this tick in the running recording: what an experiment's own software sends when something happens.
+
+        It waits for no other command, a release that is being prepared included.
+
+        Raises:
+            Refused: code ``recording``, nothing is being recorded.
         """

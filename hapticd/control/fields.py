@@ -7,6 +7,8 @@ from typing import Annotated, Any, Final
 from annotated_types import Gt, Le, Len
 
 LONGEST_DURATION_S: Final = 3600.0
+LONGEST_NOTE: Final = 2000
+"""Characters."""
 
 
 class Rule:

@@ -141,6 +141,17 @@ class RecorderStatus(Reply):
     continued: str | None = Field(
         description="What became of the file that this recording was in before, and where it goes on; null: nothing."
     )
+    notes: list[dict[str, Any]] = Field(
+        description="The newest notes and markers of this recording, or the last: event, tick, text or name and value."
+    )
+
+
+class Noted(Reply):
+    """What was noted, and where."""
+
+    path: str = Field(description="Of the recording.")
+    event: Literal["note", "marker"]
+    tick: int = Field(description="Servo tick at which it was said.")
 
 
 class SelfCheck(Reply):

@@ -16,12 +16,13 @@ from typing import Any
 from hapticd.config.opening import open_regular
 from hapticd.record.errors import RunFileError
 from hapticd.record.metadata import decode_metadata
-from hapticd.record.stream import END_OF_STREAM, refuse_compressed
+from hapticd.record.stream import END_OF_STREAM, events_of, refuse_compressed
 
 SUFFIX = ".arrow"
 LAST = "@last"
 FAULT = "fault-"
 """How the recorder names the seconds before a fault; ``@last`` means a run."""
+_NOTED = ("note", "marker")
 _LAST = re.compile(r"@last(?:~(\d+))?")
 
 
@@ -34,6 +35,8 @@ class Listed:
         kind: ``run``, ``history``, … as the recorder calls it; None where the file does not say.
         label: what was recorded. rows, duration_s: None where it cannot be read.
         whole: it was ended properly.
+        subject, condition: of its config.
+        notes: notes and markers in it, each with ``after_s``, the time since its first row.
         error: why it cannot be read, in words.
     """
 
@@ -45,6 +48,9 @@ class Listed:
     rows: int | None = None
     duration_s: float | None = None
     whole: bool = False
+    subject: str | None = None
+    condition: str | None = None
+    notes: tuple[dict[str, Any], ...] = ()
     error: str | None = None
 
 
@@ -117,6 +123,19 @@ def listed(path: Path) -> Listed:
         return Listed(path, **known, error=f"no run file: {reason}")
 
 
+def config_of(path: Path) -> dict[str, Any]:
+    """The config in a run file's description; empty where it has none or cannot be read."""
+    import pyarrow as pa
+
+    try:
+        open_regular(path).close()
+        with pa.memory_map(str(path)) as source:
+            found = decode_metadata(pa.ipc.open_stream(source).schema.metadata).get("config")
+    except (pa.ArrowException, OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
 def _described(source: Any) -> dict[str, Any]:
     import pyarrow as pa
 
@@ -125,26 +144,50 @@ def _described(source: Any) -> dict[str, Any]:
     stream = pa.ipc.open_stream(reader)
     metadata = decode_metadata(stream.schema.metadata)
     rows, first, last, whole = 0, None, None, False
+    waiting: list[dict[str, Any]] = []
+    notes: list[dict[str, Any]] = []
     try:
         while True:
             refuse_compressed(view, reader.tell())
-            batch = stream.read_next_batch()
+            batch, said = stream.read_next_batch_with_custom_metadata()
+            waiting += [event for event in events_of(dict(said or {})) if event.get("event") in _NOTED]
             if batch.num_rows:
                 time_s = batch.column("time_s")
-                rows += batch.num_rows
                 first = time_s[0].as_py() if first is None else first
+                notes += _placed(waiting, rows, time_s, first)
+                rows += batch.num_rows
                 last = time_s[-1].as_py()
     except StopIteration:
         whole = view[-len(END_OF_STREAM) :] == END_OF_STREAM
     except (pa.ArrowException, OSError, KeyError, ValueError, struct.error):
         pass  # cut short, or being written: what came before counts
+    notes += [{**event, "after_s": _duration(first, last)} for event in waiting]
+    named = (metadata.get("config") or {}).get("record")
+    named = named if isinstance(named, dict) else {}
     return {
         "kind": _text(metadata.get("kind") or metadata.get("source")),
         "label": _text(metadata.get("label")),
         "rows": rows,
         "duration_s": _duration(first, last),
         "whole": whole,
+        "subject": _text(named.get("subject")),
+        "condition": _text(named.get("condition")),
+        "notes": tuple(notes),
     }
+
+
+def _placed(waiting: list[dict[str, Any]], rows: int, time_s: Any, first: Any) -> list[dict[str, Any]]:
+    """Take those before a row of this batch out of the list, each with the time of that row since the first one."""
+    placed, later = [], []
+    for event in waiting:
+        row = event.get("row")
+        at = row - rows if isinstance(row, int) else 0
+        if at >= len(time_s):
+            later.append(event)
+        else:
+            placed.append({**event, "after_s": _duration(first, time_s[max(at, 0)].as_py())})
+    waiting[:] = later
+    return placed
 
 
 def _duration(first: Any, last: Any) -> float | None:

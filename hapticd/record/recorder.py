@@ -25,7 +25,7 @@ import numpy as np
 from hapticd.record.errors import RecordingError
 from hapticd.record.files import open_new_run
 from hapticd.record.flight import PAST_S
-from hapticd.record.metadata import utc_now
+from hapticd.record.metadata import to_plain, utc_now
 from hapticd.record.schema import FLAG_DROPPED, Rows
 from hapticd.record.writer import RunWriter
 
@@ -34,6 +34,7 @@ SYNC_S = 1.0
 _STALL_S = 1.0
 _LOCK_TIMEOUT_S = 5.0
 _DUMP_ROWS = 4096
+_NOTES_SHOWN = 16
 _MOST_FILES = 100
 """Of one recording: whatever takes them away would go on."""
 
@@ -74,6 +75,7 @@ class Recorder:
         self._dropped_before = 0
         self._dropped_here = 0
         self._last_tick: int | None = None
+        self._notes: tuple[dict[str, Any], ...] = ()
         self._writing_since: float | None = None
         self._lock = threading.Lock()
         self._ending = threading.Event()
@@ -103,7 +105,7 @@ class Recorder:
             self._dropped_before, self._dropped_here = self._dropped(), 0
             self._rows_before += self._rows
             self._last_tick = None
-            self._label, self._files, self._continued = label, 1, None
+            self._label, self._files, self._continued, self._notes = label, 1, None, ()
             self._error, self._rows, self._path, self._state = None, 0, writer.path, "recording"
             self._writer = writer
             return writer.path
@@ -131,6 +133,17 @@ class Recorder:
             if self._writer is not None:
                 self._writer.annotate({"utc": utc_now(), **event})
 
+    def note(self, event: Mapping[str, Any]) -> Path | None:
+        """Keep a note or a marker with the recording, and the newest few for `status`; the file, None where none is on."""
+        with self._exclusive():
+            self._pull()
+            if self._writer is None:
+                return None
+            noted = to_plain({"utc": utc_now(), **event})
+            self._writer.annotate(noted)
+            self._notes = (*self._notes, noted)[-_NOTES_SHOWN:]
+            return self._writer.path
+
     def dump_past(self, label: str) -> Path:
         """Write the last 10 s before now to ``fault-<UTC time>-<label>.arrow``, in the calling thread.
 
@@ -152,8 +165,8 @@ class Recorder:
             ``state`` (``off``, ``recording``, ``failed``), ``path`` (None when off), ``rows`` (in that file, or the last),
             ``rows_total`` and ``dropped_total`` (since the servo loop began), ``dropped`` (of this or the last recording),
             ``stalled_s`` (how long the disk has not answered, s), ``error`` (None or text), ``continued`` (what became of
-            the file that this recording, or the last, was in before, None or text), ``bytes_per_row`` (as written, None
-            before the first).
+            the file that this recording, or the last, was in before, None or text), ``notes`` (the newest of this
+            or the last recording), ``bytes_per_row`` (as written, None before the first).
         """
         since, writer = self._writing_since, self._writer
         ended = not (self._thread.is_alive() or self._ending.is_set())
@@ -168,6 +181,7 @@ class Recorder:
             "stalled_s": 0.0 if since is None else time.monotonic() - since,
             "error": error or self._error,
             "continued": self._continued,
+            "notes": list(self._notes),
             "bytes_per_row": writer.size / writer.rows_written if writer and writer.rows_written else None,
         }
 

@@ -124,7 +124,7 @@ def read_stream(path: Path, data: bytes) -> Stream:
     else:
         for batch, notes in _batches(found, data):
             found.batches.append(batch)
-            found.events += _events(notes)
+            found.events += events_of(notes)
     return found
 
 
@@ -137,7 +137,7 @@ def _take_checked(found: Stream, data: bytes) -> None:
             found.damage.append(Damage(row, first_row))
         total = _number(notes, TOTAL)
         found.batches.append(batch)
-        found.events += _events(notes)
+        found.events += events_of(notes)
         row = first_row + batch.num_rows
     if found.whole and total != row:
         found.damage.append(Damage(row, total if total is not None and total > row else None))
@@ -240,7 +240,8 @@ def _number(notes: Mapping[bytes, bytes], key: bytes) -> int | None:
     return int(text) if text.isdigit() and len(text) < 19 else None
 
 
-def _events(notes: Mapping[bytes, bytes]) -> list[dict[str, Any]]:
+def events_of(notes: Mapping[bytes, bytes]) -> list[dict[str, Any]]:
+    """What a batch's custom metadata says has happened before its rows."""
     return mappings(from_json(notes.get(EVENTS, b"[]").decode(errors="replace")))
 
 

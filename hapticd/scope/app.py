@@ -23,6 +23,7 @@ from starlette.types import ASGIApp
 
 from hapticd.client import Client, DaemonUnreachable, RequestRefused, StoppedUnanswered
 from hapticd.config import Config, ConfigError, parse_config
+from hapticd.config.text import number_or_text
 from hapticd.control.json_reply import JsonReply, error_reply
 from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
@@ -63,7 +64,7 @@ class ScopeServer:
         self.connections = 0
         self._pools = {
             name: ThreadPoolExecutor(workers, thread_name_prefix=f"scope-{name}")
-            for name, workers in (("stop", 2), ("command", 1), ("theory", 1), ("explore", 1), ("file", 1))
+            for name, workers in (("stop", 2), ("command", 1), ("note", 1), ("theory", 1), ("explore", 1), ("file", 1))
         }
 
     def close(self) -> None:
@@ -123,6 +124,16 @@ class ScopeServer:
         """Start or stop recording."""
         body = await fields_of(request, on=bool)
         return await self.on("command", self.client.record_start if body["on"] else self.client.record_stop)
+
+    async def note(self, request: Request) -> Any:
+        """A note in the recording. It sets nothing in motion: no lease is needed."""
+        return await self.on("note", partial(self.client.note, **await fields_of(request, text=str)))
+
+    async def marker(self, request: Request) -> Any:
+        """A marker in the recording; a value that reads as a number is one."""
+        body = await fields_of(request, name=str, value=str)
+        value = number_or_text(body["value"]) if body["value"] else None
+        return await self.on("note", self.client.marker, body["name"], value)
 
     async def take(self, request: Request) -> Any:
         """The controls: take them over, or give them back."""
@@ -191,6 +202,8 @@ def create_app(server: ScopeServer, names: Names) -> ASGIApp:
         "release": (server.release, "command", True),
         "excite": (server.command(client.excite, name=str, force=bool), "command", True),
         "record": (server.record, "command", True),
+        "note": (server.note, "command", False),
+        "marker": (server.marker, "command", False),
         "lease": (server.take, "command", False),
         "quantities": (server.quantities, "look", False),
         "preview": (server.preview, "look", False),

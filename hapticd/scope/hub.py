@@ -131,7 +131,7 @@ class Hub:
             message: dict[str, Any] = {"type": "state", "status": None, "why": None}
             try:
                 message["status"] = status = await self.ask(self.client.status)
-                version = (status["config_digest"], status["origin_counts"])
+                version = (status["config_digest"], status["origin_counts"], status["settings_epoch"])
                 if version != self._version:
                     self.config = await self.ask(self._describe, status["latency_s"])
                     self._version = version

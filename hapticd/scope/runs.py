@@ -63,7 +63,8 @@ def save_run(stream: bytes, label: str) -> bytes:
 
     Args:
         stream: first a description, a JSON object of ``format`` (``arrow`` or ``csv``), ``config`` (of the rows; null
-            where it is not known) and ``model`` (whether a simulation lies over them); then frames; then, with a simulation,
+            where it is not known), ``model`` (whether a simulation lies over them) and ``events`` (notes and markers among
+            them, with the ``row``); then frames; then, with a simulation,
             its positions, a float32 each row, in coarse ticks. Each of them has its length before it.
         label: goes into the metadata.
 
@@ -75,6 +76,7 @@ def save_run(stream: bytes, label: str) -> bytes:
         asked = read_json(first.decode())
         file_format, document, has_model = asked["format"], asked["config"], asked["model"]
         model = np.frombuffer(blocks.pop(), "<f4") if has_model else None
+        events = [_noted(event) for event in asked["events"]]
         parts = [decode(frame) for frame in blocks]
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise RunError(f"cannot save: {error}") from error
@@ -84,11 +86,26 @@ def save_run(stream: bytes, label: str) -> bytes:
     with tempfile.TemporaryDirectory(prefix="hapticd-scope-") as folder:
         path = Path(folder) / "run.arrow"
         with RunWriter(path, {**_metadata(document, parts), "kind": "scope", "label": label}) as writer:
+            for event in events:
+                writer.annotate(event)
             for rows, _ in parts:
                 writer.write(rows)
         if file_format == "csv":
             path = export(_with_model(read_run(path), model, parts), "csv")
         return path.read_bytes()
+
+
+def _noted(event: dict[str, Any]) -> dict[str, Any]:
+    """A note or a marker, without anything that is neither.
+
+    Raises:
+        ValueError, KeyError, TypeError: it is none.
+    """
+    texts = ("text",) if event["event"] == "note" else ("name", "value")
+    kept = {name: event.get(name) for name in ("event", "utc", "row", "tick", *texts)}
+    if event["event"] not in ("note", "marker") or not isinstance(kept["row"], int):
+        raise ValueError("an event is neither a note nor a marker at a row")
+    return kept
 
 
 def _metadata(document: dict[str, Any] | None, parts: Sequence[tuple[Rows, Context]]) -> dict[str, Any]:

@@ -61,7 +61,7 @@ STREAM_TYPE = "application/vnd.hapticd.frames"
 _MOVE_S = 1.0
 
 
-THREADS: Final[dict[Queue, int]] = {"query": 2, "command": 1}
+THREADS: Final[dict[Queue, int]] = {"query": 2, "command": 1, "note": 1}
 """Of each queue of requests."""
 _READY_S = 5.0
 
@@ -150,7 +150,7 @@ def _answering(
                 if endpoint.asks_trust:
                     given["trusted"] = caller is not None and caller.is_own_user
                 method = partial(getattr(control, endpoint.name), **given)
-                if endpoint.queue != "query":
+                if endpoint.queue == "command":
                     method = partial(_carry_out, endpoint, caller, method, arrival.command)
                 result = await asyncio.get_running_loop().run_in_executor(pool, method)
         except replies.ANSWERS:

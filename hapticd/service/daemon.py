@@ -265,6 +265,22 @@ class Daemon(Endpoints):
                 raise Refused("recording", "nothing is being recorded")
             return {**self.rig.recorder.status(), "path": str(path)}
 
+    def note(self, text: str) -> JsonDict:
+        """A note in the running recording."""
+        return self._noted({"event": "note", "text": text})
+
+    def marker(self, name: str, value: Any = None) -> JsonDict:
+        """A marker in the running recording."""
+        return self._noted({"event": "marker", "name": name, "value": value})
+
+    def _noted(self, event: JsonDict) -> JsonDict:
+        rig = self.rig
+        tick = rig.core.load(atomics.TICKS) + rig.core.load(atomics.MISSED_PERIODS)
+        path = rig.recorder.note({**event, "tick": tick})
+        if path is None:
+            raise Refused("recording", "nothing is being recorded; 'hapticd record start' begins a recording")
+        return {"path": str(path), "event": event["event"], "tick": tick}
+
     def reload(
         self, path: str | None = None, force: bool = False, *, trusted: bool = True, command: Command | None = None
     ) -> JsonDict:

@@ -135,7 +135,15 @@ class FakeControl(Endpoints):
                     for name in ("stored", "stored_at_start", "dissipated", "generated", "settings", "unexplained")
                 },
             },
-            "recorder": {"path": None, "rows": 0, "dropped": 0, "state": "off", "error": None, "continued": None},
+            "recorder": {
+                "path": None,
+                "rows": 0,
+                "dropped": 0,
+                "state": "off",
+                "error": None,
+                "continued": None,
+                "notes": [],
+            },
             "self_check": [],
             "experiment": self.job,
         }
@@ -224,6 +232,14 @@ class FakeControl(Endpoints):
     def record_stop(self) -> JsonDict:
         self._enter("record_stop")
         raise Refused("recording", "nothing is being recorded")
+
+    def note(self, text: str) -> JsonDict:
+        self._enter("note", text)
+        return {"path": "/r/run.arrow", "event": "note", "tick": 7}
+
+    def marker(self, name: str, value: Any = None) -> JsonDict:
+        self._enter("marker", name, value)
+        return {"path": "/r/run.arrow", "event": "marker", "tick": 8}
 
     def reload(
         self, path: str | None = None, force: bool = False, *, trusted: bool = False, command: Command | None = None

@@ -47,6 +47,8 @@ def test_every_endpoint_reaches_its_method_with_its_arguments(client: Client, co
     client.excite()
     client.record_start("/r/a.arrow")
     client.record_start()
+    client.note("sweating")
+    client.marker("stimulus", 3)
     client.reload()
     client.start(force=True)
     client.set({"spring.stiffness": 1}, force=True)
@@ -64,6 +66,8 @@ def test_every_endpoint_reaches_its_method_with_its_arguments(client: Client, co
         ("excite", "all", {}),
         ("record_start", "/r/a.arrow", "trusted"),
         ("record_start", None, "trusted"),
+        ("note", "sweating"),
+        ("marker", "stimulus", 3),
         ("reload", None),
         ("start", "force"),
         ("set", {"spring.stiffness": 1}, "force"),

@@ -48,6 +48,8 @@ def test_every_endpoint_is_there(document: dict[str, Any]) -> None:
         "POST /excite",
         "POST /record/start",
         "POST /record/stop",
+        "POST /note",
+        "POST /marker",
         "POST /reload",
     }
 

@@ -4,6 +4,7 @@
 import { byId, say } from "./dom.js";
 import { decodeStream } from "./frames.js";
 import { request } from "./link.js";
+import { eventsOf, marksOf } from "./notes.js";
 import { describe, makeSource } from "./source.js";
 import { SMALLEST, Store } from "./store.js";
 
@@ -32,7 +33,7 @@ async function save(format, view, release) {
     if (tick !== source.store.tick[begin & source.store.mask]) throw new Error("the rows are gone meanwhile; hold the trace and save again");
   }
   const model = format === "csv" ? modelOf(source.store, begin, end) : null;
-  const description = new TextEncoder().encode(JSON.stringify({ format, config: source.config, model: Boolean(model) }));
+  const description = new TextEncoder().encode(JSON.stringify({ format, config: source.config, model: Boolean(model), events: eventsOf(source.marks, source.store, begin, end) }));
   const parts = [...prefixed(description), ...source.store.frames(begin, end), ...(model ? prefixed(new Uint8Array(model.buffer)) : [])];
   const reply = await request("save", new Blob(parts), { type: "application/vnd.hapticd.frames" });
   download(await reply.blob(), `scope-${stamp()}.${format}`);
@@ -69,6 +70,7 @@ async function openRun(file) {
   const source = makeSource(file.name, new Store(Math.max(SMALLEST, 2 ** Math.ceil(Math.log2(Math.max(rows, 1))))));
   describe(source, description.view);
   for (const frame of frames) source.store.append(frame);
+  source.marks = marksOf(description.events, source.store);
   return { source, description };
 }
 

@@ -4,8 +4,8 @@
 import { byId } from "./dom.js";
 import { togglePanel } from "./panels.js";
 
-/** @param {import("./view.js").View} view @param {import("./triggerbar.js").TriggerBar} bar */
-export function connectKeys(view, bar) {
+/** @param {import("./view.js").View} view @param {import("./triggerbar.js").TriggerBar} bar @param {() => void} mark */
+export function connectKeys(view, bar, mark) {
   const { trace } = view;
   const middle = () => trace.view[0] + trace.zero + view.windowS / 2;
   const here = () => (Number.isFinite(trace.hover) ? trace.hover : middle());
@@ -28,6 +28,7 @@ export function connectKeys(view, bar) {
     "{": () => move("b", -1),
     "}": () => move("b", 1),
     t: () => bar.single(),
+    m: mark,
     "?": () => togglePanel("keys"),
   };
   document.addEventListener("keydown", (event) => {

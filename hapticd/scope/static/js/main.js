@@ -12,6 +12,7 @@ import { connectKeys } from "./keys.js";
 import { LOOK } from "./lane.js";
 import { follow } from "./link.js";
 import { Measure } from "./measure.js";
+import { Notes } from "./notes.js";
 import { togglePanel } from "./panels.js";
 import { Field, withdrawAll } from "./quantity.js";
 import { withdrawQuestions } from "./refusal.js";
@@ -57,6 +58,7 @@ const release = new Release(view, fields, (begin, end) => {
   showLane("residual");
   xy.remember(begin, end);
 });
+const notes = new Notes(live);
 const capture = new Capture(live, (row) => (view.faultRow = row));
 const measure = new Measure();
 view.changed = () => theory.show();
@@ -96,6 +98,7 @@ function takeConfig(message) {
   if (String(before) !== String([live.scales.resolution, live.units.position])) trace.rename();
   theory.configured();
   controls.confirm(message.config, live.units.position === "m");
+  notes.configured(message.config);
   const names = byId("excite-name");
   if (!names.children.length) names.append(...message.excitations.map((/** @type {string} */ name) => make("option", {}, name)));
 }
@@ -112,6 +115,7 @@ function showState(why) {
   if (!status) return;
   showHealth(status, live.store);
   release.look(status);
+  notes.take(status.recorder);
   const { experiment } = status;
   const running = experiment && experiment.state === "running";
   say("experiment", running ? `${experiment.kind}, ${Math.round(100 * experiment.progress)} %` : "");
@@ -127,6 +131,7 @@ function showLease(lease) {
   take.hidden = !lease.may;
   take.textContent = said.mine ? "Give back" : lease.free ? "Take" : "Take over";
   for (const each of document.querySelectorAll("fieldset.commands")) /** @type {HTMLFieldSetElement} */ (each).disabled = !said.mine;
+  for (const each of document.querySelectorAll("fieldset.may")) /** @type {HTMLFieldSetElement} */ (each).disabled = !lease.may;
   for (const id of ["stop", "estop"]) byId(id, HTMLButtonElement).disabled = !lease.may;
 }
 
@@ -197,6 +202,7 @@ function tell() {
   tellValues();
   if (!byId("tab-measure").hidden) tellMeasures();
   document.body.dataset.fps = String(Math.round(((looked.frames - looked.drawn) * 1000) / TELL_MS));
+  document.body.dataset.marks = String(view.source.marks.length);
   document.body.dataset.captured = String(live.store.head);
   looked.drawn = looked.frames;
 }
@@ -250,7 +256,7 @@ for (const id of ["stop", "estop"]) byId(id).addEventListener("click", withdraw)
 window.addEventListener("keydown", (event) => event.key === "Escape" && withdraw(), true);
 connectCommands(view, () => ({ recording: Boolean(said.status?.recorder.path), mine: said.mine }), showLease);
 connectFiles(view, release);
-connectKeys(view, bar);
+connectKeys(view, bar, () => notes.mark());
 if (narrow.matches) showOnly("position");
 else showLanes();
 byId("more").addEventListener("click", () => {

@@ -13,6 +13,7 @@ import { Store } from "./store.js";
  * @property {{resolution: number, raw_resolution: number, decimation: number, period_s: number}} scales
  * @property {any} config null where it is not known
  * @property {import("./plane.js").PlaneData | null} plane
+ * @property {import("./notes.js").Mark[]} marks notes and markers
  */
 
 /** @param {string} name @param {Store} store @returns {Source} */
@@ -24,6 +25,7 @@ export function makeSource(name, store) {
     scales: { resolution: 1, raw_resolution: 1, decimation: 1, period_s: 1e-3 },
     config: null,
     plane: null,
+    marks: [],
   };
 }
 

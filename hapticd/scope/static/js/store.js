@@ -99,6 +99,20 @@ export class Store {
     return low;
   }
 
+  /** The row of a servo tick of the loop at hand, or the first after it where it has none; −1: it is not here (yet). @param {number} tick */
+  rowOfTick(tick) {
+    const restarts = this.gaps.filter((gap) => gap.kind === "restart");
+    let low = Math.max(this.first, ...restarts.map((gap) => gap.row));
+    let high = this.head;
+    if (low >= high || tick < this.tick[low & this.mask] || tick > this.tick[(high - 1) & this.mask]) return -1;
+    while (low < high) {
+      const middle = Math.floor((low + high) / 2);
+      if (this.tick[middle & this.mask] < tick) low = middle + 1;
+      else high = middle;
+    }
+    return low;
+  }
+
   /**
    * Take a frame's rows.
    * @param {import("./frames.js").Frame} frame

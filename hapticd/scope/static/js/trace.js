@@ -7,6 +7,11 @@ import { AXIS_PX, Lane, colour, colours } from "./lane.js";
 /** @typedef {import("./store.js").Store} Store */
 /** @typedef {import("./lane.js").LaneSpec} LaneSpec */
 
+const LONGEST_LABEL = 24;
+
+/** @param {string} words */
+const brief = (words) => (words.length > LONGEST_LABEL ? `${words.slice(0, LONGEST_LABEL - 1)}…` : words);
+
 export class Trace {
   /**
    * @param {LaneSpec[]} specs
@@ -25,6 +30,7 @@ export class Trace {
     /** @type {{lane: string, y1: number, y2: number}} */
     this.values = { lane: "position", y1: NaN, y2: NaN };
     /** @type {import("./store.js").Gap[]} */ this.gaps = [];
+    /** @type {import("./notes.js").Mark[]} */ this.marks = [];
     /** @type {Store | null} */ this.store = null;
     this.triggerTime = NaN;
     /** @type {{lane: string, level: number} | null} */
@@ -150,6 +156,7 @@ export class Trace {
         ctx.fillRect(from, bbox.top, Math.max(to - from, 2 * devicePixelRatio), 3 * devicePixelRatio);
       }
     }
+    for (const { time, words } of this.marks) vertical(time - this.zero, colour("--ink-2"), [1, 3], lane === this.lanes[0] ? brief(words) : "");
     vertical(this.triggerTime - this.zero, colour("--trigger"), [2, 3], "T");
     if (this.level && this.level.lane === lane.spec.id) horizontal(this.level.level, colour("--trigger"), [2, 3]);
     vertical(this.cursors.a - this.zero, colour("--ink"), [], "A");

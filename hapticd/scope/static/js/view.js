@@ -166,6 +166,7 @@ export class View {
     if (this.faultRow >= 0 && !this.held && this.newest() >= store.timeAt(this.faultRow) + AFTER_FAULT_S) this.freeze();
     if (this.held) this.keep();
     const [left, right, zero] = this.span();
+    trace.marks = this.source.marks;
     const { begin, end } = trace.draw(this.store, left, right, zero);
     return end - begin;
   }
