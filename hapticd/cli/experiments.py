@@ -32,6 +32,8 @@ NameArgument = Annotated[
     ),
 ]
 
+SequenceArgument = Annotated[Path, typer.Argument(metavar="FILE", help="A list of settings, one release each (YAML).")]
+
 
 @command(
     "hapticd release --deflection 20.3",
@@ -107,6 +109,39 @@ def _excite(
     with settings_for_a_while(client, experiment.settings, force):
         begin = partial(client.excite, experiment.excitation, force=force, **experiment.plan())
         return _follow(client, experiment.excitation, begin, no_wait, _text, out)
+
+
+@command(
+    "hapticd sequence stiffness.yaml",
+    "hapticd sequence stiffness.yaml --json",
+    codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
+    endpoint=Endpoints.sequence,
+)
+def _sequence(
+    file: SequenceArgument,
+    no_wait: bool = False,
+    force: ForceOption = False,
+    socket: SocketOption = None,
+) -> int:
+    """Ctrl-C stops the sequence and the rendering.
+
+    FILE is YAML: name, deflection (ticks, or text with a unit), duration_s, repeat, and steps, a list of mappings of dotted
+    live keys, each of which may have a deflection and a duration_s of its own. 'hapticd runs --where sequence=NAME' lists
+    its recordings.
+
+    Args:
+        no_wait: Return as soon as the first step has begun.
+    """
+    from hapticd.config import parse_config
+    from hapticd.config.reading import read_text
+    from hapticd.servo.sequence import read_sequence
+
+    sequence = read_sequence(read_text(file, str(file)), str(file))
+    client = connect(socket)
+    fields = sequence.request(parse_config(client.config(), "the daemon's config"))
+    return _follow(
+        client, "sequence", partial(client.sequence, **fields, force=force), no_wait, describe_sequence, None
+    )
 
 
 def _in_ticks(deflection: str, client: Client) -> float:
@@ -255,6 +290,21 @@ def describe_release(answer: dict[str, Any]) -> str:
         lines.append(f"copied to    {copy}")
     if answer.get("state", "done") != "done":
         lines.append(f"experiment   {answer['experiment']} {answer['state']}")
+    return guarded("\n".join(lines), answer)
+
+
+def describe_sequence(answer: dict[str, Any]) -> str:
+    """A sequence: a line for each release, and what ended it before its last one."""
+    found = answer.get("result") or {}
+    lines = [f"sequence {answer['sequence']}: {len(found.get('runs', ()))} of {answer['steps']} releases"]
+    for number_of, run in enumerate(found.get("runs", ()), 1):
+        settings = " ".join(f"{key}={value}" for key, value in run["settings"].items())
+        outcome = "held by friction" if run["held_by_friction"] else run["outcome"] or "-"
+        deflection = f"{number(run['achieved_deflection'], 6)} ticks"
+        lines.append(f"{number_of:4}  {deflection:>14}  {outcome:16}  {Path(run['run']).name}  {settings}".rstrip())
+    lines += [f"{key}  {found[key]}" for key in ("fault", "error") if found.get(key)]
+    if answer.get("state", "done") != "done":
+        lines.append(f"experiment {answer['experiment']} {answer['state']}")
     return guarded("\n".join(lines), answer)
 
 

@@ -49,8 +49,8 @@ def runs(
 
     Args:
         where (--where CONDITION): Only recordings for which this holds; repeatable, all have to. KEY=VALUE, or != < <= > >=,
-            or ~ (contains). KEY is file, kind, label, subject, condition, rows, duration_s, size, whole, note, or a dotted
-            key of the config that the run was made with, such as spring.stiffness; numbers are in SI units.
+            or ~ (contains). KEY is file, kind, label, subject, condition, sequence, rows, duration_s, size, whole, note, or
+            a dotted key of the config that the run was made with, such as spring.stiffness; numbers are in SI units.
         limit (-n, --number N): How many to list, the newest first.
         show_all (--all): List all of them.
     """

@@ -15,7 +15,18 @@ from typing import Annotated, Any, Final, Literal, ParamSpec, TypeVar, cast
 
 from annotated_types import Ge, Le, Len
 
-from hapticd.control.fields import LONGEST_NOTE, Force, PathText, Positive, Rule, Seconds, Setting, absolute
+from hapticd.control.fields import (
+    LONGEST_NOTE,
+    STEPS,
+    Force,
+    PathText,
+    Positive,
+    Rule,
+    Seconds,
+    Setting,
+    absolute,
+    release_steps,
+)
 
 JsonDict = dict[str, Any]
 Queue = Literal["query", "command", "note", "stop", "estop"]
@@ -305,6 +316,30 @@ class Endpoints:
         Raises:
             ExcitationError: unknown name, or beyond a limit of the config.
             Refused: not in a state that allows it, or another experiment is running.
+        """
+
+    @endpoint("POST", "/sequence", "SequenceReply", device=True, motion_s=PREPARED_MOTION_S)
+    def sequence(
+        self,
+        steps: Annotated[
+            list[dict[str, Any]],
+            Len(1, 500),
+            Rule(release_steps, STEPS),
+            "Releases in order, each an object: deflection (coarse ticks of its own settings), settings (dotted live keys; "
+            "default none) and duration_s (default: enough).",
+        ],
+        name: Annotated[str, Len(1, 200), "Of the experiment; in every run of it."] = "sequence",
+        force: Force = False,
+    ) -> JsonDict:
+        """Release the shaft once under each of a list of settings, as one experiment.
+
+        Each step's settings are beside what was in force before, which comes back at the end. All steps are judged before
+        the first one begins; each waits until the shaft is at rest, and is a run file of its own. A stop, a fault or a shaft
+        that does not come to rest ends the whole of it.
+
+        Raises:
+            ConfigError: a setting is wrong.
+            Refused: not in a state that allows it, another experiment is running, or theory refuses a step.
         """
 
     @endpoint("POST", "/record/start", "RecorderStatus", asks_trust=True)

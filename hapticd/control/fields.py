@@ -53,6 +53,46 @@ def absolute(path: str | None) -> str | None:
     return path
 
 
+def release_steps(steps: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Steps of a sequence: their form; what their settings mean is the daemon's to say."""
+    for number, step in enumerate(steps, 1):
+        if unknown := step.keys() - {"settings", "deflection", "duration_s"}:
+            raise ValueError(
+                f"step {number}: unknown field {min(unknown)}; there are deflection, settings and duration_s"
+            )
+        if not _is_within(step.get("deflection"), -1e9, 1e9):
+            raise ValueError(f"step {number}: deflection should be a number of coarse ticks")
+        duration_s = step.get("duration_s")
+        if duration_s is not None and not (_is_within(duration_s, 0.0, LONGEST_DURATION_S) and duration_s > 0.0):
+            raise ValueError(f"step {number}: duration_s should be above 0 and at most {LONGEST_DURATION_S:g} s")
+        settings = step.get("settings") or {}
+        if not isinstance(settings, dict):
+            raise ValueError(f"step {number}: settings should be an object of dotted keys")
+        for value in settings.values():
+            _scalar(value)
+    return steps
+
+
+def _is_within(value: Any, low: float, high: float) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and low <= value <= high
+
+
+STEPS: Final[dict[str, Any]] = {
+    "type": "array",
+    "minItems": 1,
+    "maxItems": 500,
+    "items": {
+        "type": "object",
+        "properties": {
+            "deflection": {"type": "number"},
+            "settings": {"type": "object"},
+            "duration_s": {"type": "number", "exclusiveMinimum": 0, "maximum": LONGEST_DURATION_S},
+        },
+        "required": ["deflection"],
+        "additionalProperties": False,
+    },
+}
+
 _SCALARS: Final = {"anyOf": [{"type": name} for name in ("boolean", "integer", "number", "string", "null")]}
 Setting = Annotated[Any, Rule(_scalar, _SCALARS)]
 PathText = Annotated[str, Len(1, 4096)]

@@ -174,7 +174,7 @@ class Experiment(Reply):
     """The newest experiment."""
 
     id: int = Field(description="Number of the experiment, 0 when there was none.")
-    kind: str | None = Field(description="release, or the name of an excitation.")
+    kind: str | None = Field(description="release, sequence, or the name of an excitation.")
     state: Literal["idle", "running", "done", "aborted"]
     progress: float = Field(ge=0, le=1)
     result: dict[str, Any] | None
@@ -282,3 +282,10 @@ class ReleaseReply(JobReply):
     soft_start_s: float = Field(
         description="0: a release begins with the whole force, whatever safety.soft_start_s says."
     )
+
+
+class SequenceReply(JobReply):
+    """A sequence has started; ``run`` is that of its first step."""
+
+    sequence: str = Field(description="Its name.")
+    steps: int = Field(description="How many releases.")

@@ -36,6 +36,7 @@ class Listed:
         label: what was recorded. rows, duration_s: None where it cannot be read.
         whole: it was ended properly.
         subject, condition: of its config.
+        sequence: of which it is a step: its name.
         notes: notes and markers in it, each with ``after_s``, the time since its first row.
         error: why it cannot be read, in words.
     """
@@ -50,6 +51,7 @@ class Listed:
     whole: bool = False
     subject: str | None = None
     condition: str | None = None
+    sequence: str | None = None
     notes: tuple[dict[str, Any], ...] = ()
     error: str | None = None
 
@@ -162,6 +164,7 @@ def _described(source: Any) -> dict[str, Any]:
     except (pa.ArrowException, OSError, KeyError, ValueError, struct.error):
         pass  # cut short, or being written: what came before counts
     notes += [{**event, "after_s": _duration(first, last)} for event in waiting]
+    sequence = metadata.get("sequence")
     named = (metadata.get("config") or {}).get("record")
     named = named if isinstance(named, dict) else {}
     return {
@@ -172,6 +175,7 @@ def _described(source: Any) -> dict[str, Any]:
         "whole": whole,
         "subject": _text(named.get("subject")),
         "condition": _text(named.get("condition")),
+        "sequence": _text(sequence.get("name")) if isinstance(sequence, dict) else None,
         "notes": tuple(notes),
     }
 

@@ -67,7 +67,7 @@ class Recorder:
         self._path: Path | None = None
         self._state = "off"
         self._error: str | None = None
-        self._label = ""
+        self._label, self._more = "", dict[str, Any]()
         self._files = 0
         self._continued: str | None = None
         self._rows = 0
@@ -86,16 +86,18 @@ class Recorder:
         self._syncing = threading.Thread(target=self._sync, name="hapticd-sync", daemon=True)
         self._syncing.start()
 
-    def start(self, path: str | Path | None = None, label: str = "") -> Path:
+    def start(self, path: str | Path | None = None, label: str = "", more: Mapping[str, Any] | None = None) -> Path:
         """Begin a recording; its first row is the first that the ring gives from now on.
 
         Args:
             path: the file to create, which must not exist, in a folder that does; None names one in the run directory.
             label: goes into the metadata and into a name made here.
+            more: further metadata.
 
         Raises:
             RecordingError: a recording is on, or the file or its folder cannot be made.
         """
+        self._more = dict(more or {})
         described = self._described("run", label)
         with self._exclusive():
             if self._writer is not None:
@@ -203,7 +205,7 @@ class Recorder:
             self._syncing.join(_LOCK_TIMEOUT_S)
 
     def _described(self, kind: str, label: str) -> dict[str, Any]:
-        return {**self._metadata(), "kind": kind, "label": label}
+        return {**self._metadata(), **(self._more if kind == "run" else {}), "kind": kind, "label": label}
 
     @contextlib.contextmanager
     def _exclusive(self) -> Iterator[None]:

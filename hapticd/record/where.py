@@ -13,7 +13,19 @@ from hapticd.config.keys import leaf_fields
 from hapticd.config.nearest import nearest_name
 from hapticd.record.listing import Listed, config_of
 
-FIELDS: Final = ("file", "kind", "label", "subject", "condition", "rows", "duration_s", "size", "whole", "note")
+FIELDS: Final = (
+    "file",
+    "kind",
+    "label",
+    "subject",
+    "condition",
+    "sequence",
+    "rows",
+    "duration_s",
+    "size",
+    "whole",
+    "note",
+)
 """Of a recording, beside the dotted keys of its config."""
 _FORM = re.compile(r"\s*([\w.]+)\s*(!=|<=|>=|=|<|>|~)\s*(.*?)\s*", re.DOTALL)
 _ORDER: Final[Mapping[str, Callable[[float, float], bool]]] = {

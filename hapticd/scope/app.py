@@ -24,6 +24,7 @@ from starlette.types import ASGIApp
 from hapticd.client import Client, DaemonUnreachable, RequestRefused, StoppedUnanswered
 from hapticd.config import Config, ConfigError, parse_config
 from hapticd.config.text import number_or_text
+from hapticd.config.units import UnitError
 from hapticd.control.json_reply import JsonReply, error_reply
 from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
@@ -37,6 +38,7 @@ from hapticd.scope.quantities import read_quantities, read_settings
 from hapticd.scope.runs import RunError
 from hapticd.scope.sockets import Sockets
 from hapticd.scope.strangers import has_token
+from hapticd.servo.sequence import read_sequence
 
 FOLDER = Path(__file__).parent
 STATIC = FOLDER / "static"
@@ -111,6 +113,12 @@ class ScopeServer:
         except RequestRefused as refused:
             refused.choice = in_asked_unit(refused.choice, body["deflection"], config)
             raise
+
+    async def sequence(self, request: Request) -> Any:
+        """Releases under a list of settings, as a file of `hapticd sequence` says them."""
+        body = await fields_of(request, text=str, force=bool)
+        fields = read_sequence(body["text"], "the sequence").request(self._parsed())
+        return await self.on("command", partial(self.client.sequence, **fields, force=body["force"]))
 
     async def quantities(self, request: Request) -> Any:
         """What was typed, as numbers of the units beside the fields."""
@@ -200,6 +208,7 @@ def create_app(server: ScopeServer, names: Names) -> ASGIApp:
         "clear": (server.command(client.clear), "command", True),
         "set": (server.set, "command", True),
         "release": (server.release, "command", True),
+        "sequence": (server.sequence, "command", True),
         "excite": (server.command(client.excite, name=str, force=bool), "command", True),
         "record": (server.record, "command", True),
         "note": (server.note, "command", False),
@@ -256,6 +265,8 @@ def _endpoint(server: ScopeServer, handler: Callable[[Request], Awaitable[Any]],
             result = {"state": stopped.state, "unanswered": str(stopped)}
         except DaemonUnreachable as error:
             return error_reply(502, "unreachable", str(error))
+        except UnitError as error:
+            return error_reply(422, "quantity", str(error))
         except ConfigError as error:
             problems = [asdict(problem) for problem in error.problems]
             return error_reply(422, "config", str(error), problems=problems)

@@ -244,6 +244,15 @@ class Daemon(Endpoints):
             command.refuse()
             return self._experiments.excite(command, name, given, force)
 
+    def sequence(
+        self, steps: list[JsonDict], name: str = "sequence", force: bool = False, *, command: Command | None = None
+    ) -> JsonDict:
+        """Releases with settings of their own, one after another."""
+        command = command or self.authority.arrived(PREPARED_MOTION_S)
+        with self._lock:
+            command.refuse()
+            return self._experiments.sequence(command, steps, name, force)
+
     def experiment(self) -> JsonDict:
         """The newest experiment."""
         return self._experiments.report()
@@ -374,6 +383,7 @@ class Daemon(Endpoints):
                 "restart_needed",
                 f"{', '.join(fixed)}: cannot change while the daemon runs; edit the config and restart",
             )
+        self._experiments.refuse_sequence()
         if changed.keys() & {"servo.rate_hz", "encoder.decimation", "spring.origin"}:
             self._experiments.refuse_running()
         if "servo.rate_hz" in changed and (reason := self.rig.driver.check_rate(config.servo.rate_hz)):

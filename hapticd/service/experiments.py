@@ -1,31 +1,34 @@
-"""Experiments as jobs: ``release`` (Fig. 8) and ``excite``. One at a time, in a thread of its own, always recorded.
+"""Experiments as jobs: ``release`` (Fig. 8), ``excite`` and sequences of releases.
 
-An experiment starts from rest and ends with the motor off. What it found is computed from its own recording, that is from
-what the encoder saw, not from the model.
+One at a time, in a thread of its own, always recorded. An experiment starts from rest and ends with the motor off. What it
+found is computed from its own recording, that is from what the encoder saw, not from the model.
 """
 
 from __future__ import annotations
 
-import itertools
 import logging
-import threading
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hapticd.record import read_run
-from hapticd.record.schema import FLAG_RUNNING
+from hapticd.service import sequences
 from hapticd.service.background import Background
+from hapticd.service.jobs import (
+    RELEASE_DURATION_S,
+    Experiment,
+    refuse_deflection,
+    release_result,
+    wait_for_rest,
+    wait_out,
+)
 from hapticd.service.refusals import Refused
-from hapticd.servo import atomics, excitation, faults, layout
+from hapticd.servo import atomics, excitation, faults
 from hapticd.stability.numbers import from_config
-from hapticd.stability.outcome import STRETCHES, decide
 from hapticd.stability.storage import equivalent_deflection
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -37,42 +40,6 @@ if TYPE_CHECKING:
 
 
 log = logging.getLogger(__name__)
-
-REST_S = 0.2
-REST_TIMEOUT_S = 5.0
-RELEASE_DURATION_S = 3.0
-_POLL_S = 0.02
-_RUNAWAY = (faults.OVER_SPEED, faults.EXCURSION, faults.OVER_CURRENT, faults.ENCODER_JUMP)
-
-
-class Experiment:
-    """One running or finished experiment."""
-
-    _numbers = itertools.count(1)
-
-    def __init__(self, kind: str, duration_s: float) -> None:
-        self.id = next(self._numbers)
-        self.kind = kind
-        self.duration_s = duration_s
-        self.state = "running"
-        self.result: dict[str, Any] | None = None
-        self.cancelled = threading.Event()
-        self.ended = threading.Event()
-        self._began = time.monotonic()
-
-    def begin(self) -> None:
-        """The spring is rendered from now on."""
-        self._began = time.monotonic()
-
-    def elapsed_s(self) -> float:
-        """Since :meth:`begin`."""
-        return time.monotonic() - self._began
-
-    def report(self) -> dict[str, Any]:
-        """``id``, ``kind``, ``state``, ``progress`` and ``result``."""
-        progress = min(0.99, self.elapsed_s() / self.duration_s) if self.state == "running" else 1.0
-        return {"id": self.id, "kind": self.kind, "state": self.state, "progress": progress, "result": self.result}
-
 
 IDLE = {"id": 0, "kind": None, "state": "idle", "progress": 0.0, "result": None}
 
@@ -90,6 +57,7 @@ class Experiments:
 
     def __init__(self, rendering: Rendering, faults: FaultManager) -> None:
         self._rendering, self._faults = rendering, faults
+        self._sequences = sequences.Sequences(rendering, faults)
         self._newest: Experiment | None = None
         self._background = Background("hapticd-experiment")
 
@@ -178,6 +146,34 @@ class Experiments:
         with rig.origin_at(counts):
             return self._launch(experiment, f"excite-{name}", command, finished, conclude, **played)
 
+    def sequence(self, command: Command, steps: Sequence[Mapping[str, Any]], name: str, force: bool) -> dict[str, Any]:
+        """Releases, one after another, each with settings of its own; any stop or fault ends all of them."""
+        rig = self._rendering.rig
+        self._faults.refuse()
+        self.refuse_running()
+        running = sequences.Running(name, sequences.plan(rig, steps))
+        self._sequences.admit(running.steps, force)
+        self._rendering.switch_off()
+        before = rig.config
+        try:
+            path = self._sequences.begin(running, command, force)
+        except BaseException:
+            sequences.restore(rig, before)
+            raise
+        self._newest = running
+        self._background.ask(lambda: self._sequences.go_on(running, rig, command, path, before, force))
+        job = {"experiment": running.id, "duration_s": running.duration_s, "run": str(path), "guard": rig.guard}
+        return {**job, "sequence": name, "steps": len(running.steps)}
+
+    def refuse_sequence(self) -> None:
+        """Refuse while a sequence runs: its settings are its own.
+
+        Raises:
+            Refused: with its number.
+        """
+        if isinstance(self._newest, sequences.Running):
+            self.refuse_running()
+
     def _launch(
         self,
         experiment: Experiment,
@@ -221,43 +217,6 @@ def excited_deflection(config: Config, table: NDArray[np.float64]) -> float:
     return min(way, float(equivalent_deflection(fastest, from_config(config).mu)))
 
 
-def refuse_deflection(config: Config, counts: int) -> None:
-    """Refuse a release from farther than the shaft may go.
-
-    Args:
-        config: the configuration in force.
-        counts: the deflection in raw counts.
-
-    Raises:
-        Refused: with the limit.
-    """
-    limit, unit = config.safety.max_excursion, "m" if config.is_linear else "rad"
-    asked = abs(counts) * config.raw_resolution
-    if limit and asked > limit:
-        raise Refused(
-            "excursion", f"a deflection of {asked:.4g} {unit} is beyond safety.max_excursion = {limit:g} {unit}"
-        )
-
-
-def wait_for_rest(rig: Rig, command: Command, timeout_s: float = REST_TIMEOUT_S) -> int:
-    """Counts of a shaft that has not moved for 0.2 s.
-
-    Raises:
-        Refused: it keeps moving. Withdrawn: nobody wants to know any more.
-    """
-    deadline = time.monotonic() + timeout_s
-    last, since = rig.counts, time.monotonic()
-    while time.monotonic() < deadline:
-        time.sleep(_POLL_S)
-        command.refuse()
-        counts = rig.counts
-        if counts != last:
-            last, since = counts, time.monotonic()
-        elif time.monotonic() - since >= REST_S:
-            return counts
-    raise Refused("moving", f"the shaft has not come to rest within {timeout_s:g} s; hold it still and try again")
-
-
 def run_job(
     experiment: Experiment,
     command: Command,
@@ -268,15 +227,7 @@ def run_job(
 ) -> None:
     """Wait for the end (or a fault, or a stop), switch off, close the recording, and work out the result."""
     try:
-        while not (finished() or rig.state != layout.RUNNING or command.is_revoked()):
-            if experiment.cancelled.wait(_POLL_S):
-                break
-        faulted = rig.state == layout.FAULT
-        ended_early = not finished()
-        rig.switch_off()
-        rig.wait(lambda: rig.state in (layout.OFF, layout.FAULT), 1.0)
-        rig.wait_ticks(2)
-        rig.recorder.stop()
+        ended_early, faulted = wait_out(experiment, command, rig, finished)
         result = {"run": str(path), **conclude(path)}
         if faulted:
             number = rig.fault_number
@@ -289,62 +240,3 @@ def run_job(
         experiment.state = "aborted"
     finally:
         experiment.ended.set()
-
-
-def release_result(path: Path, decimation: int, origin_counts: int, fault_number: int) -> dict[str, Any]:
-    """What a release did, from its recording.
-
-    Returns:
-        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``; None: a trip of the limits came
-        before it could be told), ``held_by_friction`` (it never moved by a raw count), ``final`` position in coarse ticks
-        (true to one raw count), ``rest`` (after how many periods and s, None while moving) and ``oscillation`` of the last
-        quarter (peak to peak in ticks and raw counts, frequency in Hz).
-    """
-    run = read_run(path)
-    running = (run.columns["flags"] & FLAG_RUNNING) != 0
-    counts = run.columns["encoder_counts"][running]
-    tick = run.columns["tick"][running]
-    time_s = run.columns["time_s"][running]
-    if len(counts) < 4:
-        return {"outcome": None, "held_by_friction": None, "final": None, "rest": None, "oscillation": None}
-    xi = (counts - origin_counts + 0.5) / decimation
-    moving = np.flatnonzero(np.diff(counts) != 0)
-    last_move = int(moving[-1]) + 1 if len(moving) else 0
-    at_rest = time_s[-1] - time_s[last_move] >= max(REST_S, 0.1 * (time_s[-1] - time_s[0]))
-    tail = counts[-(len(counts) // 4) :]
-    outcome: str | None
-    if fault_number in _RUNAWAY:
-        # It began at rest: farther out than that, by more than a reading's error, it has gained energy.
-        away = np.abs(counts - origin_counts)
-        outcome = "growing" if away.max() > away[0] + 1 else None
-    else:
-        # The rules of `simulate`, on the squared swing of each stretch in place of its energy. What the encoder shows
-        # cannot tell a monotone fall of energy from one with rises.
-        stretches = np.array_split(counts[len(counts) // 2 :], STRETCHES)
-        outcome = decide(True, np.array([_swing(part) ** 2 for part in stretches]), at_rest, False)
-    rest = None
-    if at_rest:
-        rest = {"after_periods": int(tick[last_move] - tick[0]), "after_s": float(time_s[last_move] - time_s[0])}
-    return {
-        "outcome": outcome,
-        "held_by_friction": len(moving) == 0,
-        "final": {"position_ticks": float(xi[-1])},
-        "rest": rest,
-        "oscillation": None if at_rest else _oscillation(tail, time_s[-len(tail) :], _swing(tail), decimation),
-    }
-
-
-def _swing(counts: NDArray[np.int64]) -> float:
-    """Typical peak to peak: the median over eight stretches, so that one late tick does not make a verdict."""
-    return float(np.median([np.ptp(part) for part in np.array_split(counts, 8) if len(part)]))
-
-
-def _oscillation(
-    counts: NDArray[np.int64], time_s: NDArray[np.float64], swing: float, decimation: int
-) -> dict[str, float | None]:
-    centred = counts - counts.mean()
-    crossings = np.flatnonzero((centred[:-1] < 0) & (centred[1:] >= 0))
-    frequency = None
-    if len(crossings) > 1:
-        frequency = float((len(crossings) - 1) / (time_s[crossings[-1]] - time_s[crossings[0]]))
-    return {"peak_to_peak_ticks": swing / decimation, "peak_to_peak_counts": swing, "frequency_hz": frequency}

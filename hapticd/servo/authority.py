@@ -146,6 +146,14 @@ class Command:
         if not self._is_there():
             raise Withdrawn("gone", "who asked for it has gone")
 
+    def further(self, is_there: Callable[[], bool]) -> Command:
+        """For what follows from this one when it has long been answered: it is revoked with it, and has no deadline.
+
+        Args:
+            is_there: whether it is still wanted.
+        """
+        return Command(self._authority, self.ordinal, math.inf, is_there)
+
     def answered(self) -> None:
         """It has been answered: if it has not begun by now, it never will."""
         with self._lock:

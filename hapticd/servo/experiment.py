@@ -123,10 +123,11 @@ def _problems(data: dict[str, Any], file: str) -> Iterator[Problem]:
     seed = data.get("seed")
     if seed is not None and not (isinstance(seed, int) and not isinstance(seed, bool) and seed >= 0):
         yield Problem(file, "seed", shown(seed), "must be a whole number, 0 or above", 0.0)
-    yield from _setting_problems(data.get("settings", {}), file)
+    yield from setting_problems(data.get("settings", {}), file)
 
 
-def _setting_problems(settings: object, file: str) -> Iterator[Problem]:
+def setting_problems(settings: object, file: str) -> Iterator[Problem]:
+    """What is wrong with settings that are in force for a while."""
     if not isinstance(settings, dict):
         yield Problem(file, "settings", shown(settings), "must be a mapping of dotted keys, {} for none")
         return

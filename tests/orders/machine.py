@@ -131,7 +131,7 @@ class MemoryRecorder:
         self._path: Path | None = None
         self._made = 0
 
-    def start(self, path: str | None = None, label: str = "") -> Path:
+    def start(self, path: str | None = None, label: str = "", more: Mapping[str, Any] | None = None) -> Path:
         with self._lock:
             self._work()
             if self._path is not None:

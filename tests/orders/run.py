@@ -27,11 +27,13 @@ from hapticd.service import (
     experiments,
     fault_manager,
     halting,
+    jobs,
     reconnect,
     rendering,
     replies,
     report,
     rig,
+    sequences,
 )
 from hapticd.service.access import CALLER, Caller, Rules
 from hapticd.servo import atomics, authority, layout
@@ -48,6 +50,7 @@ OPERATIONS: Final = (
     "reload",
     "release",
     "excite",
+    "sequence",
     "set",
     "gone",
     "deadline",
@@ -55,6 +58,12 @@ OPERATIONS: Final = (
 _BODIES: Final[dict[str, dict[str, Any]]] = {
     "release": {"deflection": 40.0, "duration_s": 0.3},
     "excite": {"name": "steps", "amplitude": 0.05, "duration_s": 0.5},
+    "sequence": {
+        "steps": [
+            {"deflection": 40.0, "duration_s": 0.2},
+            {"deflection": 41.0, "duration_s": 0.2, "settings": {"spring.stiffness": 0.02}},
+        ]
+    },
 }
 _LATE: Final = "late"
 """Answer of the stop channel where it does not see the loop obey."""
@@ -70,6 +79,7 @@ _MODULES: Final = (
     experiments,
     fault_manager,
     halting,
+    jobs,
     reconnect,
     rendering,
     report,
@@ -94,7 +104,9 @@ def configs() -> tuple[Config, Config]:
 
 
 _ENDPOINTS = {endpoint.name: endpoint for endpoint in declared(Endpoints)}
-_MODELS = {name: api.body_of(_ENDPOINTS[name]) for name in ("start", "clear", "reload", "release", "excite", "set")}
+_MODELS = {
+    name: api.body_of(_ENDPOINTS[name]) for name in ("start", "clear", "reload", "release", "excite", "sequence", "set")
+}
 
 
 def _is_numbered(name: str) -> bool:
@@ -462,6 +474,7 @@ class Run:
             (daemon, "SelfCheck", NoSelfCheck),
             (daemon, "load_config", self._loaded),
             (experiments, "release_result", lambda *_: {}),
+            (sequences, "release_result", lambda *_: {}),
             (rig, "Recorder", self.machine.recorder),
             (rig, "ServoThread", self.machine.servo),
             (rig, "opened_driver", self._opened),

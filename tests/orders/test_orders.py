@@ -12,7 +12,7 @@ from hapticd.servo import atomics, authority, layout
 from tests.orders import explore, machine, run
 from tests.orders.explore import Script
 
-MOTION = {"start", "release", "excite"}
+MOTION = {"start", "release", "excite", "sequence"}
 SHARES = 16
 """Of what `make attack` plays, side by side; the drawn sample of `make test` is apart."""
 DRAWN_EACH = 600

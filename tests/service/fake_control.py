@@ -218,6 +218,14 @@ class FakeControl(Endpoints):
         self._begin(name)
         return {"experiment": 1, "duration_s": 20.0, "run": "/r/excite.arrow", "guard": ADMITTED}
 
+    def sequence(
+        self, steps: list[JsonDict], name: str = "sequence", force: bool = False, *, command: Command | None = None
+    ) -> JsonDict:
+        self._enter("sequence", steps, name, *self._forced(force))
+        self._begin("sequence")
+        job = {"experiment": 1, "duration_s": 3.0, "run": "/r/sequence-1.arrow", "guard": ADMITTED}
+        return {**job, "sequence": name, "steps": len(steps)}
+
     def experiment(self) -> JsonDict:
         if self.job["state"] == "running":
             state, progress = self.job_states.pop(0)

@@ -14,7 +14,9 @@ from hapticd.record import read_run
 from hapticd.record.listing import listed
 from hapticd.service.daemon import Daemon
 from hapticd.service.refusals import Refused
-from tests.service.daemons import daemon_on
+from tests.service.daemons import daemon_on, state_home
+
+__all__ = ["state_home"]
 
 
 def noted(daemon: Daemon) -> list[tuple[str, Any]]:

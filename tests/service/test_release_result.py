@@ -10,7 +10,7 @@ import pytest
 
 from hapticd.record import RunWriter
 from hapticd.record.schema import FLAG_RUNNING
-from hapticd.service.experiments import release_result
+from hapticd.service.jobs import release_result
 from hapticd.servo import faults
 from tests.record.record_samples import CONFIG, make_rows
 

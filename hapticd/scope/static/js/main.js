@@ -18,6 +18,7 @@ import { Field, withdrawAll } from "./quantity.js";
 import { withdrawQuestions } from "./refusal.js";
 import { Release } from "./release.js";
 import { channelUnit, makeLanes, makeSource } from "./source.js";
+import { Sequence } from "./sequence.js";
 import { CHANNELS, Store, VELOCITY_WINDOW_S } from "./store.js";
 import "./tabs.js";
 import { Theory } from "./theory.js";
@@ -58,6 +59,7 @@ const release = new Release(view, fields, (begin, end) => {
   showLane("residual");
   xy.remember(begin, end);
 });
+const sequence = new Sequence(view);
 const notes = new Notes(live);
 const capture = new Capture(live, (row) => (view.faultRow = row));
 const measure = new Measure();
@@ -116,9 +118,10 @@ function showState(why) {
   showHealth(status, live.store);
   release.look(status);
   notes.take(status.recorder);
+  sequence.look(status.experiment);
   const { experiment } = status;
   const running = experiment && experiment.state === "running";
-  say("experiment", running ? `${experiment.kind}, ${Math.round(100 * experiment.progress)} %` : "");
+  say("experiment", running ? `${experiment.kind}${experiment.steps ? ` ${experiment.step} of ${experiment.steps}` : ""}, ${Math.round(100 * experiment.progress)} %` : "");
   byId("record").textContent = status.recorder.path ? "Stop recording" : "Record";
 }
 
