@@ -14,7 +14,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.completion import complete_experiment
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import Duration, ForceOption, Quantity, SocketOption, check_run_name, connect, guarded
+from hapticd.cli.options import Duration, ForceOption, Quantity, Rate, SocketOption, check_run_name, connect, guarded
 from hapticd.cli.output import number
 from hapticd.control.endpoints import Endpoints
 from hapticd.figures.files import atomic_write
@@ -69,6 +69,7 @@ def _release(
     "hapticd excite --list",
     "hapticd excite",
     "hapticd excite chirp --amplitude 0.2 --duration 10 -o chirp.arrow",
+    "hapticd excite chirp --low 5 --high 200",
     "hapticd excite gap/next_experiment.yaml",
     codes=(exits.NO, exits.UNREACHABLE, exits.DEVICE, exits.FAULT, exits.INTERRUPTED),
     endpoint=Endpoints.excite,
@@ -77,6 +78,8 @@ def _excite(
     name: NameArgument = "all",
     amplitude: Quantity | None = None,
     duration_s: Duration | None = None,
+    low_hz: Rate | None = None,
+    high_hz: Rate | None = None,
     out: Path | None = None,
     show_list: bool = False,
     no_wait: bool = False,
@@ -91,6 +94,8 @@ def _excite(
     Args:
         amplitude (A|RAD|M): Or with a unit: 200mA, 30deg.
         duration_s (--duration): Or with a unit: 500ms, 2min.
+        low_hz (--low HZ): Or with a unit: 500mHz.
+        high_hz (--high HZ): Or with a unit: 0.2kHz. At most a quarter of servo.rate_hz.
         out (-o, --output RUN): Copy the recording to this file (.arrow) when it is over. It stays in record.directory,
             too.
         show_list (--list): List the experiments and exit; needs no daemon.
@@ -102,7 +107,7 @@ def _excite(
     from hapticd.client import settings_for_a_while
 
     client = connect(socket)
-    experiment = experiment_named(name, _peak(name, amplitude, client), duration_s)
+    experiment = experiment_named(name, _peak(name, amplitude, client), duration_s, low_hz, high_hz)
     if no_wait and experiment.settings:
         raise UsageError(f"{name}: --no-wait cannot be kept, its settings must be taken back at the end")
     _check_copy(out, no_wait)
@@ -179,8 +184,18 @@ def _peak(name: str, amplitude: str | None, client: Client) -> float | None:
     return units.amplitude(amplitude, parse_config(client.config(), "the daemon's config"), moves_origin=moves)
 
 
-def experiment_named(name: str, amplitude: float | None = None, duration_s: float | None = None) -> Experiment:
+def experiment_named(
+    name: str,
+    amplitude: float | None = None,
+    duration_s: float | None = None,
+    low_hz: float | None = None,
+    high_hz: float | None = None,
+) -> Experiment:
     """What a name or a file stands for.
+
+    Args:
+        name: of an excitation, or a file.
+        amplitude, duration_s: A (or rad, m) and s. low_hz, high_hz: of a chirp. None: the daemon's choice.
 
     Raises:
         ConfigError: anything wrong in the file.
@@ -189,9 +204,9 @@ def experiment_named(name: str, amplitude: float | None = None, duration_s: floa
     from hapticd.servo.experiment import Experiment, names_file, read_experiment
 
     if not names_file(name):
-        return Experiment(name, amplitude, duration_s)
-    if amplitude is not None or duration_s is not None:
-        raise UsageError(f"{name}: amplitude and duration_s stand in the file")
+        return Experiment(name, amplitude, duration_s, low_hz, high_hz)
+    if any(given is not None for given in (amplitude, duration_s, low_hz, high_hz)):
+        raise UsageError(f"{name}: amplitude, duration_s, low_hz and high_hz stand in the file")
     return read_experiment(Path(name))
 
 

@@ -34,7 +34,7 @@ from hapticd.scope.choices import choice_for_page, in_asked_unit
 from hapticd.scope.forms import BadRequest, body_of, client_of, fields_of
 from hapticd.scope.hub import Hub
 from hapticd.scope.lease import Lease
-from hapticd.scope.quantities import read_quantities, read_settings
+from hapticd.scope.quantities import read_plan, read_quantities, read_settings
 from hapticd.scope.runs import RunError
 from hapticd.scope.sockets import Sockets
 from hapticd.scope.strangers import has_token
@@ -113,6 +113,12 @@ class ScopeServer:
         except RequestRefused as refused:
             refused.choice = in_asked_unit(refused.choice, body["deflection"], config)
             raise
+
+    async def excite(self, request: Request) -> Any:
+        """An excitation; the numbers of its form as they were typed."""
+        body = await fields_of(request, name=str, plan=dict, force=bool)
+        numbers: dict[str, Any] = read_plan(body["name"], body["plan"], self._parsed())
+        return await self.on("command", partial(self.client.excite, body["name"], force=body["force"], **numbers))
 
     async def sequence(self, request: Request) -> Any:
         """Releases under a list of settings, as a file of `hapticd sequence` says them."""
@@ -209,7 +215,7 @@ def create_app(server: ScopeServer, names: Names) -> ASGIApp:
         "set": (server.set, "command", True),
         "release": (server.release, "command", True),
         "sequence": (server.sequence, "command", True),
-        "excite": (server.command(client.excite, name=str, force=bool), "command", True),
+        "excite": (server.excite, "command", True),
         "record": (server.record, "command", True),
         "note": (server.note, "command", False),
         "marker": (server.marker, "command", False),

@@ -14,8 +14,9 @@ from hapticd.config import Config, unit_of
 from hapticd.config.text import plain_number
 from hapticd.config.units import UnitError, in_unit
 from hapticd.scope.forms import BadRequest
+from hapticd.scope.theory import excitations
 
-_POSITIVE = frozenset({"duration_s"})
+_POSITIVE = frozenset({"duration_s", "amplitude", "low_hz", "high_hz"})
 
 
 def read_quantities(fields: Mapping[str, Any], units: Mapping[str, str], config: Config) -> dict[str, float]:
@@ -39,6 +40,18 @@ def read_quantities(fields: Mapping[str, Any], units: Mapping[str, str], config:
         words = "; ".join(f"{each['key']}: {each['message']}" for each in problems)
         raise BadRequest(422, "quantity", words, problems)
     return numbers
+
+
+def read_plan(name: str, plan: Mapping[str, Any], config: Config) -> dict[str, float]:
+    """The numbers of an excitation's form; what the daemon is to choose is left out of it.
+
+    Raises:
+        BadRequest: as in `read_quantities`, or the excitation has no such number.
+    """
+    known = next((each["plan"] for each in excitations(config) if each["name"] == name), plan)
+    if unknown := plan.keys() - known.keys():
+        raise BadRequest(422, "request", f"{name}: there is no {min(unknown)}")
+    return read_quantities(plan, {key: known[key]["unit"] for key in plan}, config)
 
 
 def read_settings(settings: Mapping[str, Any], config: Config) -> dict[str, Any]:

@@ -11,7 +11,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapticd.config import Config, apply_settings, config_digest, parse_config
-from hapticd.servo.excitation import SHAPES
+from hapticd.servo.excitation import ALL, SHAPES, Shape, default_plan
 from hapticd.stability.criterion import velocity_limit
 from hapticd.stability.describing_function import predicted_cycle
 from hapticd.stability.explore import Effort, explore
@@ -51,8 +51,33 @@ def describe(document: dict[str, Any], latency_s: float = 0.0) -> dict[str, Any]
         },
         "units": {"position": length, "velocity": f"{length}/s", "current": "A", "force": force},
         "plane": plane(config, DEFLECTION, latency_s),
-        "excitations": ["all", *SHAPES],
+        "excitations": excitations(config),
     }
+
+
+def excitations(config: Config) -> list[dict[str, Any]]:
+    """What can be played, with the numbers that the daemon would choose: the fields of a form."""
+    found: list[dict[str, Any]] = [{"name": ALL, "summary": "all of them, one after the other", "plan": {}}]
+    for shape in SHAPES.values():
+        chosen, unit = default_plan(config, shape), excitation_unit(shape, config.is_linear)
+        plan = {
+            "amplitude": {"value": chosen.amplitude, "unit": unit},
+            "duration_s": {"value": chosen.duration_s, "unit": "s"},
+        }
+        if shape.sweeps_frequency:
+            plan |= {
+                "low_hz": {"value": chosen.low_hz, "unit": "Hz"},
+                "high_hz": {"value": chosen.high_hz, "unit": "Hz"},
+            }
+        found.append({"name": shape.name, "summary": shape.summary, "plan": plan})
+    return found
+
+
+def excitation_unit(shape: Shape, linear: bool) -> str:
+    """Of its amplitude."""
+    if not shape.moves_origin:
+        return "A"
+    return "m" if linear else "rad"
 
 
 def plane(config: Config, deflection: float = DEFLECTION, latency_s: float = 0.0) -> dict[str, Any]:

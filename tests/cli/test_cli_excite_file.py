@@ -50,7 +50,11 @@ def test_settings_that_the_daemon_does_not_take_keep_the_motor_off(
 
 @pytest.mark.parametrize(
     ("words", "said"),
-    [(("--amplitude", "1"), "stand in the file"), (("--no-wait",), "must be taken back at the end")],
+    [
+        (("--amplitude", "1"), "stand in the file"),
+        (("--low", "1"), "stand in the file"),
+        (("--no-wait",), "must be taken back at the end"),
+    ],
 )
 def test_what_does_not_go_with_a_file(
     daemon: Run, control: FakeControl, file: Path, words: tuple[str, ...], said: str

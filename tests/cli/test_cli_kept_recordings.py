@@ -77,6 +77,10 @@ def test_a_copy_that_fails_says_where_the_recording_is(daemon: Run, recorded: Pa
     [
         (("release", "--deflection", "434counts"), ("release", pytest.approx(2.0), None)),
         (("release", "--deflection", "-3.5ticks", "--duration", "500ms"), ("release", -3.5, 0.5)),
+        (
+            ("excite", "chirp", "--low", "500mHz", "--high", "0.2kHz"),
+            ("excite", "chirp", {"low_hz": 0.5, "high_hz": pytest.approx(200.0)}),
+        ),
         (("excite", "chirp", "--amplitude", "200mA"), ("excite", "chirp", {"amplitude": pytest.approx(0.2)})),
     ],
 )

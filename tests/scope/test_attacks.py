@@ -201,7 +201,20 @@ def test_a_forwarding_header_changes_nothing(scope: Served, control: FakeControl
 
 def test_who_may_look_may_not_touch(scope: Served, control: FakeControl) -> None:
     view = f"Bearer {scope.access.view_token}"
-    for name in ("stop", "estop", "start", "clear", "set", "release", "excite", "record", "lease"):
+    for name in (
+        "stop",
+        "estop",
+        "start",
+        "clear",
+        "set",
+        "release",
+        "sequence",
+        "excite",
+        "record",
+        "note",
+        "marker",
+        "lease",
+    ):
         reply = scope.post(name, {"take": True}, Authorization=view)
         assert (reply.status_code, reply.json()["error"]["code"]) == (403, "view_only")
     assert control.calls == []
@@ -229,7 +242,7 @@ def test_tokens_of_two_starts_differ_and_are_long() -> None:
 
 def test_only_the_holder_of_the_controls_commands_but_anybody_stops(scope: Served, control: FakeControl) -> None:
     take(scope)
-    for name in ("start", "clear", "set", "release", "excite", "record"):
+    for name in ("start", "clear", "set", "release", "sequence", "excite", "record"):
         reply = scope.post(name, X_Client="another-page-altogether")
         assert (reply.status_code, reply.json()["error"]["code"]) == (409, "lease")
     assert control.calls == []

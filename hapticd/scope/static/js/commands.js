@@ -1,7 +1,7 @@
 // What the page asks the daemon for, and how each control says what became of it.
 // @ts-check
 
-import { byId, duration, number, say } from "./dom.js";
+import { byId, number, say } from "./dom.js";
 import { ask } from "./link.js";
 import { showRefusal } from "./refusal.js";
 
@@ -9,8 +9,9 @@ import { showRefusal } from "./refusal.js";
  * Run a command and say at its place how it went.
  * @param {string} name @param {any} body @param {string} place
  * @param {(answer: any) => void} [done] also after it was forced
+ * @param {(error: unknown) => boolean} [placed] whether a refusal has found a better place
  */
-export async function command(name, body, place, done = () => {}) {
+export async function command(name, body, place, done = () => {}, placed = () => false) {
   const send = async (/** @type {any} */ asked) => {
     const answer = await ask(name, asked);
     say(place, "");
@@ -19,6 +20,7 @@ export async function command(name, body, place, done = () => {}) {
   try {
     await send(body);
   } catch (error) {
+    if (placed(error)) return;
     showRefusal(byId(place), error, {
       what: name,
       apply: async (remedy) => {
@@ -60,10 +62,4 @@ export function connectCommands(view, now, showLease) {
     ),
   );
   click("take", () => command("lease", { take: !now().mine }, "command-answer", (answer) => showLease({ ...answer, may: true })));
-  byId("excite-form").addEventListener("submit", (event) => {
-    event.preventDefault();
-    view.roll();
-    const name = byId("excite-name", HTMLSelectElement).value;
-    command("excite", { name, force: false }, "excite-answer", (answer) => say("excite-answer", `${duration(answer.duration_s)}, recorded to ${answer.run}`));
-  });
 }

@@ -23,6 +23,7 @@ const STEPS = 1000;
  * @property {boolean} [whole]
  * @property {number} [factor] shown = value · factor
  * @property {string[]} [choices]
+ * @property {string} [none] what 0 or null stands for; such a setting is typed, and has no slider
  */
 
 /** @type {Setting[]} */
@@ -37,6 +38,17 @@ const SETTINGS = [
   { key: "dither.amplitude", label: "Dither amplitude", unit: "ticks", range: [0, 2] },
   { key: "dither.frequency_hz", label: "Dither frequency", unit: "Hz", range: [0, 500] },
   { key: "spring.side", label: "Wall", choices: ["both", "positive", "negative"] },
+];
+
+/** What trips the loop, and what is refused. @type {Setting[]} */
+const LIMITS = [
+  { key: "safety.max_velocity", label: "Largest speed", unit: "rad/s", linearUnit: "m/s", none: "no limit" },
+  { key: "safety.max_excursion", label: "Largest distance", unit: "rad", linearUnit: "m", none: "no limit" },
+  { key: "safety.encoder_jump", label: "Largest jump", unit: "counts", none: "no limit" },
+  { key: "safety.current_mismatch", label: "Current mismatch", unit: "A", none: "not compared" },
+  { key: "safety.soft_start_s", label: "Soft start", unit: "s", none: "at once" },
+  { key: "safety.guard", label: "Guard", choices: ["refuse", "warn", "off"] },
+  { key: "safety.passivity", label: "Passivity", choices: ["off", "observe", "control"] },
 ];
 
 /** @param {any} config @param {string} key */
@@ -64,12 +76,13 @@ export class Controls {
     if (this.built !== String(linear)) {
       this.built = String(linear);
       this.linear = linear;
-      byId("settings").replaceChildren();
-      for (const setting of SETTINGS) {
+      const build = (/** @type {Setting} */ setting) => {
         const control = new Control(setting, this);
         this.controls.set(setting.key, control);
-        byId("settings").append(control.box);
-      }
+        return control.box;
+      };
+      byId("settings").replaceChildren(...SETTINGS.map(build));
+      byId("limit-settings").replaceChildren(...LIMITS.map(build));
     }
     this.controls.get("dither.amplitude")?.inUnit(config.dither.target === "current" ? "A" : "ticks");
     for (const [key, control] of this.controls) control.confirmed(lookUp(config, key));
@@ -152,11 +165,14 @@ class Control {
       this.select = /** @type {HTMLSelectElement} */ (make("select", { id }, ...setting.choices.map((choice) => make("option", { value: choice }, choice))));
       this.select.addEventListener("change", () => owner.send(this, this.select?.value));
       this.box.append(this.select);
+    } else if (setting.none) {
+      const entry = /** @type {HTMLInputElement} */ (make("input", { id, type: "text", inputmode: "decimal" }));
+      this.enter(entry);
+      this.box.append(make("span", { class: "fill" }), entry);
     } else {
       const slider = /** @type {HTMLInputElement} */ (make("input", { id, type: "range", min: "0", max: String(STEPS), step: "1", "aria-describedby": `${id}-confirmed` }));
       const entry = /** @type {HTMLInputElement} */ (make("input", { id: `${id}-entry`, type: "text", inputmode: "decimal", "aria-label": `${setting.label} as a number` }));
       this.slider = slider;
-      this.entry = entry;
       slider.addEventListener("pointerdown", () => Object.assign(this, { pressed: true, withdrawn: false }));
       for (const kind of ["pointerup", "pointercancel"]) window.addEventListener(kind, () => (this.pressed = false), true);
       slider.addEventListener("input", () => {
@@ -173,11 +189,17 @@ class Control {
         if (this.withdrawn) this.confirmed(lookUp(owner.config, setting.key));
         else owner.send(this, this.value());
       });
-      this.field = new Field(entry, () => (setting.factor ? this.unit : ""), (said) => owner.set(this, said), this.error);
-      this.field.explain = (error) => owner.explain(this, this.field?.said(), error);
+      this.enter(entry);
       this.box.append(slider, entry);
     }
     this.box.append(this.error);
+  }
+
+  /** What is typed into a field is a value of this setting. @param {HTMLInputElement} entry */
+  enter(entry) {
+    const { setting, owner } = this;
+    this.field = new Field(entry, () => (setting.factor ? this.unit : ""), (said) => owner.set(this, said), this.error);
+    this.field.explain = (error) => owner.explain(this, this.field?.said(), error);
   }
 
   /** @param {number} value */
@@ -202,9 +224,11 @@ class Control {
   /** @param {any} value */
   confirmed(value) {
     this.box.classList.remove("waiting");
-    this.confirmedText.textContent = typeof value === "number" ? number(this.shown(value)) : String(value);
+    const { none } = this.setting;
+    this.confirmedText.textContent = none && !value ? none : typeof value === "number" ? number(this.shown(value)) : String(value);
     if (this.select) this.select.value = String(value);
-    if (!this.slider || !this.entry || this.dragging) return;
+    if (none) this.field?.settle(number(value ?? 0));
+    if (!this.slider || this.dragging) return;
     const [low, high] = this.range;
     const shown = this.shown(Number(value));
     const part = this.setting.log ? Math.log(Math.max(shown, 1e-30) / low) / Math.log(high / low) : (shown - low) / (high - low);

@@ -6,6 +6,7 @@ import { Capture } from "./capture.js";
 import { connectCommands } from "./commands.js";
 import { Controls } from "./controls.js";
 import { byId, duration, make, number, say } from "./dom.js";
+import { Excite } from "./excite.js";
 import { connectFiles } from "./files.js";
 import { showHealth, showHistograms } from "./health.js";
 import { connectKeys } from "./keys.js";
@@ -59,6 +60,7 @@ const release = new Release(view, fields, (begin, end) => {
   showLane("residual");
   xy.remember(begin, end);
 });
+const excite = new Excite(view);
 const sequence = new Sequence(view);
 const notes = new Notes(live);
 const capture = new Capture(live, (row) => (view.faultRow = row));
@@ -101,8 +103,7 @@ function takeConfig(message) {
   theory.configured();
   controls.confirm(message.config, live.units.position === "m");
   notes.configured(message.config);
-  const names = byId("excite-name");
-  if (!names.children.length) names.append(...message.excitations.map((/** @type {string} */ name) => make("option", {}, name)));
+  excite.configured(message.excitations);
 }
 
 /** @param {string | null} why */
@@ -116,6 +117,7 @@ function showState(why) {
   banner(status?.fault ?? null, why, Boolean(status));
   if (!status) return;
   showHealth(status, live.store);
+  say("limits-off", status.limits_off.length ? `off: ${status.limits_off.join(", ")}` : "");
   release.look(status);
   notes.take(status.recorder);
   sequence.look(status.experiment);
