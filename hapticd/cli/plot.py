@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -12,6 +12,10 @@ from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Duration, ModelOption, RunArgument, check_figure_name, run_argument
 from hapticd.cli.output import number
+
+if TYPE_CHECKING:
+    from hapticd.config import Config
+    from hapticd.record import Run
 
 PANELS = ("trace", "phase", "spectrum", "energy", "lateness", "difference")
 
@@ -34,6 +38,7 @@ OnlyOption = Annotated[
     "hapticd plot @last",
     "hapticd plot @last~1 @last -o before-and-after.pdf",
     "hapticd plot run.arrow --only trace --only phase --duration 0.5",
+    "hapticd plot @last --bode",
 )
 def plot(
     run: RunArgument,
@@ -42,6 +47,7 @@ def plot(
     only: OnlyOption = None,
     duration: Duration | None = None,
     config: ModelOption = None,
+    show_bode: bool = False,
     show: bool = False,
 ) -> None:
     """Draw a run: trace, phase plane, spectrum, energy and lateness; or two, over each other, with their difference.
@@ -54,6 +60,9 @@ def plot(
         out (-o, --output FIG): File to draw into (.png, .svg or .pdf), replaced if it exists. Default: RUN's name with
             .png, in this folder.
         duration: Only the first seconds after the spring was rendered.
+        show_bode (--bode): Draw the frequency responses of a recorded excitation ('hapticd excite chirp'): of the device,
+            and of the impedance that a hand at it feels, with their coherence, beside those of the model, which is simulated
+            with the same excitation, and of the linear theory.
         show (--open): Show the figure with the desktop's viewer.
     """
     check_figure_name(out)
@@ -61,6 +70,8 @@ def plot(
         raise UsageError(f"--only {unknown[0]}: the panels are {', '.join(PANELS)}")
     if run2 is None and "difference" in (only or ()):
         raise UsageError("--only difference: it needs a second run")
+    if show_bode and (run2 is not None or only or duration):
+        raise UsageError("--bode is of one whole run: leave RUN2, --only and --duration out")
     from hapticd.client import find_run
     from hapticd.config import load_config
     from hapticd.figures.files import save_figure
@@ -68,6 +79,9 @@ def plot(
     from hapticd.view import difference, first_seconds, run_figure, signals
 
     model = load_config(config) if config else None
+    if show_bode:
+        _plot_bode(read_run(find_run(run)), model, out, show)
+        return
     found = []
     for name in [run] if run2 is None else [run, run2]:
         recorded = read_run(find_run(name))
@@ -83,6 +97,40 @@ def plot(
     output.emit(document, describe(document))
     if show:
         typer.launch(str(target))
+
+
+def _plot_bode(run: Run, model: Config | None, out: Path | None, show: bool) -> None:
+    from hapticd.figures.files import save_figure
+    from hapticd.view.bode import bode
+    from hapticd.view.bode_figure import bode_figure
+
+    found = bode(run, model)
+    target = out or Path(f"{run.path.stem}-bode.png")
+    save_figure(bode_figure(found), target)
+    for warning in run.warnings:
+        output.warn(warning)
+    if found.filled:
+        output.warn(f"{found.filled} ticks of it have no row: commands are held over them, places interpolated")
+    if found.device.simulated is None:
+        output.warn("the model, simulated with this excitation, ends in a fault: the linear theory stands alone")
+    document = {"figure": target, "run": run.path, **found.document}
+    output.emit(document, describe_bode(document))
+    if show:
+        typer.launch(str(target))
+
+
+def describe_bode(document: dict[str, Any]) -> str:
+    """A few lines about a frequency response."""
+    hz = document["hz"]
+    lines = [f"{document['run']}", f"  {number(hz[0])} to {number(hz[-1])} Hz, {len(hz)} frequencies"]
+    for key, words in (("device", "device"), ("impedance", "rendered impedance")):
+        apart = document[key]["difference"]
+        if apart["frequencies"]:
+            size, phase = number(apart["magnitude_db"], 2), number(apart["phase_deg"], 2)
+            lines.append(f"  {words}: {size} dB and {phase}° RMS from the model, at {apart['frequencies']} frequencies")
+        else:
+            lines.append(f"  {words}: nowhere coherent enough to compare; a larger --amplitude moves the shaft farther")
+    return "\n".join([*lines, f"figure {document['figure']}"])
 
 
 def describe(document: dict[str, Any]) -> str:

@@ -15,6 +15,7 @@ from scipy.signal import savgol_filter, welch
 from hapticd.config import Config, parse_config
 from hapticd.record import RunFileError
 from hapticd.record.schema import FLAG_FAULT, FLAG_MISSED_PERIOD, FLAG_RUNNING
+from hapticd.record.where import note_text
 from hapticd.stability.run_energy import run_energy
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     FloatArray = NDArray[np.float64]
 
+_LONGEST_NAME = 32
 SLOPE_SAMPLES = 7
 _SEGMENT = 4096
 """Samples a segment of a spectrum has at most; a longer run is averaged over half-overlapping ones."""
@@ -218,6 +220,8 @@ def _events(run: Run, time_s: FloatArray) -> list[tuple[float, str]]:
     found = []
     for event in run.events:
         name = ", ".join(event["changed"]) if event.get("changed") else str(event.get("event", ""))
+        if name in ("note", "marker"):
+            name = note_text(event)[:_LONGEST_NAME]
         row = int(event.get("row", 0))
         if name and name != "end" and row < time_s.size:
             found.append((float(time_s[row]), name))

@@ -124,3 +124,11 @@ def test_a_shell_completes_runs(recordings: Path) -> None:
     assert complete_run("o") == ["one.arrow"]
     assert complete_run("her") == ["here.csv"]
     assert str(recordings / "one.arrow") in complete_run(f"{recordings}/o")
+
+
+def test_bode_is_refused_without_a_chirp_and_beside_another_run(hapticd: Run, recordings: Path) -> None:
+    outcome = hapticd("plot", "@last", "--bode")
+    assert outcome.code == 2
+    assert "'hapticd excite chirp' records one" in outcome.err
+    assert hapticd("plot", "@last", "@last~1", "--bode").code == 2
+    assert not list(Path().glob("*.png"))
