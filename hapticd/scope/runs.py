@@ -169,6 +169,7 @@ def _stream(run: Run, **more: Any) -> bytes:
         "truncated": run.truncated,
         "warnings": [*run.warnings, *more_warnings],
         "events": run.events,
+        "created_utc": str(run.metadata.get("created_utc", "")),
         **more,
     }
     text = to_json(description)

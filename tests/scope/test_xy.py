@@ -9,7 +9,8 @@ from playwright.sync_api import Page, expect
 from .browser import Testbed
 
 CURVES = """async ([config, counts, forces]) => {
-    const { curve, idealSpring, placeUnits } = await import("/static/js/xy.js");
+    const { curve, idealSpring } = await import("/static/js/xy.js");
+    const { placeUnits } = await import("/static/js/source.js");
     const { Store } = await import("/static/js/store.js");
     const store = new Store(1 << 16);
     store.rawResolution = 2 * Math.PI / 8192;

@@ -5,6 +5,8 @@ import { byId, say } from "./dom.js";
 import { decodeStream } from "./frames.js";
 import { request } from "./link.js";
 import { eventsOf, marksOf } from "./notes.js";
+import { compose } from "./picture.js";
+import { toPng, toSvg } from "./scene.js";
 import { describe, makeSource } from "./source.js";
 import { SMALLEST, Store } from "./store.js";
 
@@ -53,9 +55,11 @@ function modelOf(store, begin, end) {
   return model.some((value) => !Number.isNaN(value)) ? model : null;
 }
 
-/** @param {HTMLCanvasElement} canvas */
-function savePng(canvas) {
-  canvas.toBlob((blob) => blob && download(blob, `scope-${stamp()}.png`), "image/png");
+/** What is seen as a picture for a lab book. @param {"png" | "svg"} format @param {import("./view.js").View} view @param {import("./xy.js").XY} xy */
+async function savePicture(format, view, xy) {
+  const scene = compose(view, xy);
+  const blob = format === "svg" ? new Blob([toSvg(scene)], { type: "image/svg+xml" }) : await toPng(scene);
+  download(blob, `scope-${stamp()}.${format}`);
 }
 
 /**
@@ -70,16 +74,18 @@ async function openRun(file) {
   const source = makeSource(file.name, new Store(Math.max(SMALLEST, 2 ** Math.ceil(Math.log2(Math.max(rows, 1))))));
   describe(source, description.view);
   for (const frame of frames) source.store.append(frame);
+  source.created = description.created_utc;
   source.marks = marksOf(description.events, source.store);
   return { source, description };
 }
 
-/** @param {import("./view.js").View} view @param {import("./release.js").Release} release */
-export function connectFiles(view, release) {
+/** @param {import("./view.js").View} view @param {import("./release.js").Release} release @param {import("./xy.js").XY} xy */
+export function connectFiles(view, release, xy) {
   const told = (/** @type {Promise<unknown> | void} */ done) => Promise.resolve(done).then(() => say("file-answer", ""), (error) => say("file-answer", error.message));
   byId("save-csv").addEventListener("click", () => told(save("csv", view, release)));
   byId("save-arrow").addEventListener("click", () => told(save("arrow", view, release)));
-  byId("save-png").addEventListener("click", () => savePng(view.trace.picture()));
+  byId("save-png").addEventListener("click", () => told(savePicture("png", view, xy)));
+  byId("save-svg").addEventListener("click", () => told(savePicture("svg", view, xy)));
 
   const reopen = async (/** @type {File} */ file) => {
     say("file-answer", `reading ${file.name} …`);

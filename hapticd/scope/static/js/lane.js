@@ -2,6 +2,7 @@
 // @ts-check
 
 import { make, number } from "./dom.js";
+import { yRange } from "./yrange.js";
 
 /** @typedef {import("./store.js").Channel} Channel */
 /** @typedef {import("./store.js").Store} Store */
@@ -19,7 +20,10 @@ export const LOOK = {
   residual: { label: "measured − simulated", colour: "--c4" },
 };
 
-/** @typedef {{id: string, title: string, channels: Channel[], shown: boolean, unit: () => string}} LaneSpec */
+/**
+ * @typedef {{id: string, title: string, channels: Channel[], shown: boolean, unit: () => string, fixed?: [number, number] | null}} LaneSpec
+ *   fixed: least and largest value shown, in the channels' own unit; null: as the values are
+ */
 
 const MIN_SPAN = { position: 2, residual: 2, velocity: 0.1, current: 0.02, force: 1e-4, late: 20 };
 const SHRINK = 0.98;
@@ -48,6 +52,8 @@ export class Lane {
     this.spec = spec;
     this.trace = trace;
     this.raw = false;
+    /** How many of the shown unit one of the channels' own is. */
+    this.factor = 1;
     this.low = NaN;
     this.high = NaN;
     /** @type {[number, number]} */
@@ -71,6 +77,31 @@ export class Lane {
       this.head.append(make("span", { class: "legend" }, key, this.spec.channels.length > 1 ? `${label} ` : "", value));
     }
     this.head.append(make("output", { class: "lane-note bad", id: `note-${this.spec.id}` }));
+    this.head.append(yRange(this));
+    this.tellRange();
+  }
+
+  /** Show values between two of the shown unit; null: as the values are. @param {[number, number] | null} range */
+  fix(range) {
+    this.spec.fixed = range && [range[0] / this.factor, range[1] / this.factor];
+    [this.low, this.high] = [NaN, NaN];
+    this.tellRange();
+  }
+
+  /** Zoom about a value, or move by one, of the shown unit. @param {number} factor @param {number} at @param {number} [by] */
+  zoomY(factor, at, by = 0) {
+    const [low, high] = this.range;
+    this.fix([at + (low - at) * factor + by, at + (high - at) * factor + by]);
+  }
+
+  /** What the y range is, where it is typed. */
+  tellRange() {
+    const { fixed } = this.spec;
+    const auto = /** @type {HTMLElement | null} */ (this.head.querySelector(".y-auto"));
+    auto?.setAttribute("aria-pressed", String(!fixed));
+    this.head.querySelectorAll("input").forEach((input, i) => {
+      if (input !== document.activeElement) input.value = fixed ? number(fixed[i] * this.factor, 4) : "";
+    });
   }
 
   /** @param {boolean} last */
@@ -121,6 +152,11 @@ export class Lane {
     let low = Infinity;
     let high = -Infinity;
     const count = buckets.starts.length;
+    const factor = this.trace.factor(this.spec);
+    if (factor !== this.factor) {
+      [this.low, this.high, this.factor] = [NaN, NaN, factor];
+      this.tellRange();
+    }
     const data = this.spec.channels.map((channel) => {
       const { values } = store.channels[channel];
       /** @type {(number | null)[]} */
@@ -128,7 +164,7 @@ export class Lane {
       for (let i = 0; i < count; i++) {
         const start = buckets.starts[i];
         if (raw) {
-          const value = start < 0 ? NaN : values[start & store.mask];
+          const value = start < 0 ? NaN : values[start & store.mask] * factor;
           y[i] = Number.isFinite(value) ? value : null;
           if (value < low) low = value;
           if (value > high) high = value;
@@ -137,10 +173,10 @@ export class Lane {
         out[0] = Infinity;
         if (start >= 0) store.extent(channel, start, buckets.ends[i], out);
         const none = !Number.isFinite(out[0]) || !Number.isFinite(out[1]);
-        y[2 * i] = none ? null : out[0];
-        y[2 * i + 1] = none ? null : out[1];
-        if (!none && out[0] < low) low = out[0];
-        if (!none && out[1] > high) high = out[1];
+        y[2 * i] = none ? null : out[0] * factor;
+        y[2 * i + 1] = none ? null : out[1] * factor;
+        if (!none && out[0] * factor < low) low = out[0] * factor;
+        if (!none && out[1] * factor > high) high = out[1] * factor;
       }
       return y;
     });
@@ -158,8 +194,13 @@ export class Lane {
 
   /** Grow at once, shrink slowly: the scale does not flicker. @param {number} low @param {number} high */
   fit(low, high) {
+    const { fixed } = this.spec;
+    if (fixed) {
+      this.range = [fixed[0] * this.factor, fixed[1] * this.factor];
+      return;
+    }
     if (!(low <= high)) return;
-    const least = /** @type {Record<string, number>} */ (MIN_SPAN)[this.spec.id] ?? 1e-6;
+    const least = (/** @type {Record<string, number>} */ (MIN_SPAN)[this.spec.id] ?? 1e-6) * this.factor;
     const middle = (low + high) / 2;
     const half = Math.max((high - low) / 2, least / 2);
     const margin = 0.08 * 2 * half;

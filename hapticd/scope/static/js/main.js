@@ -17,8 +17,9 @@ import { Notes } from "./notes.js";
 import { togglePanel } from "./panels.js";
 import { Field, withdrawAll } from "./quantity.js";
 import { withdrawQuestions } from "./refusal.js";
+import { noteRun } from "./picture.js";
 import { Release } from "./release.js";
-import { channelUnit, makeLanes, makeSource } from "./source.js";
+import { channelUnit, makeLanes, makeSource, place, placeUnits, shownIn } from "./source.js";
 import { Sequence } from "./sequence.js";
 import { CHANNELS, Store, VELOCITY_WINDOW_S } from "./store.js";
 import "./tabs.js";
@@ -38,7 +39,7 @@ const said = { status: null, mine: false };
 
 const live = makeSource("", new Store());
 const view = new View(live, new Trigger());
-const trace = new Trace(makeLanes(() => view.source), whyEmpty, (event) => {
+const trace = new Trace(makeLanes(() => view.source), (spec) => shownIn(spec.channels[0], view.source).factor, whyEmpty, (event) => {
   if (event.kind === "zoom") view.zoom(event.factor, event.at);
   else if (event.kind === "pan") view.pan(event.by);
   else if (event.which === "a" || event.which === "b") trace.cursors[event.which] = event.at;
@@ -65,7 +66,10 @@ const sequence = new Sequence(view);
 const notes = new Notes(live);
 const capture = new Capture(live, (row) => (view.faultRow = row));
 const measure = new Measure();
-view.changed = () => theory.show();
+view.changed = () => {
+  theory.show();
+  showPlaceUnits();
+};
 
 /** Why a lane is empty. @param {import("./lane.js").LaneSpec} spec @param {number} rows in view */
 function whyEmpty(spec, rows) {
@@ -79,6 +83,19 @@ function whyEmpty(spec, rows) {
   if (spec.id === "velocity") return `too few rows: the slope is over ${duration(VELOCITY_WINDOW_S)}`;
   return "the rows in this window have no such value";
 }
+
+const placeUnit = byId("place-unit", HTMLSelectElement);
+
+/** Those that what is looked at can have. */
+function showPlaceUnits() {
+  const units = Object.keys(placeUnits(view.source));
+  if ([...placeUnit.options].map(({ value }) => value).join() !== units.join()) placeUnit.replaceChildren(...units.map((unit) => make("option", { value: unit }, unit)));
+  placeUnit.value = shownIn("position", view.source).unit;
+}
+placeUnit.addEventListener("change", () => {
+  place.unit = placeUnit.value;
+  trace.rename();
+});
 
 // ---- what comes in
 
@@ -99,7 +116,10 @@ function takeState(data) {
 function takeConfig(message) {
   const before = live.config && [live.scales.resolution, live.units.position];
   capture.config(message);
-  if (String(before) !== String([live.scales.resolution, live.units.position])) trace.rename();
+  if (String(before) !== String([live.scales.resolution, live.units.position])) {
+    trace.rename();
+    showPlaceUnits();
+  }
   theory.configured();
   controls.confirm(message.config, live.units.position === "m");
   notes.configured(message.config);
@@ -120,6 +140,7 @@ function showState(why) {
   say("limits-off", status.limits_off.length ? `off: ${status.limits_off.join(", ")}` : "");
   release.look(status);
   notes.take(status.recorder);
+  noteRun(live, status.recorder.path);
   sequence.look(status.experiment);
   const { experiment } = status;
   const running = experiment && experiment.state === "running";
@@ -221,8 +242,9 @@ function tellValues() {
     say(`note-${lane.spec.id}`, lane.spec.id === "residual" && view.isLive ? release.note : "");
     for (const channel of lane.spec.channels) {
       const value = row >= store.first && row >= 0 ? store.value(channel, row) : NaN;
-      const inUnits = channel === "position" && Number.isFinite(value) ? ` = ${number(store.counts[row & store.mask] * store.rawResolution)} ${source.units.position}` : "";
-      say(`value-${channel}`, `${number(value)}${inUnits}`);
+      const { unit, factor } = shownIn(channel, source);
+      const inUnits = channel === "position" && unit === "ticks" && Number.isFinite(value) ? ` = ${number(store.counts[row & store.mask] * store.rawResolution)} ${source.units.position}` : "";
+      say(`value-${channel}`, `${number(value * factor)}${inUnits}`);
     }
   }
 }
@@ -260,7 +282,7 @@ byId("measure-channel").append(...CHANNELS.map((name) => make("option", { value:
 for (const id of ["stop", "estop"]) byId(id).addEventListener("click", withdraw);
 window.addEventListener("keydown", (event) => event.key === "Escape" && withdraw(), true);
 connectCommands(view, () => ({ recording: Boolean(said.status?.recorder.path), mine: said.mine }), showLease);
-connectFiles(view, release);
+connectFiles(view, release, xy);
 connectKeys(view, bar, () => notes.mark());
 if (narrow.matches) showOnly("position");
 else showLanes();

@@ -2,6 +2,7 @@
 // @ts-check
 
 import { byId } from "./dom.js";
+import { listenToAxis } from "./yrange.js";
 import { AXIS_PX, Lane, colour, colours } from "./lane.js";
 
 /** @typedef {import("./store.js").Store} Store */
@@ -15,10 +16,12 @@ const brief = (words) => (words.length > LONGEST_LABEL ? `${words.slice(0, LONGE
 export class Trace {
   /**
    * @param {LaneSpec[]} specs
+   * @param {(spec: LaneSpec) => number} factor how many of the shown unit one of a lane's own is
    * @param {(spec: LaneSpec, rows: number) => string} why a lane without values is empty
    * @param {(event: {kind: "zoom", factor: number, at: number} | {kind: "pan", by: number} | {kind: "cursor", which: "a" | "b" | "y1" | "y2", at: number, lane: string}) => void} act
    */
-  constructor(specs, why, act) {
+  constructor(specs, factor, why, act) {
+    this.factor = factor;
     this.why = why;
     this.act = act;
     this.place = byId("lanes");
@@ -158,12 +161,12 @@ export class Trace {
     }
     for (const { time, words } of this.marks) vertical(time - this.zero, colour("--ink-2"), [1, 3], lane === this.lanes[0] ? brief(words) : "");
     vertical(this.triggerTime - this.zero, colour("--trigger"), [2, 3], "T");
-    if (this.level && this.level.lane === lane.spec.id) horizontal(this.level.level, colour("--trigger"), [2, 3]);
+    if (this.level && this.level.lane === lane.spec.id) horizontal(this.level.level * lane.factor, colour("--trigger"), [2, 3]);
     vertical(this.cursors.a - this.zero, colour("--ink"), [], "A");
     vertical(this.cursors.b - this.zero, colour("--ink"), [], "B");
     if (this.values.lane === lane.spec.id) {
-      horizontal(this.values.y1, colour("--ink"), [5, 3]);
-      horizontal(this.values.y2, colour("--ink"), [5, 3]);
+      horizontal(this.values.y1 * lane.factor, colour("--ink"), [5, 3]);
+      horizontal(this.values.y2 * lane.factor, colour("--ink"), [5, 3]);
     }
     ctx.restore();
   }
@@ -178,7 +181,8 @@ export class Trace {
       "wheel",
       (event) => {
         event.preventDefault();
-        if (event.shiftKey) this.act({ kind: "pan", by: (Math.sign(event.deltaY || event.deltaX) * (this.view[1] - this.view[0])) / 10 });
+        if (event.altKey) lane.zoomY(event.deltaY > 0 ? 1.25 : 0.8, plot.posToVal(event.offsetY, "y"));
+        else if (event.shiftKey) this.act({ kind: "pan", by: (Math.sign(event.deltaY || event.deltaX) * (this.view[1] - this.view[0])) / 10 });
         else this.act({ kind: "zoom", factor: event.deltaY > 0 ? 1.25 : 0.8, at: timeAt(event.offsetX) });
       },
       { passive: false },
@@ -200,31 +204,11 @@ export class Trace {
       from = NaN;
       if (moved) return;
       const { id } = lane.spec;
-      if (event.altKey) this.act({ kind: "cursor", which: event.shiftKey ? "y2" : "y1", at: plot.posToVal(event.offsetY, "y"), lane: id });
+      if (event.altKey) this.act({ kind: "cursor", which: event.shiftKey ? "y2" : "y1", at: plot.posToVal(event.offsetY, "y") / lane.factor, lane: id });
       else this.act({ kind: "cursor", which: event.shiftKey ? "b" : "a", at: timeAt(event.offsetX), lane: id });
     });
+    listenToAxis(plot, lane);
     over.addEventListener("pointercancel", () => (from = NaN));
     over.addEventListener("pointerleave", () => (this.hover = NaN));
-  }
-
-  /** Everything that is seen, as one picture. */
-  picture() {
-    const sources = this.lanes.map((lane) => ({ canvas: lane.plot.ctx.canvas, title: `${lane.spec.title} (${lane.spec.unit()})` }));
-    const canvas = document.createElement("canvas");
-    const strip = 18 * devicePixelRatio;
-    canvas.width = Math.max(...sources.map((source) => source.canvas.width));
-    canvas.height = sources.reduce((sum, source) => sum + source.canvas.height + strip, 0);
-    const ctx = /** @type {CanvasRenderingContext2D} */ (canvas.getContext("2d"));
-    ctx.fillStyle = colour("--panel");
-    ctx.fillRect(0, 0, canvas.width, canvas.height);
-    ctx.fillStyle = colour("--ink");
-    ctx.font = `${12 * devicePixelRatio}px system-ui`;
-    let top = 0;
-    for (const { canvas: source, title } of sources) {
-      ctx.fillText(title, 4 * devicePixelRatio, top + 13 * devicePixelRatio);
-      ctx.drawImage(source, 0, top + strip);
-      top += source.height + strip;
-    }
-    return canvas;
   }
 }

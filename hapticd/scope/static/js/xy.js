@@ -5,6 +5,7 @@
 import { byId, make, number, say } from "./dom.js";
 import { FLAG } from "./frames.js";
 import { colour } from "./lane.js";
+import { placeUnits, ticksOf } from "./source.js";
 
 const MOST_POINTS = 4000;
 const KEPT = 3;
@@ -16,14 +17,6 @@ const RIGHT = 12;
 
 /** @typedef {"force" | "phase"} Kind */
 /** @typedef {{x: Float64Array, y: Float64Array}} Curve */
-
-/** Units of place, and how many of the source's own (rad or m) one is. @param {import("./source.js").Source} source @returns {Record<string, number>} */
-export function placeUnits({ units, scales }) {
-  const ticks = { ticks: scales.resolution };
-  if (units.position === "rad") return { ...ticks, rad: 1, deg: Math.PI / 180 };
-  if (units.position === "m") return { ...ticks, m: 1, mm: 1e-3 };
-  return { ticks: 1 };
-}
 
 /**
  * Rows as a curve, at most every so many of them; not a number where it is broken off: the force is one where the spring is
@@ -61,16 +54,6 @@ export function idealSpring(config, low, high, scale) {
   return { x: Float64Array.from(x), y: Float64Array.from(x, (place) => (acts(place) ? -stiffness * place * scale : 0)) };
 }
 
-/** Round values from low to high, about so many. @param {number} low @param {number} high @param {number} count */
-function ticksOf(low, high, count) {
-  const rough = (high - low) / count;
-  const power = 10 ** Math.floor(Math.log10(rough));
-  const step = power * ([1, 2, 5, 10].find((factor) => factor * power >= rough) ?? 10);
-  const ticks = [];
-  for (let k = Math.ceil(low / step); k * step <= high; k++) ticks.push(k * step);
-  return ticks;
-}
-
 export class XY {
   /** @param {import("./view.js").View} view */
   constructor(view) {
@@ -80,6 +63,7 @@ export class XY {
     this.unit = byId("xy-unit", HTMLSelectElement);
     /** The releases before, in rad or m. @type {Record<Kind, Curve>[]} */ this.before = [];
     this.drawnAt = 0;
+    this.painted = null;
     this.kind.addEventListener("change", () => (this.drawnAt = 0));
     this.unit.addEventListener("change", () => (this.drawnAt = 0));
   }
@@ -117,6 +101,8 @@ export class XY {
     byId("xy-ideal").hidden = !ideal.length;
     this.canvas.dataset.before = String(old.length);
     say("xy-words", drawn ? `in ${unit} over ${this.unit.value}` : kind === "force" ? "the spring is not rendered in this window" : "no rows in this window");
+    /** What is painted, for a picture of it. @type {{now: Curve, old: Curve[], ideal: Curve[], x: [number, number], y: [number, number], title: string} | null} */
+    this.painted = { now, old, ideal, x, y, title: `X–Y: ${kind === "force" ? "force" : "velocity"} (${unit}) over position (${this.unit.value})` };
     this.paint(now, old, ideal, x, y);
   }
 
