@@ -13,14 +13,19 @@ import typer
 
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
+from hapticd.cli.completion import complete_run
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import ConfigArgument, Duration, Quantity, SettingsOption, check_run_name, resolve_config
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
     from hapticd.config import Config
     from hapticd.record.schema import Rows
 
+ReplayOption = Annotated[Path | None, typer.Option(metavar="RUN", show_default=False, autocompletion=complete_run)]
 _LONGEST_S = 9.2e9  # nanoseconds in 64 bits, with a little room
 _MANY_TICKS = 3e9
 
@@ -28,12 +33,14 @@ _MANY_TICKS = 3e9
 @command(
     "hapticd simulate --duration 1 --deflection 20.3 --set encoder.decimation=217",
     "hapticd simulate --duration 500ms --deflection 30deg",
+    "hapticd simulate rig.yaml --replay release.arrow --deflection 20.3 -o model.arrow",
     "hapticd simulate rig.yaml --duration 10 --velocity 5 -o run.arrow --json",
     codes=(exits.INTERRUPTED,),
 )
 def simulate(
-    duration: Duration,
     config: ConfigArgument = None,
+    duration: Duration | None = None,
+    replay: ReplayOption = None,
     deflection: Quantity | None = None,
     velocity: Quantity | None = None,
     out: Path | None = None,
@@ -51,7 +58,9 @@ def simulate(
     bit for bit.
 
     Args:
-        duration: Simulated time in s, or 500ms, 2min.
+        duration: Simulated time in s, or 500ms, 2min. Needed without --replay.
+        replay (--replay RUN): Tick when the loop of this recording did, with the periods that it missed, and as late as it
+            was, from the first tick in which it rendered the spring to the last.
         deflection (TICKS): Begin at exactly this deflection from the spring's origin, in coarse ticks, at rest unless a
             velocity is given too; or with a unit: 0.5rad, 30deg, 2mm, 217counts.
         velocity (TICKS_PER_PERIOD): Begin with this velocity, in coarse ticks per servo period, at the origin unless a
@@ -65,6 +74,12 @@ def simulate(
     resolved = resolve_config(config, assignments)
     from hapticd.config.units import deflection_ticks, velocity_ticks
 
+    if (duration is None) == (replay is None):
+        raise UsageError("one of --duration and --replay is needed, and only one")
+    times = None if replay is None else recorded_times(replay)
+    if times is not None:
+        duration = times.shape[1] * resolved.period
+    assert duration is not None
     ticks = None if deflection is None else deflection_ticks(deflection, resolved)
     ticks_per_period = None if velocity is None else velocity_ticks(velocity, resolved)
     if round(duration * resolved.servo.rate_hz) < 1:
@@ -93,6 +108,7 @@ def simulate(
             safety=safety,
             seed=seed,
             energies=not no_energies,
+            replay=times,
             on_rows=on_rows,
             progress=progress,
         )
@@ -105,6 +121,32 @@ def simulate(
         output.warn(f"fault {fault['code']} in tick {fault['tick']}: {fault['cause']}")
         return exits.NO
     return exits.DONE
+
+
+def recorded_times(run: Path) -> NDArray[np.int64]:
+    """Numbers and lateness, ns, of the ticks in which a recorded loop rendered its spring, shape (2, n).
+
+    Raises:
+        RunFileError: it has no such rows, or some of them are missing that the loop has not.
+    """
+    import numpy as np
+
+    from hapticd.client import find_run
+    from hapticd.record import RunFileError, read_run
+    from hapticd.record.schema import FLAG_DROPPED, FLAG_MISSED_PERIOD, FLAG_RUNNING
+
+    found = read_run(find_run(run))
+    if missing := [name for name in ("tick", "wake_late_ns", "flags") if name not in found.columns]:
+        raise RunFileError(f"{found.path} has no column {missing[0]}: only a recording of hapticd can be replayed")
+    rendered = np.flatnonzero(found.columns["flags"] & FLAG_RUNNING)
+    if not rendered.size:
+        raise RunFileError(f"{found.path}: the spring is not rendered in it")
+    part = slice(rendered[0], rendered[-1] + 1)
+    tick, late_ns, flags = (found.columns[name][part] for name in ("tick", "wake_late_ns", "flags"))
+    jumped = np.flatnonzero(np.diff(tick) != 1) + 1
+    if (np.diff(tick) < 1).any() or (flags[jumped] & FLAG_MISSED_PERIOD == 0).any() or (flags & FLAG_DROPPED).any():
+        raise RunFileError(f"{found.path}: rows are missing in which the loop has ticked: they cannot be replayed")
+    return np.stack([tick, np.maximum(late_ns, 0)]).astype(np.int64)
 
 
 @contextlib.contextmanager

@@ -178,6 +178,11 @@ class ScopeServer:
         stream = await self.on("file", runs.simulate_release, self._config(), body["deflection"], body["duration_s"])
         return Response(stream, media_type=FRAMES_TYPE)
 
+    async def replay(self, request: Request) -> Response:
+        """The same with the ticks as they were recorded."""
+        content = await body_of(request, FRAMES_TYPE, MAX_FILE_BYTES)
+        return Response(await self.on("file", runs.replay_release, content), media_type=FRAMES_TYPE)
+
     async def open(self, request: Request) -> Response:
         """A run file dropped onto the page, as frames."""
         content = await body_of(request, RUN_TYPE, MAX_FILE_BYTES)
@@ -224,6 +229,7 @@ def create_app(server: ScopeServer, names: Names) -> ASGIApp:
         "preview": (server.preview, "look", False),
         "ends": (server.ends, "look", False),
         "simulate": (server.simulate, "look", False),
+        "replay": (server.replay, "look", False),
         "open": (server.open, "look", False),
         "save": (server.save, "look", False),
     }

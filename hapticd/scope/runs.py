@@ -142,23 +142,55 @@ def simulate_release(document: dict[str, Any], deflection: float, duration_s: fl
     if not 0.0 < duration_s <= LONGEST_SIMULATION_S:
         raise RunError(f"a simulation may last up to {LONGEST_SIMULATION_S:g} s, not {duration_s:g} s")
     with tempfile.TemporaryDirectory(prefix="hapticd-scope-") as folder:
-        config, path = Path(folder) / "config.yaml", Path(folder) / "run.arrow"
-        config.write_text(yaml.safe_dump(document))
-        arguments = [sys.executable, "-m", "hapticd.cli", "simulate", str(config), "--json", "-o", str(path)]
-        arguments += ["--deflection", repr(deflection), "--duration", repr(duration_s)]
-        try:
-            done = subprocess.run(
-                ["nice", "-n", "10", *arguments],
-                capture_output=True,
-                text=True,
-                timeout=SIMULATION_TIMEOUT_S,
-                check=False,
-            )
-        except subprocess.TimeoutExpired as error:
-            raise RunError(f"the simulation took longer than {SIMULATION_TIMEOUT_S:g} s") from error
-        if done.returncode:
-            raise RunError(f"the simulation failed: {done.stderr.strip()[-500:]}")
-        return _stream(read_run(path), report=json.loads(done.stdout))
+        return _simulated(Path(folder), document, deflection, ["--duration", repr(duration_s)])
+
+
+def replay_release(stream: bytes) -> bytes:
+    """The same, with the ticks of the release as it was recorded: the periods that it missed, and how late each tick was.
+
+    Args:
+        stream: as that of `save_run`: a description, a JSON object of ``config`` and ``deflection`` (coarse ticks), then the
+            frames of the ticks in which the spring was rendered.
+
+    Raises:
+        RunError: it is something else, or the simulation failed. ConfigError: the config is not valid.
+    """
+    try:
+        first, *blocks = _blocks(stream)
+        asked = read_json(first.decode())
+        document, deflection = asked["config"], float(asked["deflection"])
+        parts = [decode(frame) for frame in blocks]
+        lasted_s = sum(len(rows) for rows, _ in parts) * parts[0][1].period_s
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise RunError(f"cannot replay: {error}") from error
+    if not 0.0 < lasted_s <= LONGEST_SIMULATION_S:
+        raise RunError(f"a simulation may last up to {LONGEST_SIMULATION_S:g} s, not {lasted_s:g} s")
+    with tempfile.TemporaryDirectory(prefix="hapticd-scope-") as folder:
+        path = Path(folder) / "recorded.arrow"
+        with RunWriter(path, {**_metadata(document, parts), "kind": "scope", "label": "release"}) as writer:
+            for rows, _ in parts:
+                writer.write(rows)
+        return _simulated(Path(folder), document, deflection, ["--replay", str(path)])
+
+
+def _simulated(folder: Path, document: dict[str, Any], deflection: float, times: list[str]) -> bytes:
+    config, path = folder / "config.yaml", folder / "run.arrow"
+    config.write_text(yaml.safe_dump(document))
+    arguments = [sys.executable, "-m", "hapticd.cli", "simulate", str(config), "--json", "-o", str(path)]
+    arguments += ["--deflection", repr(deflection), *times]
+    try:
+        done = subprocess.run(
+            ["nice", "-n", "10", *arguments],
+            capture_output=True,
+            text=True,
+            timeout=SIMULATION_TIMEOUT_S,
+            check=False,
+        )
+    except subprocess.TimeoutExpired as error:
+        raise RunError(f"the simulation took longer than {SIMULATION_TIMEOUT_S:g} s") from error
+    if done.returncode:
+        raise RunError(f"the simulation failed: {done.stderr.strip()[-500:]}")
+    return _stream(read_run(path), report=json.loads(done.stdout))
 
 
 def _stream(run: Run, **more: Any) -> bytes:

@@ -20,7 +20,7 @@ def present(servo: Any) -> tuple[int, float]:
     """The present instant: by the clock, or in virtual time the tick's."""
     if servo.real_time:
         return now_ns(servo.timespec), 0.0
-    return servo.tick.ns, servo.tick.frac
+    return servo.tick.woke_ns, servo.tick.frac
 
 
 @njit(inline=True, counted=False)
@@ -111,6 +111,8 @@ def write_due(servo: Any) -> int:
                 sleep_until(servo.timespec, command.due_ns)
                 ns = now_ns(servo.timespec)
                 tick.waited_ns += ns - begin
+        elif tick.late_ns > 0 and command.due_ns < tick.woke_ns:
+            ns, frac = present(servo)  # it fell due while the replayed loop slept
         result = write_at(servo, command.current, ns, frac)
         is_silent = False
     if is_silent:

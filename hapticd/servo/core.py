@@ -264,6 +264,14 @@ class ServoCore:
         reason: int = run(*blocks, ticks)
         return reason
 
+    def replay(self, skip: int, late_ns: int) -> None:
+        """Have the next tick in virtual time come as one of a recorded loop did.
+
+        Args:
+            skip: periods that were missed before it. late_ns: how late after its grid instant it woke, ns.
+        """
+        self._state["replayed_skip"], self._state["replayed_late_ns"] = skip, late_ns
+
     def drain(self) -> NDArray[Any]:
         """Take all rows that are waiting (a copy); one consumer only."""
         return joined(*self.drain_batches(len(self.ring)))

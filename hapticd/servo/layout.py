@@ -115,6 +115,8 @@ STATE = np.dtype(
         ("mode", "i8"),  # OFF, READY, RUNNING, FAULT
         ("amplifier", "i8"),  # as last commanded: DISABLED, ENABLED_AT_ZERO, ENABLED_WITH_CURRENT
         ("next_tick", "i8"),
+        ("replayed_skip", "i8"),  # in virtual time: periods to skip before the next tick, as a recorded loop did
+        ("replayed_late_ns", "i8"),  # and how late it is to wake
         ("grid_tick", "i8"),  # tick at which the present time grid starts
         ("grid_ns", "i8"),  # and its instant, ns
         ("grid_frac", "f8"),  # and the fraction of a ns
@@ -177,7 +179,7 @@ TICK = np.dtype(
         ("number", "i8"),
         ("ns", "i8"),  # grid instant, ns
         ("frac", "f8"),  # and the fraction of a ns
-        ("woke_ns", "i8"),  # when it began; in virtual time the grid instant
+        ("woke_ns", "i8"),  # when it began; in virtual time the grid instant, or that of the tick which is replayed
         ("late_ns", "i8"),  # after the grid instant
         ("missed", "i8"),  # periods that were skipped before it
         ("fresh", "?"),  # whether the device gave a sample

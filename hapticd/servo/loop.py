@@ -52,6 +52,14 @@ def wake(servo: Any, shared: Any) -> None:
     tick.missed = 0
     tick.waited_ns = 0
     if not servo.real_time:
+        if state.replayed_skip > 0:
+            tick.missed = state.replayed_skip
+            tick.number += tick.missed
+            tick.ns, tick.frac = grid_instant(state.grid_ns, state.grid_frac, steps + tick.missed, period_ns)
+        tick.late_ns = state.replayed_late_ns
+        tick.woke_ns = tick.ns + tick.late_ns
+        state.replayed_skip = 0
+        state.replayed_late_ns = 0
         return
     sleep_until(servo.timespec, tick.ns)
     tick.woke_ns = now_ns(servo.timespec)

@@ -94,6 +94,7 @@ def simulate(
     seed: int | None = None,
     energies: bool = True,
     excitation: NDArray[np.float64] | None = None,
+    replay: NDArray[np.int64] | None = None,
     on_rows: Callable[[NDArray[Any]], None] | None = None,
     on_truth: Callable[[NDArray[np.float64]], None] | None = None,
     progress: Callable[[float], None] | None = None,
@@ -110,6 +111,8 @@ def simulate(
         energies: follow the energy, which the outcome is judged by; without, the outcome is None.
         excitation: table of an identification experiment (:func:`hapticd.servo.excitation.build`), played from the start;
             shape (2, ticks of the table).
+        replay: tick numbers and lateness in ns of a recorded loop, shape (2, n): the ticks are those, and as late, from the
+            first one on; ``duration_s`` is not looked at.
         on_rows: called with every block of rows, in order.
         on_truth: called with the true (position, velocity) at those rows, (n, 2), rad or m and per s.
         progress: called with the fraction done.
@@ -120,7 +123,8 @@ def simulate(
     Raises:
         ValueError: the duration is shorter than one period.
     """
-    ticks = round(duration_s * config.servo.rate_hz)
+    ticks = round(duration_s * config.servo.rate_hz) if replay is None else replay.shape[1]
+    skips = None if replay is None else np.diff(replay[0], prepend=replay[0, 0] - 1) - 1
     if ticks < 1:
         raise ValueError(f"a duration of {duration_s:g} s is shorter than one servo period")
     if seed is not None:
@@ -155,7 +159,13 @@ def simulate(
     while done < ticks and reason == layout.RETURN_TICKS:
         count = min(_CHUNK, ticks - done)
         begin = time.perf_counter()
-        reason = core.run(real_time=False, ticks=count)
+        if replay is None or skips is None:
+            reason = core.run(real_time=False, ticks=count)
+        else:
+            for tick in range(done, done + count):
+                core.replay(int(skips[tick]), int(replay[1, tick]))
+                if (reason := core.run(real_time=False, ticks=1)) != layout.RETURN_TICKS:
+                    break
         # The ring is as long as a chunk, so that these rows begin where it does.
         head = core.load(atomics.RING_HEAD)
         core.store(atomics.RING_TAIL, head)

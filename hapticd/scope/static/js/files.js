@@ -2,7 +2,7 @@
 // @ts-check
 
 import { byId, say } from "./dom.js";
-import { decodeStream } from "./frames.js";
+import { decodeStream, prefixed } from "./frames.js";
 import { request } from "./link.js";
 import { eventsOf, marksOf } from "./notes.js";
 import { compose } from "./picture.js";
@@ -39,13 +39,6 @@ async function save(format, view, release) {
   const parts = [...prefixed(description), ...source.store.frames(begin, end), ...(model ? prefixed(new Uint8Array(model.buffer)) : [])];
   const reply = await request("save", new Blob(parts), { type: "application/vnd.hapticd.frames" });
   download(await reply.blob(), `scope-${stamp()}.${format}`);
-}
-
-/** With its length before it. @param {Uint8Array<ArrayBuffer>} bytes */
-function prefixed(bytes) {
-  const size = new DataView(new ArrayBuffer(4));
-  size.setUint32(0, bytes.length, true);
-  return [size.buffer, bytes];
 }
 
 /** The simulation that lies over rows; null where there is none. @param {Store} store @param {number} begin @param {number} end */

@@ -3,7 +3,7 @@
 
 export const MAGIC = 0x31465348;
 export const HEADER_BYTES = 64;
-export const FLAG = { running: 1, missedPeriod: 4, missedExchange: 8, excitation: 16, fault: 32 };
+export const FLAG = { running: 1, missedPeriod: 4, missedExchange: 8, excitation: 16, fault: 32, dropped: 256 };
 
 /**
  * @typedef {object} Frame
@@ -78,4 +78,11 @@ export function decodeStream(buffer) {
     at += 4 + bytes;
   }
   return { description, frames };
+}
+
+/** With its length before it. @param {Uint8Array<ArrayBuffer>} bytes */
+export function prefixed(bytes) {
+  const size = new DataView(new ArrayBuffer(4));
+  size.setUint32(0, bytes.length, true);
+  return [size.buffer, bytes];
 }

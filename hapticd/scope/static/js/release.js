@@ -3,14 +3,14 @@
 
 import { bringAbout } from "./commands.js";
 import { byId, duration, number, say } from "./dom.js";
-import { FLAG, decodeStream } from "./frames.js";
+import { FLAG, decodeStream, prefixed } from "./frames.js";
 import { ask, request } from "./link.js";
 import { refuseAt } from "./quantity.js";
 import { showRefusal } from "./refusal.js";
 
 /** @typedef {import("./quantity.js").Field} Field */
 
-/** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean, simulated: Promise<void>, missed: number, firstMissedS: number}} Running */
+/** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean, simulated: Promise<void>, missed: number, firstMissedS: number, replayed: boolean}} Running */
 
 /** As a person would say it. @param {import("./quantity.js").Quantity} quantity */
 const named = ({ text, unit }) => (/[a-z°]\s*$/i.test(text) ? text.trim() : `${text.trim()} ${unit}`);
@@ -73,7 +73,7 @@ export class Release {
     const reply = await ask("release", { ...asked, force });
     for (const field of Object.values(this.fields)) field.settle(field.input.value);
     say("release-answer", `released from ${number(reply.achieved_deflection)} ticks, exact to one raw count`);
-    this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false, simulated: Promise.resolve(), missed: 0, firstMissedS: NaN };
+    this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false, simulated: Promise.resolve(), missed: 0, firstMissedS: NaN, replayed: false };
     this.running.simulated = this.simulate(this.running);
   }
 
@@ -85,8 +85,9 @@ export class Release {
 
   /** What in the residual is no physics: the simulation kept every period, the loop did not. */
   get note() {
-    const { missed, firstMissedS } = this.running ?? { missed: 0, firstMissedS: NaN };
+    const { missed, firstMissedS, replayed } = this.running ?? { missed: 0, firstMissedS: NaN, replayed: false };
     if (!missed) return "";
+    if (replayed) return `${missed} period${missed > 1 ? "s" : ""} missed: the simulation ticks when the loop did`;
     return `${missed} period${missed > 1 ? "s" : ""} missed, which the simulation kept: from ${duration(firstMissedS)} on it is of the timing, too`;
   }
 
@@ -100,16 +101,37 @@ export class Release {
   async simulate(running) {
     try {
       const reply = await request("simulate", { deflection: running.deflection, duration_s: running.durationS });
-      const { description, frames } = decodeStream(await reply.arrayBuffer());
-      const model = new Float32Array(frames.reduce((sum, frame) => sum + frame.rows, 0));
-      let at = 0;
-      for (const frame of frames) for (let i = 0; i < frame.rows; i++) model[at++] = frame.counts[i] / frame.decimation;
-      running.model = model;
-      byId("release-outcome").dataset.simulated = String(description.report.outcome);
-      this.lay(running);
+      this.take(running, await reply.arrayBuffer());
     } catch (error) {
       say("release-answer", `no simulation: ${error instanceof Error ? error.message : String(error)}`);
     }
+  }
+
+  /** Once more with the ticks as they were, where the loop has missed some of them and all that it did are here. @param {Running} running */
+  async replay(running) {
+    const { store } = this;
+    const { config } = this.view.live;
+    let end = running.start;
+    while (end < store.head && store.flags[end & store.mask] & FLAG.running && !(store.flags[end & store.mask] & FLAG.dropped)) end++;
+    if (store.gapsWithin(running.start, end).some((gap) => gap.kind !== "missed")) return;
+    const description = new TextEncoder().encode(JSON.stringify({ config, deflection: running.deflection }));
+    try {
+      const reply = await request("replay", new Blob([...prefixed(description), ...store.frames(running.start, end)]), { type: "application/vnd.hapticd.frames" });
+      this.take(running, await reply.arrayBuffer(), true);
+    } catch {
+      // the simulation that kept every period stays, and the note says so
+    }
+  }
+
+  /** Places of the simulation, by tick. @param {Running} running @param {ArrayBuffer} stream @param {boolean} [replayed] */
+  take(running, stream, replayed = false) {
+    const { description, frames } = decodeStream(stream);
+    const last = frames[frames.length - 1];
+    const model = new Float32Array(last ? last.firstTick + last.tickOffset[last.rows - 1] - frames[0].firstTick + 1 : 0).fill(NaN);
+    for (const frame of frames) for (let i = 0; i < frame.rows; i++) model[frame.firstTick - frames[0].firstTick + frame.tickOffset[i]] = frame.counts[i] / frame.decimation;
+    Object.assign(running, { model, replayed });
+    byId("release-outcome").dataset.simulated = String(description.report.outcome);
+    this.lay(running);
   }
 
   /** Look for the first rendered row, and for the end. @param {any} status */
@@ -144,6 +166,7 @@ export class Release {
     byId("release-outcome").dataset.outcome = String(result.outcome);
     this.lay(running);
     this.show(running);
+    if (running.missed && running.start >= store.first) running.simulated = running.simulated.then(() => this.replay(running));
   }
 
   /** The whole release, as a single shot, unless something else is looked at. @param {Running} running */
@@ -160,7 +183,9 @@ export class Release {
   /** @param {Running} running */
   lay(running) {
     const { store } = this;
-    if (running.start < store.first || !running.model) return;
+    if (running.start < store.first) return;
+    this.countMissed(running);
+    if (!running.model) return;
     const end = store.overlay(running.start, running.model);
     let squares = 0;
     let count = 0;
@@ -169,11 +194,17 @@ export class Release {
       squares += value * value;
       count++;
     }
-    const missed = store.gapsWithin(running.start, end).filter((gap) => gap.kind === "missed");
-    running.missed = missed.reduce((sum, gap) => sum + gap.ticks, 0);
-    running.firstMissedS = missed.length ? store.timeAt(missed[0].row - 1) - store.timeAt(running.start) : NaN;
     if (!running.over || !count) return;
     const simulated = byId("release-outcome").dataset.simulated;
     say("release-residual", `residual ${number(Math.sqrt(squares / count), 3)} ticks RMS over ${count} ticks; the simulation is ${simulated}${this.note ? `; ${this.note}` : ""}`);
+  }
+
+  /** Periods that the loop has missed in the release. @param {Running} running */
+  countMissed(running) {
+    const { store } = this;
+    const end = store.rowAt(store.timeAt(running.start) + running.durationS);
+    const missed = store.gapsWithin(running.start, end).filter((gap) => gap.kind === "missed");
+    running.missed = missed.reduce((sum, gap) => sum + gap.ticks, 0);
+    running.firstMissedS = missed.length ? store.timeAt(missed[0].row - 1) - store.timeAt(running.start) : NaN;
   }
 }

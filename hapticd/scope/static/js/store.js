@@ -44,7 +44,7 @@ export class Store {
     this.time = new Float64Array(capacity);
     this.tick = new Float64Array(capacity);
     this.counts = new Int32Array(capacity);
-    this.flags = new Uint8Array(capacity);
+    this.flags = new Uint16Array(capacity);
     this.epochs = new Uint32Array(capacity);
     /** @type {Record<Channel, Pyramid>} */
     this.channels = /** @type {any} */ ({});
@@ -74,7 +74,7 @@ export class Store {
   get bytes() {
     const pyramid = this.channels.position;
     const perChannel = pyramid.values.byteLength + 2 * pyramid.low.reduce((sum, level) => sum + level.byteLength, 0);
-    return perChannel * CHANNELS.length + this.capacity * (8 + 8 + 4 + 1 + 4);
+    return perChannel * CHANNELS.length + this.capacity * (8 + 8 + 4 + 2 + 4);
   }
 
   /** @param {number} row */
