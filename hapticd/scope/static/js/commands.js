@@ -46,7 +46,7 @@ export function bringAbout(remedy) {
 export function connectCommands(view, now, showLease) {
   // A pressed button lets the focus go: the next press on the space bar holds the trace, and moves nothing.
   document.addEventListener("click", (event) => {
-    const button = /** @type {HTMLElement} */ (event.target).closest("button:not([role=tab])");
+    const button = /** @type {HTMLElement} */ (event.target).closest("button:not([role=tab]), input[type=checkbox]");
     if (button && (event.detail > 0 || button.closest(".commands"))) /** @type {HTMLElement} */ (button).blur();
   });
   const click = (/** @type {string} */ id, /** @type {() => void} */ act) => byId(id).addEventListener("click", act);

@@ -37,7 +37,7 @@ export function connectKeys(view, bar, mark) {
     const digit = Number(event.key);
     const lane = [...trace.specs.map((spec) => spec.id), "xy"][digit - 1];
     if (lane) byId(`lane-${lane}`).click();
-    else if (keys[event.key] && !(event.key === " " && target.matches("button"))) keys[event.key]();
+    else if (keys[event.key] && !(event.key === " " && target.matches("button, input, summary"))) keys[event.key]();
     else return;
     event.preventDefault();
   });

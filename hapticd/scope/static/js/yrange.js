@@ -12,7 +12,7 @@ export function yRange(lane) {
   const inputs = ["least", "largest"].map((which) =>
     /** @type {HTMLInputElement} */ (make("input", { id: `y-${which}-${id}`, size: "6", inputmode: "decimal", autocomplete: "off", "aria-label": `${which} value of ${title}` })),
   );
-  const auto = make("button", { type: "button", class: "y-auto", "aria-pressed": String(!lane.spec.fixed), "aria-label": `${title}: range as the values are`, title: "the range as the values are; wheel and drag on the axis change it" }, "auto");
+  const auto = make("button", { type: "button", class: "y-auto", "aria-pressed": String(!lane.spec.fixed), "aria-label": `auto: range of ${title} as its values are`, title: "the range as the values are; wheel and drag on the axis change it" }, "auto");
   auto.addEventListener("click", () => {
     lane.fix(null);
     mark(inputs, false);
