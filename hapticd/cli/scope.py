@@ -16,12 +16,15 @@ from hapticd.cli.exits import UsageError
 from hapticd.cli.options import SocketOption, connect
 
 if TYPE_CHECKING:
+    from hapticd.client import Client
+    from hapticd.scope.foxglove import FoxgloveServer
     from hapticd.scope.serve import Addresses
 
 
 @command(
     "hapticd scope --open",
     "hapticd scope --view-only --port 8766",
+    "hapticd scope --foxglove 8767",
     "ssh -L 8765:127.0.0.1:8765 lab-pc hapticd scope",
     codes=(exits.INTERRUPTED,),
 )
@@ -31,6 +34,7 @@ def scope(
     view_only: bool = False,
     open_page: bool = False,
     origin: list[str] | None = None,
+    foxglove: Annotated[int, typer.Option(min=0, max=65535)] | None = None,
     url_file: Path | None = None,
     socket: SocketOption = None,
 ) -> None:
@@ -47,12 +51,16 @@ def scope(
         open_page (--open): Open the page in the browser of this desktop.
         origin (URL): Further origin under which the page is reached, e.g. http://localhost:9000 for a tunnel.
             Repeatable.
+        foxglove (--foxglove PORT): Serve the rows to Foxglove and PlotJuggler as well, over Foxglove's WebSocket protocol on
+            this port of the same address; 0 takes a free one. Read-only, and without a token: whoever reaches the port may
+            look. Needs the extra 'foxglove'.
         url_file (PATH): Write the URLs as JSON to this file, for its owner and group only, instead of printing them.
     """
     from hapticd.scope.serve import ScopeError, is_loopback, open_in_browser, serve, write_for_group
 
     client = connect(socket)
     opened: list[Path] = []
+    rows = None if foxglove is None else _foxglove(client, host, foxglove)
 
     def announce(addresses: Addresses) -> None:
         if not is_loopback(host):
@@ -61,9 +69,12 @@ def scope(
                 "nothing is encrypted; an SSH tunnel is safer"
             )
         document = {"url": addresses.url, "view_url": addresses.view_url, "pid": os.getpid()}
+        document |= {} if rows is None else {"foxglove": f"ws://{host}:{rows.port}"}
         lines = [f"look only  {addresses.view_url}"]
         if addresses.url is not None:
             lines.insert(0, f"control    {addresses.url}")
+        if rows is not None:
+            lines.append(f"Foxglove   {document['foxglove']}")
         if url_file is not None:
             write_for_group(url_file, output.to_json(document))
             opened.append(url_file)
@@ -81,10 +92,26 @@ def scope(
             view_only=view_only,
             origins=tuple(origin or ()),
             announce=announce,
+            foxglove=rows,
         )
     except (ScopeError, ValueError) as error:
         raise UsageError(str(error)) from error
     finally:
+        if rows is not None:
+            rows.close()
         for path in opened:
             with contextlib.suppress(OSError):
                 path.unlink()
+
+
+def _foxglove(client: Client, host: str, port: int) -> FoxgloveServer:
+    from hapticd.client import DaemonUnreachable
+    from hapticd.scope.foxglove import FoxgloveMissing, FoxgloveServer
+
+    linear = False
+    with contextlib.suppress(DaemonUnreachable):  # it may come later: the schema's comments have a rotary one's units
+        linear = bool(client.config()["encoder"]["counts_per_metre"])
+    try:
+        return FoxgloveServer(host, port, linear=linear)
+    except FoxgloveMissing as error:
+        raise UsageError(str(error)) from error

@@ -73,7 +73,7 @@ def write_mcap(
     from mcap.writer import CompressionType, Writer
 
     stamps = _stamps(columns["time_s"], metadata)
-    messages = _messages(columns)
+    messages = messages_of(columns)
     writer = Writer(file, compression=CompressionType.ZSTD)
     writer.start(profile="ros2", library=f"hapticd {versions()['hapticd']}")
     text = definition(columns, units)
@@ -160,7 +160,7 @@ def _type(column: str, values: NDArray[Any]) -> tuple[str, np.dtype[Any]]:
     return _TYPES[kind]
 
 
-def _messages(columns: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
+def messages_of(columns: Mapping[str, NDArray[Any]]) -> NDArray[np.uint8]:
     """The messages, shape (n, 4 + 8 · columns)."""
     rows = len(next(iter(columns.values())))
     block = np.empty((rows, len(_CDR_LITTLE_ENDIAN) + 8 * len(columns)), dtype=np.uint8)

@@ -20,6 +20,7 @@ from starlette.types import ASGIApp
 from hapticd.control import descriptors
 from hapticd.scope.access import Access, Names
 from hapticd.scope.app import ScopeServer, create_app
+from hapticd.scope.foxglove import FoxgloveServer, relay
 from hapticd.scope.strangers import strangers
 
 AT_ONCE = 128
@@ -64,6 +65,7 @@ def serve(
     view_only: bool,
     origins: tuple[str, ...],
     announce: Callable[[Addresses], None],
+    foxglove: FoxgloveServer | None = None,
 ) -> None:
     """Serve the page until SIGINT or SIGTERM.
 
@@ -73,6 +75,7 @@ def serve(
         view_only: nobody can command from this process.
         origins: further origins under which the page may be reached.
         announce: called once with the URLs, when they can be used.
+        foxglove: gets the rows, too.
 
     Raises:
         ScopeError: the address cannot be had.
@@ -89,9 +92,21 @@ def serve(
         announce(Addresses(control, f"{base}{access.view_token}"))
         server = ScopeServer(socket_path, access)
         try:
-            asyncio.run(PageServer(web_settings(create_app(server, names))).serve(sockets=[listening]))
+            asyncio.run(_serve(PageServer(web_settings(create_app(server, names))), listening, socket_path, foxglove))
         finally:
             server.close()
+
+
+async def _serve(
+    page: PageServer, listening: socket.socket, socket_path: Path, foxglove: FoxgloveServer | None
+) -> None:
+    """The page, and beside it what others look at, until the page's server ends."""
+    rows = None if foxglove is None else asyncio.create_task(relay(socket_path, foxglove))
+    try:
+        await page.serve(sockets=[listening])
+    finally:
+        if rows is not None:
+            rows.cancel()
 
 
 class PageServer(uvicorn.Server):
