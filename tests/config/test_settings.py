@@ -80,7 +80,8 @@ def test_live_keys() -> None:
     assert {"servo.rate_hz", "servo.overrun.policy", "spring.stiffness", "encoder.decimation"} <= LIVE_KEYS
     assert {"dither.amplitude", "delay.computation_s", "safety.max_velocity"} <= LIVE_KEYS
     sections = {key.partition(".")[0] for key in LIVE_KEYS}
-    assert sections == {"servo", "spring", "encoder", "dither", "delay", "safety"}
+    assert sections == {"servo", "spring", "encoder", "dither", "delay", "safety", "record"}
+    assert {key for key in LIVE_KEYS if key.startswith("record.")} == {"record.subject", "record.condition"}
     assert not LIVE_KEYS & {"servo.priority", "encoder.counts_per_rev", "encoder.invert"}
 
 

@@ -13,7 +13,7 @@ import pytest
 from record_samples import CONFIG, make_rows
 
 from hapticd.record import Run, RunFileError, RunWriter, export, import_mcap, read_run, run_metadata
-from hapticd.record.mcap import LAYOUT, MESSAGE, TOPIC, _messages, definition, field_names
+from hapticd.record.mcap import LAYOUT, MESSAGE, TOPIC, definition, field_names, messages_of
 
 EVENTS = [
     {"row": 5, "event": "set", "changed": {"spring.stiffness": 0.02}},
@@ -143,7 +143,7 @@ def test_names_that_ros_does_not_take_are_changed_and_stay_apart() -> None:
 def test_a_message_is_the_row_behind_a_header() -> None:
     rows = make_rows(60_000)
     columns = {name: np.ascontiguousarray(rows[name]) for name in rows.dtype.names or ()}
-    messages = _messages(columns)
+    messages = messages_of(columns)
     assert messages.shape == (60_000, 84)
     assert messages[7].tobytes() == b"\x00\x01\x00\x00" + rows[7].tobytes()
 
