@@ -86,6 +86,7 @@ def test_simulate_passes_its_options_on(hapticd: Run, simulator: Simulator) -> N
         "safety": True,
         "seed": 7,
         "energies": True,
+        "replay": None,
     }
     assert outcome.out.splitlines()[:2] == [
         "outcome   decaying, at rest after 0.697 s",
