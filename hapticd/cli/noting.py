@@ -9,7 +9,6 @@ import typer
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.options import SocketOption, connect
-from hapticd.config.text import number_or_text
 from hapticd.control.endpoints import Endpoints
 
 TextArgument = Annotated[
@@ -38,6 +37,8 @@ def _note(text: TextArgument, socket: SocketOption = None) -> None:
     endpoint=Endpoints.marker,
 )
 def _marker(name: NameArgument, value: ValueArgument = None, socket: SocketOption = None) -> None:
+    from hapticd.config.text import number_or_text
+
     _report(connect(socket).marker(name, None if value is None else number_or_text(value)))
 
 
