@@ -16,7 +16,7 @@ from hapticd.effects.spec import Effect, Parameter
 
 _WIDTH = 120
 _TABLE = re.compile(r"^\| effect \|.*?(?=\n\n)", re.MULTILINE | re.DOTALL)
-_HEAD = "| effect | acts on | law | parameters | identical | near |\n|---|---|---|---|---|---|"
+_HEAD = "| effect | acts on | law | parameters | near |\n|---|---|---|---|---|"
 
 
 def page(effect: Effect) -> str:
@@ -52,8 +52,8 @@ def with_table(readme: str) -> str:
 
 def _table_row(effect: Effect) -> str:
     parameters = ", ".join(f"`{parameter.name}`" for parameter in effect.parameters)
-    identical, near = ", ".join(effect.equivalent_to) or "–", ", ".join(effect.near) or "–"
-    cells = [f"[{effect.slug}]({effect.slug}.md)", effect.acts_on, _cell(effect.law), parameters, identical, near]
+    near = ", ".join([*(f"{slug} (identical)" for slug in effect.equivalent_to), *effect.near]) or "–"
+    cells = [f"[{effect.slug}]({effect.slug}.md)", effect.acts_on, _cell(effect.law), parameters, near]
     return f"| {' | '.join(cells)} |"
 
 

@@ -49,12 +49,12 @@ def _refused(why: str) -> Saying:
     return Saying("refused", "", why)
 
 
-_MODULE = "the module beside it"
-_OTHER_DRAWS = "as often, but other commands: the random numbers are not hapticd's"
+_MODULE = "the module"
+_OTHER_DRAWS = "as often, at other commands"
 _ONE_FRICTION = "a joint has one Coulomb and one viscous friction"
-_NO_INPUT = "a joint takes a torque or force: what comes before is the controller's"
+_NO_INPUT = "what comes before the torque is the controller's"
 _NO_FIELD = "a joint has no torque over its position"
-_ONE_MASS = "a joint drives one rigid body"
+_ONE_MASS = "one rigid body"
 
 _PYTHON: Final[Mapping[str, Saying]] = {
     **dict.fromkeys(OWN_SLUGS, _exact("class Axis")),
@@ -67,18 +67,16 @@ _MJCF: Final[Mapping[str, Saying]] = {
     "torque_constant_error": _exact("motor gear"),
     "asymmetric_coulomb": _exact("general biasprm"),
     "constant_bias": _exact("general biasprm"),
-    "gravity": _exact("a mass off the axis; on a linear device, " + _MODULE),
+    "gravity": _exact("a mass off the axis; linear: " + _MODULE),
     "return_spring": _exact("joint stiffness, springref"),
     "transport_delay": _exact("motor delay, one step at least; " + _MODULE),
     "current_saturation": _exact("motor ctrlrange"),
-    "backlash": _near(
-        "a second joint with a range", "the contact is a stiff spring and damper; it rebounds as the restitution says"
-    ),
+    "backlash": _near("a second joint with a range", "the contact is a stiff spring and damper"),
     "flexible_coupling": _exact("a second joint with stiffness and damping"),
     "quadratic_drag": _exact("joint damping, second number; d < 0: " + _MODULE),
     "dropped_samples": _near(_MODULE, _OTHER_DRAWS),
-    "presliding": _near(_MODULE, "the bristle is explicit in the step; alone, the joint has stiction"),
-    "amplifier_lag": _near("motor dyntype filterexact; " + _MODULE, "alone, first order with the same delay"),
+    "presliding": _near(_MODULE, "the bristle is explicit; alone, stiction"),
+    "amplifier_lag": _near("motor dyntype filterexact; " + _MODULE, "alone, first order"),
     **dict.fromkeys(
         (
             "asymmetric_viscous",
@@ -98,21 +96,21 @@ _URDF: Final[Mapping[str, Saying]] = {
     "viscous_friction": _exact("joint dynamics damping"),
     "coulomb_friction": _exact("joint dynamics friction"),
     "current_saturation": _exact("joint limit effort"),
-    "torque_constant_error": _near("joint limit effort", "only the limit has it: " + _NO_INPUT),
+    "torque_constant_error": _near("joint limit effort", "only the limit has it"),
     "gravity": _exact("a mass off the axis"),
     "asymmetric_viscous": _near("joint dynamics damping", "the mean of both directions"),
-    "stribeck": _near("joint dynamics friction", "the friction in motion, without the change near rest"),
+    "stribeck": _near("joint dynamics friction", "without the change near rest"),
     "quadratic_drag": _refused("damping is linear in the speed"),
-    "thermal_drift": _near("joint dynamics friction", "the friction of the cold device"),
-    "load_dependent_friction": _near("joint dynamics friction", "the friction without current"),
-    "presliding": _near("joint dynamics friction", "Coulomb friction, without the elastic way before it"),
+    "thermal_drift": _near("joint dynamics friction", "that of the cold device"),
+    "load_dependent_friction": _near("joint dynamics friction", "without current"),
+    "presliding": _near("joint dynamics friction", "without the elastic way"),
     "asymmetric_coulomb": _refused(_ONE_FRICTION),
     "constant_bias": _refused("a joint has no constant torque"),
     "return_spring": _refused("a joint has no spring"),
     "torque_ripple": _refused(_NO_FIELD),
     "hand_impedance": _refused("nothing comes and goes in a URDF"),
-    "backlash": _near("link inertial", "one rigid body without play: " + _ONE_MASS),
-    "flexible_coupling": _near("link inertial", "one rigid body without spring: " + _ONE_MASS),
+    "backlash": _near("link inertial", "without play: " + _ONE_MASS),
+    "flexible_coupling": _near("link inertial", "without spring: " + _ONE_MASS),
     "transport_delay": _refused(_NO_INPUT),
     "amplifier_lag": _refused(_NO_INPUT),
     "dac_quantization": _refused(_NO_INPUT),
@@ -133,8 +131,10 @@ def sayings(effects: Iterable[str], to: Format) -> dict[str, Saying]:
 
 def markdown() -> str:
     """The table, as the documentation has it."""
-    columns: dict[str, Mapping[str, Saying]] = {"mjcf": _MJCF, "urdf": _URDF, "fmu, python": _PYTHON}
-    lines = ["| effect | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
+    columns = {"mjcf": _MJCF, "urdf": _URDF}
+    lines = [f"fmu and python have every effect **exact** ({_PYTHON['gravity'].where}), but for these:", ""]
+    lines += [f"- {slug}: {said.how}: {said.why}" for slug, said in _PYTHON.items() if said.how != "exact"]
+    lines += ["", "| effect | " + " | ".join(columns) + " |", "|---|" + "---|" * len(columns)]
     for slug in OWN_SLUGS:
         cells = [_cell(said[slug]) for said in columns.values()]
         lines.append(f"| [{slug}](../effects/{slug}.md) | " + " | ".join(cells) + " |")
