@@ -51,11 +51,11 @@ def gap(
 ) -> int:
     """Find where model and measurement disagree, name what is missing, add it, and show the gap shrink.
 
-    Asks of every encoder count how likely it is, given those before it, the recorded current and the model; what the model
-    lacks shows as a disturbance torque. Every effect of the catalogue (docs/effects) is tried on data that it was not fitted
-    to, and what helps significantly is added to the model, until nothing does. The answer is one of: effect_found;
-    partly_explained, named, and something is left; no_missing_effect; ambiguous, with the experiment that would tell;
-    unexplained, something is missing that has no name here.
+    Computes how probable every encoder count is, given those before it, the recorded current and the model; what the model
+    lacks shows as a disturbance torque. Every effect of the catalogue (docs/effects) is judged on held-out data, and added
+    to the model where it has evidence, until none has. The answer is one of: effect_found;
+    partly_explained, named, and something is left; no_missing_effect; ambiguous, with an experiment to distinguish
+    them; unexplained, something is missing that no effect explains.
 
     Written into DIR: report.html, for people; model.yaml, the improved model, which simulate, check and the simulated
     hardware take; gap.json; and next_experiment.yaml, which 'hapticd excite' runs, where the answer is open. Files appear
@@ -69,7 +69,7 @@ def gap(
         out (-o, --output DIR): Folder for report.html, model.yaml and gap.json; made if missing.
         model (MODEL.yaml): The nominal model: a config or a preset. Default: the config inside the first recording.
         refit_base: No longer needed: inertia and friction are always fitted. With --effect: them as well.
-        effect (SLUG): Consider only this effect of the catalogue. Repeatable; what cannot be looked for is said.
+        effect (SLUG): Consider only this effect of the catalogue. Repeatable; a warning names what cannot be.
         nominal (MODULE:FUNCTION): Your own simulator as the nominal model: a Python function torque(x, v, i, t), in a module
             or as FILE.py:FUNCTION, which is run. From position, velocity, motor current in A and time it gives the torque
             of all there is, the motor's among it; what is found is added to it. Inertia, amplifier and encoder are MODEL's.
@@ -178,7 +178,7 @@ def describe(document: dict[str, Any], out: Path | None) -> str:
     lines = [f"timing of the data: {text.timing(document)}"]
     lines.append(f"{document['verdict']}: {document['statement']}")
     if simulator := document.get("nominal"):
-        lines.append(f"  beside {simulator}, whose torque is taken as known; model.yaml has no part of it")
+        lines.append(f"  added to the torque of {simulator}, which is taken as known; model.yaml has no part of it")
     for step in document["steps"]:
         values = [*text.chosen(step), *(f"{name} = {_estimate(value)}" for name, value in step["parameters"].items())]
         lines.append(f"  {step['effect']}: {', '.join(values)}")
@@ -186,8 +186,8 @@ def describe(document: dict[str, Any], out: Path | None) -> str:
     lines += [f"  {name} is {_estimate(value)}" for name, value in document["base"].items()]
     lines += [f"where: {place}" for place in text.places(document["where"], unit)]
     lines.append(
-        f"missing force, each block with numbers from the others: {held_out['before']:.3g} {unit} before, "
-        f"{held_out['after']:.3g} {unit} after; noise alone reads {gap['noise_floor']:.2g} {unit}"
+        f"missing force, RMS on held-out data: {held_out['before']:.3g} {unit} before, "
+        f"{held_out['after']:.3g} {unit} after; noise floor {gap['noise_floor']:.2g} {unit}"
     )
     lines += [f"predicted {sentence}" for sentence in text.predictions(document)]
     lines += text.validated(document)
@@ -195,7 +195,7 @@ def describe(document: dict[str, Any], out: Path | None) -> str:
     is_news = document["verdict"] != "no_missing_effect" or document["remainder"]["fingerprint"]
     if is_news and left not in document["statement"]:
         lines.append(f"left: {left}")
-    lines += [f"for you: {sentence}" for sentence in document["consequences"]["words"]]
+    lines += [f"consequence: {sentence}" for sentence in document["consequences"]["words"]]
     lines.append(f"next: {document['next']}")
     planned = document["next_experiment"]
     if out and planned and planned["file"]:

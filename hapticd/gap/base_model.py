@@ -186,6 +186,6 @@ def at_the_end(fit: Fit, half: Floats, *, is_held: bool = False) -> list[str]:
         return []
     return [
         f"These data do not distinguish {' and '.join(open_ended)} from the end of the range that is fitted: the model is "
-        "of another device, or the motion is not the current's, as where a controller makes the current follow it. What is "
-        "named depends on that."
+        "of another device, or the motion does not follow from the current, as where a controller makes the current follow "
+        "the motion. What is named depends on that."
     ]

@@ -47,7 +47,7 @@ def gap(
         validate: another recording of that device, which is not fitted: the answer's ``validation`` says how the model as
             given and the improved one predict it.
         out: folder for report.html, model.yaml and gap.json, made if missing.
-        progress: told the fraction done and what is being done.
+        progress: called with the fraction done and what is being done.
 
     Returns:
         ``verdict``, ``statement``, ``steps`` (the effects named, in order, with intervals), and the gap in numbers.
@@ -56,7 +56,7 @@ def gap(
         RunFileError: a recording cannot be read.
         RecordingError: nothing can be concluded from one, or one is there twice.
         ConfigError: no model, or anything wrong in it.
-        ValueError: no recording, a simulator that fails, an unknown effect, none that can be looked for, or an answer in
+        ValueError: no recording, a simulator that fails, an unknown effect, none that can be considered, or an answer in
             place of what is read.
     """
     recorded = runs_of(runs)

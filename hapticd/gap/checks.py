@@ -85,7 +85,7 @@ def _sample_problems(time_s: Floats, position: Floats, current: Floats) -> Itera
     if back.size:
         row = int(back[0]) + 1
         stamps = f"{time_s[row - 1]:.9g} s, then {time_s[row]:.9g} s"
-        kind = "runs backwards or stands still"
+        kind = "runs backwards or stops"
         yield f"the clock {kind} at {back.size} place(s), first at row {row} ({stamps})"
 
 
@@ -171,11 +171,11 @@ def _one_way(recording: Recording) -> str:
 
 def _warnings(recording: Recording, model: Config) -> Iterator[str]:
     if recording.duration_s < _SHORT_S:
-        yield f"{recording.duration_s:.3g} s is short: small effects cannot be told from chance; record 20 s"
+        yield f"{recording.duration_s:.3g} s is short: small effects cannot be distinguished from chance; record 20 s"
     if way := _one_way(recording):
         yield (
             f"the motion goes in the {way} direction only: Coulomb friction, a constant bias and asymmetric friction "
-            "cannot be told apart"
+            "cannot be distinguished"
         )
     if float(np.ptp(recording.current)) == 0.0:
         yield "the commanded current never changes: torque constant, delay and lag cannot be seen"

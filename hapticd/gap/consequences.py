@@ -1,4 +1,4 @@
-"""What the better model changes for the user: operating point, region, largest stiffness, limit cycle, before and after."""
+"""What the improved model changes: operating point, region, largest stiffness, limit cycle, before and after."""
 
 from __future__ import annotations
 

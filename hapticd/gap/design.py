@@ -51,7 +51,7 @@ def next_experiment(
     Args:
         model: loop, limits and nominal device.
         chosen: the set of laws. named: its laws, with what ties with each.
-        progress: told the fraction done and what is being done.
+        progress: called with the fraction done and what is being done.
 
     Returns:
         ``next_experiment`` of gap.json; None where nothing is left open.
@@ -125,7 +125,7 @@ def design(
     done = 0
 
     def score(experiments: Sequence[Experiment], enough: int) -> list[Scored]:
-        """The best ones; what is worse than `enough` others is not looked at to its end."""
+        """The best ones; what is worse than `enough` others is not simulated to its end."""
         nonlocal done
         results: list[Scored] = []
         for experiment in experiments:

@@ -42,7 +42,7 @@ def _prefix(values: Sequence[Floats], unit: str, floor: float) -> tuple[float, s
     """Factor and unit with which values have few digits before the point and few zeros behind it.
 
     Args:
-        values: to be shown. unit: theirs. floor: what noise alone reads, which is shown in any case.
+        values: to be shown. unit: theirs. floor: the noise floor, which is shown in any case.
     """
     known = [part[np.isfinite(part)] for part in values]
     largest = max((float(np.abs(part).max()) for part in known if part.size), default=0.0)
@@ -53,7 +53,7 @@ def _prefix(values: Sequence[Floats], unit: str, floor: float) -> tuple[float, s
 
 
 def _with_floor(axis: Axes, floor: float) -> None:
-    """Show at least a few times what noise alone reads: less is nothing, however it looks."""
+    """Show at least a few times the noise floor: less is nothing."""
     low, high = axis.get_ylim()
     axis.set_ylim(min(low, -_FLOORS * floor), max(high, _FLOORS * floor))
 
@@ -78,7 +78,7 @@ def over_time(profiles: Sequence[Profile], unit: str, floor: float) -> Figure:
         )
         axis.plot(time_s, factor * after, color=BLUE, lw=1.0, label="improved model, ± 1 standard deviation")
         for end in (-floor, floor):
-            axis.axhline(factor * end, color=GREY, lw=0.8, ls="--", label="noise alone" if end > 0.0 else None)
+            axis.axhline(factor * end, color=GREY, lw=0.8, ls="--", label="noise floor" if end > 0.0 else None)
         _with_floor(axis, factor * floor)
         axis.set_title(f"{profile.name}: missing force")
         axis.set_ylabel(label)
@@ -110,7 +110,7 @@ class _Axis:
 
     Attributes:
         name: coordinate. values: of a recording, shape (n,). against: whether the force is counted along the motion, so that
-            friction reads the same both ways. scale: of the axis; "root" shows low speeds beside the fastest motion.
+            friction reads the same both ways. scale: of the axis; "root" shows low speeds and the fastest motion.
     """
 
     name: str
@@ -153,7 +153,7 @@ def laws(profiles: Sequence[Profile], unit: str, floor: float, *, in_angle: bool
     """The missing force against position, velocity and current: the law that was missing, and that it is gone.
 
     Args:
-        profiles: of all recordings. unit: of the force. floor: what noise alone reads.
+        profiles: of all recordings. unit: of the force. floor: the noise floor.
         in_angle: whether a law was found that repeats itself with every turn, so that all turns are one.
     """
     figure = new_figure(_WIDTH, 3.0)
@@ -258,7 +258,7 @@ def ranking(step: Step) -> Figure:
     )
     axis.bar_label(bars, [f"{one.evidence:.1f} standard errors" for one in shown], padding=4, fontsize=8.5)
     axis.set_xlim(0.0, 1.25 * max(*gains, 1.0))
-    axis.set_xlabel("gain on data not used for fitting, nats (blue: added, or tied with it)")
+    axis.set_xlabel("gain on held-out data, nats (blue: added, or tied with it)")
     return figure
 
 

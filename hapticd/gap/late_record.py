@@ -1,8 +1,8 @@
 """A record of the current that is late or filtered: the motor had each current before the record says so.
 
-That is a delay, or a lag, below zero. It competes with the laws, since it looks like friction where a spring is rendered;
+That is a delay, or a lag, below zero. It competes with the laws, since it acts like friction where a spring is rendered;
 but it belongs to the record and not to the device, so once it is chosen, every set of laws is fitted with it. A device that
-answers sooner than its model says, or both at once, look the same.
+answers sooner than its model says, or both at once, cannot be distinguished.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 SLUG = "late_record"
 _DELAY, _LAG = "transport_delay", "amplifier_lag"
-"""The effects of the catalogue that it is the opposite of: data tell no more than the difference of the two."""
+"""The effects of the catalogue that it is the opposite of: data show no more than the difference of the two."""
 OPPOSITES = (_DELAY, _LAG)
 _PERIODS = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0)
 LATEST = 20
@@ -33,7 +33,7 @@ _LEAST_FILTER, _MOST_FILTER = 0.1, 1e3
 
 
 def starts(slug: str, period_s: float) -> list[Term]:
-    """Terms of an effect that stand for a late or filtered record, its opposite; none of most effects."""
+    """Terms of an effect that mean a late or filtered record, its opposite; none of most effects."""
     if slug == _DELAY:
         delay = Coordinate("t_d", index_of(f"{_DELAY}.t_d"), False, -LATEST * period_s, 0.0, period_s)
         return [Term(slug, (delay,), (-periods * period_s,)) for periods in _PERIODS]
@@ -52,7 +52,7 @@ def is_late(law: Term) -> bool:
 
 
 def untouched(slugs: Sequence[str], law: Term) -> list[str]:
-    """Those laws that data still show beside a late or filtered record.
+    """Those laws that data still show where the record is late or filtered.
 
     What was filtered is the current itself: all that comes between a command and its current is in the record already. It
     may be late besides, so the delay that lateness is the opposite of stays, for that alone (`is_opposite_only`).
@@ -63,10 +63,10 @@ def untouched(slugs: Sequence[str], law: Term) -> list[str]:
 
 
 def not_considered(slugs: Sequence[str], left: Sequence[str]) -> list[str]:
-    """A sentence for each effect that was asked for and can no longer be looked for."""
+    """A sentence for each effect that was asked for and can no longer be considered."""
     gone = [slug for slug in slugs if slug not in left]
     return [
-        f"{slug} cannot be looked for: the record is not of the command, but of a late or filtered current"
+        f"{slug} cannot be considered: the record is not of the command, but of a late or filtered current"
         for slug in gone
     ]
 
@@ -79,7 +79,7 @@ def is_opposite_only(slug: str, fit: Fit) -> bool:
 def along(law: Term) -> Term:
     """The term that fits a late record along with everything else.
 
-    It stays near where it was found, beside laws that a poorer model has not: there it would run anywhere.
+    It stays near where it was found, with laws that a poorer model has not: there it would run anywhere.
     """
     (own,), (found,) = law.coordinates, law.start
     return Term(SLUG, (replace(own, prior=own.scale, centre=found),), law.start)
@@ -105,7 +105,7 @@ def described(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
             found["warnings"].append(
                 f"the current was filtered before it was recorded, with a time constant of {1e3 * filter_s:.3g} ms "
                 f"({1e3 * low:.3g} to {1e3 * high:.3g} ms), or the motor's current is ahead of its record by so much "
-                "for another reason. It is fitted along."
+                "for another reason. It is fitted too."
             )
             continue
         late_s = -float(fit.u[at])
@@ -115,6 +115,6 @@ def described(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
             found["warnings"].append(
                 f"the current is recorded {1e3 * late_s:.3g} ms late ({1e3 * low:.3g} to {1e3 * high:.3g} ms), or it is "
                 "a sample of a current that changes in between, or the device answers by so much sooner than the model "
-                "says: these data cannot tell. It is fitted along."
+                "says: these data do not distinguish them. It is fitted too."
             )
     return found

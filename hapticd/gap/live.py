@@ -32,11 +32,11 @@ def close_the_circle(
     """Excite, record, compare; if the answer is ambiguous, play the designed experiment and compare with both recordings.
 
     Args:
-        client: the daemon. It is told to stop when a moving shaft is interrupted.
+        client: the daemon. It gets a stop when a moving shaft is interrupted.
         model: the nominal model.
         experiment: the first one.
         analyse: from recordings to a result; it writes the outputs too, so that nothing is lost with the second experiment.
-        say: told every step.
+        say: called with every step.
         bar: progress bar with a label.
 
     Raises:
@@ -45,13 +45,13 @@ def close_the_circle(
         RecordingError: nothing can be concluded from a recording.
     """
     recordings = [_record(client, model, experiment, say, bar)]
-    say("looking for what the model lacks")
+    say("searching for what the model lacks")
     result = analyse(recordings)
     say(result.statement)
     designed = (result.next_experiment or {}).get("experiment")
     if result.verdict == "ambiguous" and designed:
         recordings.append(_record(client, model, experiment_of(designed, "the designed experiment"), say, bar))
-        say("looking again, in both recordings")
+        say("searching again, in both recordings")
         result = analyse(recordings)
         say(result.statement)
     return result, recordings

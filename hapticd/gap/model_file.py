@@ -91,8 +91,8 @@ def model_yaml(model: Config, result: GapResult, recordings: Sequence[str], text
     lines = [
         f"improved from {', '.join(recordings)}.",
         f"{result.verdict}: {result.statement}",
-        f"missing force {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after, in each "
-        f"block of data with the numbers that the others give; noise alone reads {gap.noise_floor:.2g} {gap.unit}.",
+        f"missing force {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after (RMS on "
+        f"held-out data); noise floor {gap.noise_floor:.2g} {gap.unit}.",
     ]
     text = _OWN_HEAD.sub("", text_of(None, model) if text is None else text)
     written, before, after = ConfigText(text), parse_yaml(text, "the model").model_dump(), improved.model_dump()
@@ -137,7 +137,7 @@ def _put_effects(written: ConfigText, improved: Config, before: Sequence[Mapping
 def _remark(step: Step, unit: str) -> str:
     values = ", ".join(f"{name} {_interval(estimate)}" for name, estimate in step.parameters.items())
     other = (
-        f"; these data do not tell it from {', '.join(step.indistinguishable_from)}"
+        f"; these data do not distinguish it from {', '.join(step.indistinguishable_from)}"
         if step.indistinguishable_from
         else ""
     )

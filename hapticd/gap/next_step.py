@@ -35,9 +35,11 @@ def next_step(document: Mapping[str, Any]) -> str:
         planned = document["next_experiment"]
         return str(planned["words"]) if planned else _record("goes faster, slower and both ways")
     if verdict == "no_missing_effect":
-        return "Keep the model for such motions. What did not move shows nothing: a livelier recording asks more of it."
+        return (
+            "Keep the model for motions like these. A faster and larger motion would be a harder test (hapticd excite)."
+        )
     shown = [*document["remainder"]["structure"], *document["where"]]
-    more = _record(_MOTION[shown[0]["coordinate"]] if shown else "is livelier, from slow ramps to a chirp")
+    more = _record(_MOTION[shown[0]["coordinate"]] if shown else "has slow ramps, steps and a chirp")
     if verdict == "unexplained":
         return f"{more} A law of your own can be added to the catalogue (docs/effects/README.md)."
     tested = document["validation"]

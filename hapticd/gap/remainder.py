@@ -10,7 +10,7 @@ from hapticd.gap.candidates import scale_of
 from hapticd.gap.lines import frequencies
 from hapticd.gap.missing import Dependence, Missing, dependences
 from hapticd.gap.result import Remainder
-from hapticd.gap.text import looks, percent
+from hapticd.gap.text import dependence_in_words, percent
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +38,7 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
         for entry in sorted(sure, key=lambda entry: -entry.errors)
     ]
     linear = fit.problem.is_linear
-    clauses = [looks(entry["coordinate"], linear=linear) for entry in entries[:_LISTED]]
+    clauses = [dependence_in_words(entry["coordinate"], linear=linear) for entry in entries[:_LISTED]]
     fingerprint = [f"a line at {frequency:.3g} Hz in time" for frequency in frequencies(fit)]
     for order in ripple.orders_left(fit, scale_of(fit)):
         period_m = 2.0 * math.pi / order
@@ -48,7 +48,7 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
     if clauses:
         text = f"{left}: {'; '.join(clauses)}."
     elif table and table[0].share > constants.STRUCTURE_SHARE and share > constants.STRUCTURE_SHARE:
-        most = looks(table[0].coordinate, linear=linear)
+        most = dependence_in_words(table[0].coordinate, linear=linear)
         text = f"{left}; {percent(table[0].share)} of that may be {most}, which is not sure."
     else:
         text = f"{left}; it depends on no coordinate." if share > constants.STRUCTURE_SHARE else f"{left}."

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
 
 HEADLINES: Final = {
     "effect_found": "Missing from the model: {effects}",
-    "partly_explained": "Missing from the model: {effects}, and something that has no name here",
+    "partly_explained": "Missing from the model: {effects}, and something that no effect explains",
     "no_missing_effect": "Nothing is missing from the model",
-    "ambiguous": "Missing: {either}; these data leave open which",
-    "unexplained": "Something is missing that has no name here",
+    "ambiguous": "Missing: {either}; these data do not distinguish which",
+    "unexplained": "Something is missing that no effect explains",
 }
 
 
@@ -84,7 +84,7 @@ def headline(result: GapResult) -> str:
     """The verdict as a title."""
     effects = " and ".join(result.effects)
     if result.interrupted:
-        return f"Interrupted; missing from the model, as far as was looked: {effects or 'nothing'}"
+        return f"Interrupted; missing from the model, as far as was searched: {effects or 'nothing'}"
     either = " and ".join(" or ".join((step.effect, *step.indistinguishable_from)) for step in result.steps)
     return HEADLINES[result.verdict].format(effects=effects, either=either)
 

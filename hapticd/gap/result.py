@@ -69,7 +69,7 @@ class GapNumbers:
     held_out_after: float
     """Each block by the estimate without its fold."""
     noise_floor: float
-    """What noise alone reads."""
+    """The noise floor."""
     unit: str
 
 
@@ -113,7 +113,7 @@ class GapResult:
     details: Mapping[str, Any] = field(default_factory=dict)
     """Samples, blocks, noise and thresholds behind the numbers."""
     interrupted: bool = False
-    """Whether the search was ended before it was through: what it found until then stands, and more may be missing."""
+    """Whether the search was ended before it was through: what it found until then is reported, and more may be missing."""
     profiles: tuple[Profile, ...] = ()
     """The missing force sample by sample before and after, for the figures; not part of `gap.json`."""
 

@@ -34,7 +34,7 @@ COORDINATES: Final = {
         "a torque that follows changes of the current, or a current filtered before it was recorded",
     ),
 }
-"""Coordinate of `where` and `remainder` to its unit, rotary and linear, and what a force looks like that depends on it."""
+"""Coordinate of `where` and `remainder` to its unit, rotary and linear, and a force that depends on it, in words."""
 _LISTED: Final = 3
 
 
@@ -43,8 +43,8 @@ def is_linear(unit: str) -> bool:
     return unit == "N"
 
 
-def looks(coordinate: str, *, linear: bool) -> str:
-    """What a missing force looks like that depends on a coordinate."""
+def dependence_in_words(coordinate: str, *, linear: bool) -> str:
+    """A missing force that depends on a coordinate, in words."""
     words = COORDINATES[coordinate][-1]
     return words.replace("torque", "force") if linear else words
 
@@ -64,7 +64,7 @@ def _place(entry: Mapping[str, Any], unit: str) -> str:
     low, high = entry["range"]
     if name == "everywhere":
         return f"{percent(entry['share'])} is the same everywhere, {low:.3g} {unit}"
-    words = looks(name, linear=linear)
+    words = dependence_in_words(name, linear=linear)
     return f"{percent(entry['share'])} as {words}, most of it from {low:.3g} to {high:.3g} {COORDINATES[name][linear]}"
 
 
@@ -86,13 +86,13 @@ def chosen(step: Mapping[str, Any]) -> list[str]:
 
 
 def behind(step: Mapping[str, Any]) -> str:
-    """How well the data tell an effect from the others; `step` of `gap.json`."""
+    """How well the data distinguish an effect from the others; `step` of `gap.json`."""
     effect = step["effect"]
     same = [other for other in step["indistinguishable_from"] if other in CATALOGUE[effect].equivalent_to]
     indistinguishable = [other for other in step["indistinguishable_from"] if other not in same]
     clauses = [f"{other} is the same law in other parameters" for other in same]
     if indistinguishable:
-        return "; ".join([*clauses, f"these data do not tell it from {', '.join(indistinguishable)}"])
+        return "; ".join([*clauses, f"these data do not distinguish it from {', '.join(indistinguishable)}"])
     others = sorted(
         (ranked for ranked in step["ranking"] if ranked["effect"] != effect), key=lambda ranked: float(ranked["behind"])
     )
@@ -164,19 +164,18 @@ def confidence(result: GapResult, known: int) -> str:
     tried = len(details.get("candidates", ()))
     which = "Every effect of the catalogue" if tried == known else f"{tried} of the catalogue's {known} effects"
     if details.get("is_quiet"):
-        return "No effect was tried: no more force is missing than the least noise of any device makes."
+        return "No effect was tried: the missing force is no more than the noise of the best device."
     if not result.steps and result.interrupted:
         return "The search was interrupted."
     if not result.steps:
         needed = details.get("needed_standard_errors")
-        bar = f"{needed:.1f} standard errors that " if needed else "level that "
+        bar = f"{needed:.1f} standard errors that " if needed else "evidence that "
         return (
-            f"{which} was tried on blocks of data that it was not fitted to; none reaches the {bar}chance "
-            f"alone reaches in {percent(constants.LEVEL)} of runs."
+            f"{which} was tried; on held-out data none reaches the {bar}chance reaches in {percent(constants.LEVEL)} of "
+            "recordings."
         )
     steps = result.to_json()["steps"]
     return " ".join(
-        f"{step['effect']}: {step['evidence']:.1f} standard errors of evidence on blocks of data that it was not fitted "
-        f"to; {behind(step)}."
+        f"{step['effect']}: evidence of {step['evidence']:.1f} standard errors on held-out data; {behind(step)}."
         for step in steps
     )

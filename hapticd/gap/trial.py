@@ -112,7 +112,7 @@ def separation(
     Args:
         experiment: what is played.
         pairs: (the true one, the claimed one).
-        least: at this many it is no longer of interest, and the rest is not looked at.
+        least: at this many it is no longer of interest, and the rest is not simulated.
 
     Returns:
         None where the limits do not admit the experiment, a safety trip would end it, or the shaft would not move.

@@ -42,7 +42,7 @@ class Validation:
         errors: see `prediction_errors`.
         log_likelihood_gain: of the improved model over the one as given, from each sample to the next, nats.
         evidence: the same in standard errors.
-        words: which model the user is given, and why.
+        words: which model is in model.yaml, and why.
         before, after: predictions by the model as given and by the improved one, for the figure; not part of `gap.json`.
     """
 
@@ -111,7 +111,7 @@ def _carried(fit: Fit, series: Series) -> Fit:
 
 
 def judged(errors: Mapping[str, Any], standard_errors: float, is_improved: bool) -> tuple[Verdict, str]:
-    """The improved model against the one as given, and which of them the user is given, and why.
+    """The improved model against the one as given, and which of them is in model.yaml, and why.
 
     Args:
         errors: of `prediction_errors`. standard_errors: of evidence, from each sample to the next.
@@ -123,27 +123,27 @@ def judged(errors: Mapping[str, Any], standard_errors: float, is_improved: bool)
     near, far = (_change(errors[name]) for name in ("k_step", "free_run"))
     if near == far == 0:
         return "same", (
-            "Both models predict it equally well: little of it is a motion in which the difference shows. You are given "
-            "the improved model, for its evidence in the recordings that were fitted."
+            "Both models predict it equally well: they differ little in such a motion. model.yaml is the improved model, "
+            "for its evidence in the recordings that were fitted."
         )
     if min(near, far) >= 0:
-        return "better", "The improved model, which you are given, predicts it better: what was found holds there too."
+        return "better", "The improved model (model.yaml) predicts it better: what was found holds there too."
     if max(near, far) <= 0:
         return "worse", (
             "The improved model predicts it worse: what was found may belong to the recordings that were fitted (another "
-            "load, temperature or zero of the position), or to chance. You are given it, for its evidence there; fit both "
-            "recordings together before you rely on it."
+            "load, temperature or zero of the position), or to chance. model.yaml is the improved model, for its "
+            "evidence there; fit both recordings together before you rely on it."
         )
     if near > 0:
         return "mixed", (
-            f"The improved model predicts it better {ahead}, and worse over the whole record. You are given the improved "
-            f"model: it has the evidence ({standard_errors:.1f} standard errors here, from each sample to the next), and a "
-            "free run integrates any bias, however small."
+            f"The improved model predicts it better {ahead}, and worse over the whole record. model.yaml is the "
+            f"improved model: it has the evidence ({standard_errors:.1f} standard errors here, from each sample to the "
+            "next), and a free run integrates any bias, however small."
         )
     return "mixed", (
-        f"The improved model predicts it worse {ahead}, and better over the whole record. You are given the improved "
+        f"The improved model predicts it worse {ahead}, and better over the whole record. model.yaml is the improved "
         f"model, for its evidence in the recordings that were fitted ({standard_errors:.1f} standard errors here); a free "
-        "run integrates any bias, so its being better may be chance. Fit both recordings together before you rely on it."
+        "run integrates any bias, so that it may be better by chance. Fit both recordings together before you rely on it."
     )
 
 

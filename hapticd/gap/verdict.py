@@ -26,18 +26,18 @@ def decide(
 
     Args:
         effects: slugs that were added.
-        indistinguishable: for each, the effects of other classes that these data cannot tell from it.
+        indistinguishable: for each, the effects of other classes that these data do not distinguish from it.
         doubts: sentences that say why what is named, or that nothing is, may not be the whole truth.
         gap: the missing force before and after.
         remainder: what is left.
         torque: what friction and current of the last model make; what lacks more than that is no model of the device,
             and names nothing.
-        are_all: whether the whole catalogue was looked for.
+        are_all: whether the whole catalogue was considered.
     """
     if gap.held_out_after > torque:
         too_much = (
             f"More force is missing ({gap.held_out_after:.3g} {gap.unit}) than the device's friction and current make "
-            f"({torque:.2g} {gap.unit}): the model is of another device, or the motion is not the current's."
+            f"({torque:.2g} {gap.unit}): the model is of another device, or the motion does not follow from the current."
         )
         return "unexplained", " ".join([too_much, *doubts, remainder.words])
     names = " and ".join(effects)
@@ -52,14 +52,14 @@ def decide(
         return "unexplained", " ".join([statement, *doubts])
     if not effects and gap.held_out_after > constants.LOUD * torque:
         statement = (
-            f"A force without a structure is missing ({gap.held_out_after:.3g} {gap.unit}), more than {constants.LOUD:g} of "
-            f"what the device's friction and current make ({torque:.2g} {gap.unit}). {remainder.words}"
+            f"The missing force ({gap.held_out_after:.3g} {gap.unit}) depends on no coordinate, but it is more than "
+            f"{constants.LOUD:g} of what the device's friction and current make ({torque:.2g} {gap.unit}). {remainder.words}"
         )
         return "unexplained", " ".join([statement, *doubts])
     if not effects:
         statement = (
-            f"Nothing is missing that has a structure: the model leaves {gap.held_out_before:.3g} {gap.unit}, the noise "
-            f"floor is {gap.noise_floor:.2g} {gap.unit}."
+            f"No effect is missing: the missing force is {gap.held_out_before:.3g} {gap.unit}, the noise floor "
+            f"{gap.noise_floor:.2g} {gap.unit}."
         )
         return "no_missing_effect", " ".join([statement, *doubts])
     ambiguous = [(effect, others) for effect, others in zip(effects, indistinguishable, strict=True) if others]
@@ -86,6 +86,7 @@ def doubts_about(at_bounds: Mapping[str, Sequence[str]], unnamed: Mapping[str, s
         f"These data do not distinguish {' and '.join(names)} of {law} from a limit: a law at its limit is another law."
         for law, names in at_bounds.items()
     ] + [
-        f"An unnamed function of the {coordinate} is better than {law}, the nearest law of the catalogue: it is not named."
+        f"An unnamed function of the {coordinate} is better than {law}, the nearest law of the catalogue, which is "
+        "therefore not named."
         for law, coordinate in unnamed.items()
     ]

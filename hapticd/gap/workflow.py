@@ -43,13 +43,13 @@ def find_gap(
         model: the nominal model.
         refit_base: fit inertia and friction though `candidates` has none of them; otherwise they always are.
         candidates: slugs to consider; the whole catalogue by default.
-        progress: told the fraction done and what is being done.
-        design: where laws stay indistinguishable, design the experiment that would tell them apart.
+        progress: called with the fraction done and what is being done.
+        design: where laws stay indistinguishable, design the experiment that distinguishes them.
         validation: another run of that device, which is not fitted: both models are tested on it.
 
     Raises:
         RecordingError: a recording is there twice, or nothing of the one for validation can be predicted.
-        ValueError: no recording, a candidate that is unknown, or none that can be looked for.
+        ValueError: no recording, a candidate that is unknown, or none that can be considered.
         KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
     """
     slugs, not_considered = considered(model, candidates)
@@ -112,14 +112,14 @@ def find_gap(
 
 
 def _why_not(slug: str, model: Config) -> str | None:
-    """Why an effect cannot be looked for, or None."""
+    """Why an effect cannot be considered, or None."""
     present = {effect.name for effect in model.plant.effects}
     if model.is_linear and CATALOGUE[slug].rotary_only:
         return "its law is in an angle, and the device is linear"
     if slug in present:
         return "the model has it already"
     if among := present & set(CATALOGUE[slug].excludes):
-        return f"the model has {among.pop()}, beside which it cannot be"
+        return f"the model has {among.pop()}, with which it cannot be"
     return None
 
 
@@ -133,13 +133,13 @@ def why_unknown(slug: str) -> str | None:
 
 
 def considered(model: Config, candidates: Sequence[str] | None) -> tuple[list[str], list[str]]:
-    """Effects that are looked for, and a sentence for each that was asked for and cannot be.
+    """Effects that are considered, and a sentence for each that was asked for and cannot be.
 
     Args:
         model: the nominal model. candidates: slugs that are asked for; None for the whole catalogue.
 
     Raises:
-        ValueError: one is unknown, or none can be looked for.
+        ValueError: one is unknown, or none can be considered.
     """
     for slug in candidates or ():
         if reason := why_unknown(slug):
@@ -147,7 +147,7 @@ def considered(model: Config, candidates: Sequence[str] | None) -> tuple[list[st
     chosen = EFFECT_SLUGS if candidates is None else [slug for slug in EFFECT_SLUGS if slug in candidates]
     reasons = {slug: reason for slug in chosen if (reason := _why_not(slug, model))}
     left = [slug for slug in chosen if slug not in reasons]
-    sentences = [f"{slug} cannot be looked for: {reason}" for slug, reason in reasons.items()]
+    sentences = [f"{slug} cannot be considered: {reason}" for slug, reason in reasons.items()]
     if candidates and not left:
         raise ValueError("; ".join(sentences))
     return left, sentences if candidates else []

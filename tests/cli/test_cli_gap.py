@@ -65,7 +65,7 @@ def test_the_effect_is_named_in_words_and_the_model_can_be_used(
         said.out,
     )
     assert "as a torque that depends on the position, most of it from" in said.out
-    assert "N m after; noise alone reads" in said.out
+    assert "N m after; noise floor" in said.out
     assert "predicted 50 ms ahead: off by" in said.out
     assert "predicted the whole record from its start" in said.out
     assert "left: " in said.out
@@ -164,7 +164,7 @@ def test_an_interruption_keeps_what_was_named(
     assert document["interrupted"] is True
     assert load_config(tmp_path / "gap" / "model.yaml").plant.effects[0].name == "gravity"
     assert (
-        "Interrupted; missing from the model, as far as was looked: gravity"
+        "Interrupted; missing from the model, as far as was searched: gravity"
         in (tmp_path / "gap" / "report.html").read_text()
     )
 

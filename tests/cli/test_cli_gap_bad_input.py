@@ -49,7 +49,7 @@ BAD: dict[str, tuple[Columns, str]] = {
     "too few": ({name: values[:100] for name, values in good().items()}, "100 samples are too few; at least 200"),
     "too short": ({name: values[:600] for name, values in good().items()}, "0.599 s are too short; at least 1 s"),
     "no motion": (changed("encoder_counts", lambda c: 0 * c), "there is no motion: the position changes by 0 encoder"),
-    "clock backwards": (changed("time_s", holding(1000, 0.5)), "clock runs backwards or stands still at 1 place(s)"),
+    "clock backwards": (changed("time_s", holding(1000, 0.5)), "clock runs backwards or stops at 1 place(s)"),
     "hole in time": (changed("time_s", lambda t: t + 2.0 * (t > 1.5)), "more than 20 % of the record is missing"),
     "no number": (changed("current_command_A", holding(77, np.nan)), "current is missing or not finite in 1 row(s)"),
     "no count": (changed("encoder_counts", holding(77, np.nan)), "column encoder_counts must hold whole numbers"),

@@ -158,7 +158,7 @@ def test_samples_that_are_none() -> None:
     lines = str(caught.value).splitlines()
     assert lines[0] == "f: position is missing or not finite in 1 row(s), first in row 20"
     assert lines[1] == "f: current is missing or not finite in 1 row(s), first in row 30"
-    assert lines[2].startswith("f: the clock runs backwards or stands still at 1 place(s), first at row 10 (0.009 s, ")
+    assert lines[2].startswith("f: the clock runs backwards or stops at 1 place(s), first at row 10 (0.009 s, ")
 
 
 def test_too_few_samples() -> None:

@@ -191,7 +191,7 @@ def test_a_device_without_friction_needs_none() -> None:
 def test_what_cannot_be_looked_for_is_refused_alone_and_said_beside_others() -> None:
     gravity = with_effects(model(), [("gravity", {"m_g_l": 1e-3, "theta_0": 0.0})])
     recording = recorded(drive(2.0, 1), viscous=4e-5, coulomb=1.5e-3)
-    has_it = "gravity cannot be looked for: the model has it already"
+    has_it = "gravity cannot be considered: the model has it already"
     with pytest.raises(ValueError, match=has_it):
         find_gap([recording], gravity, candidates=["gravity"])
     found = find_gap([recording], gravity, candidates=["gravity", "return_spring"], design=False)

@@ -73,7 +73,7 @@ def test_what_was_asked_for_and_is_in_the_record_already_is_said(hidden: Callabl
     asked = ["current_saturation", "amplifier_lag"]
     result = find_gap([filtered(recording, 0.02)], model, candidates=asked, design=False)
     for slug in asked:
-        assert any(warning.startswith(f"{slug} cannot be looked for: the record") for warning in result.warnings)
+        assert any(warning.startswith(f"{slug} cannot be considered: the record") for warning in result.warnings)
 
 
 def test_a_filter_is_undone_in_each_recording_up_to_its_gaps(hidden: Callable[..., Any]) -> None:

@@ -88,7 +88,7 @@ def test_a_clear_answer_needs_one_experiment(monkeypatch: pytest.MonkeyPatch) ->
     assert said == [
         "playing steps of 0.1 A for 5 s",
         "recorded /r/1.arrow",
-        "looking for what the model lacks",
+        "searching for what the model lacks",
         "It is effect_found.",
     ]
 

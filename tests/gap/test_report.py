@@ -93,7 +93,7 @@ def test_all_questions_are_answered_with_numbers_and_units(nominal_run: Recordin
     assert "9.8 standard errors" in text
     assert "the next best, coulomb_friction, is 7.2 standard errors behind" in text
     assert "231 µN m → 10.4 µN m" in text
-    assert "noise alone reads 1 µN m" in text
+    assert "Noise floor: 1 µN m" in text
     assert "50 ms ahead: off by 50 mrad before, 300 µrad after" in text
     assert "0.2 % of the missing force&#39;s power is left" in text
     assert "the motion goes one way" in text
@@ -103,14 +103,14 @@ def test_all_questions_are_answered_with_numbers_and_units(nominal_run: Recordin
 def test_a_linear_device_is_told_of_in_its_units(nominal_run: Recording) -> None:
     text = first_screen(replace(FOUND, gap=replace(FOUND.gap, unit="N")), nominal_run)
     assert "from 0.02 to 2 m/s" in text
-    assert "10.4 µN RMS missing force" in text
+    assert "10.4 µN RMS of the missing force" in text
 
 
 def test_an_ambiguous_answer_names_both_in_the_title(nominal_run: Recording) -> None:
     ambiguous = replace(FOUND, verdict="ambiguous", steps=(replace(STEP, indistinguishable_from=("presliding",)),))
     text = first_screen(ambiguous, nominal_run)
-    assert "Missing: stribeck or presliding; these data leave open which" in text
-    assert "do not tell it from presliding" in text
+    assert "Missing: stribeck or presliding; these data do not distinguish which" in text
+    assert "do not distinguish it from presliding" in text
 
 
 @pytest.mark.parametrize(
@@ -122,15 +122,15 @@ def test_nothing_missing_says_what_was_tried(nominal_run: Recording, tried: int,
     text = first_screen(none, nominal_run)
     assert "Nothing is missing from the model" in text
     assert said in text.replace("&#39;", "'")
-    assert "none reaches the 4.2 standard errors that chance alone reaches in 0.5 % of runs" in text
+    assert "none reaches the 4.2 standard errors that chance reaches in 0.5 % of recordings" in text
     assert "there is nothing to show" in text
 
 
 @pytest.mark.parametrize(
     ("verdict", "steps", "title"),
     [
-        ("partly_explained", (STEP,), "Missing from the model: stribeck, and something that has no name here"),
-        ("unexplained", (), "Something is missing that has no name here"),
+        ("partly_explained", (STEP,), "Missing from the model: stribeck, and something that no effect explains"),
+        ("unexplained", (), "Something is missing that no effect explains"),
     ],
 )
 def test_structure_that_is_left_is_said_and_drawn(
@@ -152,10 +152,12 @@ def test_structure_that_is_left_is_said_and_drawn(
 
 def test_how_sure_it_is_that_nothing_is_missing(nominal_run: Recording) -> None:
     nothing = replace(FOUND, verdict="no_missing_effect", effects=(), steps=())
-    tried = "was tried on blocks of data that it was not fitted to;"
+    tried = "was tried; on held-out data"
     assert f"{tried} none reaches the 4.2 standard errors" in first_screen(nothing, nominal_run)
     quiet = replace(nothing, details={**FOUND.details, "is_quiet": True})
-    assert "No effect was tried: no more force is missing than the least noise" in first_screen(quiet, nominal_run)
+    assert "No effect was tried: the missing force is no more than the noise of the best device" in first_screen(
+        quiet, nominal_run
+    )
 
 
 @pytest.mark.parametrize(
@@ -167,7 +169,7 @@ def test_how_sure_it_is_that_nothing_is_missing(nominal_run: Recording) -> None:
         ({"verdict": "ambiguous"}, "goes faster, slower and both ways"),
         ({"verdict": "ambiguous", "next_experiment": {"words": "Play a chirp."}}, "Play a chirp."),
         ({"verdict": "unexplained", "effects": (), "steps": ()}, "goes both ways at many speeds"),
-        ({"verdict": "unexplained", "effects": (), "steps": (), "where": ()}, "from slow ramps to a chirp"),
+        ({"verdict": "unexplained", "effects": (), "steps": (), "where": ()}, "slow ramps, steps and a chirp"),
         ({"interrupted": True}, "Let the search run to its end"),
     ],
 )
@@ -224,9 +226,9 @@ def test_bad_timing_comes_before_the_figures(nominal_run: Recording) -> None:
 
 def test_what_was_found_before_an_interruption_says_so(nominal_run: Recording) -> None:
     text = first_screen(replace(FOUND, interrupted=True), nominal_run)
-    assert "Interrupted; missing from the model, as far as was looked: stribeck" in text
+    assert "Interrupted; missing from the model, as far as was searched: stribeck" in text
     nothing = first_screen(replace(FOUND, interrupted=True, effects=(), steps=()), nominal_run)
-    assert "as far as was looked: nothing" in nothing
+    assert "as far as was searched: nothing" in nothing
     assert "The search was interrupted." in nothing
 
 
@@ -282,7 +284,7 @@ def test_the_daemons_long_name_leaves_title_and_legend_readable(recordings: int)
     assert [text.get_text() for text in legend.get_texts()] == [
         "model as given",
         "improved model, ± 1 standard deviation",
-        "noise alone",
+        "noise floor",
     ]
     page_box, legend_box = figure.bbox, legend.get_window_extent()
     titles = [axis._left_title.get_window_extent() for axis in figure.axes]

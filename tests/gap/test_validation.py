@@ -110,8 +110,8 @@ def _errors(k_step: tuple[float, float], free_run: tuple[float, float]) -> dict[
 @pytest.mark.parametrize(
     ("k_step", "free_run", "verdict", "words"),
     [
-        ((2.0, 1.0), (2.0, 1.0), "better", "which you are given, predicts it better"),
-        ((2.0, 1.0), (2.0, 2.01), "better", "which you are given, predicts it better"),
+        ((2.0, 1.0), (2.0, 1.0), "better", "(model.yaml) predicts it better"),
+        ((2.0, 1.0), (2.0, 2.01), "better", "(model.yaml) predicts it better"),
         (
             (2.0, 1.0),
             (1.0, 2.0),
@@ -119,7 +119,7 @@ def _errors(k_step: tuple[float, float], free_run: tuple[float, float]) -> dict[
             "it has the evidence (7.5 standard errors here, from each sample to the next)",
         ),
         ((2.0, 1.0), (1.0, np.inf), "mixed", "better 50 ms ahead, and worse over the whole record"),
-        ((1.0, 2.0), (2.0, 1.0), "mixed", "a free run integrates any bias, so its being better may be chance"),
+        ((1.0, 2.0), (2.0, 1.0), "mixed", "a free run integrates any bias, so that it may be better by chance"),
         ((1.0, 2.0), (1.0, 2.0), "worse", "fit both recordings together before you rely on it"),
         ((1.0, 1.01), (2.0, 2.0), "same", "Both models predict it equally well"),
     ],

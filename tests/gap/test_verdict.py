@@ -114,7 +114,7 @@ def test_without_a_reason_there_is_no_doubt() -> None:
 
 def test_nothing_missing_names_the_noise_floor() -> None:
     _, statement = decide([], [], [], GAP, CLEAN, 1.0)
-    assert "Nothing is missing" in statement
+    assert "No effect is missing" in statement
     assert "2e-06 N m" in statement
 
 
@@ -147,5 +147,5 @@ def test_a_loud_force_without_structure_is_not_nothing() -> None:
     loud = GapNumbers(2e-3, 2e-3, 2e-3, 2e-3, 2e-6, "N m")
     found, statement = decide([], [], [], loud, CLEAN, 4e-3)
     assert found == "unexplained"
-    assert "without a structure is missing (0.002 N m)" in statement
+    assert "missing force (0.002 N m) depends on no coordinate" in statement
     assert decide([], [], [], loud, CLEAN, 1e-2)[0] == "no_missing_effect"

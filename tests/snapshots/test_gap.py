@@ -107,7 +107,7 @@ RESULTS = {
     "ambiguous": replace(
         FOUND,
         verdict="ambiguous",
-        statement="These data cannot tell which it is: stribeck or presliding.",
+        statement="These data do not distinguish which it is: stribeck or presliding.",
         steps=(replace(STRIBECK, indistinguishable_from=("presliding",)),),
         next_experiment=PLAN,
     ),
@@ -128,7 +128,7 @@ RESULTS = {
     "nothing": replace(
         FOUND,
         verdict="no_missing_effect",
-        statement="Nothing is missing that has a structure.",
+        statement="No effect is missing.",
         effects=(),
         steps=(),
         where=(),
