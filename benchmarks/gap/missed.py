@@ -78,7 +78,9 @@ def known(files: Files, effects: Sequence[dict[str, Any]]) -> tuple[list[Known],
         def shows(more: LawSet, less: LawSet) -> tuple[float, float]:
             return evidence(more, less)[1], 1.0 - missing_power(more.fit) / missing_power(less.fit)
 
-        found.append(Known(effect["name"], *shows(whole, less), *shows(whole.beside_slow, less.beside_slow)))
+        found.append(
+            Known(effect["name"], *shows(whole, less), *shows(whole.with_slow_disturbance, less.with_slow_disturbance))
+        )
     return found, needed_errors(whole.held_out.size, len(EFFECT_SLUGS))
 
 

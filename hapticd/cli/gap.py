@@ -87,7 +87,7 @@ def gap(
     from hapticd.gap import find_gap
     from hapticd.gap.data import load_recording
     from hapticd.gap.outputs import document_of, keep, write_outputs
-    from hapticd.gap.own_simulator import beside, find_torque
+    from hapticd.gap.own_simulator import find_torque, with_simulator
     from hapticd.gap.workflow import considered, why_unknown
 
     for slug in effect or ():
@@ -124,8 +124,8 @@ def gap(
     def analyse(config: Config, validation: Recording | None, recordings: Sequence[Recording]) -> GapResult:
         if torque:
             try:
-                recordings = [beside(recording, config, torque) for recording in recordings]
-                validation = beside(validation, config, torque) if validation else None
+                recordings = [with_simulator(recording, config, torque) for recording in recordings]
+                validation = with_simulator(validation, config, torque) if validation else None
             except ValueError as error:
                 raise UsageError(f"--nominal {nominal}: {error}") from error
             document["nominal"] = nominal

@@ -1,4 +1,4 @@
-"""From what a search found to what is told of it: names with intervals, the missing force before and after, what is left."""
+"""From what a search found to what is reported of it: names with intervals, missing force before and after, what is left."""
 
 from __future__ import annotations
 
@@ -48,15 +48,15 @@ def answer(
     unnamed: Mapping[str, str],
     validation: Recording | None = None,
 ) -> GapResult:
-    """What a search found, judged beside a disturbance that may be slow.
+    """What a search found, judged with a disturbance that may be slow.
 
     Args:
         recordings: what was searched. model: the nominal model. search: it.
         chosen: the set of laws. named: its laws, in the order in which they are said.
-        are_all: whether the whole catalogue was looked for. unnamed: laws left out, each for a function of a coordinate.
+        are_all: whether the whole catalogue was considered. unnamed: laws left out, each for a function of a coordinate.
         validation: a recording that was not searched.
     """
-    freed = [one.beside_slow for one in path(search, chosen, named)]
+    freed = [one.with_slow_disturbance for one in path(search, chosen, named)]
     after = missing.held_out_rms(freed[-1].fit)
     torque = missing.own_torque(freed[-1].fit)
     if named and after > torque:  # a model of another device names nothing

@@ -11,7 +11,7 @@ from hapticd.client import find_run
 from hapticd.config import ConfigError, Problem, parse_config
 from hapticd.config.loading import ConfigSource, config_of
 from hapticd.gap.data import recording_of
-from hapticd.gap.own_simulator import Torque, beside, find_torque
+from hapticd.gap.own_simulator import Torque, find_torque, with_simulator
 from hapticd.gap.workflow import find_gap
 from hapticd.record import Run, read_run
 
@@ -64,7 +64,7 @@ def gap(
     torque = find_torque(nominal) if isinstance(nominal, str) else nominal
     tests = runs_of([validate]) if validate is not None else []
     taken = [recording_of(run, config) for run in [*recorded, *tests]]
-    taken = [beside(one, config, torque) for one in taken] if torque else taken
+    taken = [with_simulator(one, config, torque) for one in taken] if torque else taken
     recordings, validation = taken[: len(recorded)], taken[-1] if tests else None
     if out is not None:
         from hapticd.gap.outputs import keep

@@ -1,8 +1,8 @@
-"""The first stage: which effects, from which starts, promise most. One run of the filter for each start.
+"""The first stage: which effects, from which starts, are expected to gain most. One run of the filter for each start.
 
 The difference that a start makes to the predictions is a direction; along it the likelihood is a parabola whose top is the
-promise of that start (a score test, Rao 1948). Where the effect is linear in one of its parameters the top says how large it
-should be. Orders of a ripple and the time of a grip come out of torques through the linearised filter.
+expected gain of that start (a score test, Rao 1948). Where the effect is linear in one of its parameters the top says how
+large it should be. Orders of a ripple and the time of a grip come out of torques through the linearised filter.
 """
 
 from __future__ import annotations
@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 _CLIMBS = 4
 _BASIN = 0.4
 """Difference of the logarithms of two starts that lead to the same maximum."""
-PROMISING = 0.02
-"""Share of what the best start promises that one must promise to be followed further."""
+FOLLOWED_SHARE = 0.02
+"""Share of the best start's expected gain that one needs to be followed further."""
 HALF_WAY = 0.5
 """The same of what an effect must gain."""
 HALVINGS, _TRIAL_HALVINGS = 6, 2
@@ -92,20 +92,22 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
             if not late_record.is_opposite_only(slug, present):
                 starts += both_signs(_started(present, slug, values, scale) for values in CATALOGUE[slug].starts(scale))
             remembers = CATALOGUE[slug].acts_on == "memory"
-            tried = sorted(each((part if remembers else space).along, starts), key=lambda candidate: -candidate.promise)
+            tried = sorted(
+                each((part if remembers else space).along, starts), key=lambda candidate: -candidate.expected_gain
+            )
             if remembers:
                 closest = sorted(tried, key=lambda candidate: candidate.left)
                 found += _apart([*_apart(tried, _CLIMBS // 2), *closest], _CLIMBS)
             else:
                 found += _of_each_sign(tried)
-    least = max(PROMISING * max((c.promise for c in found), default=0.0), HALF_WAY * needed)
+    least = max(FOLLOWED_SHARE * max((c.expected_gain for c in found), default=0.0), HALF_WAY * needed)
     hopeful = each(
         lambda c: _gripped(space, c, scale) if c.slug == grip.SLUG else space.stretched(c),
-        (c for c in found if c.promise > least or c.left < 1.0 - constants.STRUCTURE_SHARE),
+        (c for c in found if c.expected_gain > least or c.left < 1.0 - constants.STRUCTURE_SHARE),
     )
     followed = _followed(space, part, hopeful)
     best_of: dict[tuple[str, bool], Candidate] = {}
-    for candidate in sorted(followed, key=lambda candidate: -candidate.promise):
+    for candidate in sorted(followed, key=lambda candidate: -candidate.expected_gain):
         best_of.setdefault((candidate.slug, _is_negative(candidate)), candidate)
     return list(best_of.values())
 
@@ -142,31 +144,33 @@ def _gripped(space: Score, candidate: Candidate, scale: Scale) -> Candidate:
     fit = space.present.extended(candidate.term)
     fit.scan_power()
     fit = grip.settled(fit, len(fit.terms) - 1, scale)
-    promise = fit.log_likelihood - space.present.log_likelihood
-    return replace(candidate, term=fit.terms[-1].moved(fit.u[space.present.u.size :]), promise=promise)
+    expected_gain = fit.log_likelihood - space.present.log_likelihood
+    return replace(candidate, term=fit.terms[-1].moved(fit.u[space.present.u.size :]), expected_gain=expected_gain)
 
 
 def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[Candidate]:
-    """Candidates, those climbed whose likelihood is too rough for slopes; of several starts the best goes on.
+    """Candidates, those maximised whose likelihood is too rough for slopes; of several starts the best goes on.
 
-    They climb in a part of the record, and promise what they then gain in the whole.
+    They are maximised in a part of the record, and their expected gain is that in the whole.
     """
     rough = [c for c in hopeful if CATALOGUE[c.slug].acts_on == "memory"]
     found = [c for c in hopeful if c not in rough]
 
     def follow(slug: str) -> Candidate | None:
         tried = [candidate for candidate in rough if candidate.slug == slug]
-        climbs = [Climb(part.present.extended(candidate.term), -1) for candidate in tried]
-        each(lambda climb: climb.go(_TRIAL_HALVINGS), climbs)
-        k = int(np.argmax([climb.fit.log_likelihood for climb in climbs]))
-        if climbs[k].fit.log_likelihood < part.present.log_likelihood:
+        ascents = [Ascent(part.present.extended(candidate.term), -1) for candidate in tried]
+        each(lambda ascent: ascent.go(_TRIAL_HALVINGS), ascents)
+        k = int(np.argmax([ascent.fit.log_likelihood for ascent in ascents]))
+        if ascents[k].fit.log_likelihood < part.present.log_likelihood:
             return None  # smaller steps turn no loss into a gain
-        climbs[k].go(HALVINGS - _TRIAL_HALVINGS)
-        item = tried[k].term.moved(climbs[k].fit.u[climbs[k].own])
+        ascents[k].go(HALVINGS - _TRIAL_HALVINGS)
+        item = tried[k].term.moved(ascents[k].fit.u[ascents[k].own])
         whole = space.present.extended(item)
         whole.scan_power()
-        promise = whole.log_likelihood - space.present.log_likelihood
-        return replace(tried[k], term=item, promise=promise) if keeps_the_drive(whole, space.present) else None
+        expected_gain = whole.log_likelihood - space.present.log_likelihood
+        return (
+            replace(tried[k], term=item, expected_gain=expected_gain) if keeps_the_drive(whole, space.present) else None
+        )
 
     followed = each(follow, dict.fromkeys(c.slug for c in rough))
     return found + [candidate for candidate in followed if candidate is not None]
@@ -177,7 +181,7 @@ def _is_negative(candidate: Candidate) -> bool:
 
 
 def _of_each_sign(tried: Sequence[Candidate]) -> list[Candidate]:
-    """The most promising start, and that of the other sign: friction that rises here is near one that falls there."""
+    """The best start, and that of the other sign: friction that rises here is near one that falls there."""
     best: dict[bool, Candidate] = {}
     for candidate in tried:
         best.setdefault(_is_negative(candidate), candidate)
@@ -185,7 +189,7 @@ def _of_each_sign(tried: Sequence[Candidate]) -> list[Candidate]:
 
 
 def _apart(tried: Sequence[Candidate], most: int) -> list[Candidate]:
-    """The most promising starts that do not lie in each other's basin."""
+    """The best starts that do not lie in each other's basin."""
     chosen: list[Candidate] = []
     for candidate in tried:
         near = (np.abs(np.subtract(candidate.term.start[:1], other.term.start[:1])) < _BASIN for other in chosen)
@@ -194,7 +198,7 @@ def _apart(tried: Sequence[Candidate], most: int) -> list[Candidate]:
     return chosen
 
 
-class Climb:
+class Ascent:
     """A compass search for one term, the noise following: with impacts the likelihood is too rough for slopes."""
 
     def __init__(self, fit: Fit, number: int, part: float = 1.0) -> None:
@@ -227,28 +231,28 @@ def _input(space: Score, slug: str, scale: Scale) -> list[Candidate]:
     _, coarse = _best_input(space, starts)
     step = float(np.log(_ratio(starts)))
     fine = [coarse.moved([coarse.start[0] + step * share]) for share in np.linspace(-1.0, 1.0, _COLUMNS)]
-    promise, item = _best_input(space, fine)
-    return [Candidate(slug, item, promise, math.log(len(starts)))]
+    expected_gain, item = _best_input(space, fine)
+    return [Candidate(slug, item, expected_gain, math.log(len(starts)))]
 
 
 def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
-    """The most that one of these starts promises or gains, and which.
+    """The largest expected or real gain of these starts, and which has it.
 
-    The most promising are tried: where a current meets its limit but once the filter is lost there, and slopes tell little.
+    The best are tried: where a current meets its limit but once the filter is lost there, and slopes say little.
     """
     parts = [starts[k : k + _COLUMNS] for k in range(0, len(starts), _COLUMNS)]
-    promises = np.concatenate(each(lambda some: _input_promises(space, some), parts))
-    tried = np.argsort(promises)[-_INPUTS_TRIED:].tolist()
+    expected = np.concatenate(each(lambda some: _input_gains(space, some), parts))
+    tried = np.argsort(expected)[-_INPUTS_TRIED:].tolist()
 
     def gain(k: int) -> float:
-        return float(max(space.present.extended(starts[k]).log_likelihood - space.present.log_likelihood, promises[k]))
+        return float(max(space.present.extended(starts[k]).log_likelihood - space.present.log_likelihood, expected[k]))
 
     gains = each(gain, tried)
     best = int(np.argmax(gains))
     return gains[best], starts[tried[best]]
 
 
-def _input_promises(space: Score, starts: Sequence[Term]) -> Floats:
+def _input_gains(space: Score, starts: Sequence[Term]) -> Floats:
     present = space.present
     series, p = present.problem.series, present.device()
     duration, base, _ = series.currents(p)

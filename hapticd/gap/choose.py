@@ -182,8 +182,8 @@ class Search:
             rivals = self._in_place(chosen, poorer, slug)
             far = -2.0 * constants.INDISTINGUISHABLE
             near = [one for one in rivals if evidence(one, chosen)[1] > far and self._closes_as_much(one, chosen)]
-            climbed = {id(one): finished(one) for one in near}
-            rivals = sorted((climbed.get(id(one), one) for one in rivals), key=lambda one: -one.total)
+            maximised = {id(one): finished(one) for one in near}
+            rivals = sorted((maximised.get(id(one), one) for one in rivals), key=lambda one: -one.total)
             ties = [one for one in rivals if self._is_tied(one, chosen, poorer)]
             ranked = [(one.laws[-1], *evidence(one, poorer), max(evidence(chosen, one)[1], 0.0)) for one in rivals]
             found.append(Named(slug, is_better(chosen, poorer, self.needed), tuple(ties), tuple(ranked)))
@@ -352,14 +352,14 @@ class Search:
     def _unnamed(self, present: LawSet) -> Iterator[Round]:
         """Leave out laws in whose place an unnamed function of one coordinate is better and leaves less, the last first.
 
-        They are compared beside a slow disturbance: beside a short one a function of the time may take its place.
+        They are compared with a slow disturbance: with a short one a function of the time may take its place.
         """
         for law in reversed([slug for slug in present.laws if slug not in BASE_WORDS]):
             if is_quiet(present.fit):
                 return
             poorer = self.without(present, law)
-            other = with_function(poorer.beside_slow, ROUGH * self.least)
-            comparison = is_better(other, present.beside_slow, self.needed) if other else None
+            other = with_function(poorer.with_slow_disturbance, ROUGH * self.least)
+            comparison = is_better(other, present.with_slow_disturbance, self.needed) if other else None
             if other and comparison and comparison.is_better and comparison.left < 1.0:
                 yield Round("swap", law, poorer, present, comparison, function=other.function)
                 present = poorer
@@ -443,12 +443,12 @@ class Search:
         return LawSet(fit, laws.held_out, laws.penalty)
 
     def without(self, laws: LawSet, slug: str) -> LawSet:
-        """The set without a law, climbed: with the noise that it had before that law, if that is likelier now."""
+        """The set without a law, maximised: with the noise that it had before that law, if that is likelier now."""
         fit = self._less(laws, slug).fit
         fit = self._likelier(fit, self._noise.get(slug, self.given.fit.noise))
         return scored(fit.maximise(tolerance=ROUGH * self.least), laws.penalty)
 
     @staticmethod
     def _likelier(fit: Fit, noise: Floats) -> Fit:
-        """The fit with its own noise or another, whichever is likelier: from too little noise a climb does not get away."""
+        """The fit with its own noise or another, whichever is likelier: from too little noise no ascent gets away."""
         return max(fit, fit.with_noise(noise), key=lambda one: one.log_likelihood)

@@ -10,7 +10,7 @@ HELD_BACK = 0.01
 """Share of all data's information on a parameter below which what the other folds say of it is not followed: near a
 breakaway, or at an impact, one block may know nearly all."""
 SHORT_MEMORY_S = 0.05
-"""Largest correlation time of the disturbance torque while effects are looked for [s]: a slower one takes the place of
+"""Largest correlation time of the disturbance torque while effects are searched [s]: a slower one takes the place of
 friction and of slow effects as long as they are not in the model (docs/explanation/gap-statistics.md)."""
 MEMORIES = 60.0
 """Correlation times that the recordings hold at least when the answer is judged: a slower disturbance is a slow effect."""
@@ -25,7 +25,7 @@ LEVEL = 0.005
 SHARE = 0.07
 """Share of what is still missing, in power, that an effect must close to be named."""
 CLOSED = 0.5
-"""Share of the missing force's power that a law must close beside a slow disturbance, where it is not sure."""
+"""Share of the missing force's power that a law must close with a slow disturbance, where it is not sure."""
 EXPLAINED = 0.7
 """Share of the missing force's power that the named effects must close to be all that was found to be missing."""
 DRIVE_KEPT = 0.3
@@ -44,9 +44,9 @@ MOVES = 0.5
 """Share of what viscous friction leaves of a velocity that must outlast a period: less is a shaft that Coulomb friction
 holds, and no force shows on it."""
 ORDER_GAIN = 10.0
-"""What an order of a ripple promises at least [nats]: the best of ninety does by chance in one run of two hundred."""
+"""Least expected gain of an order of a ripple [nats]: the best of ninety does by chance in one run of two hundred."""
 ORDER_SHARE = 0.02
-"""Share of what all orders of a ripple promise that a further one must promise: the rest is any function of position."""
+"""Share of the joint gain of all orders of a ripple that a further one must add: the rest is any function of position."""
 GRIP_BLOCKS = 2
 """Blocks that a grip lasts at least, so that the score of one is held out with another to tell of the hand."""
 LINE = 25.0
@@ -56,4 +56,4 @@ IMITATIONS = 5
 INDISTINGUISHABLE = 3.0
 """Standard errors of evidence up to which two laws are indistinguishable."""
 MOST_EFFECTS = 4
-"""Most effects that are looked for."""
+"""Most effects that are searched."""

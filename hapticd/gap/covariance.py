@@ -42,10 +42,10 @@ def covariance_of(fit: Fit) -> Floats:
     inverse = np.linalg.inv(A)
     by_chance = _moved_by_imitations(fit)[:, free] / unit
     largest = np.max([np.diag(jackknife), np.diag(inverse), np.mean(by_chance**2, axis=0)], axis=0)
-    told = np.diag(jackknife) > 0.0
-    wider = np.sqrt(largest[told] / np.diag(jackknife)[told])
+    determined = np.diag(jackknife) > 0.0
+    wider = np.sqrt(largest[determined] / np.diag(jackknife)[determined])
     own = np.diag(largest)
-    own[np.ix_(told, told)] = jackknife[np.ix_(told, told)] * np.outer(wider, wider)
+    own[np.ix_(determined, determined)] = jackknife[np.ix_(determined, determined)] * np.outer(wider, wider)
     covariance = np.zeros((fit.u.size, fit.u.size))
     covariance[np.ix_(free, free)] = units * own
     return covariance

@@ -34,13 +34,13 @@ _OFF = (DISTURBANCE, JITTER)
 """Noise that is off at its lower bound."""
 _NEVER = -1e12
 _POOR = 2
-"""Steps in a row that gain nothing before a climb is over: on a curved ridge a single one may."""
+"""Steps in a row that gain nothing before an ascent is over: on a curved ridge a single one may."""
 _HOPELESS = 0.05
-"""Share of what it is behind a competitor that a climb must gain with a step."""
+"""Share of what it is behind a competitor that an ascent must gain with a step."""
 _SHORTER = 6
-"""Attempts to shorten a step that does not climb."""
+"""Attempts to shorten a step that does not ascend."""
 _STRAIGHT = 0.75
-"""Share of what the slope promised of a step beyond which it goes on: at a parabola's top it is a half."""
+"""Share of what the slope predicts of a step beyond which it goes on: at a parabola's top it is a half."""
 _SCANNED = 0.05
 """Nats that a longer step must gain."""
 
@@ -200,7 +200,7 @@ class Fit:
         return of_means + of_variances
 
     def approach(self, first: int, rounds: int) -> Fit:
-        """Climb towards the maximum in the coordinates from `first` on, the noise following as a whole; returns itself.
+        """Ascend towards the maximum in the coordinates from `first` on, the noise following as a whole; returns itself.
 
         With the noise of a poorer model the likelihood is broad, and the noise shrinks as the fit improves: a homotopy.
         """
@@ -208,7 +208,7 @@ class Fit:
         return self
 
     def in_turn(self, rounds: int) -> None:
-        """Climb in each term by itself: a term with a jagged likelihood holds the others up in a common step."""
+        """Ascend in each term by itself: a term with a jagged likelihood holds the others up in a common step."""
         at = np.arange(self.u.size)
         own = [self.columns(number) for number in range(len(self.terms))]
         self._follow([(columns.start <= at) & (at < columns.stop) for columns in own], rounds)
@@ -224,9 +224,9 @@ class Fit:
         self._forget()
 
     def maximise(self, iterations: int = 25, tolerance: float = 0.05, competitor: float = -np.inf) -> Fit:
-        """Climb to the maximum, and less closely the farther it stays behind a competitor's likelihood; returns itself."""
+        """Ascend to the maximum, and less closely the farther it stays behind a competitor's likelihood; returns itself."""
         damping, poor = 1e-2, 0
-        held = np.zeros(self.u.size, dtype=bool)  # at a bound; asked again where the climb gains no more
+        held = np.zeros(self.u.size, dtype=bool)  # at a bound; asked again where the ascent gains no more
         for _ in range(iterations):
             before, among = self.log_likelihood, self.free() & ~held
             damping, free = self._step(among, damping)

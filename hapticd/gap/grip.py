@@ -32,7 +32,7 @@ _LONGEST = 0.75
 _SMALL = 0.02
 """Share of the device's own inertia, damping and stiffness from which a size that shows as negative starts."""
 _NEAR = 2
-"""Pieces by which a climb may move an edge."""
+"""Pieces by which an ascent may move an edge."""
 _EDGES = ("on_s", "off_s")
 _PARAMETERS = ("m_h", "b_h", "k_h", *_EDGES, "rest")
 _SHIFTS_S = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
@@ -61,19 +61,19 @@ def first_grip(space: Score, scale: Scale) -> list[Candidate]:
     sums, curves = G[last] - G[first], curve[last] - curve[first]
     curves = curves + 1e-6 * np.einsum("kij,ij->kij", curves, np.eye(4)) + 1e-30 * np.eye(4)
     sizes = np.linalg.solve(curves, sums[:, :, None])[:, :, 0]
-    promise = 0.5 * np.einsum("ki,ki->k", sums, sizes)
-    promise[(sizes[:, 1:] < 0.0).sum(axis=1) > 1] = 0.0  # a hand gives no energy; noise may turn one of three
+    expected_gain = 0.5 * np.einsum("ki,ki->k", sums, sizes)
+    expected_gain[(sizes[:, 1:] < 0.0).sum(axis=1) > 1] = 0.0  # a hand gives no energy; noise may turn one of three
     way = np.concatenate([[0.0], np.cumsum(np.bincount(pieces, np.abs(out["v"]), _PIECES))])
     # A hand that never lets go, or only of a shaft at rest, is inertia, friction and a spring.
-    promise[(last - first > _LONGEST * _PIECES) | (way[last] - way[first] > _LONGEST * way[-1])] = 0.0
-    k = int(np.argmax(promise))
+    expected_gain[(last - first > _LONGEST * _PIECES) | (way[last] - way[first] > _LONGEST * way[-1])] = 0.0
+    k = int(np.argmax(expected_gain))
     begin, end = (float(edge) / _PIECES * series.duration_s for edge in (first[k], last[k]))
     item = _term(sizes[k], begin, end, float(out["x"].mean()), scale)
-    return [Candidate(SLUG, item, float(promise[k]), math.log(promise.size))]
+    return [Candidate(SLUG, item, float(expected_gain[k]), math.log(expected_gain.size))]
 
 
 def _shortest(fit: Fit) -> int:
-    """Fewest pieces in which a grip is looked for: a climb may take some off again at either edge."""
+    """Fewest pieces in which a grip is looked for: an ascent may take some off again at either edge."""
     return math.ceil(constants.GRIP_BLOCKS * _PIECES / fit.problem.series.blocks) + 2 * _NEAR
 
 
@@ -88,10 +88,10 @@ def settled(fit: Fit, number: int, scale: Scale) -> Fit:
     return fit
 
 
-def climbed(fit: Fit, number: int, scale: Scale) -> Fit:
-    """The fit with its grip, term `number`, looked for again, and all else climbed, in turn, as long as that gains.
+def maximised(fit: Fit, number: int, scale: Scale) -> Fit:
+    """The fit with its grip, term `number`, looked for again, and all else maximised, in turn, as long as that gains.
 
-    Beside edges that are off, all else climbs to where they look right: from there a few of the last bits decide which way.
+    Beside edges that are off, all else moves to where they seem right: from there a few of the last bits decide which way.
     """
     for _ in range(_ROUNDS):
         before = fit.log_likelihood
@@ -138,7 +138,7 @@ def _term(sizes: Floats, begin: float, end: float, middle: float, scale: Scale) 
         "rest": middle + float(np.clip(push / stiffness, -scale.travel, scale.travel)),
     }
     item = term(SLUG, values, (), 0.1 * scale.travel)
-    # A climb moves an edge but little: what wants to grow on and on is no grip.
+    # An ascent moves an edge but little: what wants to grow on and on is no grip.
     near = _NEAR * scale.duration_s / _PIECES
     held = (
         replace(c, lower=values[c.name] - near, upper=values[c.name] + near) if c.name in _EDGES else c

@@ -68,8 +68,8 @@ class LawSet:
         return missing_power(self.fit)
 
     @cached_property
-    def beside_slow(self) -> LawSet:
-        """The same beside a disturbance that may be slow."""
+    def with_slow_disturbance(self) -> LawSet:
+        """The same with a disturbance that may be slow."""
         slow = scored(self.fit.with_free_memory())
         return replace(slow, function=self.function, function_numbers=self.function_numbers)
 
@@ -137,7 +137,7 @@ def is_better(one: LawSet, other: LawSet, needed: float) -> Comparison:
     """Whether a set of laws goes before another one.
 
     One that has laws more must gain `needed` standard errors on held-out blocks and close a share of the missing power that
-    matters, beside a disturbance of short memory and beside one that may be slow: no law is named that a slow torque
+    matters, with a disturbance of short memory and with one that may be slow: no law is named that a slow torque
     replaces, unless that leaves twice as much force. Or it leaves nothing. Of two that have laws instead of each other's
     the one with fewer numbers, or which is a limit of the other, is better unless it predicts worse by more than chance.
     """
@@ -156,7 +156,7 @@ def is_better(one: LawSet, other: LawSet, needed: float) -> Comparison:
         return _answer(compared, False, "it is not sure")
     if compared.left >= 1.0 - constants.SHARE:
         return _answer(compared, False, "as much force is missing")
-    slow = _compared(one.beside_slow, other.beside_slow)
+    slow = _compared(one.with_slow_disturbance, other.with_slow_disturbance)
     is_sure = slow.errors >= needed and slow.left < 1.0 - constants.SHARE
     if is_sure or slow.left < 1.0 - constants.CLOSED:
         return _answer(compared, True, "it is sure, and less force is missing")

@@ -28,7 +28,7 @@ EVERYWHERE = "everywhere"
 _PROBES = 64
 _PERIODS = 10
 _HATS, _RANGES = 8, 12
-"""Numbers that a flexible function of a coordinate has, and ranges of it where the missing force is told."""
+"""Numbers that a flexible function of a coordinate has, and ranges of it for which the missing force is reported."""
 
 
 @dataclass(frozen=True)
@@ -123,8 +123,8 @@ def noise_floor(fit: Fit) -> float:
     answer = sensitivities(fit.out, columns)
     information = np.einsum("nk,n->k", answer**2, fit.out["information"])
     moves = moving(fit)
-    told = np.array([bool(np.all(moves[row : row + rows])) for row in first]) & (information > 0.0)
-    return float(np.sqrt(np.mean(1.0 / information[told]))) if told.any() else 0.0
+    determined = np.array([bool(np.all(moves[row : row + rows])) for row in first]) & (information > 0.0)
+    return float(np.sqrt(np.mean(1.0 / information[determined]))) if determined.any() else 0.0
 
 
 def hats(values: Floats, among: NDArray[np.bool_]) -> Floats | None:

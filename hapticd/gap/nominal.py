@@ -48,13 +48,13 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
     ]
     best, best_u = best_of(coarse)
     spread = best_u[WHITE]
-    beside = [
+    others = [
         changed(best_u, white=spread + less, disturbance=power + spread - 0.5 * (np.log(2.0) + tau), memory=tau)
         for less in (0.0, -1.2, -3.5)
         for tau in np.linspace(low[CORRELATION], high[CORRELATION], 3)
         for power in (0.4, -0.7, -1.9, -3.0, -4.2)
     ]
-    best, best_u = max((best, best_u), best_of(beside), key=lambda pair: pair[0])
+    best, best_u = max((best, best_u), best_of(others), key=lambda pair: pair[0])
     value, jittery = best_of([changed(best_u, jitter=np.log(jitter * T)) for jitter in (0.02, 0.1, 0.3)])
     return jittery if value > best + 1.0 else best_u
 
@@ -65,7 +65,7 @@ def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:
 
 
 def likeliest_fit(problem: Problem, starts: Sequence[Sequence[Term]], noise: Floats) -> Fit:
-    """The fit from the start that is likeliest once climbed in a part of the record; `noise` is that of the first one."""
+    """The fit from the start that is likeliest once maximised in a part of the record; `noise` is that of the first one."""
     first, *others = starts
     if not others:
         return Fit.started(problem, first, noise).maximise(_STEPS)

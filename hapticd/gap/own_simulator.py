@@ -65,7 +65,7 @@ def _of_file(path: Path) -> object:
     return module
 
 
-def beside(recording: Recording, model: Config, torque: Torque) -> Recording:
+def with_simulator(recording: Recording, model: Config, torque: Torque) -> Recording:
     """A recording with what a simulator knows beyond the model, along the recorded motion.
 
     Position and velocity are the recorded position's, smoothed both ways; the motor's current is the model's for the

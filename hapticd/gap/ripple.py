@@ -34,7 +34,7 @@ _SMOOTH = 3
 """Torques that are no order: a constant one, a spring's and gravity's."""
 _ROUNDING, _NOTHING = 1e-9, 1e-300
 _EXCHANGED = 1e-6
-"""Share of what orders promise together that an exchange of one must add."""
+"""Share of the joint gain of all orders that an exchange of one must add."""
 
 
 def first_orders(space: Score, scale: Scale) -> list[Candidate]:
@@ -48,7 +48,7 @@ def first_orders(space: Score, scale: Scale) -> list[Candidate]:
         if fit.log_likelihood <= most:
             break
         most = fit.log_likelihood
-        best = replace(found, promise=max(found.promise, most - present.log_likelihood))
+        best = replace(found, expected_gain=max(found.expected_gain, most - present.log_likelihood))
         quiet = present.with_noise(fit.noise)
         quiet.differentiate()
         again = _pursued(Score(quiet), scale)
@@ -127,7 +127,7 @@ def _pursued(space: Score, scale: Scale) -> Candidate | None:
         "phases": np.arctan2(of_cosine, of_sine).tolist(),
     }
     item = term(SLUG, values, ("orders",), 0.1)
-    return Candidate(SLUG, item, _promised(g, H, ripple), len(ripple) * math.log(count))
+    return Candidate(SLUG, item, _joint_gain(g, H, ripple), len(ripple) * math.log(count))
 
 
 def _directions(present: Fit, orders: Floats, middle: float) -> Iterator[Floats]:
@@ -143,7 +143,7 @@ def _directions(present: Fit, orders: Floats, middle: float) -> Iterator[Floats]
 
 
 def _best_together(g: Floats, H: Floats, excluded: NDArray[np.bool_], goes_round: NDArray[np.bool_]) -> list[int]:
-    """Which of m torques promise most together: one after the other, each in turn exchanged for a better one.
+    """Which of m torques have the largest joint gain: one after the other, each in turn exchanged for a better one.
 
     Args:
         g: gradient of the likelihood by each torque's two columns, shape (2m,). H: their information.
@@ -161,17 +161,17 @@ def _best_together(g: Floats, H: Floats, excluded: NDArray[np.bool_], goes_round
     chosen: list[int] = []
     while len(chosen) < ORDERS:
         k, gains = best_beside(chosen)
-        if gains[k] < max(constants.ORDER_GAIN, constants.ORDER_SHARE * _promised(g, H, chosen)):
+        if gains[k] < max(constants.ORDER_GAIN, constants.ORDER_SHARE * _joint_gain(g, H, chosen)):
             break
         chosen.append(k)
-        promise, unchanged = _promised(g, H, chosen), 0
+        expected_gain, unchanged = _joint_gain(g, H, chosen), 0
         while unchanged < len(chosen):
             former, *others = chosen
             exchanged = [*others, best_beside(others)[0]]
-            more = _promised(g, H, exchanged)
+            more = _joint_gain(g, H, exchanged)
             # Of the whole set, so that no exchange comes back: one torque's own gain is of what the others leave, rounded.
-            is_better = more > (1.0 + _EXCHANGED) * promise
-            chosen, promise = (exchanged, more) if is_better else ([*others, former], promise)
+            is_better = more > (1.0 + _EXCHANGED) * expected_gain
+            chosen, expected_gain = (exchanged, more) if is_better else ([*others, former], expected_gain)
             unchanged = 0 if is_better else unchanged + 1
     return chosen
 
@@ -183,14 +183,14 @@ def _system(g: Floats, H: Floats, chosen: list[int]) -> tuple[Floats, Floats]:
     return own + np.diag(_ROUNDING * np.diag(own) + _NOTHING), g[held][:, np.newaxis]
 
 
-def _promised(g: Floats, H: Floats, chosen: list[int]) -> float:
-    """What some torques promise together, nats."""
+def _joint_gain(g: Floats, H: Floats, chosen: list[int]) -> float:
+    """Expected gain of some torques together, nats."""
     own, slope = _system(g, H, chosen)
     return float(0.5 * np.sum(slope * np.linalg.solve(own, slope)))
 
 
 def _gains_beside(chosen: list[int], g: Floats, H: Floats) -> Floats:
-    """What each of m torques promises beside those that are chosen, nats, shape (m,)."""
+    """Expected gain of each of m torques in addition to those that are chosen, nats, shape (m,)."""
     held = [2 * k + part for k in chosen for part in (0, 1)]
     own, slope = _system(g, H, chosen)
     solved = np.linalg.solve(own, np.concatenate([slope, H[held]], axis=1))

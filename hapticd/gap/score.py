@@ -1,7 +1,7 @@
-"""What an effect promises from a start: a score test along the difference that it makes to the predictions.
+"""How much an effect is expected to gain from a start: a score test along the difference that it makes to the predictions.
 
-That difference is a direction; along it the likelihood is a parabola whose top is the promise of the start (Rao 1948). Where
-the effect is linear in one of its parameters the top says how large it should be.
+That difference is a direction; along it the likelihood is a parabola whose top is the start's expected gain (Rao 1948).
+Where the effect is linear in one of its parameters the top says how large it should be.
 """
 
 from __future__ import annotations
@@ -33,13 +33,13 @@ class Candidate:
 
     Attributes:
         slug: the effect. term: with its start.
-        promise: log-likelihood that it promises, nats. penalty: logarithm of the number of discrete choices made for it.
-        left: share of the missing force's power that it leaves at its start; told of what the device remembers.
+        expected_gain: of log-likelihood, nats. penalty: logarithm of the number of discrete choices made for it.
+        left: share of the missing force's power that it leaves at its start; given for what the device remembers.
     """
 
     slug: str
     term: Term
-    promise: float
+    expected_gain: float
     penalty: float = 0.0
     left: float = 1.0
 
@@ -74,7 +74,7 @@ class Score:
         return g - cross @ (self.inverse @ (self.own.T @ self.score)), left
 
     def along(self, item: Term) -> Candidate:
-        """What a term promises, started as well as its direction says."""
+        """A term with its expected gain, started as well as its direction says."""
         present = self.present
         fit = present.extended(item)
         out = fit.out
@@ -86,13 +86,13 @@ class Score:
         amplitude = CATALOGUE[item.slug].amplitude
         if not amplitude:
             step = min(max(factor, 0.0), 1.0)
-            promise = step * float(g[0]) - 0.5 * step * step * float(H[0, 0])
+            expected_gain = step * float(g[0]) - 0.5 * step * step * float(H[0, 0])
             left = 1.0
             if CATALOGUE[item.slug].acts_on == "memory":
                 fit.scan_power()  # with the noise of the poorer model the right resonance may look worse than none
                 left = missing_power(fit) / max(self.power, _NOTHING)
-            promise = max(promise, fit.log_likelihood - present.log_likelihood)
-            return Candidate(item.slug, item, self.weight * promise, left=left)
+            expected_gain = max(expected_gain, fit.log_likelihood - present.log_likelihood)
+            return Candidate(item.slug, item, self.weight * expected_gain, left=left)
         if factor <= 0.0 and not item.is_signed:
             return Candidate(item.slug, item, 0.0)
         return Candidate(item.slug, item.scaled(amplitude, factor), self.weight * 0.5 * factor * float(g[0]))
@@ -108,7 +108,7 @@ class Score:
         item, gain = candidate.term, self._gain(candidate.term)
         while (more := self._gain(further := item.scaled(amplitude, 2.0))) > gain:
             item, gain = further, more
-        return replace(candidate, term=item, promise=max(candidate.promise, gain))
+        return replace(candidate, term=item, expected_gain=max(candidate.expected_gain, gain))
 
     def _gain(self, item: Term) -> float:
         return self.present.extended(item).log_likelihood - self.present.log_likelihood

@@ -11,10 +11,10 @@ from hapticd.gap.missing import missing_force, structure
 def with_function(poorer: LawSet, tolerance: float) -> LawSet | None:
     """A set with the flexible function of one coordinate that gains most; None where the shaft never moves.
 
-    Its torque, each block's without its fold, acts on the set, which climbs. Its numbers count as those of a law do.
+    Its torque, each block's without its fold, acts on the set, which is maximised. Its numbers count as those of a law do.
 
     Args:
-        poorer: the set without it. tolerance: of the climb, nats.
+        poorer: the set without it. tolerance: of the ascent, nats.
     """
     functions = structure(poorer.fit, missing_force(poorer.fit))
     if not functions:

@@ -45,7 +45,7 @@ _SHAKE, _SHAKEN_STEPS = 1.2, 8
 _POOR_STEP = 0.1
 """Gain of a step that is the last one, nats."""
 _ROUGHLY = 0.5
-"""Gain of a step that ends a climb, nats, as long as another start may be likelier."""
+"""Gain of a step that ends an ascent, nats, as long as another start may be likelier."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     look = problem.first_look()
     begun = Fit(look, terms, first_noise(look, terms))
     starts = (begun, _likeliest(begun, start.at_delays))
-    found = max((_climbed(fit) for fit in starts), key=attrgetter("log_likelihood"))
+    found = max((_maximised(fit) for fit in starts), key=attrgetter("log_likelihood"))
     whole = found.on(problem.with_free_memory())
     _scan_bias(whole)
     fit = _shaken(whole.maximise(tolerance=_ROUGHLY)).maximise()
@@ -136,8 +136,8 @@ def _likeliest(fit: Fit, at_delays: Floats) -> Fit:
     return fit
 
 
-def _climbed(fit: Fit) -> Fit:
-    """A climb that begins with a line search over all delays.
+def _maximised(fit: Fit) -> Fit:
+    """An ascent that begins with a line search over all delays.
 
     Only while the noise is large: later the likelihood has a maximum about every delay.
     """
@@ -179,14 +179,14 @@ def _shaken(fit: Fit) -> Fit:
     noise[DISTURBANCE] += _SHAKE
     other = fit.with_noise(noise)
     _scan_bias(other)
-    _climb(other)
+    _ascend(other)
     other = other.with_noise(fit.noise)
     _scan_bias(other)
     other.maximise(tolerance=_ROUGHLY)
     return other if other.log_likelihood > fit.log_likelihood else fit
 
 
-def _climb(fit: Fit) -> None:
+def _ascend(fit: Fit) -> None:
     """Gauss–Newton steps in what is fitted, at a fixed noise."""
     own = np.arange(fit.u.size) >= fit.noise.size
     for _ in range(_SHAKEN_STEPS):

@@ -122,7 +122,7 @@ def test_what_a_slow_torque_explains_as_well_is_not_better(hidden: Hidden) -> No
     poorer = scored(nominal_fit(problem))
     richer = scored(poorer.fit.extended(base_law(problem, "coulomb_friction")).approach(5, 3).maximise())
     assert not is_better(richer, poorer, 0.5).is_better
-    assert poorer.beside_slow.fit.noise_values()[3] > constants.SHORT_MEMORY_S
+    assert poorer.with_slow_disturbance.fit.noise_values()[3] > constants.SHORT_MEMORY_S
 
 
 def test_of_two_that_predict_as_well_the_simpler_one_is_better(biased: LawSet, corrected: LawSet) -> None:
@@ -307,13 +307,13 @@ def test_a_start_promises_what_it_gains_with_the_noise_that_suits_it(hidden: Hid
     recording, model = hidden([{"name": "presliding", "breakaway": 0.007, "sigma_1": 9e-4}], 11, SECONDS)
     fit = nominal_fit(problem_of([recording], model))
     (found,) = candidates(fit, ["presliding"], LEAST)
-    assert found.promise > 5.0 * (fit.extended(found.term).log_likelihood - fit.log_likelihood)
+    assert found.expected_gain > 5.0 * (fit.extended(found.term).log_likelihood - fit.log_likelihood)
 
 
 def test_a_start_from_which_the_shaft_runs_away_promises_nothing(biased: LawSet) -> None:
     fit = biased.fit.on(biased.fit.problem)
     fit.out["mean"][5] = -1e200
-    assert Score(fit).along(term("constant_bias", {"tau_0": 1e-4}, (), 0.1)).promise == 0.0
+    assert Score(fit).along(term("constant_bias", {"tau_0": 1e-4}, (), 0.1)).expected_gain == 0.0
 
 
 def test_a_resonance_is_found_beside_a_slow_torque(hidden: Hidden) -> None:
@@ -323,7 +323,7 @@ def test_a_resonance_is_found_beside_a_slow_torque(hidden: Hidden) -> None:
     fit = nominal_fit(problem_of([recording], model))
     (found,) = candidates(fit, ["flexible_coupling"], LEAST)
     assert float(np.exp(found.term.start[0])) == pytest.approx(29.0, rel=0.05)
-    assert found.promise > 1000.0
+    assert found.expected_gain > 1000.0
 
 
 def test_what_is_hidden_in_the_motion_is_looked_for_at_its_size_whatever_the_resolution() -> None:
@@ -345,13 +345,13 @@ def test_what_a_quarter_of_the_record_does_not_show_is_found_and_doubled(hidden:
     fit = nominal_fit(problem_of([recording], model))
     (found,) = candidates(fit, ["encoder_eccentricity"], LEAST)
     assert float(np.exp(found.term.start[0])) == pytest.approx(0.02, rel=0.5)
-    assert found.promise == fit.extended(found.term).log_likelihood - fit.log_likelihood
+    assert found.expected_gain == fit.extended(found.term).log_likelihood - fit.log_likelihood
     starts = list(CATALOGUE["encoder_eccentricity"].starts(scale_of(fit)))
-    promises = []
+    gains = []
     for part in (fit, fit.on(fit.problem.first_look())):
         part.differentiate()
-        promises.append(max(Score(part).along(term(found.slug, values, (), 0.1)).promise for values in starts))
-    assert found.promise > 2.0 * promises[0] > 100.0 * promises[1]
+        gains.append(max(Score(part).along(term(found.slug, values, (), 0.1)).expected_gain for values in starts))
+    assert found.expected_gain > 2.0 * gains[0] > 100.0 * gains[1]
 
 
 @pytest.mark.parametrize(("s", "omega_s"), [(-0.5, 3.0), (-0.3, 20.0)])

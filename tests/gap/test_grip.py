@@ -29,7 +29,7 @@ def test_interval_and_sizes_are_found(hidden: Callable[..., Any], coloured: Colo
     present.differentiate()
     scale = scale_of(present)
     (first,) = grip.first_grip(Score(present), scale)
-    fit = grip.climbed(present.extended(first.term), 0, scale)
+    fit = grip.maximised(present.extended(first.term), 0, scale)
     found = parameters_of_term(fit.terms[0], fit.u[fit.columns(0)])
     names = [coordinate.name for coordinate in fit.terms[0].coordinates]
     for at, (earliest, latest) in grip.edge_ranges(fit, 0).items():
@@ -67,7 +67,7 @@ def test_the_last_bit_does_not_decide_where_a_climb_ends(hidden: Callable[..., A
     ends = []
     for rounding in np.repeat((1e-7, 1e-6, 1e-5, 1e-4), 2):
         u = start.u + rounding * start.scale * random.standard_normal(start.u.size)
-        fit = grip.climbed(Fit(start.problem, start.terms, u), 0, scale)
+        fit = grip.maximised(Fit(start.problem, start.terms, u), 0, scale)
         for name, (earliest, latest) in zip(("on_s", "off_s"), grip.edge_ranges(fit, 0).values(), strict=True):
             assert earliest < HAND[name] < latest
         ends.append(fit.log_likelihood)
@@ -93,7 +93,7 @@ def test_a_grip_on_nothing_promises_little(hidden: Callable[..., Any]) -> None:
 
 
 def test_a_climb_moves_an_edge_but_little(hidden: Callable[..., Any]) -> None:
-    """A hand that would hold on for all of the record is inertia, friction and a spring; it had been climbed to."""
+    """A hand that would hold on for all of the record is inertia, friction and a spring; it had been reached."""
     recording, model = hidden([{"name": grip.SLUG, **HAND}], 3, SECONDS)
     present = nominal_fit(problem_of([recording], model))
     present.differentiate()

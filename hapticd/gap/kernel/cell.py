@@ -11,7 +11,7 @@ from hapticd.jit import njit
 _f8 = types.float64
 SURE = 7.0
 """Standard deviations beyond which there is no tail. At four the likelihood jumped by several nats where a breakaway became
-that unlikely, and climbs ended there."""
+that unlikely, and ascents ended there."""
 _ROOT_2 = math.sqrt(2.0)
 _DENSITY_0 = 1.0 / math.sqrt(2.0 * math.pi)
 
