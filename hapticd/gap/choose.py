@@ -222,21 +222,24 @@ class Search:
 
         noise = self.given.fit.noise
         free = scored(likeliest_fit(self.problem, [start({}), start(said)] if said else [start({})], noise))
-        self.is_held = self.balance.contradicts(free.fit) and _INERTIA in base
-        if self.is_held:
-            free = scored(likeliest_fit(self.problem, [start(said, _INERTIA)], noise))
-            if free.power < (1.0 - constants.CLOSED) * self.given.power:
-                return free, True
         # A late record looks like another base: it is asked beside the given one too.
         slugs = [slug for slug in self._askable(self.given) if slug in late_record.OPPOSITES]
         late = [one for one in extensions(self.given, slugs, self.least) if late_record.is_late(one.fit.terms[-1])]
         for one in sorted([free, *late], key=lambda one: -one.total):
             if one is free and evidence(one, self.given)[0] >= self.least:
-                return free, True  # how sure that is, and how much force is missing, is asked when laws are known
+                break  # how sure that is, and how much force is missing, is asked when laws are known
             if one is not free and is_better(one, self.given, self.needed).is_better:
                 self._take_late(one.fit)
                 return self._first()
-        return self.given, False
+        else:
+            free = self.given
+        self.is_held = self.balance.contradicts(free.fit) and _INERTIA in base
+        if self.is_held:  # by a balance of a record that is not late
+            held = scored(likeliest_fit(self.problem, [start(said, _INERTIA)], noise))
+            less = held.power < constants.CLOSED * self.given.power
+            self.is_held = less or evidence(held, self.given)[0] >= self.least
+            free = held if self.is_held else self.given
+        return free, free is not self.given
 
     def _take_late(self, fit: Fit) -> None:
         """From now on fit a late record along, in a search that begins anew."""
