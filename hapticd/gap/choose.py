@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 _FACTOR, _INERTIA = "torque_constant_error", "inertia_error"
 _CORRECTIONS = frozenset((*BASE_WORDS, _FACTOR))
 """Errors of the numbers of eq. 1: all four by one factor are none, so that any three say what any others do."""
+_KNOWN = 0.01
+"""Share of a base parameter by which nobody knows it better: less is no error, where what it leaves matters little."""
 _FAR_BEHIND = 12.0
 """Standard errors behind another set beyond which none catches up as more is known."""
 
@@ -79,6 +81,11 @@ class Named:
 def needed_errors(blocks: int, tried: int) -> float:
     """Standard errors that a law needs when `tried` of them compete."""
     return chance.standard_errors(constants.LEVEL / max(tried, 1), blocks)
+
+
+def _is_near_given(base: Term) -> bool:
+    """Whether a base parameter is the given one, as well as anybody knows it."""
+    return abs(base.start[0] - base.coordinates[0].centre) < _KNOWN
 
 
 def _is_near(one: LawSet, best: LawSet) -> bool:
@@ -396,7 +403,9 @@ class Search:
                     return
             poorer = [self.without(present, slug) for slug in members]
             asked = [is_better(present, one, self.needed) for one in poorer]
-            dropped = [k for k, one in enumerate(asked) if not one.is_better]
+            least = constants.MATTERS * self.given.power
+            is_small = [poorer[k].power < least and _is_near_given(present.law(slug)) for k, slug in enumerate(members)]
+            dropped = [k for k, one in enumerate(asked) if not one.is_better or is_small[k]]
             if not dropped:
                 break
             k = min(dropped, key=lambda k: asked[k].gain)

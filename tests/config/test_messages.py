@@ -136,8 +136,8 @@ WRONG = [
         "plant.effects[0].gap = -0.1: must be at least 0 rad (m on a linear device)",
     ),
     (
-        "plant: {effects: [{name: backlash, gap: 0.1, damping: 1e-4}]}",
-        "plant.effects[0].damping = 1.0e-4: is that of a contact with a stiffness; a rigid one has a restitution",
+        "plant: {effects: [{name: backlash, gap: 0.1, damping: 0.01}]}",
+        "plant.effects[0].damping = 0.01: is that of a contact with a stiffness; a rigid one has a restitution",
     ),
     (
         "plant: {effects: [{name: backlash, gap: 0.1, stiffness: 2, restitution: 0.5}]}",

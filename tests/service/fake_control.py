@@ -235,7 +235,7 @@ class FakeControl(Endpoints):
 
     def record_start(self, path: str | None = None, *, trusted: bool = False) -> JsonDict:
         self._enter("record_start", path, *(("trusted",) if trusted else ()))
-        return {"path": path or "/r/run.arrow", "rows": 0, "dropped": 0, "error": None, "continued": None}
+        return {"path": path or "/r/run.arrow", "rows": 0, "dropped": 0, "error": None, "continued": None, "notes": []}
 
     def record_stop(self) -> JsonDict:
         self._enter("record_stop")
