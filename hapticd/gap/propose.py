@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.gap import grip, ripple
+from hapticd.gap import grip, late_record, ripple
 from hapticd.gap.candidates import HALVINGS, Ascent, candidates, keeps_the_drive, scale_of
 from hapticd.gap.kernel.ticks import NOISE
 from hapticd.gap.law_set import LawSet, scored
@@ -53,7 +53,9 @@ def extensions(present: LawSet, slugs: Sequence[str], least: float) -> list[LawS
     def gain(fit: Fit) -> float:
         return fit.log_likelihood - present.fit.log_likelihood
 
-    near = each(approach, [one for one in found[:_SHORTLIST] if one.expected_gain > _HALF * least])
+    # A fault of the record is asked about whatever gains more: laws imitate it.
+    listed = [one for k, one in enumerate(found) if k < _SHORTLIST or late_record.is_late(one.term)]
+    near = each(approach, [one for one in listed if one.expected_gain > _HALF * least])
     near = [(one, fit) for one, fit in near if gain(fit) > _HALF * least and keeps_the_drive(fit, present.fit)]
     best_of: dict[str, tuple[Candidate, Fit]] = {}
     for pair in sorted(near, key=lambda pair: -gain(pair[1])):
@@ -70,7 +72,8 @@ def extensions(present: LawSet, slugs: Sequence[str], least: float) -> list[LawS
 
     sets = [maximised(pair) for pair in near[:1]]
     best = near[0][1].log_likelihood if near else -np.inf
-    sets += each(lambda pair: maximised(pair, best), near[1:_MOST_FITTED])
+    others = [pair for k, pair in enumerate(near) if k > 0 and (k < _MOST_FITTED or late_record.is_late(pair[0].term))]
+    sets += each(lambda pair: maximised(pair, best), others)
     return sorted((one for one in sets if one is not None), key=lambda one: -one.total)
 
 
