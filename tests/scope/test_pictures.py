@@ -18,6 +18,10 @@ from .test_page import text
 from .test_round_trip import release
 from .test_views import open_file, save
 
+HEAD_IS_ABOUT = """([value, tolerance]) => {
+  const drawn = parseFloat(document.querySelector("#value-position").textContent.replace("\u2212", "-"));
+  return Math.abs(drawn / value - 1) < tolerance;
+}"""
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -28,6 +32,8 @@ def words(path: Path) -> list[str]:
 
 
 def head_value(page: Page) -> float:
+    """The number in the head of the Position lane, once the page has drawn one."""
+    expect(page.locator("#value-position")).to_have_text(re.compile(r"^[-+\u2212]?[\d.]"))
     return float(text(page, "#value-position").split()[0])
 
 
@@ -74,8 +80,7 @@ def test_places_in_the_unit_that_is_chosen(page: Page, run_file: Path, tmp_path:
     for unit, factor in (("deg", 217 * 360 / 8192), ("rad", 217 * 2 * 3.14159265 / 8192), ("ticks", 1.0)):
         page.select_option("#place-unit", unit)
         expect(page.locator(".lane-head .unit").first).to_contain_text(unit)
-        page.wait_for_timeout(200)
-        assert head_value(page) == pytest.approx(ticks * factor, rel=2e-3)
+        page.wait_for_function(HEAD_IS_ABOUT, arg=[ticks * factor, 2e-3])
     page.select_option("#place-unit", "deg")
     assert "Position (deg)" in words(save(page, "svg", tmp_path / "deg.svg"))
     linear = tmp_path / "linear.arrow"
