@@ -140,10 +140,11 @@ def answer(
 
 def _held(search: Search, is_linear: bool) -> str:
     """That the inertia is the one of a balance of forces."""
-    unit = unit_of("plant.inertia", is_linear)
+    unit, held = unit_of("plant.inertia", is_linear), search.balance.inertia
+    between = f"between {held.low:.3g} and {held.high:.3g} {unit}" if held else ""
     return (
-        f"inertia: held near {search.balance.values['inertia_error']:.3g} {unit}, as least squares on the balance of forces "
-        "have it; another inertia predicts better one step ahead, but leaves more force missing. Faster motion would decide"
+        f"inertia: held {between}, as least squares on the balance of forces have it; another inertia predicts better one "
+        "step ahead, but leaves more force missing. Faster motion would decide"
     )
 
 

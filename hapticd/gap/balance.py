@@ -35,7 +35,7 @@ _LONGEST_DELAY_S = 0.01
 """Largest delay that is looked for, or this many periods:"""
 _LONGEST_DELAY_PERIODS = 6.0
 _FEWEST_ROWS = 100
-_AS_LITTLE = 1.1
+AS_LITTLE = 1.1
 """RMS left over the least at any delay, up to which a shorter one is as good."""
 _ROWS_PER_CUTOFF = 5.0
 """Rows a period of the corner frequency: more of them say the same twice."""
@@ -76,8 +76,16 @@ class Balance(Solution):
 
 
 @dataclass(frozen=True)
-class _Smoothed:
+class Smoothed:
+    """A recording as the balance of forces takes it, on a grid of its periods; all (n,).
+
+    Attributes:
+        time_s: the grid. position, velocity, acceleration: filtered. direction: sign of the velocity, filtered.
+        torque: of the recorded current. moves: where the shaft moves. period_s: of the record. cutoff_hz: of the filter.
+    """
+
     time_s: Floats
+    position: Floats
     velocity: Floats
     acceleration: Floats
     direction: Floats
@@ -92,6 +100,16 @@ class _Smoothed:
         every = max(1, round(1.0 / (_ROWS_PER_CUTOFF * self.cutoff_hz * self.period_s)))
         return np.flatnonzero(self.moves)[::every]
 
+    def torque_at(self, delay_s: float) -> Floats:
+        """Torque with a delay from sample to current; a command, held for a period, is half a period late."""
+        return np.interp(self.time_s - delay_s - 0.5 * self.period_s, self.time_s, self.torque)
+
+
+def delays(period_s: float) -> Floats:
+    """Delays from sample to current that are tried, s."""
+    longest = max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period_s)
+    return np.arange(0.0, longest, max(0.25 * period_s, 2.5e-4))
+
 
 def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
     """Inertia, friction, bias, delay and the encoder's sign by least squares.
@@ -103,13 +121,12 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
     Raises:
         RecordingError: the shaft hardly moves, or no current drives it.
     """
-    parts = [_smoothed(recording, torque_constant) for recording in recordings]
+    parts = [smoothed(recording, torque_constant) for recording in recordings]
     if sum(int(part.moves.sum()) for part in parts) < _FEWEST_ROWS:
         names = ", ".join(recording.name for recording in recordings)
         raise RecordingError(f"{names}: the shaft moves in too few samples to identify it; make it move more")
     period = parts[0].period_s
-    delays = np.arange(0.0, max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period), max(0.25 * period, 2.5e-4))
-    found = [[_solve(parts, delay, sign) for delay in delays] for sign in (1, -1)]
+    found = [[_solve(parts, delay, sign) for delay in delays(period)] for sign in (1, -1)]
     tried, others = sorted(found, key=lambda of_sign: -max(one.explained for one in of_sign))
     best, other = _with_the_least_delay(tried), max(others, key=lambda one: one.explained)
     drive = float(np.sqrt(np.mean(np.concatenate([part.torque[part.moves] for part in parts]) ** 2)))
@@ -128,10 +145,11 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
 def _with_the_least_delay(of_sign: Sequence[Solution]) -> Solution:
     """The balance with the shortest delay that leaves about as little as the best: in a loop, delay and inertia trade."""
     least = min(one.left for one in of_sign)
-    return next(one for one in of_sign if one.left <= _AS_LITTLE * least)
+    return next(one for one in of_sign if one.left <= AS_LITTLE * least)
 
 
-def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
+def smoothed(recording: Recording, torque_constant: float) -> Smoothed:
+    """Position, its derivatives and torque behind the same zero-phase filter."""
     from scipy.signal import butter, sosfiltfilt
 
     T, time_s = recording.period_s, recording.time_s
@@ -148,16 +166,16 @@ def _smoothed(recording: Recording, torque_constant: float) -> _Smoothed:
     direction = sosfiltfilt(sos, np.where(rests, 0.0, np.sign(velocity)))
     width = 2 * round(0.5 / (cutoff * T)) + 1
     near_rest = np.convolve(rests, np.ones(width), "same") > 0.5
-    return _Smoothed(grid, velocity, np.gradient(velocity, T), direction, torque, ~near_rest, T, cutoff)
+    return Smoothed(grid, position, velocity, np.gradient(velocity, T), direction, torque, ~near_rest, T, cutoff)
 
 
-def _solve(parts: Sequence[_Smoothed], delay_s: float, sign: int) -> Solution:
-    """Least squares at one delay and sign; the command is held for a period, so its centre is half a period late."""
+def _solve(parts: Sequence[Smoothed], delay_s: float, sign: int) -> Solution:
+    """Least squares at one delay and sign."""
     from scipy.optimize import lsq_linear
 
     rows, wanted = [], []
     for part in parts:
-        late = np.interp(part.time_s - delay_s - 0.5 * part.period_s, part.time_s, part.torque)
+        late = part.torque_at(delay_s)
         motion = np.stack([part.acceleration, part.velocity, part.direction])
         rows.append(np.concatenate([sign * motion, -np.ones((1, late.size))])[:, part.taken].T)
         wanted.append(late[part.taken])

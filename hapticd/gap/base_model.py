@@ -16,6 +16,7 @@ from drivers import declared_latency
 from hapticd.gap import constants
 from hapticd.gap.balance import balance
 from hapticd.gap.errors import RecordingError
+from hapticd.gap.inertia_range import inertia_range
 from hapticd.gap.late_record import LATEST
 from hapticd.gap.missing import missing_power
 from hapticd.gap.problem import Problem
@@ -31,16 +32,17 @@ if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
+    from hapticd.gap.inertia_range import InertiaRange
     from hapticd.gap.recording import Recording
 
 FARTHEST = {"inertia_error": 10.0, "viscous_friction": 100.0, "coulomb_friction": 100.0}
 """Factor by which a base parameter may leave what model and balance say. A shaft heavier than that ignores the current."""
 _MOST_WORK = 1.5
 """Work against a friction over what the shaft gets: beyond, friction holds it, and a disturbance moves it."""
-_EXPLAINS, _PARTED = 0.9, 1.5
-"""Share of the drive that a balance must explain to be believed, and by which factor its inertia is another one."""
+_PARTED = 1.25
+"""Factor beyond the range of a balance from which an inertia is another one."""
 _ACCURACY = 0.03
-"""How well a balance of forces knows an inertia: its filter and the encoder's steps change it by some per cent."""
+"""How well a balance knows an inertia at best: its filter and the encoder's steps change it by some per cent."""
 _STEP_S = 0.05
 """Steps over which a way is summed [s]."""
 NOTHING = 1e-6
@@ -73,21 +75,22 @@ class Balanced:
 
     Attributes:
         values: by law; empty where the shaft hardly moves, or against the current.
-        left: RMS of the force that it leaves, N m or N; infinite where it explains too little to be believed.
+        inertia: its range; None where the balance does not know it.
     """
 
     values: Mapping[str, float]
-    left: float = math.inf
+    inertia: InertiaRange | None = None
 
     def contradicts(self, fit: Fit) -> bool:
-        """Whether a fitted inertia is another one although the balance leaves less force.
+        """Whether a fitted inertia is out of range although the balance leaves less force.
 
         What is predicted best one step ahead need not be the device: a shaft too heavy, beside a disturbance too large,
         predicts slow motion as well.
         """
-        if not self.values or missing_power(fit) <= self.left**2:
+        if self.inertia is None or missing_power(fit) <= self.inertia.left**2:
             return False
-        return abs(math.log(float(edited_base(fit.device())[0]) / self.values["inertia_error"])) > math.log(_PARTED)
+        inertia = float(edited_base(fit.device())[0])
+        return not self.inertia.low / _PARTED < inertia < self.inertia.high * _PARTED
 
 
 def balanced(recordings: Sequence[Recording], model: Config) -> Balanced:
@@ -99,7 +102,10 @@ def balanced(recordings: Sequence[Recording], model: Config) -> Balanced:
     values = {slug: float(getattr(found, name)) for slug, name in BASE_WORDS.items()}
     if found.sign < 0 or any(value <= 0.0 for value in values.values()):
         return Balanced({})
-    return Balanced(values, found.left if found.explained > _EXPLAINS else math.inf)
+    inertia = inertia_range(recordings, model.amplifier.torque_constant)
+    if inertia.high > 0.0:
+        values["inertia_error"] = min(max(values["inertia_error"], inertia.low), inertia.high)
+    return Balanced(values, inertia)
 
 
 def base_law(
@@ -108,8 +114,7 @@ def base_law(
     value: float | None = None,
     filter_s: float = 0.0,
     balanced: float | None = None,
-    *,
-    is_held: bool = False,
+    held: InertiaRange | None = None,
 ) -> Term:
     """The law that a base parameter has another value, as its logarithm, with a wide prior.
 
@@ -118,8 +123,8 @@ def base_law(
 
     Args:
         problem: what is fitted. slug: one of `BASE_WORDS`. value: where it starts; as given by default.
-        balanced: what a balance of forces says, if it says something. is_held: whether it stays within `_ACCURACY` of that.
         filter_s: time constant of a filter before the record of the current; 0 for none.
+        balanced: what a balance of forces says, if it says something. held: the range in which an inertia stays, if any.
     """
     index = index_of(BASE_WORDS[slug])
     given = float(problem.base[index])
@@ -129,8 +134,10 @@ def base_law(
     if slug != "inertia_error":
         coulomb, viscous = most_friction(problem, filter_s)
         most = min(most, max(coulomb if slug == "coulomb_friction" else viscous, given))
-    if is_held and balanced is not None:
-        least, most = balanced / (1.0 + _ACCURACY), balanced * (1.0 + _ACCURACY)
+    if held is not None:
+        middle = math.sqrt(max(held.low, least) * min(held.high, most))
+        least = max(least, min(held.low, middle / (1.0 + _ACCURACY)))
+        most = min(most, max(held.high, middle * (1.0 + _ACCURACY)))
     centre, begin, low, high = (math.log(size) for size in (given, start, least, most))
     neutral = math.nan if slug == "inertia_error" else low  # next to no friction is none
     coordinate = Coordinate("r", index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)

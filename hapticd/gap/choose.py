@@ -24,12 +24,14 @@ from hapticd.gap.parallel import each
 from hapticd.gap.propose import ROUGH, extensions, finished
 from hapticd.gap.terms import BASE_WORDS, LINE, term
 from hapticd.gap.unnamed import with_function
+from hapticd.plant.layout import index_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from hapticd.gap.arrays import Floats
     from hapticd.gap.fit import Fit
+    from hapticd.gap.inertia_range import InertiaRange
     from hapticd.gap.problem import Problem
     from hapticd.gap.terms import Term
 
@@ -116,6 +118,7 @@ class Search:
         self.balance, self.is_held, self.is_asked = balance or Balanced({}), False, is_asked
         self.needed = needed_errors(problem.series.blocks, len(slugs))
         self.least = 0.5 * self.needed**2
+        self._was_free = False
         self._seen: set[frozenset[str]] = set()
         self._rivals: dict[str, set[str]] = {}
         self._noise: dict[str, Floats] = {}
@@ -154,6 +157,13 @@ class Search:
                     present, is_free = self._first()
                     yield Round("begin", late_record.SLUG, present)
                     continue
+                if added.law in _CORRECTIONS and not (is_free or self._was_free):
+                    # One number that is wrong, or all by a factor, is asked beside each by itself.
+                    self._was_free, freed = True, self._with_base(present)
+                    if is_better(freed, added.chosen, self.needed).is_better:
+                        present, is_free = freed, True
+                        yield Round("begin", "", present)
+                        continue
                 yield added
                 present = added.chosen
                 for change in self._revised(present, 1, is_free=is_free):
@@ -164,7 +174,7 @@ class Search:
                     continue
             if not is_free:
                 return
-            is_free, before = False, present
+            is_free, before, self._was_free = False, present, True
             self._seen.clear()
             for change in self._in_prior(present):
                 yield change
@@ -212,20 +222,15 @@ class Search:
 
     def _first(self) -> tuple[LawSet, bool]:
         """The set to begin with, and whether the base is fitted along in it."""
-        base = [slug for slug in BASE_WORDS if slug in self.slugs]
+        base = self._base
         if not base or is_quiet(self.given.fit):
             return self.given, False
-        filter_s = self.given.fit.filter_s()
-        names = {BASE_WORDS[slug] for slug in base}
-        others = tuple(item for item in self.known if item.slug not in names)
         said = self.balance.values
 
-        def start(values: Mapping[str, float], held: str = "") -> tuple[Term, ...]:
-            laws = (
-                base_law(self.problem, slug, values.get(slug), filter_s, said.get(slug), is_held=slug == held)
-                for slug in base
-            )
-            return (*others, *laws)
+        def start(values: Mapping[str, float], inertia: InertiaRange | None = None) -> tuple[Term, ...]:
+            names = {BASE_WORDS[slug] for slug in base}
+            others = (item for item in self.known if item.slug not in names)
+            return (*others, *(self._base_law(slug, values.get(slug), inertia) for slug in base))
 
         noise = self.given.fit.noise
         free = scored(likeliest_fit(self.problem, [start({}), start(said)] if said else [start({})], noise))
@@ -242,11 +247,31 @@ class Search:
             free = self.given
         self.is_held = self.balance.contradicts(free.fit) and _INERTIA in base
         if self.is_held:  # by a balance of a record that is not late
-            held = scored(likeliest_fit(self.problem, [start(said, _INERTIA)], noise))
+            held = scored(likeliest_fit(self.problem, [start(said, self.balance.inertia)], noise))
             less = held.power < constants.CLOSED * self.given.power
             self.is_held = less or evidence(held, self.given)[0] >= self.least
             free = held if self.is_held else self.given
         return free, free is not self.given
+
+    @property
+    def _base(self) -> list[str]:
+        """Base parameters that may be fitted along."""
+        return [slug for slug in BASE_WORDS if slug in self.slugs]
+
+    def _base_law(self, slug: str, value: float | None = None, inertia: InertiaRange | None = None) -> Term:
+        """The law of a base parameter, from a value; an inertia in a range, if there is one."""
+        held = inertia if slug == _INERTIA else None
+        filter_s, said = self.given.fit.filter_s(), self.balance.values.get(slug)
+        return base_law(self.problem, slug, value, filter_s, said, held)
+
+    def _with_base(self, present: LawSet) -> LawSet:
+        """The set with all base parameters fitted along, from where they are."""
+        fit = present.fit
+        for slug in self._base:
+            law = self._base_law(slug, float(fit.device()[index_of(BASE_WORDS[slug])]))
+            known = [number for number, item in enumerate(fit.terms) if item.slug == BASE_WORDS[slug]]
+            fit = fit.replaced(known[0], law) if known else fit.extended(law)
+        return scored(fit.maximise(), present.penalty)
 
     def _take_late(self, fit: Fit) -> None:
         """From now on fit a late record along, in a search that begins anew."""
@@ -420,6 +445,7 @@ class Search:
         members = [slug for slug in present.laws if slug in BASE_WORDS]
         if self.is_held or len(members) < 2 or _FACTOR not in self.slugs:
             return None
+        before = present
         away = [float(one.start[0] - one.coordinates[0].centre) for one in map(present.law, members)]
         factor = math.exp(-float(np.mean(away)))
         kept: list[tuple[str, ...]] = [()]
@@ -435,10 +461,22 @@ class Search:
             return scored(fit.maximise(), present.penalty)
 
         for one in each(tried, kept):
+            if one.total > present.total + self.least:  # they contain it: from there they are as good, at least
+                present = max(present, self._of_factor(one, present), key=lambda laws: laws.total)
             comparison = is_better(one, present, self.needed)
             if comparison.is_better and self._closes_as_much(one, present):
                 return Round("swap", members[0], one, present, comparison)
-        return None
+        return Round("begin", "", present) if present is not before else None
+
+    def _of_factor(self, one: LawSet, present: LawSet) -> LawSet:
+        """The set with base parameters, from what another set makes of them with a factor."""
+        fit = present.fit.with_noise(one.fit.noise)
+        u, factor = fit.u.copy(), 1.0 + float(one.law(_FACTOR).start[0])
+        for slug in BASE_WORDS:
+            if slug in present.laws:
+                value = float(one.fit.device()[index_of(BASE_WORDS[slug])]) / factor
+                u[fit.columns(present.number(slug))] = math.log(value)
+        return scored(fit.at(np.clip(u, fit.lower, fit.upper)).maximise(), present.penalty)
 
     def _stays(self, laws: LawSet, slug: str) -> bool:
         """Whether an inertia is held where the model's is not: no likelihood is asked about it."""

@@ -164,7 +164,6 @@ def is_better(one: LawSet, other: LawSet, needed: float) -> Comparison:
 
 
 def _compared(one: LawSet, other: LawSet) -> Comparison:
-    # By some sets nothing moves, and there is no power of which a share could be taken.
     left = one.power / other.power if other.power > _NOTHING else 0.0
     return Comparison(False, "", *evidence(one, other), left)
 

@@ -84,7 +84,8 @@ def along(fit: Fit) -> Term | None:
         found += [(number, frequency) for frequency in own]
     if not found:
         return None
-    most, scale = 10.0 * fit.problem.torque, 0.01 * fit.problem.torque
+    # Positions that a clock of its own samples swing too: as a torque at their frequency that is any number of times more.
+    most, scale = 1e4 * fit.problem.torque, 0.01 * fit.problem.torque
     coordinates = [
         Coordinate(f"{part} of {frequency:.6g} Hz", -1, False, -most, most, scale)
         for _, frequency in found

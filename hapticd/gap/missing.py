@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -86,8 +87,9 @@ def moving(fit: Fit, u: Floats | None = None, out: NDArray[Any] | None = None) -
 
 
 def missing_power(fit: Fit) -> float:
-    """Mean square of the missing force, (N m)² or N²."""
-    return missing_force(fit).rms ** 2
+    """Mean square of the missing force, (N m)² or N²; infinite of a model by which nothing moves: it explains nothing."""
+    found = missing_force(fit)
+    return found.rms**2 if found.moves.any() else math.inf
 
 
 def held_out_rms(fit: Fit) -> float:
