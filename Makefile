@@ -64,8 +64,8 @@ bench: $(STAMP)  ## all benchmarks: a table each, JSON in benchmarks/results/
 	$(BIN)/python -m benchmarks
 
 MINUTES ?= 60
-soak: $(STAMP)   ## does memory stay, is every missed period counted: an hour at 1 kHz, or MINUTES=10
-	$(BIN)/python -m benchmarks.soak --minutes $(MINUTES)
+soak: $(STAMP)   ## does memory stay, is every missed period counted: three daemons under load for an hour, or MINUTES=10
+	MINUTES=$(MINUTES) $(BIN)/python -m pytest -m attack -s tests/soak
 
 docs: $(STAMP)   ## reference pages and figures that are made from the code
 	$(BIN)/python -m docs.make_pages

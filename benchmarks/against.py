@@ -29,14 +29,13 @@ NAMES = ("tick", "plant_propagation", "maps", "lateness")
 
 def _figures(tree: Path, name: str, is_quick: bool, scratch: Path) -> dict[str, tuple[float, str]]:
     """Value and unit of each figure of a benchmark, run in a tree; a name ends where it tells its own measured values."""
-    out = scratch / "figures.json"
-    command = [sys.executable, "-m", f"benchmarks.{name}", "--json", str(out), *(["--quick"] * is_quick)]
+    command = [sys.executable, "-m", "benchmarks", name, "--json", str(scratch), *(["--quick"] * is_quick)]
     environment = {**os.environ, "PYTHONPATH": str(tree)}
     if subprocess.run(command, cwd=tree, env=environment, stdout=subprocess.DEVNULL, check=False).returncode != 0:
         raise BenchmarkError(f"the benchmark {name} could not be run in {tree}")
     return {
         re.split(r": (?=\d)", figure["name"])[0]: (figure["value"], figure["unit"])
-        for figure in json.loads(out.read_text())["figures"]
+        for figure in json.loads((scratch / f"{name}.json").read_text())["figures"]
     }
 
 

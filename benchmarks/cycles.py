@@ -6,7 +6,6 @@ The whole table, with the cycles in which starts end, goes to ``cycles.csv`` bes
 from __future__ import annotations
 
 import csv
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 from hapticd.stability.cycles import within
 from hapticd.stability.describing_function import (
     AMPLITUDE_TOLERANCE,
@@ -117,12 +116,3 @@ def measure(quick: bool) -> list[Figure]:
             share = float(np.mean([row.share(kind) for row in inside]))
             figures.append(Figure(f"starts in {kind} cycles", 100.0 * share, "%", peer=peer))
     return figures
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("cycles", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -26,7 +26,7 @@ import numpy as np
 
 from benchmarks import cyclictest
 from benchmarks.hammer import Hammer
-from benchmarks.report import BenchmarkError, Figure, progress, run_alone
+from benchmarks.report import BenchmarkError, Figure, progress
 from hapticd.config import parse_config
 from hapticd.service.api import ApiServer
 from hapticd.service.daemon import Daemon
@@ -205,12 +205,3 @@ def measure(quick: bool) -> list[Figure]:
         )
         for name, latencies in found.items()
     ]
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("estop", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

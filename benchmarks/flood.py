@@ -7,7 +7,6 @@ hands the loop a whole parameter set, has no such peer: its rate depends on the 
 
 from __future__ import annotations
 
-import sys
 from contextlib import nullcontext
 from statistics import median
 from typing import TYPE_CHECKING, Any, Literal
@@ -18,7 +17,7 @@ from benchmarks import cyclictest
 from benchmarks.daemon import MeasuredDaemon
 from benchmarks.hammer import Hammer
 from benchmarks.lateness import IDLE_RATE_HZ, PRIORITY, servo_block
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -88,12 +87,3 @@ def measure(quick: bool) -> list[Figure]:
         Figure("queries served", rate["hapticd", "query"], "1/s"),
         Figure("settings served", rate["hapticd", "set"], "1/s"),
     ]
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("flood", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

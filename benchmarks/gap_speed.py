@@ -23,7 +23,7 @@ from typing import Any, NamedTuple
 from benchmarks.gap import tasks
 from benchmarks.gap.cases import write_files
 from benchmarks.gap.plan import Case
-from benchmarks.report import BenchmarkError, Figure, progress, run_alone
+from benchmarks.report import BenchmarkError, Figure, progress
 
 MEMORY_GOAL_MB = 500.0
 LONGER = 3.0
@@ -179,12 +179,3 @@ def measure(quick: bool) -> list[Figure]:
     if ratios := [pair.own.seconds / pair.peer.seconds for pair in pairs if pair.peer]:
         figures.append(Figure("seconds over the peer's, median", statistics.median(ratios), "×", peer="PySINDy"))
     return figures
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("gap_speed", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -11,12 +11,11 @@ from __future__ import annotations
 
 import math
 import statistics
-import sys
 import threading
 import time
 from collections.abc import Callable
 
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 from benchmarks.tick import Case
 from hapticd import check
 from hapticd.config import parse_config
@@ -109,12 +108,3 @@ def measure(quick: bool) -> list[Figure]:
     details = {"alone_ns": statistics.median(alone), "beside_ns": statistics.median(beside), "blocks": count}
     figures.append(Figure("one tick beside judgements", ratio, "×", GOAL_RATIO, peer="without", details=details))
     return figures
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("guard", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

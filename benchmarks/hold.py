@@ -7,7 +7,6 @@ ordinary priority, which is where most missed exchanges of the serial path come 
 
 from __future__ import annotations
 
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 from hapticd.config import parse_config
 from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
@@ -70,12 +69,3 @@ def measure(quick: bool) -> list[Figure]:
         share = 100.0 * found["missed_exchanges"] / max(found["ticks"], 1)
         figures.append(Figure(f"{name} at {rate_hz:g} Hz: exchanges missed", share, "%", details=found))
     return figures
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("hold", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

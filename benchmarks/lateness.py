@@ -7,7 +7,6 @@ too, when the servo loop merely idles along at 10 Hz. So both see the same machi
 
 from __future__ import annotations
 
-import sys
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +14,7 @@ import numpy as np
 from benchmarks import cyclictest
 from benchmarks.daemon import MeasuredDaemon, lateness_ns, quantile_us
 from benchmarks.hammer import Hammer
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,12 +79,3 @@ def measure(quick: bool, daemon_kind: type[MeasuredDaemon] = MeasuredDaemon) -> 
     served = {"served": hammer.served, "missed": status["timing"]["missed"], **executed}
     figures.append(Figure("a tick runs, read to record, p50", executed["p50"], "µs", details=served))
     return figures
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("lateness", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -11,7 +11,6 @@ import importlib
 import math
 import os
 import statistics
-import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 from hapticd.plant.exact import propagate
 from hapticd.stability import map_engines, map_report, map_store
 from hapticd.stability.maps import Maps, Study, run_points
@@ -166,12 +165,3 @@ def measure(quick: bool) -> list[Figure]:
         figures.append(Figure("times faster a period", cost / own, "×", peer=name, details=more))
         figures.append(Figure("its largest error", float(errors.max()), "", peer=name, details=more))
     return figures
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("maps", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

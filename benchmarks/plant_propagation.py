@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import statistics
-import sys
 import time
 from typing import Any
 
@@ -17,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 from hapticd.jit import njit
 from hapticd.plant.exact import propagate
 from tests.plant.reference import exact_reference, relative_error
@@ -125,12 +124,3 @@ def measure(quick: bool) -> list[Figure]:
     peer = "mpmath at 60 digits, relative to max(|x|, |v|T)"
     figures.append(Figure("largest error", error, "", ERROR_GOAL, "≤", peer, {"periods": periods}))
     return figures
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("plant_propagation", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

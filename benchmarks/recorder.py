@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import sys
 import time
 
 import numpy as np
 
 from benchmarks.daemon import MeasuredDaemon, lateness_ns
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 from hapticd.record import read_run
 
 RATE_HZ = 10_000.0
@@ -49,12 +48,3 @@ def measure(quick: bool, daemon_kind: type[MeasuredDaemon] = MeasuredDaemon) -> 
         Figure("on disk", size / run.rows, "bytes/row"),
         Figure("answer to the first 'record start'", (began - asked) * 1e3, "ms"),
     ]
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("recorder", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -5,12 +5,13 @@ A missed goal is a result, not an error: the exit code says only whether the mea
 
 from __future__ import annotations
 
-import argparse
 import json
 import sys
 import time
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import asdict, dataclass, field
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Literal
 
@@ -23,7 +24,11 @@ _NARROWEST = 132
 
 
 class BenchmarkError(Exception):
-    """A measurement cannot be made; the text says what is missing and how to get it."""
+    """A measurement cannot be made; the text says why."""
+
+
+class NotHereError(BenchmarkError):
+    """This machine lacks what the measurement needs; the text says what, and how to get it."""
 
 
 @dataclass(frozen=True)
@@ -93,23 +98,31 @@ def print_table(documents: Iterable[dict[str, Any]]) -> None:
     console.print(table)
 
 
-def run_alone(name: str, measure: Measurement, argv: Sequence[str] | None = None) -> int:
-    """Command line of one benchmark: measure, then print a table, or write the JSON document.
+def module_of(name: str) -> str:
+    """Where the ``measure`` of a benchmark is."""
+    place = f"benchmarks.{name}"
+    found = find_spec(place)
+    return f"{place}.__main__" if found is not None and found.submodule_search_locations else place
 
-    Returns:
-        0, or 1 when the measurement could not be made.
+
+def run(name: str, quick: bool) -> dict[str, Any]:
+    """Make one measurement; its JSON document, in which ``skipped`` says why this machine cannot.
+
+    Raises:
+        BenchmarkError: it could not be made.
     """
-    parser = argparse.ArgumentParser(prog=f"python -m benchmarks.{name}")
-    parser.add_argument("--quick", action="store_true", help="a short trial: right in kind, wide in scatter")
-    parser.add_argument("--json", type=Path, metavar="FILE", help="write the figures here instead of a table")
-    options = parser.parse_args(argv)
+    measure: Measurement = import_module(module_of(name)).measure
     try:
-        found = document(name, measure(options.quick), options.quick)
+        return document(name, measure(quick), quick)
+    except NotHereError as error:
+        return {**document(name, (), quick), "skipped": str(error)}
+
+
+def run_to_file(argv: Sequence[str]) -> None:
+    """``NAME FILE [quick]``: make one measurement and write its document; ends this process with 1 where that failed."""
+    name, path, *quick = argv
+    try:
+        found = run(name, bool(quick))
     except BenchmarkError as error:
-        progress(f"{name}: {error}")
-        return 1
-    if options.json:
-        options.json.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
-    else:
-        print_table([found])
-    return 0
+        sys.exit(f"{name}: {error}")
+    Path(path).write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")

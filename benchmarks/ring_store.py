@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 from hapticd.jit import njit
 from hapticd.record.flight import FlightRing, memory_directory
 from hapticd.servo.clock import now_ns, sleep_until
@@ -87,12 +87,3 @@ def measure(quick: bool) -> list[Figure]:
         )
         figures.append(Figure(f"stores above 50 µs, ring in {name}", times["above 50 µs"], ""))
     return figures
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("ring_store", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

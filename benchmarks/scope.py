@@ -7,7 +7,8 @@ its threads but the servo's, whose ticks take longer beside anything that uses t
 second, dropped rows and memory are a real page's, in
 Debian's headless Chromium, on this machine, without a graphics card.
 
-``python -m benchmarks.scope`` measures all; ``--minutes M`` instead keeps the page open for so long and tells its memory.
+``python -m benchmarks scope`` measures all; ``python -m benchmarks.scope --minutes M`` instead keeps the page open for so
+long and tells its memory.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ import numpy as np
 import psutil
 
 from benchmarks.daemon import MeasuredDaemon, lateness_ns, quantile_us
-from benchmarks.report import BenchmarkError, Figure, document, print_table, progress, run_alone
+from benchmarks.report import BenchmarkError, Figure, NotHereError, document, print_table, progress
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -229,10 +230,10 @@ def _page(url: str) -> Iterator[Any]:
     try:
         from playwright.sync_api import sync_playwright
     except ImportError:
-        raise BenchmarkError("the browser needs Playwright: pip install playwright") from None
+        raise NotHereError("the browser needs Playwright: pip install playwright") from None
     path = next((found for name in BROWSERS if (found := shutil.which(name))), None)
     if path is None:
-        raise BenchmarkError("there is no browser: apt-get install chromium-headless-shell")
+        raise NotHereError("there is no browser: apt-get install chromium-headless-shell")
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=path, args=["--no-sandbox"])
         page = browser.new_page(viewport={"width": 1280, "height": 720})
@@ -253,20 +254,14 @@ def _clocks(daemon: MeasuredDaemon, scope: ScopeProcess) -> NDArray[np.float64]:
     return np.array([daemon.cpu_s() - servo, servo, times.user + times.system, time.monotonic()])
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    words = sys.argv[1:] if argv is None else argv
-    if words[:1] == ["--read"]:
-        read(words[1], int(words[2]))
-        return 0
-    if "--minutes" in words:
-        parser = argparse.ArgumentParser(prog="python -m benchmarks.scope")
-        parser.add_argument("--minutes", type=float, required=True)
-        minutes = parser.parse_args(words).minutes
-        print_table([document("scope", stay(minutes), quick=False)])
-        return 0
-    return run_alone("scope", measure, words)
+def main() -> None:
+    """Whether its memory stays."""
+    if sys.argv[1:2] == ["--read"]:
+        return read(sys.argv[2], int(sys.argv[3]))
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.scope")
+    parser.add_argument("--minutes", type=float, required=True)
+    return print_table([document("scope", stay(parser.parse_args().minutes), quick=False)])
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -11,7 +11,6 @@ import contextlib
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 import threading
 from collections.abc import Iterator
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from benchmarks.report import BenchmarkError, Figure, progress, run_alone
+from benchmarks.report import BenchmarkError, Figure, NotHereError, progress
 from drivers import libc
 from drivers.interface import EXCHANGE_WORDS, X_PERIOD_NS
 from drivers.serial_dac import SerialDacDriver
@@ -56,7 +55,7 @@ def _exchanges(pointers: NDArray[Any], clock: NDArray[Any], spent: NDArray[Any])
 def _build(folder: Path) -> Path:
     program = folder / "serial_peer"
     if not shutil.which("gcc"):
-        raise BenchmarkError("gcc is missing: install a C compiler ('sudo apt-get install gcc')")
+        raise NotHereError("gcc is missing: install a C compiler ('sudo apt-get install gcc')")
     source = Path(__file__).with_name("serial_peer.c")
     command = ["gcc", "-O2", "-Wall", "-Wextra", "-o", str(program), str(source)]
     built = subprocess.run(command, capture_output=True, text=True, check=False)
@@ -162,12 +161,3 @@ def measure(quick: bool) -> list[Figure]:
     details |= {"failed": failed[True], "failed_c": failed[False]}
     shown = f"exchange p50: {mine:.1f} µs, in C {other:.1f} µs"
     return [Figure(shown, mine / other, "×", GOAL, peer=PEER, details=details)]
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("serial_roundtrip", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

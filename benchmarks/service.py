@@ -6,11 +6,10 @@ that company, one right after the other: each figure with its own goal, and how 
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Callable, Iterator
 
 from benchmarks import lateness, recorder
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, progress
 from benchmarks.service_load import ServicedDaemon
 
 COMPARED: dict[str, Callable[..., list[Figure]]] = {"lateness": lateness.measure, "recorder": recorder.measure}
@@ -36,12 +35,3 @@ def compared(name: str, serviced: list[Figure], alone: list[Figure]) -> Iterator
         )
         if other.value:
             yield Figure("  over that without", figure.value / other.value, "×", peer=f"alone: {other.name}")
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("service", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -15,7 +15,7 @@ import sys
 from dataclasses import dataclass
 from typing import Any
 
-from benchmarks.report import BenchmarkError, Figure, progress, run_alone
+from benchmarks.report import BenchmarkError, Figure, progress
 from hapticd.config import Config, parse_config
 from hapticd.servo.simulate import simulate
 
@@ -107,12 +107,3 @@ def measure(quick: bool) -> list[Figure]:
         ),
         Figure("final positions of the two apart", apart, "tick", 1e-9, peer="plain Python"),
     ]
-
-
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone."""
-    return run_alone("simulate", measure, argv)
-
-
-if __name__ == "__main__":
-    sys.exit(main())

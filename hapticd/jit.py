@@ -109,7 +109,7 @@ def njit(
         options["fastmath"] = {"reassoc", "contract"}
 
     def decorate(function: F) -> F:
-        waits = signature is not None and function.__module__.startswith(_ON_DEMAND)
+        waits = signature is not None and function.__module__.startswith(_ON_DEMAND) and not numba.config.DISABLE_JIT
         with _cached(function):
             compiled = numba.njit(None if waits else signature, **options)(function)
         return cast(F, _on_demand(compiled, signature) if waits else compiled)

@@ -12,52 +12,33 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import sys
-from functools import partial
 from pathlib import Path
 
-from benchmarks.gap import before, collect, options, plan, processes, report, tasks
+from benchmarks.gap import options, plan, processes, report, tasks
 from benchmarks.gap.collect import Asked
 from benchmarks.gap.hidden import LAWS
 from benchmarks.report import progress as note
-from hapticd.cli.output import progress_bar
 
-INTERRUPTED = 130
+EXAMPLES = """\
+examples:
+  python -m benchmarks.gap --quick                             one seed, some cases
+  python -m benchmarks.gap -o results/gap                      seeds 0 to 99: 900 cases, resumable
+  python -m benchmarks.gap -o results/gap --seed 100:200       the reported ones
+  python -m benchmarks.gap --only stribeck --only backlash     these effects alone
+  python -m benchmarks.gap -o results/gap --report             score what is there, run nothing"""
 
 
 def parse(argv: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.gap",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-        epilog="examples:\n"
-        "  python -m benchmarks.gap --quick                             one seed, some cases\n"
-        "  python -m benchmarks.gap -o results/gap                      seeds 0 to 99: 900 cases, resumable\n"
-        "  python -m benchmarks.gap -o results/gap --seed 100:200       the reported ones\n"
-        "  python -m benchmarks.gap --only stribeck --only backlash     these effects alone\n"
-        "  python -m benchmarks.gap -o results/gap --report             score what is there, run nothing",
-    )
-    options.add_common(parser, Path(__file__).parent.parent / "results/gap")
+    parser = options.parser_of("benchmarks.gap", __doc__, Path(__file__).parent.parent / "results/gap", EXAMPLES)
     parser.add_argument("--seed", type=options.seeds, metavar="A:B", help="seeds A to B − 1, or one (default 0:100)")
     parser.add_argument("--quick", action="store_true", help="fewer cases a seed, and seed 0 alone by default")
     parser.add_argument("--only", action="append", choices=list(LAWS), metavar="EFFECT", help="repeatable")
     parser.add_argument("--kind", action="append", choices=plan.KINDS, help="repeatable; default: all")
     parser.add_argument("--device", action="append", metavar="NAME", help="repeatable; default: all")
     parser.add_argument("--most", type=int, metavar="N", help="at most so many cases, in the order of the plan")
-    parser.add_argument(
-        "--who",
-        action="append",
-        choices=("workflow", *report.PEERS),
-        help="who answers; repeatable; default: all there are",
-    )
-    parser.add_argument(
-        "--before-most",
-        type=int,
-        default=100,
-        metavar="N",
-        help=f"at most so many cases for the core before, up to {before.LIMIT_S:g} s of a processor each (default 100)",
-    )
-    parser.add_argument("--report", action="store_true", help="score what is there and run nothing")
+    who = ("workflow", *report.PEERS)
+    parser.add_argument("--who", action="append", choices=who, help="who answers; repeatable; default: all there are")
     chosen = parser.parse_args(argv)
     options.check(parser, chosen)
     chosen.seed = chosen.seed or (range(1) if chosen.quick else range(plan.FIRST_REPORTED_SEED))
@@ -80,52 +61,27 @@ def answerers(asked: argparse.Namespace) -> dict[str, Asked]:
     """Who answers.
 
     Raises:
-        NoHistoryError: the core before was asked for and cannot be had.
         ImportError: PySINDy was asked for and is not installed.
     """
-    found = {}
-    for who in asked.who or ("workflow", *report.PEERS):
-        if who == "workflow":
-            found[who] = Asked(tasks.workflow)
-        elif who == "sindy" and importlib.util.find_spec("pysindy"):
-            found[who] = Asked(tasks.sindy)
-        elif who == "sindy":
-            missing = "PySINDy is not installed: pip install 'hapticd[bench]'"
-            if asked.who:
-                raise ImportError(missing)
+    found = {"workflow": Asked(tasks.workflow), "sindy": Asked(tasks.sindy)}
+    if not importlib.util.find_spec("pysindy"):
+        missing = "PySINDy is not installed: pip install 'hapticd[bench]'"
+        if "sindy" in (asked.who or ()):
+            raise ImportError(missing)
+        if not asked.who:
             note(f"{missing}; left out")
-        else:
-            found[who] = Asked(partial(before.answer, tree=before.prepared(asked.output)), asked.before_most)
-    return found
+        del found["sindy"]
+    return {who: one for who, one in found.items() if who in (asked.who or found)}
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run, or go on; then report. 1 when there is nothing to report, 2 when what was asked for cannot be used."""
+    """Run, or go on; then report, as `options.answer_and_report`."""
     asked = parse(argv)
     cases = chosen_cases(asked)
     if not cases:
         note("no case is left with these options")
         return 2
-    root = asked.output
-    root.mkdir(parents=True, exist_ok=True)
-    code = 0
-    if not asked.report:
-        try:
-            who = answerers(asked)
-            with options.engine(asked) as pool, progress_bar("gap benchmark") as advance:
-                collect.run(cases, collect.Store(root), who, pool, asked.jobs, advance, note)
-        except KeyboardInterrupt:
-            note(f"{root} keeps what is finished; the same command goes on from there")
-            code = INTERRUPTED
-        except (collect.ClusterError, before.NoHistoryError, ImportError) as error:
-            note(str(error))
-            return 2
-    try:
-        print(report.write(root, cases))
-    except FileNotFoundError as error:
-        note(str(error))
-        return code or 1
-    return code
+    return options.answer_and_report(asked, cases, lambda: answerers(asked), report.write, "gap benchmark")
 
 
 if __name__ == "__main__":

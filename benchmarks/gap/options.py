@@ -4,12 +4,17 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
-from benchmarks.gap import collect, plan, processes
+from benchmarks.gap import collect, plan, processes, tasks
+from benchmarks.report import progress as note
+from hapticd.cli.output import progress_bar
+
+INTERRUPTED = 130
 
 
 def seeds(text: str) -> range:
@@ -32,10 +37,14 @@ def seeds(text: str) -> range:
     return found
 
 
-def add_common(parser: argparse.ArgumentParser, output: Path) -> None:
-    """Options of every command that runs cases."""
+def parser_of(module: str, doc: str | None, output: Path, epilog: str | None = None) -> argparse.ArgumentParser:
+    """With the options of every command that runs cases and keeps what is answered."""
+    shown = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(prog=f"python -m {module}", description=doc, formatter_class=shown, epilog=epilog)
     parser.add_argument("-o", "--output", type=Path, metavar="DIR", default=output)
+    parser.add_argument("--report", action="store_true", help="score what is there and run nothing")
     add_engine(parser)
+    return parser
 
 
 def add_engine(parser: argparse.ArgumentParser) -> None:
@@ -72,3 +81,38 @@ def check(parser: argparse.ArgumentParser, chosen: argparse.Namespace) -> None:
 def engine(chosen: argparse.Namespace) -> AbstractContextManager[Executor]:
     """Where the cases run."""
     return collect.dask(chosen.dask) if chosen.dask else processes.pool(chosen.jobs)
+
+
+def answer_and_report(
+    chosen: argparse.Namespace,
+    cases: Sequence[Any],
+    answerers: Callable[[], Mapping[str, collect.Asked]],
+    write: Callable[[Path, Sequence[Any]], str],
+    title: str,
+    make: Callable[[Any], tasks.Made] = tasks.make,
+) -> int:
+    """Run, or go on; then report. 1 when there is nothing to report, 2 when what was asked for cannot be used.
+
+    Args:
+        chosen: the command line, of `parser_of`. cases: of the plan. answerers: who is asked; an ImportError says what is
+            missing. write: writes the report and returns it. title: of the progress bar. make: as `collect.run`.
+    """
+    root, code = chosen.output, 0
+    root.mkdir(parents=True, exist_ok=True)
+    if not chosen.report:
+        try:
+            who = answerers()
+            with engine(chosen) as pool, progress_bar(title) as advance:
+                collect.run(cases, collect.Store(root), who, pool, chosen.jobs, advance, note, make)
+        except KeyboardInterrupt:
+            note(f"{root} keeps what is finished; the same command goes on from there")
+            code = INTERRUPTED
+        except (collect.ClusterError, ImportError) as error:
+            note(str(error))
+            return 2
+    try:
+        print(write(root, cases))
+    except FileNotFoundError as error:
+        note(str(error))
+        return code or 1
+    return code

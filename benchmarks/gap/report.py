@@ -14,7 +14,7 @@ from benchmarks.gap.plan import Case, is_for_development
 from benchmarks.gap.rate import Rate
 from benchmarks.gap.summary import COLUMNS, Goal, Row, Scored
 
-PEERS = {"sindy": "PySINDy", "before": "the core before"}
+PEERS = {"sindy": "PySINDy"}
 """Folder of the answers, and name."""
 _COLUMN = 50
 _YES_NO = {True: "reached", False: "NOT REACHED", None: ""}

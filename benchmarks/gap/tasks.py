@@ -6,12 +6,10 @@ collects. Each function is one task for a process pool or a Dask worker.
 
 from __future__ import annotations
 
-import contextlib
-import importlib
 import tempfile
 import time
 import traceback
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -111,43 +109,19 @@ def loaded(folder: Path) -> tuple[Recording, Config]:
     return load_recording(run_file(folder), model), model
 
 
-def workflow(files: Files, excluded: Sequence[str] = (), constants: Mapping[str, float] | None = None) -> Answer:
-    """What hapticd's gap workflow answers, as gap.json has it, and the time it took.
-
-    Args:
-        files: of the case.
-        excluded: slugs that it may not name.
-        constants: values of `hapticd.gap.constants` that are changed for this answer.
-    """
-    return timed(lambda folder: find(folder, excluded, constants), files)
+def workflow(files: Files, excluded: Sequence[str] = ()) -> Answer:
+    """What hapticd's gap workflow answers, as gap.json has it, and the time it took; it may not name what is excluded."""
+    return timed(lambda folder: find(folder, excluded), files)
 
 
-def find(folder: Path, excluded: Sequence[str] = (), constants: Mapping[str, float] | None = None) -> Answer:
+def find(folder: Path, excluded: Sequence[str] = ()) -> Answer:
     """The workflow's answer on a case's folder, through its public call."""
     from hapticd.config import EFFECT_SLUGS
     from hapticd.gap import find_gap
 
     recording, model = loaded(folder)
     candidates = [slug for slug in EFFECT_SLUGS if slug not in excluded] if excluded else None
-    with changed_constants(constants or {}):
-        return find_gap([recording], model, candidates=candidates, refit_base=False).to_json()
-
-
-@contextlib.contextmanager
-def changed_constants(values: Mapping[str, float]) -> Iterator[None]:
-    """The workflow's constants with other values, in this process, for as long as the block lasts."""
-    if not values:
-        yield
-        return
-    module = importlib.import_module("hapticd.gap.constants")
-    kept = {name: getattr(module, name) for name in values}
-    try:
-        for name, value in values.items():
-            setattr(module, name, value)
-        yield
-    finally:
-        for name, value in kept.items():
-            setattr(module, name, value)
+    return find_gap([recording], model, candidates=candidates, refit_base=False).to_json()
 
 
 def sindy(files: Files, excluded: Sequence[str] = ()) -> Answer:

@@ -5,13 +5,12 @@ The data are not part of the repository: the folder is found through the variabl
 
 from __future__ import annotations
 
-import sys
 import tempfile
 from pathlib import Path
 
 from benchmarks.gap_real import emps, odrive
 from benchmarks.gap_real.datasets import folder
-from benchmarks.report import Figure, run_alone
+from benchmarks.report import Figure, print_table, run
 
 
 def measure(quick: bool) -> list[Figure]:
@@ -23,4 +22,4 @@ def measure(quick: bool) -> list[Figure]:
 
 
 if __name__ == "__main__":
-    sys.exit(run_alone("gap_real", measure))
+    print_table([run("gap_real", quick=False)])

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from benchmarks.report import BenchmarkError
+from benchmarks.report import NotHereError
 from hapticd.config import Config
 from hapticd.gap.data import load_recording
 from hapticd.gap.recording import Recording
@@ -22,16 +22,14 @@ def folder() -> Path:
     """The folder with the data sets.
 
     Raises:
-        BenchmarkError: the variable is not set, or files are missing there.
+        NotHereError: the variable is not set, or files are missing there.
     """
     named = os.environ.get(VARIABLE)
     if not named:
-        raise BenchmarkError(
-            f"needs measured data that are not part of the repository; name their folder in {VARIABLE}"
-        )
+        raise NotHereError(f"needs measured data that are not part of the repository; name their folder in {VARIABLE}")
     missing = [name for name in (EMPS, *COGGING, COGGING_MAP) if not (Path(named) / name).is_file()]
     if missing:
-        raise BenchmarkError(f"{VARIABLE}={named} lacks {', '.join(missing)}")
+        raise NotHereError(f"{VARIABLE}={named} lacks {', '.join(missing)}")
     return Path(named)
 
 

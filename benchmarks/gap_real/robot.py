@@ -19,7 +19,7 @@ import numpy as np
 
 from benchmarks.gap_real import answer
 from benchmarks.gap_real.datasets import imported
-from benchmarks.report import BenchmarkError, Figure, run_alone
+from benchmarks.report import Figure, NotHereError, document, print_table
 from hapticd.config import Config, parse_config
 
 PACKAGE = "figaroh==1.0.2"
@@ -52,7 +52,7 @@ def fetched(scratch: Path) -> Path:
     """The folder with the records.
 
     Raises:
-        BenchmarkError: the package cannot be had.
+        NotHereError: the package cannot be had.
     """
     command = [
         sys.executable,
@@ -68,7 +68,7 @@ def fetched(scratch: Path) -> Path:
         str(scratch),
     ]
     if subprocess.run(command, check=False).returncode != 0:
-        raise BenchmarkError(f"needs {PACKAGE} from the package index")
+        raise NotHereError(f"needs {PACKAGE} from the package index")
     name = PACKAGE.replace("==", "-")
     with tarfile.open(scratch / f"{name}.tar.gz") as package:
         package.extractall(scratch, filter="data")
@@ -130,4 +130,4 @@ def measure(quick: bool) -> list[Figure]:
 
 
 if __name__ == "__main__":
-    sys.exit(run_alone("gap_real.robot", measure))
+    print_table([document("gap_real.robot", measure("--quick" in sys.argv), "--quick" in sys.argv)])

@@ -11,10 +11,8 @@ from __future__ import annotations
 
 import argparse
 import statistics
-import sys
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -23,7 +21,7 @@ from numpy.typing import NDArray
 from benchmarks.gap.rate import Rate
 from benchmarks.identify.cases import Hidden, hidden
 from benchmarks.identify.idim import idim_ls
-from benchmarks.report import Figure, progress, run_alone
+from benchmarks.report import Figure, document, print_table, progress
 from hapticd.config import parse_config
 from hapticd.gap.recording import Recording
 from hapticd.identify import identify
@@ -134,10 +132,10 @@ def _details(all_scored: list[Scored]) -> dict[str, Any]:
     }
 
 
-def measure_seeds(first: int, count: int) -> list[Figure]:
-    """Figures of some seeds."""
+def measure(quick: bool, first: int = FIRST_SEED) -> list[Figure]:
+    """Figures of the seeds from ``first`` on."""
     found = []
-    for seed in range(first, first + count):
+    for seed in range(first, first + (QUICK_CASES if quick else CASES)):
         one = scored(hidden(seed))
         missed = [name for name, inside in zip(NAMES, one.inside, strict=True) if not inside]
         shown = ", ".join(f"{name} {100 * error:+.2g} %" for name, error in zip(NAMES, one.errors, strict=True))
@@ -148,16 +146,14 @@ def measure_seeds(first: int, count: int) -> list[Figure]:
     return figures(found)
 
 
-def main(argv: list[str] | None = None) -> int:
-    """Run this benchmark alone; ``--seed`` for seeds to develop on (below 100)."""
-    words = list(sys.argv[1:] if argv is None else argv)
-    parser = argparse.ArgumentParser(add_help=False)
+def main() -> None:
+    """``--seed`` for seeds to develop on (below 100)."""
+    parser = argparse.ArgumentParser(prog="python -m benchmarks.identify", description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=FIRST_SEED)
-    options, rest = parser.parse_known_args(words)
-    return run_alone(
-        Path(__file__).parent.name, lambda quick: measure_seeds(options.seed, QUICK_CASES if quick else CASES), rest
-    )
+    parser.add_argument("--quick", action="store_true")
+    options = parser.parse_args()
+    print_table([document("identify", measure(options.quick, options.seed), options.quick)])
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

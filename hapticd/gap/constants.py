@@ -1,4 +1,4 @@
-"""Every constant of the verdict, each with its reason; ``python -m benchmarks.gap.constants`` shows what each changes."""
+"""Every constant of the verdict, each with its reason."""
 
 BLOCK_S = 1.0
 """Length of the blocks over which scores are taken as independent [s]: several correlation times of what machines do."""

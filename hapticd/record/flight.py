@@ -3,7 +3,7 @@
 The servo thread stores into memory, as ever; it makes no call and waits for nothing. What it has stored belongs to the
 kernel's page cache and is there whatever ends the process (SIGKILL, SIGSEGV, out of memory). The file is best on a file
 system in memory: on a disk, each page that the kernel has written back is write-protected, and the next store into it
-waits for the file system (decision 26, ``python -m benchmarks.ring_store``).
+waits for the file system (decision 26, ``python -m benchmarks ring_store``).
 
 Layout, native byte order, every part at a multiple of a page: `HEADER`; the shared atomics; two metadata slots, written by
 turns, each with its number, length and CRC-32; the rows. Row n lies in slot n modulo the number of rows. The header names

@@ -1,10 +1,10 @@
-"""Every loader under mutated and forged files; ``python -m benchmarks.hostile_input`` tries many more of the same."""
+"""Every loader under mutated and forged files; ``python -m tests.hostile`` tries as many more of the same as one likes."""
 
 from __future__ import annotations
 
 import io
-import json
 import os
+import signal
 import socket
 import struct
 import subprocess
@@ -22,7 +22,6 @@ from mcap.records import Chunk
 from mcap.stream_reader import StreamReader
 from scipy.io import loadmat, savemat
 
-from benchmarks.hostile.loaders import LOADERS, Loader
 from drivers import DriverConfigError
 from drivers.canopen.eds import load_eds
 from drivers.canopen.profile import FOLDER
@@ -32,6 +31,8 @@ from hapticd.record.listing import listed
 from hapticd.record.matfile import read_mat
 
 from ..docs.snippets import ROOT
+from . import isolation
+from .loaders import LOADERS, Loader
 
 BY_NAME = {loader.name: loader for loader in LOADERS}
 NAMES = sorted(BY_NAME)
@@ -46,13 +47,30 @@ def test_what_is_mutated_is_accepted_as_it_is(tmp_path: Path, name: str) -> None
         loader.load(path)
 
 
-def test_no_input_ends_otherwise_than_in_a_result_or_a_clear_error(tmp_path: Path) -> None:
-    out = tmp_path / "figures.json"
-    command = [sys.executable, "-m", "benchmarks.hostile_input", "--count", "340", "--seed", "17", "--json", str(out)]
+@pytest.mark.parametrize(
+    ("count", "seed"), [(20, 17), pytest.param(2000, 7, marks=[pytest.mark.attack, pytest.mark.timeout(3600)])]
+)
+def test_no_input_ends_otherwise_than_in_a_result_or_a_clear_error(count: int, seed: int) -> None:
+    command = [sys.executable, "-m", "tests.hostile", "--count", str(count * len(LOADERS)), "--seed", str(seed)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
-    figures = {figure["name"]: figure["value"] for figure in json.loads(out.read_text())["figures"]}
-    assert (figures["inputs"], figures["findings"]) == (20 * len(LOADERS), 0)
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count(f": {count} inputs, ") == done.stdout.count(", 0 findings; ") == len(LOADERS)
+
+
+def test_a_finding_is_told_with_its_case(tmp_path: Path) -> None:
+    def load(path: Path) -> None:
+        case = int(path.read_bytes())
+        if case == 2:
+            os.kill(os.getpid(), signal.SIGKILL)
+        raise [ValueError, KeyError(case), RunFileError("elsewhere"), RunFileError("case")][case]
+
+    loader = Loader("odd", ".txt", load, (RunFileError,), lambda: [b""])
+    object.__setattr__(loader, "case", lambda seed, number: b"%d" % (number % 4))
+    found = isolation.run(loader, 0, 4, 0)
+    assert [case for case, _ in found.findings] == [0, 1, 2]
+    assert (found.accepted, found.refused) == (0, 1)
+    assert "ValueError" in found.findings[0][1]
+    assert found.findings[2][1] == "the process ended with SIGKILL"
 
 
 @pytest.fixture

@@ -1,16 +1,22 @@
-"""The control API under requests that schemathesis makes; ``python -m benchmarks.hostile_requests`` asks a real daemon."""
+"""The control API under requests that schemathesis makes; the attack asks a real daemon."""
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import httpx
 import pytest
+import yaml
 
-from benchmarks.hostile.api import Attack, State
+from hapticd.config import load_config
 from hapticd.control.endpoints import JsonDict
-from hapticd.service.api import openapi_document
+from hapticd.service.api import ApiServer, openapi_document
+from hapticd.service.daemon import Daemon
+from hapticd.service.latch import FaultLatch
+from hapticd.service.socket import bind
 from hapticd.servo.authority import Command
+from tests.hostile.api import Attack, State
 from tests.service.fake_control import FakeControl, serve
 
 
@@ -21,7 +27,30 @@ def test_no_request_ends_in_a_failure_or_changes_something_and_is_refused(tmp_pa
     assert report.requests >= 200
     assert not [status for status in report.answers if status >= 500]
     assert {200, 400, 422} <= report.answers.keys()
-    assert report.findings == {}, report.examples
+    assert report.findings == {}
+
+
+@pytest.mark.attack
+@pytest.mark.timeout(0)
+def test_no_request_harms_a_daemon(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("STATE_DIRECTORY", str(tmp_path))  # as a service: no request can write elsewhere
+    socket, source = tmp_path / "h.sock", tmp_path / "rig.yaml"
+    wanted = {
+        "servo": {"overrun": {"fault_after": None}},
+        "safety": {"heartbeat_timeout_s": 10},
+        "record": {"directory": str(tmp_path / "runs"), "enabled": False},
+        "api": {"socket": str(socket)},
+    }
+    source.write_text(yaml.safe_dump(wanted))
+    daemon = Daemon(load_config(str(source)), str(source), FaultLatch(socket))
+    server = ApiServer(daemon, bind(socket))
+    server.start()
+    try:
+        report = Attack(daemon, socket, int(os.environ.get("SEED", "12"))).run(int(os.environ.get("REQUESTS", "20000")))
+    finally:
+        server.stop()
+        daemon.shutdown()
+    assert report.findings == {}
 
 
 class Careless(FakeControl):

@@ -9,26 +9,16 @@ import argparse
 import sys
 from pathlib import Path
 
-from benchmarks.gap import collect, options, processes
+from benchmarks.gap import options, processes
 from benchmarks.gap.collect import Asked
 from benchmarks.gap.foreign import cases, table
-from benchmarks.report import progress as note
-from hapticd.cli.output import progress_bar
-
-INTERRUPTED = 130
 
 
 def parse(argv: list[str] | None = None) -> argparse.Namespace:
     """The command line."""
-    parser = argparse.ArgumentParser(
-        prog="python -m benchmarks.gap.foreign",
-        description=__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
-    options.add_common(parser, Path(__file__).parents[2] / "results/gap_foreign")
+    parser = options.parser_of("benchmarks.gap.foreign", __doc__, Path(__file__).parents[2] / "results/gap_foreign")
     parser.add_argument("--seed", type=int, default=0, metavar="N", help="default 0")
     parser.add_argument("--cases", type=int, default=120, metavar="N", help="the first N of the seed (default 120)")
-    parser.add_argument("--report", action="store_true", help="score what is there and run nothing")
     chosen = parser.parse_args(argv)
     options.check(parser, chosen)
     if chosen.seed < 0 or chosen.cases < 1:
@@ -37,28 +27,11 @@ def parse(argv: list[str] | None = None) -> argparse.Namespace:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run, or go on; then report. 1 when there is nothing to report, 2 when what was asked for cannot be used."""
+    """Run, or go on; then report, as `options.answer_and_report`."""
     asked = parse(argv)
-    root, code = asked.output, 0
     wanted = [cases.Case(asked.seed, number) for number in range(asked.cases)]
-    root.mkdir(parents=True, exist_ok=True)
-    if not asked.report:
-        who = {table.WHO: Asked(cases.answer)}
-        try:
-            with options.engine(asked) as pool, progress_bar("foreign records") as advance:
-                collect.run(wanted, collect.Store(root), who, pool, asked.jobs, advance, note, cases.make)
-        except KeyboardInterrupt:
-            note(f"{root} keeps what is finished; the same command goes on from there")
-            code = INTERRUPTED
-        except collect.ClusterError as error:
-            note(str(error))
-            return 2
-    try:
-        print(table.write(root, wanted))
-    except FileNotFoundError as error:
-        note(str(error))
-        return code or 1
-    return code
+    who = {table.WHO: Asked(cases.answer)}
+    return options.answer_and_report(asked, wanted, lambda: who, table.write, "foreign records", cases.make)
 
 
 if __name__ == "__main__":

@@ -8,18 +8,36 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from statistics import median
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
-from benchmarks.soak import Totals, gaps
+import numpy as np
+
 from hapticd.record import read_run
-from hapticd.record.schema import FLAG_MISSED_EXCHANGE
+from hapticd.record.schema import FLAG_MISSED_EXCHANGE, FLAG_MISSED_PERIOD
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
 _WINDOW: Final = 0.1
+_SUMMARY: Final = re.compile(r"^ticks +(\d+), missed periods (\d+).*?^recorded +(\d+) rows, (\d+) dropped", re.M | re.S)
 _KEPT: Final = re.compile(r"the disk is full .*; (\d+) rows are kept in ")
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What the daemon says in its last words."""
+
+    ticks: int
+    missed: int
+    rows: int
+    dropped: int
+
+    @classmethod
+    def of(cls, words: str) -> Totals:
+        """From what it printed."""
+        found = _SUMMARY.search(words)
+        assert found, f"the daemon did not end as it should; its last words:\n{words[-2000:]}"
+        return cls(*(int(number) for number in found.groups()))
 
 
 @dataclass(frozen=True)
@@ -47,15 +65,18 @@ class Segment:
     def of(
         cls, tick: NDArray[np.int64], flags: NDArray[np.int64], claimed: int, dropped: int = 0, settings: int = 0
     ) -> Segment:
-        """From the columns of a file with one row at least; ``claimed`` rows are in it, as the daemon says."""
-        found = gaps(tick, flags)
+        """From the columns of a file with one row at least; ``claimed`` rows are in it, as the daemon says.
+
+        The next row after a gap says so, and no other.
+        """
+        steps = np.diff(tick)
         return cls(
             first=int(tick[0]),
             last=int(tick[-1]),
             rows=len(tick),
-            missed_in_a_row=found["missed_in_a_row"],
-            unmarked=found["unmarked"],
-            backwards=found["backwards"],
+            missed_in_a_row=int(steps.max(initial=1)) - 1,
+            unmarked=int(np.count_nonzero(((flags[1:] & FLAG_MISSED_PERIOD) != 0) != (steps > 1))),
+            backwards=int(np.count_nonzero(steps < 1)),
             dropped=dropped,
             exchanges_missed=int(((flags & FLAG_MISSED_EXCHANGE) != 0).sum()),
             rows_differ=abs(len(tick) - claimed),
@@ -85,8 +106,8 @@ def balance(segments: Sequence[Segment], totals: Totals) -> dict[str, int]:
         ``periods`` since the daemon's first tick, tick 0; ``rows`` on record; ``missed`` of the recorded periods;
         ``between`` the recordings, where there is no row: periods that are known by the daemon's counters alone;
         ``missed_in_a_row`` at most. What must be 0: ``unaccounted``, periods that the daemon counted neither as done nor as
-        missed, or as missed more or fewer than the recordings leave room for; ``unmarked`` and ``backwards`` as
-        `benchmarks.soak.gaps` says, and recordings that overlap; ``rows_differ``, rows that are not on file as counted.
+        missed, or as missed more or fewer than the recordings leave room for; ``unmarked`` and ``backwards`` of the
+        recordings, and recordings that overlap; ``rows_differ``, rows that are not on file as counted.
     """
     between = segments[0].first + sum(after.first - before.last - 1 for before, after in pairwise(segments))
     rows = sum(one.rows for one in segments)
@@ -110,12 +131,21 @@ def balance(segments: Sequence[Segment], totals: Totals) -> dict[str, int]:
 
 @dataclass(frozen=True)
 class Sample:
-    """One look at a daemon's process."""
+    """One look at a daemon's process: resident bytes, open files, threads."""
 
     at_s: float
     resident: int
     files: int
     threads: int
+
+    @classmethod
+    def of(cls, at_s: float, process: int) -> Sample:
+        """Look now; memory page by page, since the kernel's cheaper figures lag by hundreds of kilobytes."""
+        folder = Path(f"/proc/{process}")
+        found = re.search(r"^Rss: +(\d+) kB", (folder / "smaps_rollup").read_text(), re.M)
+        assert found is not None
+        files, threads = (sum(1 for _ in (folder / name).iterdir()) for name in ("fd", "task"))
+        return cls(at_s, int(found[1]) * 1024, files, threads)
 
 
 def _ends(samples: Sequence[Sample], settled_s: float) -> tuple[Sequence[Sample], Sequence[Sample]]:
@@ -153,7 +183,3 @@ class SeenFault:
     """Share of one processor that others took then; in a burst it is one of them."""
     over_s: float | None = None
     explained_by: str | None = None
-
-    def details(self) -> dict[str, Any]:
-        """For the JSON document."""
-        return dict(vars(self))

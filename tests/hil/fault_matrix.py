@@ -1,6 +1,6 @@
 """Every fault on every device, again and again: how long until the motor's current is zero, from the device's own log.
 
-``python -m benchmarks.fault_matrix [--trials 20] [--device serial|canopen|firmware] [--only FAULT] [--markdown FILE]``.
+``python -m tests.hil.fault_matrix [--trials 20] [--device serial|canopen|firmware] [--only FAULT] [--markdown FILE]``.
 
 A trial counts when the machine was not busy around it. The witnesses are threads of ordinary priority, as the kernel's
 carriers of a pseudo-terminal's bytes are, one on each processor, which sleep a millisecond and look how late they wake:
@@ -15,7 +15,6 @@ first.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import subprocess
 import sys
@@ -27,11 +26,9 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from benchmarks.report import BenchmarkError, Figure, document, progress
 from hapticd.config import Config, apply_settings, load_config, parse_config
 from hapticd.hil.cases import FIRMWARE_CONFIG, FIRMWARE_RATE_HZ, slower_rig
 from hapticd.hil.errors import HilError
@@ -39,7 +36,7 @@ from hapticd.hil.injections import INJECTIONS, Injection
 from hapticd.hil.matrix import SETTLE_S, Row, detection_s, limit_s, run_injection
 from tests.forked import fork_what_hil_starts
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 DEVICES = ("serial", "canopen", "firmware")
 _LOOK_S = 1e-3
 _BEFORE_S = 0.1
@@ -138,7 +135,7 @@ def _config(device: str) -> Config:
         "canopen": ("canopen-drive", {"driver.interface": "unix_seqpacket"}),
     }[device]
     config = load_config(str(ROOT / "examples" / f"{name}.yaml"))
-    return apply_settings(config, {"servo.rate_hz": "500", **extra}, source="benchmarks.fault_matrix")
+    return apply_settings(config, {"servo.rate_hz": "500", **extra}, source="tests.hil.fault_matrix")
 
 
 @contextmanager
@@ -197,7 +194,7 @@ def markdown(tallies: Sequence[Tally], trials: int) -> str:
 def marks(device: str) -> tuple[str, str]:
     """Between which lines of a page the table of a device stands."""
     return (
-        f"<!-- table: python -m benchmarks.fault_matrix --device {device} -->",
+        f"<!-- table: python -m tests.hil.fault_matrix --device {device} -->",
         f"<!-- end of the table: {device} -->",
     )
 
@@ -206,27 +203,26 @@ def replace_table(page: Path, device: str, text: str) -> None:
     """Put the table of a device between its marks in a page.
 
     Raises:
-        BenchmarkError: the page has no such marks.
+        ValueError: the page has no such marks.
     """
     first, last = marks(device)
     whole = page.read_text(encoding="utf-8")
     before, begin, rest = whole.partition(first)
     _, end, after = rest.partition(last)
     if not begin or not end:
-        raise BenchmarkError(f"{page} has no lines {first} and {last}")
+        raise ValueError(f"{page} has no lines {first} and {last}")
     page.write_text(f"{before}{begin}\n\n{text}\n{end}{after}", encoding="utf-8")
 
 
 def main() -> int:
     """Measure what was asked for, print the tables, and write them where asked."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.fault_matrix", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m tests.hil.fault_matrix", description=__doc__.splitlines()[0])
     parser.add_argument("--trials", type=int, default=20, metavar="N", help="undisturbed trials of each fault")
     parser.add_argument("--device", action="append", choices=DEVICES, help="repeatable; default: all")
     parser.add_argument("--only", action="append", metavar="FAULT", help="repeatable; 'hapticd hil --json' names them")
     parser.add_argument(
         "--markdown", type=Path, metavar="FILE", help="replace the devices' tables between the marks of this page"
     )
-    parser.add_argument("--json", type=Path, metavar="FILE")
     options = parser.parse_args()
     if unknown := set(options.only or ()) - {one.name for one in INJECTIONS}:
         parser.error(f"no fault is called {', '.join(sorted(unknown))}")
@@ -239,34 +235,13 @@ def main() -> int:
                 if driver not in injection.devices or (options.only and injection.name not in options.only):
                     continue
                 of_device.append(tally(device, injection, options.trials, witness))
-                progress(" | ".join([device, *of_device[-1].cells()]))
+                print(" | ".join([device, *of_device[-1].cells()]), file=sys.stderr, flush=True)
                 if options.markdown:  # an interrupted run leaves what it has
                     replace_table(options.markdown, device, markdown(of_device, options.trials))
             tallies += of_device
             if of_device:
                 print(f"### {device}\n\n{markdown(of_device, options.trials)}")
-    if options.json:
-        found = document("fault_matrix", _figures(tallies), quick=False)
-        options.json.write_text(json.dumps(found, indent=1, ensure_ascii=False) + "\n")
     return 0 if all(one.met == len(one.rows) == options.trials for one in tallies) else 1
-
-
-def _figures(tallies: Sequence[Tally]) -> list[Figure]:
-    figures = []
-    for one in tallies:
-        details: dict[str, Any] = {
-            "trials": len(one.rows),
-            "as_it_must_be": one.met,
-            "disturbed": one.disturbed,
-            "zero_after_s": one.zero_s,
-            "problems": [problem for row in one.rows for problem in row.problems],
-        }
-        name = f"{one.device}: {one.injection.name}"
-        if one.limit_s is not None and one.zero_s and not one.injection.refused:
-            figures.append(Figure(f"{name}, worst", 1e3 * one.zero_s[-1], "ms", 1e3 * one.limit_s, details=details))
-        else:
-            figures.append(Figure(name, float(one.met), "trials", float(len(one.rows)), "≥", details=details))
-    return figures
 
 
 if __name__ == "__main__":

@@ -14,13 +14,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Final
 
-from benchmarks.report import progress
-from benchmarks.soak_loaded.rigs import Rig
-from benchmarks.soak_loaded.schedule import BURSTS, KINDS, Episode
 from hapticd.config import apply_settings, config_to_yaml
 from hapticd.hil.clock import JumpingClock
 from hapticd.hil.errors import HilError
 from hapticd.hil.process import Child
+from tests.soak.rigs import Rig
+from tests.soak.schedule import BURSTS, KINDS, Episode
 
 _STRESS: Final = {
     "cpu": ("--cpu", "2"),
@@ -146,8 +145,6 @@ class Troubles:
             self._running.append((episode, now_s, stack))
 
     def _not_done(self, episode: Episode, reason: str) -> None:
-        if reason not in {known for _, known in self.not_done}:
-            progress(f"{episode.kind} not done: {reason}")
         self.not_done.append((episode, reason))
 
     def _end(self, entry: tuple[Episode, float, ExitStack], now_s: float) -> None:

@@ -11,20 +11,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Final, Self, TypeVar
 
-from benchmarks.hold import PATHS
-from benchmarks.report import progress
-from benchmarks.soak import Totals, resident_bytes
-from benchmarks.soak_loaded.judge import Sample, SeenFault, Segment, kept_rows
 from hapticd.client import DaemonUnreachable, RequestRefused
 from hapticd.config import Config, parse_config
 from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
 from hapticd.hil.errors import HilError
+from tests.soak.judge import Sample, SeenFault, Segment, Totals, kept_rows
 
 DRIVERS: Final[dict[str, dict[str, Any]]] = {
     "loopback": {"name": "loopback"},
-    "serial": PATHS["serial board, pty"][1],
-    "canopen": PATHS["CAN, Unix socket"][1],
+    "serial": {"name": "serial_dac", "port": "/dev/null"},
+    "canopen": {"name": "canopen", "interface": "unix_seqpacket", "channel": "-"},
 }
 _TOLERATED_S: Final = 0.05
 """So long exchanges may fail in a row."""
@@ -148,7 +145,7 @@ class Rig:
     def find(self, what: str) -> None:
         """Note what should not be, and say it."""
         self.findings.append(f"{self.now_s():.0f} s: {what}")
-        progress(f"{self.name}: {self.findings[-1]}")
+        print(f"{self.name}: {self.findings[-1]}", flush=True)
 
     def ask(self, what: str, question: Callable[[], T]) -> T | None:
         """Ask the daemon something that it must do; a refusal or no answer is a finding."""
@@ -174,9 +171,7 @@ class Rig:
             return
         self.status = status
         self.ask("metrics", self.client.metrics)
-        process = Path(f"/proc/{self.daemon.pid}")
-        files, threads = (sum(1 for _ in (process / name).iterdir()) for name in ("fd", "task"))
-        self.samples.append(Sample(self.now_s(), resident_bytes(self.daemon.pid), files, threads))
+        self.samples.append(Sample.of(self.now_s(), self.daemon.pid))
         self._follow_fault(status, others)
 
     def _follow_fault(self, status: dict[str, Any], others: float) -> None:
@@ -187,7 +182,6 @@ class Rig:
                 if known is not None:
                     known.over_s = self.now_s()
                 self.faults.append(SeenFault(fault["code"], fault["cause"], self.now_s(), others))
-                progress(f"{self.name}: {self.now_s():.0f} s: fault {fault['code']}: {fault['cause']}")
             self._cleared = False
             self._leave_fault()
         elif status["state"] == "running":
@@ -246,11 +240,7 @@ class Rig:
         return status is not None and status["recorder"]["state"] == "failed"
 
     def end(self) -> None:
-        """End the daemon while it records, and take account of that, too.
-
-        Raises:
-            BenchmarkError: it ended without its last words.
-        """
+        """End the daemon while it records, and take account of that, too."""
         self.daemon.end()
         words = self.daemon.log.read_text(errors="replace")
         self.totals = Totals.of(words)

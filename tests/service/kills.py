@@ -1,6 +1,6 @@
 """Rows lost when the daemon is killed: its servo thread at 10 kHz on the loopback, killed at random instants.
 
-``python -m benchmarks.kills [--kills N] [--how kill|segv|oom]``. Each trial is a process of its own: rig, servo thread,
+``python -m tests.service.kills [--kills N] [--how kill|segv|oom]``. Each trial is a process of its own: rig, servo thread,
 recorder and flight recorder as the daemon makes them. What the device saw is the witness: between loop and loopback a
 compiled function notes, in memory of the parent's, the tick whose command was just written. When that of tick n was, the
 servo had finished every tick before n, so each of them must be in the recovered run.
@@ -28,7 +28,6 @@ from numba import types
 from numpy.typing import NDArray
 
 import drivers
-from benchmarks.report import BenchmarkError, progress
 from drivers.interface import EXCHANGE_WORDS, X_TICK
 from drivers.loopback import LoopbackDriver
 from hapticd.config import Config, parse_config
@@ -45,8 +44,6 @@ SIZE = 6
 """Words of the witness: the loopback's functions and state; the last two ticks whose commands are out; how many are."""
 _LONGEST_S = 1.0
 _OOM_LIMIT = 400 << 20
-
-
 _SIGNATURE = types.int32(types.CPointer(types.int64), types.CPointer(types.int64))
 
 
@@ -68,12 +65,9 @@ def _read(state: int, exchange: int) -> int:
 
 
 class WitnessedLoopback(LoopbackDriver):
-    """The loopback behind a witness."""
-
     witness: NDArray[np.int64]
 
     def open(self) -> None:
-        """As the loopback, with the witness before it."""
         super().open()
         self.witness[[READ, WRITE, STATE]] = self.read_address, self.write_address, self.state_address
         self.read_address, self.write_address = _read.address, _write.address
@@ -87,7 +81,7 @@ def _config(folder: Path) -> Config:
             "safety": {"heartbeat_timeout_s": 10},
             "record": {"directory": str(folder / "runs")},
         },
-        "the benchmark's config",
+        "the trial's config",
     )
 
 
@@ -117,7 +111,7 @@ def _trial(folder: Path, how: str, chance: random.Random) -> dict[str, Any]:
     config = _config(folder)
     place = flight.flight_directory(config)
     if place is None:
-        raise BenchmarkError("no file system in memory here")
+        sys.exit("no file system in memory here")
     child = os.fork()
     if child == 0:
         try:
@@ -156,43 +150,19 @@ def _join_small_group() -> None:
     (group / "cgroup.procs").write_text(str(os.getpid()))
 
 
-def trials(kills: int, how: str = "kill", seed: int = 0) -> dict[str, Any]:
-    """Kill that many daemons.
-
-    Args:
-        kills: how many.
-        how: ``kill`` (SIGKILL), ``segv`` (a read of address 0) or ``oom`` (beyond the memory of its control group).
-        seed: of the instants.
-
-    Returns:
-        ``kills``, ``rows`` recovered in all, ``lost`` rows in all, ``signals`` that ended them.
-    """
-    chance = random.Random(seed)
-    done = []
-    with tempfile.TemporaryDirectory(prefix="hapticd-kills-") as name:
-        for number in range(kills):
-            done.append(_trial(Path(name), how, chance))
-            if sys.stderr.isatty() or number % 50 == 49:
-                progress(f"{number + 1} of {kills} ({how}): {sum(trial['lost'] for trial in done)} rows lost")
-    return {
-        "how": how,
-        "kills": len(done),
-        "rate_hz": RATE_HZ,
-        "rows": sum(trial["rows"] for trial in done),
-        "lost": sum(trial["lost"] for trial in done),
-        "signals": sorted({signal.Signals(trial["signal"]).name for trial in done if trial["signal"]}),
-    }
-
-
 def main() -> int:
     """Run it; 1 when a row was lost."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.kills", description=__doc__.splitlines()[0])
+    parser = argparse.ArgumentParser(prog="python -m tests.service.kills", description=__doc__.splitlines()[0])
     parser.add_argument("--kills", type=int, default=200)
     parser.add_argument("--how", choices=("kill", "segv", "oom"), default="kill")
-    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seed", type=int, default=0, help="of the instants")
     options = parser.parse_args()
-    found = trials(options.kills, options.how, options.seed)
-    print(json.dumps(found))
+    chance = random.Random(options.seed)
+    with tempfile.TemporaryDirectory(prefix="hapticd-kills-") as name:
+        done = [_trial(Path(name), options.how, chance) for _ in range(options.kills)]
+    found = {key: sum(trial[key] for trial in done) for key in ("rows", "lost")}
+    ends = sorted({signal.Signals(trial["signal"]).name for trial in done})
+    print(json.dumps({"kills": len(done), "rate_hz": RATE_HZ, "signals": ends, **found}))
     return 1 if found["lost"] else 0
 
 

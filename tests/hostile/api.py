@@ -9,7 +9,6 @@ from __future__ import annotations
 import json
 import random
 from collections import Counter
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -25,11 +24,11 @@ from schemathesis.config import SchemathesisConfig
 from schemathesis.core.failures import FailureGroup
 from schemathesis.core.transport import Response
 
-from benchmarks.hostile.mutation import SCALARS, mutated_text
 from hapticd.config import LIVE_KEYS
 from hapticd.control.endpoints import Endpoints, JsonDict
 from hapticd.service.api import openapi_document
 from hapticd.service.replies import MAX_BODY_BYTES
+from tests.hostile.mutation import SCALARS, mutated_text
 
 STREAM: Final = "/stream"
 """Its reply does not end; left out."""
@@ -45,21 +44,11 @@ _CHECKS: Final = {
 
 @dataclass
 class Report:
-    """What came of the requests.
-
-    Attributes:
-        requests: how many were answered. generated, mutants, settings: how many of each kind.
-        answers: how many of each HTTP status.
-        findings: what may not happen, in words, with how often. examples: the first of each.
-    """
+    """How many requests were answered, with which statuses, and what may not happen: in words, with the first example."""
 
     requests: int = 0
-    generated: int = 0
-    mutants: int = 0
-    settings: int = 0
     answers: Counter[int] = field(default_factory=Counter)
-    findings: Counter[str] = field(default_factory=Counter)
-    examples: dict[str, str] = field(default_factory=dict)
+    findings: dict[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -119,7 +108,7 @@ class Attack:
         self._operations = [operation for operation in operations if path in (None, operation.path)]
         self._bodies: list[bytes] = [b"{}"]
 
-    def run(self, count: int, advance: Callable[[int], None] = lambda done: None) -> Report:
+    def run(self, count: int) -> Report:
         """Send that many requests, or a few more."""
         turn = 0
         with self._client:
@@ -128,7 +117,6 @@ class Attack:
                     for mode in GenerationMode:
                         self._generated(operation, mode, turn)
                     self._some_settings()
-                    advance(self.report.requests)
                 turn += 1
         return self.report
 
@@ -155,7 +143,6 @@ class Attack:
         }
         prepared = requests.Request(**known).prepare()
         body = prepared.body.encode() if isinstance(prepared.body, str) else prepared.body or b""
-        self.report.generated += 1
         reply = self._send(case.method, str(prepared.url), body, dict(prepared.headers))
         try:
             case.validate_response(Response.from_httpx(reply, verify=False))
@@ -167,14 +154,12 @@ class Attack:
             for _ in range(_MUTANTS):
                 with suppress(UnicodeDecodeError):  # a body that is no text has no mutants
                     mutant = mutated_text(self._chance, body, self._bodies)
-                    self.report.mutants += 1
                     self._send(case.method, str(prepared.url), mutant, _JSON)
 
     def _some_settings(self) -> None:
         for _ in range(_SETTINGS):
             keys = self._chance.sample(sorted(LIVE_KEYS), self._chance.randrange(1, 4))
             values = {key: self._value() for key in keys}
-            self.report.settings += 1
             body = json.dumps({"settings": values, "force": self._chance.random() < 0.5})
             self._send("POST", "/set", body.encode(errors="replace"), _JSON)
 
@@ -199,12 +184,12 @@ class Attack:
         path = httpx.URL(url).path
         if reply.status_code >= _FAILED:
             self._found(method, path, f"status {reply.status_code}", reply, body)
-        elif reply.is_error and not before.same_as(State.of(self._control)):
-            self._found(method, path, "an error that changed something", reply, body)
+        elif reply.is_error and not before.same_as(after := State.of(self._control)):
+            self._found(
+                method, path, "an error that changed something", reply, f"{before} became {after} with ".encode() + body
+            )
         return reply
 
     def _found(self, method: str, path: str, what: str, reply: httpx.Response, body: bytes = b"") -> None:
-        known = f"{method} {path}: {what}"
-        if known not in self.report.findings:
-            self.report.examples[known] = f"{body[:300]!r} was answered {reply.status_code} {reply.text[:300]}"
-        self.report.findings[known] += 1
+        words = f"{body[:700]!r} was answered {reply.status_code} {reply.text[:300]}"
+        self.report.findings.setdefault(f"{method} {path}: {what}", words)

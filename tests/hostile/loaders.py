@@ -12,8 +12,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.hostile import forging
-from benchmarks.hostile.mutation import mutated, mutated_text
 from drivers import DriverConfigError
 from drivers.canopen.eds import load_eds
 from drivers.canopen.profile import FOLDER, load_profile
@@ -36,6 +34,8 @@ from hapticd.record.listing import listed
 from hapticd.record.schema import empty_rows
 from hapticd.servo.experiment import read_experiment
 from sim_hw.script import load_script
+from tests.hostile import forging
+from tests.hostile.mutation import mutated, mutated_text
 
 ROOT: Final = Path(__file__).parents[2]
 _FORGED: Final = 0.3

@@ -29,36 +29,16 @@ from hapticd.record.stream import (
 from hapticd.record.writer import arrow_schema
 
 _COLUMNS = (
-    "tick",
-    "time_s",
-    "encoder_counts",
-    "position",
-    "current_command_A",
-    "force",
-    "ticks",
-    "flags",
-    "t",
-    "x",
-    "i",
-)
+    "tick", "time_s", "encoder_counts", "position", "current_command_A", "force", "ticks", "flags", "t", "x", "i",
+)  # fmt: skip
 _NAMES = (*_COLUMNS, "", " ", "a\nb", "\x1b[31m", "µ", "x" * 3000, "time_s ")
 _NUMBERS = (0, 1, -1, 2**31, 2**53 + 1, 2**63 - 1, -(2**63), 10**400, 0.5, 1e308, -1e308, 5e-324, math.nan, math.inf)
 _TEXTS = ("", "x", "\x1b[31m", "9" * 5000, "{}", "[]", "null", "NaN", "1e999", '{"a": 1', "\0")
 _TEXTS += ("[" * 90 + "]" * 90, "[" * 400 + "]" * 400, "[" * 3000, "[" * 100_000)
 _KEYS = (
-    "config",
-    "model",
-    "units",
-    "events",
-    "linear",
-    "kind",
-    "label",
-    "host",
-    "versions",
-    "truncated",
-    "created_utc",
+    "config", "model", "units", "events", "linear", "kind", "label", "host", "versions", "truncated", "created_utc",
     "columns",
-)
+)  # fmt: skip
 
 
 def _values(chance: random.Random, rows: int) -> NDArray[Any]:
