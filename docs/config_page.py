@@ -32,6 +32,9 @@ and a value out of its limits are errors, and all of them are reported at once:
     lab.yaml: servo.rate_hz = 0: must be at least 1 Hz
     lab.yaml: spring.stifness: unknown key; did you mean spring.stiffness?
 
+`version: 1` may stand in the file, and does where hapticd writes one: a hapticd that reads older keys only refuses a newer
+version and says so. A run file's format has a version of its own, which is kept in the same way.
+
 `hapticd config show [CONFIG]` prints a configuration with every default filled in; `hapticd config schema` prints the
 JSON Schema: every key with its meaning, unit, limits and default, for people and for editors. The same stands below on the
 site that `make site` makes.

@@ -21,6 +21,7 @@ from hapticd.config.problems import ConfigError, Problem
 from hapticd.config.quantities import with_units
 from hapticd.config.reading import read_text, read_yaml
 from hapticd.config.text import shown
+from hapticd.config.version import take_version
 
 _OTHER_KIND = (
     "a setting cannot turn a rotary device into a linear one or back; its other numbers would keep their old units"
@@ -167,7 +168,9 @@ def _validate(mapping: object, source_name: str) -> tuple[Config | None, list[Pr
     """Validate, take out what is wrong, and validate again, so that checks between keys are reported in the same go."""
     data = _plain(mapping)
     linear = isinstance(data, dict) and gives_linear_encoder(data)
-    problems: list[Problem] = list(with_units(data, source_name, linear)) if isinstance(data, dict) else []
+    problems: list[Problem] = []
+    if isinstance(data, dict):
+        problems = [*take_version(data, source_name), *with_units(data, source_name, linear)]
     told = frozenset(problem.key for problem in problems)
     wrong = set(told)
     while True:

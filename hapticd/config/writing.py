@@ -10,12 +10,13 @@ from typing import Any
 from hapticd.config.keys import section_models, unit_of
 from hapticd.config.model import Config
 from hapticd.config.text import plain_number, yaml_value
+from hapticd.config.version import VERSION
 
 
 def config_to_yaml(config: Config, without: Collection[str] = ()) -> str:
     """The whole configuration, `without` sections, as YAML with units as comments; reading it gives an equal one."""
     data = config.model_dump(exclude=set(without))
-    return "\n".join(_lines(data, "", "", config.is_linear)) + "\n"
+    return "\n".join([f"version: {VERSION}", *_lines(data, "", "", config.is_linear)]) + "\n"
 
 
 def _lines(data: Mapping[str, Any], prefix: str, indent: str, linear: bool) -> Iterator[str]:
@@ -54,6 +55,11 @@ def _canonical(value: Any) -> Any:
 def config_schema() -> dict[str, Any]:
     """JSON Schema (2020-12) of a configuration; quantities carry ``unit`` (and ``unit_linear`` for linear devices)."""
     schema = Config.model_json_schema()
+    meaning = "Of the keys; a file without it is of version 1"
+    schema["properties"] = {
+        "version": {"type": "integer", "minimum": 1, "maximum": VERSION, "default": 1, "description": meaning},
+        **schema["properties"],
+    }
     for model in (schema, *schema["$defs"].values()):
         for name, field in model.get("properties", {}).items():
             model["properties"][name] = _accepts_null(field)

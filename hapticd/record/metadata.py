@@ -20,9 +20,8 @@ from typing import Any
 
 import numpy as np
 
-from hapticd.record.stream import METADATA_CHECK, from_json
+from hapticd.record.stream import FORMAT_VERSION, METADATA_CHECK, from_json
 
-FORMAT_VERSION = 2
 _PREFIX = b"hapticd."
 _PACKAGES = ("hapticd", "numpy", "numba", "llvmlite", "scipy", "pyarrow", "pydantic")
 _MAPPINGS = ("config", "model", "versions", "host", "imported", "units")

@@ -26,6 +26,7 @@ END_OF_STREAM = b"\xff\xff\xff\xff\x00\x00\x00\x00"
 EVENTS, FIRST_ROW, CHECK, TOTAL = b"hapticd.events", b"hapticd.first_row", b"hapticd.crc32", b"hapticd.rows"
 METADATA_CHECK = b"hapticd.metadata_crc32"
 CHECKED_VERSION = 2
+FORMAT_VERSION = 2
 
 _MARK = END_OF_STREAM[:4]
 _MOST_SEARCHES = 1000
@@ -101,7 +102,7 @@ def read_stream(path: Path, data: bytes) -> Stream:
         data: the file.
 
     Raises:
-        RunFileError: it is no Arrow stream, or one whose columns are neither numbers nor text.
+        RunFileError: it is no Arrow stream, one of a newer format, or one whose columns are neither numbers nor text.
     """
     import pyarrow as pa
 
@@ -120,6 +121,11 @@ def read_stream(path: Path, data: bytes) -> Stream:
     found = Stream(schema, version=_version(stored))
     if found.version >= CHECKED_VERSION:
         found.metadata_damaged = stored.get(METADATA_CHECK) != check
+        if found.version > FORMAT_VERSION and not found.metadata_damaged:
+            raise RunFileError(
+                f"{path} is a run file of format {found.version}, and this hapticd reads up to {FORMAT_VERSION}: "
+                "install the hapticd that wrote it, or a newer one"
+            )
         _take_checked(found, data)
     else:
         for batch, notes in _batches(found, data):

@@ -78,6 +78,9 @@ WRONG = [
     ),
     ("servo: {overrun: skip}", "servo.overrun = skip: must be a section of keys, such as overrun: {policy: …}"),
     ("- servo", "must be a mapping of sections, such as servo: {rate_hz: 1000}"),
+    ("version: 2", "version = 2: is of a newer hapticd, this one reads up to version 1: install the newer one"),
+    ("version: 0", "version = 0: is no version; this hapticd writes 1"),
+    ('version: "1"', 'version = "1": is no version; this hapticd writes 1'),
     # between keys
     (
         "encoder: {counts_per_rev: 8192, counts_per_metre: 1e5}",

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from record_samples import make_rows
 
 from hapticd.record import RunFileError, RunWriter, read_run
+from hapticd.record.stream import METADATA_CHECK, metadata_checksum
 
 
 @pytest.fixture
@@ -86,6 +87,18 @@ def test_a_file_being_written_can_be_read(tmp_path: Path) -> None:
     run.flush()
     assert read_run(run.path).rows == 5
     run.close()
+
+
+def test_a_newer_format_is_refused_with_what_to_do(native: Path, tmp_path: Path) -> None:
+    table = pa.ipc.open_stream(native.read_bytes()).read_all()
+    schema = table.schema.with_metadata({**table.schema.metadata, b"hapticd.format_version": b"3"})
+    schema = schema.with_metadata({**schema.metadata, METADATA_CHECK: metadata_checksum(schema)})
+    with pa.OSFile(str(tmp_path / "newer.arrow"), "wb") as sink, pa.ipc.new_stream(sink, schema) as stream:
+        stream.write_table(table.cast(schema))
+    with pytest.raises(
+        RunFileError, match=r"newer.arrow is a run file of format 3, and .* up to 2: install"
+    ):
+        read_run(tmp_path / "newer.arrow")
 
 
 def test_files_that_are_no_runs_are_named_with_the_reason(tmp_path: Path) -> None:
