@@ -1,8 +1,8 @@
 """The picture of docs/how-to/take-the-model-with-you.md: MuJoCo with the model as it was, and with what was found.
 
 A device that the model does not know, a handle out of balance on a shaft whose friction rises at rest, is driven by a sum of
-sines. `hapticd.gap` says what is missing in its first ten seconds; both models go to MuJoCo, and have the commands of two
-seconds more, from the same state and with nothing else.
+sines. `hapticd.find_gap` says what is missing in its first ten seconds; both models go to MuJoCo, and have the commands of
+two seconds more, from the same state and with nothing else.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def take_the_model(images: Path) -> None:
         rows = np.column_stack([np.arange(begin) * PERIOD_S, counts[:begin], current[:begin]])
         header = "time_s,encoder_counts,current_command_A"
         np.savetxt(folder / "run.csv", rows, "%.6f,%d,%.9f", header=header, comments="")
-        result = hapticd.gap(folder / "run.csv", known, out=folder / "gap")
+        result = hapticd.find_gap(folder / "run.csv", known, out=folder / "gap")
         print(result.verdict, result.statement)
         improved = hapticd.load_config(folder / "gap" / "model.yaml")
         motions = {

@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from hapticd.api.theory import Check, check
     from hapticd.client import Client
     from hapticd.config import Config, ConfigError, load_config
-    from hapticd.gap.call import gap
-    from hapticd.identify.call import identify
+    from hapticd.gap.call import find_gap
+    from hapticd.identify.call import identify_plant
     from hapticd.record import Run
 
 _WHERE: Final = {
@@ -32,13 +32,15 @@ _WHERE: Final = {
     "ConfigError": "hapticd.config",
     "Run": "hapticd.record",
     "check": "hapticd.api.theory",
+    "find_gap": "hapticd.gap.call",
+    "identify_plant": "hapticd.identify.call",
     "load": "hapticd.api.runs",
     "load_config": "hapticd.config",
     "plot": "hapticd.api.runs",
     "simulate": "hapticd.api.simulation",
     "sweep": "hapticd.api.sweeping",
 }
-"""Public name → module. A package of that name (``gap``, ``identify``) is no entry: it is called (`callable_package`)."""
+"""Public name → module; no package has such a name, since Python binds it to ours when somebody imports it."""
 
 __all__ = [
     "Check",
@@ -47,8 +49,8 @@ __all__ = [
     "ConfigError",
     "Run",
     "check",
-    "gap",
-    "identify",
+    "find_gap",
+    "identify_plant",
     "load",
     "load_config",
     "plot",
@@ -63,14 +65,10 @@ def __getattr__(name: str) -> Any:
         from importlib.metadata import version
 
         return version("hapticd")
-    if name in __all__:
-        _refuse_strangers()
-    if name in _WHERE:
-        found = getattr(importlib.import_module(_WHERE[name]), name)
-    elif name in __all__:
-        found = importlib.import_module(f"hapticd.{name}")
-    else:
+    if name not in _WHERE:
         raise AttributeError(f"module 'hapticd' has no attribute {name!r}")
+    _refuse_strangers()
+    found = getattr(importlib.import_module(_WHERE[name]), name)
     globals()[name] = found
     return found
 

@@ -14,10 +14,7 @@
 `workflow.find_gap` runs them from Series to judge. Each `Fit` is a maximum of the likelihood that `kernel` computes.
 """
 
-from hapticd.callable_package import make_callable
 from hapticd.gap.result import GapResult
 from hapticd.gap.workflow import find_gap
 
 __all__ = ["GapResult", "find_gap"]
-
-make_callable(__name__, "hapticd.gap.call:gap")

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from hapticd.client import find_run
 from hapticd.config import ConfigError, Problem, parse_config
 from hapticd.config.loading import ConfigSource, config_of
+from hapticd.gap import workflow
 from hapticd.gap.data import recording_of
 from hapticd.gap.own_simulator import Torque, find_torque, with_simulator
-from hapticd.gap.workflow import find_gap
 from hapticd.record import Run, read_run
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     Recorded = str | PathLike[str] | Run
 
 
-def gap(
+def find_gap(
     runs: Recorded | Sequence[Recorded],
     model: ConfigSource = None,
     *,
@@ -74,7 +74,7 @@ def gap(
             [run.path for run in [*recorded, *tests]]
             + [Path(name) for name in [model] if isinstance(name, str | PathLike)],
         )
-    result = find_gap(
+    result = workflow.find_gap(
         recordings, config, refit_base=refit_base, candidates=effects, progress=progress, validation=validation
     )
     if out is not None:

@@ -1,9 +1,6 @@
 """Who is this device? Inertia, friction, bias, delay and the encoder's sign from recordings, with intervals."""
 
-from hapticd.callable_package import make_callable
 from hapticd.identify.result import Identified
 from hapticd.identify.workflow import identified_model, identify, load_any, readable
 
 __all__ = ["Identified", "identified_model", "identify", "load_any", "readable"]
-
-make_callable(__name__, "hapticd.identify.call:identify")

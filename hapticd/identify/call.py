@@ -1,4 +1,4 @@
-"""An identification as one call: ``hapticd.identify``."""
+"""An identification as one call: ``hapticd.identify_plant``."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hapticd.identify.result import Identified
 
 
-def identify(
+def identify_plant(
     runs: Recorded | Sequence[Recorded],
     model: ConfigSource = None,
     *,

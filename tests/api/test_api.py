@@ -154,45 +154,45 @@ def test_plot_draws(run: hapticd.Run) -> None:
     assert len(hapticd.plot(run, run, only=["trace", "difference"]).axes) == 4
 
 
-def test_gap_is_a_function_and_a_package(run: hapticd.Run) -> None:
+def test_a_public_name_is_there_whatever_was_imported_before() -> None:
     import hapticd.gap.constants
 
-    assert inspect.ismodule(hapticd.gap)
-    assert "refit_base" in inspect.signature(hapticd.gap).parameters
-    with pytest.raises(ValueError, match="no recording"):
-        hapticd.gap([])
+    assert "refit_base" in inspect.signature(hapticd.find_gap).parameters
     assert hapticd.gap.constants is sys.modules["hapticd.gap.constants"]
+    assert not [name for name in hapticd.__all__ if f"hapticd.{name}" in sys.modules]
+    with pytest.raises(ValueError, match="no recording"):
+        hapticd.find_gap([])
 
 
 def test_gap_of_a_run_that_moves_in_one_place_only_has_an_answer() -> None:
     measured = hapticd.simulate("re35", 1.5, deflection=300.3, settings={"plant.viscous": 2.5e-5})
-    assert hapticd.gap(measured, "re35", effects=["viscous_friction"]).verdict
+    assert hapticd.find_gap(measured, "re35", effects=["viscous_friction"]).verdict
 
 
 def test_identify_measures_a_device_into_a_config(tmp_path: Path) -> None:
     measured = hapticd.simulate("re35", "6s", excitation="chirp", settings={"spring.stiffness": 0.002})
-    found = hapticd.identify(measured, settings={"plant.inertia": 1e-4}, out=tmp_path / "rig.yaml")
+    found = hapticd.identify_plant(measured, settings={"plant.inertia": 1e-4}, out=tmp_path / "rig.yaml")
     assert found.inertia.value == pytest.approx(6.28e-6, rel=0.02)
     sure = hapticd.check(tmp_path / "rig.yaml").confidence
     assert sure is not None
     assert 0.0 < sure.stable <= 1.0
     assert hapticd.check("re35").confidence is None
     with pytest.raises(ValueError, match="no recording"):
-        hapticd.identify([])
+        hapticd.identify_plant([])
 
 
 def test_gap_finds_a_wrong_friction() -> None:
     real = {"plant.viscous": 2.5e-5, "spring.stiffness": 0.002}
     measured = hapticd.simulate("re35", "4s", excitation="steps", settings=real)
     other = hapticd.simulate("re35", "2s", excitation="chirp", settings=real)
-    found = hapticd.gap(measured, "re35", effects=["viscous_friction"], validate=other)
+    found = hapticd.find_gap(measured, "re35", effects=["viscous_friction"], validate=other)
     assert [step.effect for step in found.steps] == ["viscous_friction"]
     assert found.validation is not None
     assert found.validation.verdict == "better"
     errors = found.validation.errors["free_run"]
     assert errors["after"] < 0.1 * errors["before"]
     with pytest.raises(RecordingError, match="what is fitted is no test of the model"):
-        hapticd.gap(measured, "re35", effects=["viscous_friction"], validate=measured)
+        hapticd.find_gap(measured, "re35", effects=["viscous_friction"], validate=measured)
 
 
 class TestSweep:

@@ -73,13 +73,13 @@ CANDIDATES = ["stribeck", "return_spring", "gravity", "quadratic_drag", "constan
 
 def test_the_effect_is_added_to_the_simulator(run: Path, simulator: Path) -> None:
     torque = find_torque(f"{simulator}:torque")
-    result = hapticd.gap(run, config(), effects=CANDIDATES, nominal=torque, validate=None)
+    result = hapticd.find_gap(run, config(), effects=CANDIDATES, nominal=torque, validate=None)
     (step,) = result.steps
     assert step.effect == "stribeck"
     assert step.parameters["s"].value == pytest.approx(0.6, rel=0.1)
     assert result.gap.held_out_after < 0.1 * result.gap.held_out_before
     # without it the spring is looked for among the laws that are known, and is not there
-    without = hapticd.gap(run, config(), effects=CANDIDATES)
+    without = hapticd.find_gap(run, config(), effects=CANDIDATES)
     assert [one.effect for one in without.steps] != ["stribeck"]
     assert without.gap.held_out_after > 3.0 * result.gap.held_out_after
 

@@ -97,11 +97,11 @@ def answer(files: Files, excluded: Sequence[str] = ()) -> dict[str, Any]:
 
 def ask(folder: Path) -> dict[str, Any]:
     """Import the record in a folder and ask the workflow."""
-    from hapticd.gap.call import gap
+    from hapticd.gap.call import find_gap
     from hapticd.record import import_run, load_map
 
     with tempfile.TemporaryDirectory(prefix="gap-") as own:
         run = Path(own) / "run.arrow"
         imported = import_run(folder / "record.csv", load_map(folder / "map.yaml"), run)
-        found = gap([run], folder / "model.yaml").to_json()
+        found = find_gap([run], folder / "model.yaml").to_json()
     return {**found, "import_warnings": list(imported.warnings)}
