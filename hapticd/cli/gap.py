@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,30 +80,18 @@ def gap(
         excite (NAME|FILE): With --live: the first experiment, as in 'hapticd excite'. Default: all.
     """
     check_folder(out)
-    if live == bool(runs):
-        raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
-    if excite and not live:
-        raise UsageError("--excite goes with --live")
+    _check_choices(runs, effect, live, excite)
     from hapticd.client import find_run
     from hapticd.gap import find_gap
     from hapticd.gap.data import load_recording
     from hapticd.gap.outputs import document_of, keep, write_outputs
     from hapticd.gap.own_simulator import find_torque, with_simulator
-    from hapticd.gap.workflow import considered, why_unknown
+    from hapticd.gap.workflow import considered
 
-    for slug in effect or ():
-        if reason := why_unknown(slug):
-            raise UsageError(f"--effect {slug}: {reason}")
-
-    try:
+    with _refusing("--nominal"):
         torque = find_torque(nominal) if nominal else None
-    except ValueError as error:
-        raise UsageError(f"--nominal: {error}") from error
-    try:
+    with _refusing("-o"):
         keep(out, [Path(read) for read in (model, excite, validate, *(runs or ())) if read])
-    except ValueError as error:
-        raise UsageError(f"-o: {error}") from error
-
     document: dict[str, Any] = {}
     said: list[str] = []
     test = find_run(validate) if validate else None
@@ -115,19 +104,15 @@ def gap(
         return recording
 
     def check(config: Config) -> Config:
-        try:
+        with _refusing("--effect"):
             considered(config, effect)
-        except ValueError as error:
-            raise UsageError(f"--effect: {error}") from error
         return config
 
     def analyse(config: Config, validation: Recording | None, recordings: Sequence[Recording]) -> GapResult:
         if torque:
-            try:
+            with _refusing(f"--nominal {nominal}"):
                 recordings = [with_simulator(recording, config, torque) for recording in recordings]
                 validation = with_simulator(validation, config, torque) if validation else None
-            except ValueError as error:
-                raise UsageError(f"--nominal {nominal}: {error}") from error
             document["nominal"] = nominal
         with output.progress_bar("gap") as bar:
             result = find_gap(
@@ -160,6 +145,11 @@ def gap(
         config = check(model_of_run(paths[0], model, assignments))
         recordings = [loaded(path, config) for path in paths]
         result = analyse(config, loaded(test, config) if test else None, recordings)
+    return _tell(document, result, out, said)
+
+
+def _tell(document: dict[str, Any], result: GapResult, out: Path, said: Sequence[str]) -> int:
+    """Print the answer, and what has not yet been warned of; the exit code."""
     output.emit(document, describe(document, out))
     for warning in document["warnings"]:
         if warning not in said:
@@ -167,6 +157,28 @@ def gap(
     if result.interrupted:
         return exits.INTERRUPTED
     return exits.NO if result.verdict == "unexplained" else exits.DONE
+
+
+def _check_choices(runs: Sequence[Path] | None, effects: Sequence[str] | None, live: bool, excite: str | None) -> None:
+    """Refuse options that do not go together, and effects that there are none of."""
+    if live == bool(runs):
+        raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
+    if excite and not live:
+        raise UsageError("--excite goes with --live")
+    from hapticd.gap.workflow import why_unknown
+
+    for slug in effects or ():
+        if reason := why_unknown(slug):
+            raise UsageError(f"--effect {slug}: {reason}")
+
+
+@contextmanager
+def _refusing(option: str) -> Iterator[None]:
+    """What an option's value is wrong in is a wrong command line."""
+    try:
+        yield
+    except ValueError as error:
+        raise UsageError(f"{option}: {error}") from error
 
 
 def describe(document: dict[str, Any], out: Path | None) -> str:

@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from starlette.applications import Starlette
 from starlette.requests import ClientDisconnect, Request
@@ -254,38 +254,55 @@ async def _fault_page(request: Request) -> Response:
     return error_reply(404, "not_found", "no page about such a fault") if text is None else PlainTextResponse(text)
 
 
+def _turned_away(server: ScopeServer, request: Request, role: Role, lease: bool) -> Response | None:
+    """Why this page may not ask this: no token, one that may only look, or no lease."""
+    found = server.access.bearer(request.headers)
+    if found is None:
+        return error_reply(401, "token", "an Authorization header with a token of this start is needed")
+    has_token(request)
+    if role == "command" and found != "command":
+        return error_reply(403, "view_only", "this token may only look")
+    if lease and not server.lease.held_by(request.headers.get("x-client")):
+        return error_reply(409, "lease", "another page holds the controls; take them over first")
+    return None
+
+
+_WORDS_ALONE: Final[dict[type[Exception], tuple[int, str]]] = {
+    DaemonUnreachable: (502, "unreachable"),
+    UnitError: (422, "quantity"),
+    RunFileError: (422, "run"),
+    RunError: (422, "run"),
+}
+_REFUSALS: Final[tuple[type[Exception], ...]] = (BadRequest, RequestRefused, ConfigError, *_WORDS_ALONE)
+
+
+def _refusal(error: Exception) -> Response:
+    """What refuses a request, as JSON."""
+    if isinstance(error, BadRequest):
+        return error_reply(error.status, error.code, error.message, problems=error.problems)
+    if isinstance(error, RequestRefused):
+        choice = {"choice": choice_for_page(error.choice)} if error.choice else {}
+        return error_reply(error.status, error.code, error.message, problems=error.problems, **choice)
+    if isinstance(error, ConfigError):
+        return error_reply(422, "config", str(error), problems=[asdict(problem) for problem in error.problems])
+    status, code = next(said for kind, said in _WORDS_ALONE.items() if isinstance(error, kind))
+    return error_reply(status, code, str(error))
+
+
 def _endpoint(server: ScopeServer, handler: Callable[[Request], Awaitable[Any]], role: Role, lease: bool) -> Any:
     """A route's endpoint: token first, then the lease, then the form; and every refusal as JSON."""
 
     async def endpoint(request: Request) -> Response:
-        found = server.access.bearer(request.headers)
-        if found is None:
-            return error_reply(401, "token", "an Authorization header with a token of this start is needed")
-        has_token(request)
-        if role == "command" and found != "command":
-            return error_reply(403, "view_only", "this token may only look")
-        if lease and not server.lease.held_by(request.headers.get("x-client")):
-            return error_reply(409, "lease", "another page holds the controls; take them over first")
+        if (refusal := _turned_away(server, request, role, lease)) is not None:
+            return refusal
         try:
             result = await handler(request)
-        except BadRequest as error:
-            return error_reply(error.status, error.code, error.message, problems=error.problems)
-        except RequestRefused as error:
-            choice = {"choice": choice_for_page(error.choice)} if error.choice else {}
-            return error_reply(error.status, error.code, error.message, problems=error.problems, **choice)
         except StoppedUnanswered as stopped:
             result = {"state": stopped.state, "unanswered": str(stopped)}
-        except DaemonUnreachable as error:
-            return error_reply(502, "unreachable", str(error))
-        except UnitError as error:
-            return error_reply(422, "quantity", str(error))
-        except ConfigError as error:
-            problems = [asdict(problem) for problem in error.problems]
-            return error_reply(422, "config", str(error), problems=problems)
-        except (RunFileError, RunError) as error:
-            return error_reply(422, "run", str(error))
         except ClientDisconnect:
             return error_reply(400, "gone", "the page went away")
+        except _REFUSALS as error:
+            return _refusal(error)
         if role == "command":
             server.hub.look_again()
         return result if isinstance(result, Response) else JsonReply(result)

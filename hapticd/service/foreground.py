@@ -195,12 +195,7 @@ def run_foreground(
         "starting (the first start compiles the servo loop, about ten seconds) …", style="dim", highlight=False
     )
     # The claim first: whoever has it is alone with the device. The sockets last, once all threads exist.
-    rules = Rules()
-    mode = int(config.api.mode, 8)
-    if config.api.watch_group is not None:
-        # Everybody gets as far as the check of the caller's groups; a file has but one group.
-        watch = group_id(config.api.watch_group, "api.watch_group")
-        rules, mode = Rules(group_id(config.api.group, "api.group"), watch), 0o666
+    rules, mode = _access(config)
     with contextlib.ExitStack() as ending:
         notifier = Notifier.from_environment()
         ending.callback(notifier.close)
@@ -245,6 +240,15 @@ def run_foreground(
     if daemon.superseded is not None:
         raise SocketError(f"{daemon.superseded}; this one has switched its motor off and ended")
     return EXIT_FAULT if status["fault"] else EXIT_OK
+
+
+def _access(config: Config) -> tuple[Rules, int]:
+    """Who may ask for what, and the mode of the socket's file."""
+    if config.api.watch_group is None:
+        return Rules(), int(config.api.mode, 8)
+    # Everybody gets as far as the check of the caller's groups; a file has but one group.
+    watch = group_id(config.api.watch_group, "api.watch_group")
+    return Rules(group_id(config.api.group, "api.group"), watch), 0o666
 
 
 def _recover(config: Config, name: str) -> None:

@@ -124,30 +124,17 @@ def simulate(
         ValueError: the duration is shorter than one period.
     """
     ticks = round(duration_s * config.servo.rate_hz) if replay is None else replay.shape[1]
-    skips = None if replay is None else np.diff(replay[0], prepend=replay[0, 0] - 1) - 1
+    ticks_of = (
+        None if replay is None else np.stack([np.diff(replay[0], prepend=replay[0, 0] - 1) - 1, replay[1]], axis=1)
+    )
     if ticks < 1:
         raise ValueError(f"a duration of {duration_s:g} s is shorter than one servo period")
     if seed is not None:
         config = config.model_copy(update={"dither": config.dither.model_copy(update={"seed": seed})})
     resolution, period = config.resolution, config.period
     origin = config.origin_counts * config.raw_resolution
-    latency_s, doubt = declared_latency(config)
-    driver = LoopbackDriver(
-        config.model_copy(update={"driver": Driver(name="loopback")}),
-        position=origin + (deflection or 0.0) * resolution,
-        velocity=(velocity or 0.0) * resolution / period,
-        enabled=True,
-        limited=safety,
-        latency_s=latency_s,
-    )
-    driver.open()
-    table = np.zeros((2, 1)) if excitation is None else excitation
-    core = ServoCore(driver, ring_rows=_CHUNK, keep_truth=True, excitation_rows=table.shape[1])
-    core.excitation[:] = table
-    played = Request(state=layout.RUNNING, excitation_id=1, excitation_length=table.shape[1])
-    request = Request(state=layout.RUNNING) if excitation is None else played
-    core.publish(parameters(config, request, safety=safety, latency_s=latency_s))
-    core.begin(0, layout.RUNNING)
+    start = origin + (deflection or 0.0) * resolution, (velocity or 0.0) * resolution / period
+    driver, core, warnings = _begun(config, start, safety, excitation)
 
     inertia = config.plant.inertia + config.hand.inertia
     mu = inertia / (config.spring.stiffness * period**2) if config.spring.stiffness else 0.0
@@ -159,13 +146,9 @@ def simulate(
     while done < ticks and reason == layout.RETURN_TICKS:
         count = min(_CHUNK, ticks - done)
         begin = time.perf_counter()
-        if replay is None or skips is None:
-            reason = core.run(real_time=False, ticks=count)
-        else:
-            for tick in range(done, done + count):
-                core.replay(int(skips[tick]), int(replay[1, tick]))
-                if (reason := core.run(real_time=False, ticks=1)) != layout.RETURN_TICKS:
-                    break
+        reason = (
+            core.run(real_time=False, ticks=count) if ticks_of is None else _replay(core, ticks_of[done : done + count])
+        )
         # The ring is as long as a chunk, so that these rows begin where it does.
         head = core.load(atomics.RING_HEAD)
         core.store(atomics.RING_TAIL, head)
@@ -190,13 +173,6 @@ def simulate(
     position, speed = driver.true_state(final_ns, final_frac)
     at_rest = driver.stays_at_rest()
     number = core.load(atomics.FAULT_CODE)
-    warnings = [doubt] if doubt else []
-    limit = config.amplifier.peak_current
-    if limit and peak > limit:
-        warnings.append(
-            f"the current asked for reached {peak:.4g} A, above amplifier.peak_current = {limit:g} A; "
-            "--safety shows what the amplifier makes of it"
-        )
     report: dict[str, Any] = {
         "ticks": done,
         "wall_s": time.perf_counter() - wall,
@@ -211,12 +187,50 @@ def simulate(
         "motion": _described(motion, period, at_rest) if energies else None,
         "at_rest": at_rest,
         "peak_current_A": peak,
-        "warnings": warnings,
+        "warnings": [*warnings, *_too_much(config, peak)],
         "fault": _fault(core, config, number) if number else None,
     }
     if config.safety.passivity != "off":
         report["passivity"] = core.passivity()
     return report
+
+
+def _begun(
+    config: Config, start: tuple[float, float], safety: bool, excitation: NDArray[np.float64] | None
+) -> tuple[LoopbackDriver, ServoCore, list[str]]:
+    """The device at its start (position, velocity), the loop that renders on it, and doubts about the device's delay."""
+    latency_s, doubt = declared_latency(config)
+    loopback = config.model_copy(update={"driver": Driver(name="loopback")})
+    driver = LoopbackDriver(
+        loopback, position=start[0], velocity=start[1], enabled=True, limited=safety, latency_s=latency_s
+    )
+    driver.open()
+    table = np.zeros((2, 1)) if excitation is None else excitation
+    core = ServoCore(driver, ring_rows=_CHUNK, keep_truth=True, excitation_rows=table.shape[1])
+    core.excitation[:] = table
+    played = Request(state=layout.RUNNING, excitation_id=1, excitation_length=table.shape[1])
+    request = Request(state=layout.RUNNING) if excitation is None else played
+    core.publish(parameters(config, request, safety=safety, latency_s=latency_s))
+    core.begin(0, layout.RUNNING)
+    return driver, core, [doubt] if doubt else []
+
+
+def _too_much(config: Config, peak: float) -> list[str]:
+    limit = config.amplifier.peak_current
+    if not limit or peak <= limit:
+        return []
+    said = f"the current asked for reached {peak:.4g} A, above amplifier.peak_current = {limit:g} A"
+    return [f"{said}; --safety shows what the amplifier makes of it"]
+
+
+def _replay(core: ServoCore, ticks: NDArray[np.int64]) -> int:
+    """Ticks as they were recorded, (n, 2): periods skipped before each, and its lateness in ns; why it returned."""
+    reason = layout.RETURN_TICKS
+    for skipped, late_ns in ticks:
+        core.replay(int(skipped), int(late_ns))
+        if (reason := core.run(real_time=False, ticks=1)) != layout.RETURN_TICKS:
+            break
+    return reason
 
 
 def _outcome(config: Config, outcome: Outcome, at_rest: bool) -> Outcome:
