@@ -18,7 +18,7 @@ from benchmarks.report import print_table, progress
 
 NAMES = (
     "lateness", "flood", "tick", "guard", "estop", "simulate", "plant_propagation", "maps", "cycles", "recorder",
-    "ring_store", "service", "scope", "serial_roundtrip", "hold", "gap_speed", "gap_real", "identify",
+    "ring_store", "scope", "serial_roundtrip", "hold", "gap_speed", "gap_real", "identify",
 )  # fmt: skip
 _CHILD = "import sys; from benchmarks.report import run_to_file; run_to_file(sys.argv[1:])"
 

@@ -32,13 +32,12 @@ class MeasuredDaemon:
     Args:
         settings: dotted config keys and their values.
         busy: keep one Python thread of the daemon's process computing without end.
-        environment: variables on top of ours.
 
     Raises:
         BenchmarkError: the daemon does not start; its last words are in the text.
     """
 
-    def __init__(self, settings: dict[str, str], busy: bool = False, environment: dict[str, str] | None = None) -> None:
+    def __init__(self, settings: dict[str, str], busy: bool = False) -> None:
         self._folder = tempfile.TemporaryDirectory(prefix="hapticd-benchmark-")
         self.folder = Path(self._folder.name)
         self.socket = self.folder / "s.sock"
@@ -48,11 +47,9 @@ class MeasuredDaemon:
             arguments += ["--set", f"{key}={value}"]
         self._log = self.folder / "log"
         self._threads = self.folder / "threads.json"
-        self._switches = self.folder / "switches"
-        os.mkfifo(self._switches)
         self._command = [sys.executable, "-m", "benchmarks.daemon_process", str(self._threads)]
         self._command += ["busy" if busy else "calm", *arguments]
-        self._environment = {**os.environ, "XDG_STATE_HOME": str(self.folder), **(environment or {})}
+        self._environment = {**os.environ, "XDG_STATE_HOME": str(self.folder)}
 
     def __enter__(self) -> Self:
         with self._log.open("wb") as log:
@@ -94,10 +91,6 @@ class MeasuredDaemon:
         run = read_run(path)
         path.unlink()
         return run
-
-    def switch(self, **what: float) -> None:
-        """Change what the daemon does by itself: `benchmarks.daemon_process.Switches`."""
-        self._switches.write_text(json.dumps(what))
 
     def thread_id(self, name: str) -> int:
         """The kernel's number of a thread."""

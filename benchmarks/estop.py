@@ -177,7 +177,7 @@ CONDITIONS: dict[str, Callable[[Rig], Any]] = {
 def measure(quick: bool) -> list[Figure]:
     """The worst estop under each condition, beside two periods and cyclictest's worst."""
     cyclictest.require()
-    count, seconds = (50, 4) if quick else (COUNT, CYCLICTEST_S)
+    count, seconds = (10, 2) if quick else (COUNT, CYCLICTEST_S)
     found: dict[str, list[float]] = {}
     worst_ns: dict[str, float] = {}
     with tempfile.TemporaryDirectory(prefix="hapticd-estop-") as folder:

@@ -38,7 +38,7 @@ PLAN: tuple[tuple[Who, Load], ...] = (
 def measure(quick: bool) -> list[Figure]:
     """Late p99 (of the median block) with each flood over that without, for the loop and for cyclictest; requests served."""
     cyclictest.require()
-    rounds, seconds = (3, 2) if quick else (7, 6)
+    rounds, seconds = (2, 1) if quick else (7, 6)
     blocks: dict[tuple[Who, Load], list[NDArray[np.float64]]] = {}
     served: dict[tuple[Who, Load], int] = {}
     spent_s: dict[tuple[Who, Load], float] = {}

@@ -10,7 +10,6 @@ until its stdin is closed, and prints how many requests were answered.
 
 from __future__ import annotations
 
-import signal
 import subprocess
 import sys
 import threading
@@ -52,14 +51,8 @@ class Hammer:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.seconds = time.monotonic() - self._began
-        self.pause(False)
         for process in self._processes:
             self.served += int(process.communicate(timeout=_TIMEOUT_S)[0] or 0)
-
-    def pause(self, paused: bool) -> None:
-        """Stop asking for now, or go on."""
-        for process in self._processes:
-            process.send_signal(signal.SIGSTOP if paused else signal.SIGCONT)
 
 
 def _hammer(socket: Path, threads: int, kind: str) -> None:

@@ -61,7 +61,7 @@ def hold(rate_hz: float, driver: dict[str, Any], seconds: float) -> dict[str, An
 
 def measure(quick: bool) -> list[Figure]:
     """Share of the exchanges that were missed, path by path."""
-    seconds = 5.0 if quick else 60.0
+    seconds = 2.0 if quick else 60.0
     figures = []
     for name, (rate_hz, driver) in PATHS.items():
         found = hold(rate_hz, driver, seconds)

@@ -35,15 +35,15 @@ def servo_block(daemon: MeasuredDaemon, seconds: float) -> tuple[NDArray[np.floa
     return lateness_ns(run, RATE_HZ), np.asarray(run.columns["exec_ns"], dtype=np.float64)
 
 
-def measure(quick: bool, daemon_kind: type[MeasuredDaemon] = MeasuredDaemon) -> list[Figure]:
+def measure(quick: bool) -> list[Figure]:
     """Ratios of the pooled quantiles, and the time a tick runs in the same blocks."""
     cyclictest.require()
-    pairs, seconds = (4, 3) if quick else (6, 10)
+    pairs, seconds = (2, 1) if quick else (6, 10)
     servo: list[NDArray[np.float64]] = []
     peer: list[NDArray[np.float64]] = []
     ran: list[NDArray[np.float64]] = []
     settings = {"servo.rate_hz": str(IDLE_RATE_HZ), "servo.priority": str(PRIORITY)}
-    with daemon_kind(settings, busy=True) as daemon, Hammer(daemon.socket, processes=1, threads=1) as hammer:
+    with MeasuredDaemon(settings, busy=True) as daemon, Hammer(daemon.socket, processes=1, threads=1) as hammer:
         servo_block(daemon, 1)  # a daemon's first recording loads its writer: see the benchmark `recorder`
         for pair in range(pairs):
             for is_servo in (pair % 2 == 0, pair % 2 == 1):

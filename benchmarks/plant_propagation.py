@@ -98,7 +98,7 @@ def measure(quick: bool) -> list[Figure]:
     # The same periods over and over: one round of them is too short for the clock.
     repeated = np.tile(sample, (_REPEATS, 1))
     states = _states(repeated)
-    blocks = 5 if quick else 9
+    blocks = 2 if quick else 9
     exact_ns: list[float] = []
     scipy_ns: dict[str, list[float]] = {name: [] for name in TOLERANCES}
     for _ in range(blocks):

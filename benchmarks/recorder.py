@@ -16,10 +16,10 @@ _OVERRUN = 1000
 RECORDER, SERVO = THREADS = ("hapticd-recorder", "hapticd-servo")
 
 
-def measure(quick: bool, daemon_kind: type[MeasuredDaemon] = MeasuredDaemon) -> list[Figure]:
+def measure(quick: bool) -> list[Figure]:
     """Figures of one recording, from before its start to after its end."""
-    seconds = 5.0 if quick else 60.0
-    with daemon_kind({"servo.rate_hz": str(RATE_HZ), "servo.overrun.fault_after": str(_OVERRUN)}) as daemon:
+    seconds = 2.0 if quick else 60.0
+    with MeasuredDaemon({"servo.rate_hz": str(RATE_HZ), "servo.overrun.fault_after": str(_OVERRUN)}) as daemon:
         progress(f"recording at {RATE_HZ:g} Hz for {seconds:g} s")
         path = daemon.new_path()
         asked = time.monotonic()

@@ -73,7 +73,7 @@ def _faults() -> int:
 
 def measure(quick: bool) -> list[Figure]:
     """Time of one store, the ring in memory and on the disk of the working directory's file system."""
-    seconds = 8.0 if quick else 60.0
+    seconds = 2.0 if quick else 60.0
     places = {"memory": memory_directory() or Path("/dev/shm"), "disk": Path.cwd()}
     figures = []
     for name, directory in places.items():

@@ -120,13 +120,13 @@ def read(url: str, pages: int) -> None:
 def measure(quick: bool) -> list[Figure]:
     """Lateness ratio, processor time, frames per second."""
     figures: list[Figure] = []
-    pairs, seconds = (3, 3.0) if quick else (8, 8.0)
+    pairs, seconds = (2, 1.0) if quick else (8, 8.0)
     for rate in RATES_HZ:
         settings = {"servo.rate_hz": str(rate), "servo.priority": str(PRIORITY), "servo.overrun.fault_after": "0"}
         with MeasuredDaemon(settings) as daemon, ScopeProcess(daemon.socket) as scope:
             figures += _load(daemon, scope, rate, pairs, seconds)
             if rate == RATES_HZ[0]:
-                figures += _browser(scope.url, 20.0 if quick else 40.0)
+                figures += _browser(scope.url, 5.0 if quick else 40.0)
             daemon.require_healthy()
     return figures
 

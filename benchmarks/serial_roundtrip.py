@@ -138,7 +138,7 @@ def _priority() -> int:
 
 def measure(quick: bool) -> list[Figure]:
     """Ratio of the pooled medians."""
-    pairs, periods = (4, 1000) if quick else (10, 4000)
+    pairs, periods = (2, 500) if quick else (10, 4000)
     priority = _priority()
     blocks: dict[bool, list[NDArray[np.int64]]] = {True: [], False: []}
     with tempfile.TemporaryDirectory(prefix="hapticd-benchmark-") as folder:

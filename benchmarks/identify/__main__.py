@@ -26,7 +26,7 @@ from hapticd.config import parse_config
 from hapticd.gap.recording import Recording
 from hapticd.identify import identify
 
-FIRST_SEED, CASES, QUICK_CASES = 100, 20, 4
+FIRST_SEED, CASES, QUICK_CASES = 100, 20, 1
 NAMES = ("inertia", "viscous", "coulomb", "bias", "delay")
 COVERAGE_GOAL, ERROR_GOAL, SECONDS_GOAL = 0.9, 0.01, 3.0
 

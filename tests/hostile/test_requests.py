@@ -71,7 +71,8 @@ def test_a_change_by_a_refused_request_would_be_seen(tmp_path: Path) -> None:
 def test_a_state_that_an_experiment_changes_is_its_own_matter() -> None:
     running, off, too_fast = ("running", None, 0), ("off", None, 0), ("fault", "over_speed", 5)
     before = State("a", 1, 2, True, running)
-    assert before.same_as(State("a", 1, 2, False, off))
+    assert before.same_as(State("a", 3, 2, False, off))
+    assert not State("a", 1, 2, False, off).same_as(State("a", 3, 2, False, off))
     assert not State("a", 1, 2, False, running).same_as(State("a", 1, 2, False, off))
     assert not before.same_as(State("b", 1, 2, True, running))
     assert State("a", 1, 2, False, running).same_as(State("a", 1, 2, False, too_fast))

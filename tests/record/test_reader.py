@@ -95,9 +95,7 @@ def test_a_newer_format_is_refused_with_what_to_do(native: Path, tmp_path: Path)
     schema = schema.with_metadata({**schema.metadata, METADATA_CHECK: metadata_checksum(schema)})
     with pa.OSFile(str(tmp_path / "newer.arrow"), "wb") as sink, pa.ipc.new_stream(sink, schema) as stream:
         stream.write_table(table.cast(schema))
-    with pytest.raises(
-        RunFileError, match=r"newer.arrow is a run file of format 3, and .* up to 2: install"
-    ):
+    with pytest.raises(RunFileError, match=r"newer.arrow is a run file of format 3, and .* up to 2: install"):
         read_run(tmp_path / "newer.arrow")
 
 
