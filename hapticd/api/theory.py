@@ -57,7 +57,7 @@ class Check:
             "warnings": list(self.warnings),
             "changes": [change.document for change in self.changes],
             "guard": self.guard.document,
-            **({"assumed": list(self.assumed), "proven": False} if self.assumed else {}),
+            **({"assumed": list(self.assumed)} if self.assumed else {}),
             **sure,
         }
 

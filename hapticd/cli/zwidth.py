@@ -74,12 +74,14 @@ def zwidth(
     check_figure_name(out)
     config = resolve_config(source, assignments)
     from drivers import declared_latency
+    from hapticd.config.assumed import assumed_text
     from hapticd.config.units import velocity_ticks
     from hapticd.stability.zwidth import zwidth as work_out
 
     latency, doubt = declared_latency(config)
-    if doubt:
-        output.warn(doubt)
+    for said in (doubt, assumed_text(config)):
+        if said:
+            output.warn(said)
     more: dict[str, Any] = {}
     if velocity is not None:
         more["velocity"] = velocity_ticks(velocity, config) * config.resolution / config.period

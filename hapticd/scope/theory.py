@@ -19,7 +19,7 @@ from hapticd.stability.numbers import Loop, loop_from_config
 from hapticd.stability.regions import MEANING, critical_sigma, region
 from hapticd.stability.report import number
 from hapticd.stability.storage import equivalent_deflection, velocity_bound
-from hapticd.stability.theorems import proven
+from hapticd.stability.theorems import holds, proven
 
 DEFLECTION: Final = 10.3
 """Motion for which the speed-dependent boundaries are drawn until the page asks for another, coarse ticks."""
@@ -120,8 +120,9 @@ def ends(document: dict[str, Any], latency_s: float = 0.0) -> dict[str, Any]:
     loop = loop_from_config(config, latency_s)
     if loop.stiffness == 0.0:
         return {"words": "no spring", "starts": 0}
-    if proven(config, loop, None):
-        return {"words": "rest 100 %, proven", "starts": 0}
+    if holds(config, loop, None):
+        sure = proven(config, loop, None)
+        return {"words": f"rest 100 %, {'proven' if sure else 'if what is assumed is true'}", "starts": 0}
     found = explore(config, loop=loop, effort=EFFORT)
     parts = [f"{name} {number(100.0 * share, 2)} %" for share, name, _ in found.ends[:_TOLD]]
     if others := found.ends[_TOLD:]:

@@ -16,6 +16,7 @@ from typing import Any, Final, Literal
 import numpy as np
 
 from hapticd.config import Config
+from hapticd.config.assumed import assumed
 from hapticd.stability.cautions import cautions
 from hapticd.stability.criterion import criterion_margin, sampling_bound_ok, velocity_limit
 from hapticd.stability.damped import Damped, damped
@@ -50,7 +51,7 @@ class Assessment:
         start: the motion; None for every motion. deflection, velocity: as asked for, in ticks and ticks per period.
         xi_dot_max: velocity bound (13) of the motion; None without one.
         region: region of Fig. 3 or 5.
-        proof: the written proof that covers the loop; None without one. proven: whether it covers this motion, or every
+        proof: the written proof that covers the loop; None without one. holds: whether it covers this motion, or every
             motion where none is asked about.
         explored: what became of many starts; None where a proof makes that needless, or nothing is rendered.
         verdict: the conclusion in one word.
@@ -72,7 +73,7 @@ class Assessment:
     xi_dot_max: float | None
     region: str
     proof: Proof | None
-    proven: bool
+    holds: bool
     explored: Explored | None
     verdict: Verdict
     velocity_limit: float
@@ -82,6 +83,11 @@ class Assessment:
     damped: Damped | None
     warnings: tuple[str, ...]
     effort: Effort = CHECK
+
+    @property
+    def proven(self) -> bool:
+        """Whether the proof holds, and no number that it rests on is assumed."""
+        return self.holds and not assumed(self.config)
 
     @property
     def document(self) -> dict[str, Any]:
@@ -159,10 +165,10 @@ def assess(
     if config.spring.damping > 0.0:
         with_damping = damped(config, loop)
     proof = proof_of(config, loop)
-    proven = proof is not None and proof.margin(xi_dot_max) >= 0.0
+    holds = proof is not None and proof.margin(xi_dot_max) >= 0.0
     cycle = None if with_damping or not cycles else _cycle(numbers, deflection, velocity)
     explored = None
-    if not proven and (loop.stiffness > 0.0 or with_damping is not None):
+    if not holds and (loop.stiffness > 0.0 or with_damping is not None):
         motion = None if start is None else (deflection or 0.0, velocity or 0.0)
         explored = explore(config, loop=loop, motion=motion, effort=effort, jobs=jobs)
     return Assessment(
@@ -176,7 +182,7 @@ def assess(
         xi_dot_max=xi_dot_max,
         region=where,
         proof=proof,
-        proven=proven,
+        holds=holds,
         explored=explored,
         verdict=_verdict(where, proof if start is None else None, explored),
         velocity_limit=velocity_limit(numbers),

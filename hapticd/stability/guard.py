@@ -165,7 +165,7 @@ def _reason(found: Assessment) -> str:
         motion = f", moving at {number(found.velocity)} ticks per period"
     text = _where(found.loop, found.config, found.region, motion)
     if found.explored is None:
-        return f"{text}; {found.proof.words}" if found.proven and found.proof is not None else text
+        return f"{text}; {found.proof.words}" if found.holds and found.proof is not None else text
     text += f"; simulated exactly, {found.explored.words}{caveat(found)}"
     return f"{text}: they stay below one tick" if found.explored.admissible and found.explored.buzzing else text
 

@@ -7,6 +7,7 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
+from hapticd.config.assumed import assumed
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, Verdict
 from hapticd.stability.criterion import criterion_margin, lambda_
@@ -104,7 +105,7 @@ def _why(found: Assessment) -> str:
 
 def _proof(found: Assessment) -> str:
     """Which theorem stands behind the word stable, if one does; or what exploration found."""
-    if found.proven:
+    if found.holds:
         assert found.proof is not None
         return f" {found.proof.words[0].upper()}{found.proof.words[1:]}."
     if found.explored is None:
@@ -120,8 +121,11 @@ def _proof(found: Assessment) -> str:
 
 
 def caveat(found: Assessment) -> str:
-    """What the runs take differently from the device, in brackets; empty where nothing, or where a proof needs no runs."""
-    return f" ({'; '.join(found.explored.approximate)})" if found.explored and found.explored.approximate else ""
+    """What may be otherwise at the device, in brackets: assumed numbers, what the runs leave out; empty where nothing."""
+    keys = assumed(found.config)
+    parts = [f"with the assumed {', '.join(keys)}"] if keys else []
+    parts += found.explored.approximate if found.explored else ()
+    return f" ({'; '.join(parts)})" if parts else ""
 
 
 def number(value: float | None, digits: int = 3) -> str:

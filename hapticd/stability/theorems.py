@@ -17,6 +17,7 @@ lies between 0 and 1, so that S = ½μξ̇² + ½κξ² + ∫p covers both direc
 | a current loop of second order, which is no delay | λ(τ + θ) and q weighted with its impulse response (`lagged`) |
 
 Not covered: effects of the plant that push or lag, the passivity controller, a spring that is switched on softly.
+Where a number of the device is assumed (`hapticd.config.assumed`), a theorem that holds proves nothing of the device.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from hapticd.config.assumed import assumed
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.stability.criterion import lambda_
 from hapticd.stability.current_loop import current_loop, lagged
@@ -46,6 +48,7 @@ class Proof:
         offset: of the spring's origin from that of the ticks. late: how long a first force takes to arrive in full beyond
             the delay, periods. differenced: (n − 1) β_v/2 and β_v Σ(1/j − 1/n), by which S may rise in the first n periods.
         periods: n. damps: whether there is a virtual damping.
+        assumed: keys of the device that the config does not say; with any of them nothing is proven.
     """
 
     numbers: Dimensionless
@@ -56,6 +59,7 @@ class Proof:
     differenced: tuple[float, float] = (0.0, 0.0)
     periods: int = 1
     damps: bool = False
+    assumed: tuple[str, ...] = ()
 
     @property
     def speed_limit(self) -> float:
@@ -81,7 +85,8 @@ class Proof:
         which = "theorem 1" if self.numbers.tau_d == 0.0 and not self.damps else "theorem 2"
         limit = self.speed_limit
         how = "at any speed" if math.isinf(limit) else f"up to {limit:.3g} ticks per period"
-        text = f"{which} proves that the energy S cannot rise {how} (λ = {self.lam:.3f}, q = {self.q:.3f})"
+        says = f"would prove, were the assumed {', '.join(self.assumed)} true," if self.assumed else "proves"
+        text = f"{which} {says} that the energy S cannot rise {how} (λ = {self.lam:.3f}, q = {self.q:.3f})"
         if self.periods > 1:
             text += f", but for the first {self.periods} periods, in which the velocity is differenced over fewer"
         return text
@@ -134,11 +139,16 @@ def proof_of(config: Config, loop: Loop) -> Proof | None:
         lam, gain, late = lagged(before, natural, ratio, beta_v)
         q *= gain
     offset = 0.0 if spring.half_tick_bias else 0.5
-    return Proof(numbers, q, lam, offset, late, grown, n, beta_v > 0.0)
+    return Proof(numbers, q, lam, offset, late, grown, n, beta_v > 0.0, assumed(config))
 
 
 def proven(config: Config, loop: Loop, xi_dot_max: float | None) -> bool:
-    """Whether a written proof covers a configuration and a motion.
+    """Whether a theorem holds for a configuration and a motion, and none of its numbers is assumed; arguments as `holds`."""
+    return not assumed(config) and holds(config, loop, xi_dot_max)
+
+
+def holds(config: Config, loop: Loop, xi_dot_max: float | None) -> bool:
+    """Whether a written proof covers a configuration and a motion, by its numbers.
 
     Args:
         config: the configuration. loop: it in SI units.

@@ -25,7 +25,7 @@ from hapticd.stability.damped import damped
 from hapticd.stability.explore import DRAW, explore
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
-from hapticd.stability.theorems import proven
+from hapticd.stability.theorems import holds
 from hapticd.stability.tuning import Start, stiffness_max_dissipating, stiffness_max_passive
 
 if TYPE_CHECKING:
@@ -145,11 +145,11 @@ def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
     regions = [region(loop.numbers, None if start is None else start.xi_dot_max(loop)) for loop in loops]
     stable = np.array(
         [
-            _is_proven(found, loop) or (where in _HOPEFUL and _rests(found, loop))
+            _holds(found, loop) or (where in _HOPEFUL and _rests(found, loop))
             for where, loop in zip(regions, loops, strict=True)
         ]
     )
-    passive = np.array([proven(found.config, loop, None) for loop in loops])
+    passive = np.array([holds(found.config, loop, None) for loop in loops])
     # What is open is what a parameter can decide.
     of_passivity = _is_open(passive) and not _is_open(stable)
     bounds = [None if of_passivity or start is None else start.xi_dot_max(loop) for loop in loops]
@@ -160,7 +160,7 @@ def _of_spring(found: Assessment, loops: Sequence[Loop]) -> _Judged:
 
 def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
     """By the same rules as `check`: proof or exploration, and Colgate and Schenkel's bound."""
-    stable = np.array([_is_proven(found, loop) or _rests(found, loop) for loop in loops])
+    stable = np.array([_holds(found, loop) or _rests(found, loop) for loop in loops])
     passive = np.array([damped(found.config, loop).passive for loop in loops])
     open_answer = passive if _is_open(passive) and not _is_open(stable) else stable
     return _Judged(stable, passive, open_answer.astype(float), None)
@@ -198,8 +198,8 @@ def _is_open(answers: NDArray[np.bool_]) -> bool:
     return bool(answers.any() and not answers.all())
 
 
-def _is_proven(found: Assessment, loop: Loop) -> bool:
-    return proven(found.config, loop, None if found.start is None else found.start.xi_dot_max(loop))
+def _holds(found: Assessment, loop: Loop) -> bool:
+    return holds(found.config, loop, None if found.start is None else found.start.xi_dot_max(loop))
 
 
 def _rests(found: Assessment, loop: Loop) -> bool:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import operator
+import re
 from typing import Any
 
 import pytest
@@ -9,6 +11,8 @@ import pytest
 import hapticd
 from hapticd.config import apply_settings, load_config, parse_config
 from hapticd.config.assumed import assumed, assumed_text
+from hapticd.scope.theory import ends
+from hapticd.stability.zwidth import zwidth
 
 PLANT = ("plant.inertia", "plant.viscous", "plant.coulomb")
 SAID = {"plant": {"inertia": 1e-5, "viscous": 1e-5, "coulomb": 1e-3}, "amplifier": {"torque_constant": 0.03}}
@@ -45,3 +49,45 @@ def test_check_lists_it_and_calls_nothing_proven() -> None:
     sure = hapticd.check({"plant": {"inertia": 6.3e-6, "viscous": 9e-6, "coulomb": 2e-3}})
     assert "assumed" not in sure.document
     assert sure.document["proven"] is True
+
+
+OTHERS: list[tuple[dict[str, Any], dict[str, Any]]] = [
+    ({"plant": {"inertia": 6.3e-6}}, {}),
+    ({"plant": {"inertia": 6.3e-6}}, {"deflection": 10.3}),
+    ({"driver": {"name": "canopen"}}, {}),
+    ({"driver": {"name": "serial_dac"}, "spring": {"stiffness": 0.03}}, {"velocity": 0.5}),
+    ({"driver": {"name": "serial_dac"}, "spring": {"stiffness": 0.5}}, {"deflection": 10.3}),
+]
+
+
+@pytest.mark.parametrize(("data", "motion"), OTHERS)
+def test_no_word_of_proof_while_a_number_is_assumed(data: dict[str, Any], motion: dict[str, Any]) -> None:
+    """What it says of the same numbers, said: what changes is the claim, not what is rendered."""
+    config = parse_config(data, "test")
+    found = hapticd.check(config, **motion)
+    told = " ".join(f"{found} {found.guard.reason}".split()).replace("No theorem proves it", "")
+    assert not re.search(r"\bprove[sn]\b", told)
+    assert f"assumed {', '.join(assumed(config))}" in told
+    assert (found.document["proven"], found.assessment.proven) == (False, False)
+    numbers = {key: operator.attrgetter(key)(config) for key in assumed(config)}
+    sure = hapticd.check(apply_settings(config, numbers), **motion)
+    assert sure.assumed == ()
+    assert (sure.verdict, sure.guard.verdict, sure.assessment.explored) == (
+        found.verdict, found.guard.verdict, found.assessment.explored,
+    )  # fmt: skip
+
+
+IDEAL: dict[str, Any] = {"amplifier": {"bandwidth_hz": 0, "dac_bits": 0, "torque_constant": 0.03}}
+OTHER: dict[str, Any] = {"inertia": 6.3e-6, "viscous": 0.1}
+
+
+@pytest.mark.parametrize(("more", "some"), [({}, False), ({"coulomb": 0.02}, True)])
+def test_a_z_width_proves_nothing_with_assumed_numbers(more: dict[str, float], some: bool) -> None:
+    found = zwidth(parse_config({"plant": {**OTHER, **more}, **IDEAL}, "test"), 0.0, count=3, stiffness_max=30.0)
+    assert bool(found.proven.any()) is some
+    assert any(row["proven"] for row in found.report["rows"]) is some
+
+
+def test_the_page_says_it() -> None:
+    assert ends({"plant": OTHER, **IDEAL})["words"] == "rest 100 %, if what is assumed is true"
+    assert ends({"plant": {**OTHER, "coulomb": 2e-3}, **IDEAL})["words"] == "rest 100 %, proven"

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hapticd.config import parse_yaml
+from hapticd.config.assumed import assumed
 from hapticd.config.editing import text_of
 from hapticd.gap.result import Estimate
 from hapticd.identify.config_file import with_plant
@@ -77,6 +78,12 @@ def test_writing_twice_says_nothing_twice() -> None:
     twice = with_plant(once, identified())
     assert twice.count("identified from") == 1
     assert parse_yaml(once, "once") == parse_yaml(twice, "twice")
+
+
+def test_what_was_assumed_is_said_then() -> None:
+    text = "driver: {name: canopen}\namplifier: {torque_constant: 0.03}\n"
+    assert assumed(parse_yaml(text, "before")) == ("plant.inertia", "plant.viscous", "plant.coulomb")
+    assert assumed(parse_yaml(with_plant(text, identified()), "written")) == ()
 
 
 def test_a_plant_on_one_line_becomes_a_block() -> None:
