@@ -71,9 +71,10 @@ def gap(
         model (MODEL.yaml): The nominal model: a config or a preset. Default: the config inside the first recording.
         refit_base: No longer needed: inertia and friction are always fitted. With --effect: them as well.
         effect (SLUG): Consider only this effect of the catalogue. Repeatable; a warning names what cannot be.
-        nominal (MODULE:FUNCTION): Your own simulator as the nominal model: a Python function torque(x, v, i, t), in a module
-            or as FILE.py:FUNCTION, which is run. From position, velocity, motor current in A and time it gives the torque
-            of all there is, the motor's among it; what is found is added to it. Inertia, amplifier and encoder are MODEL's.
+        nominal (MODULE:FUNCTION|FILE.fmu): Your own simulator as the nominal model: a Python function torque(x, v, i, t), in
+            a module or as FILE.py:FUNCTION, or an FMU with these names (else FILE.fmu:x=NAME,v=NAME,i=NAME,torque=NAME); it
+            is run. From position, velocity, motor current in A and time it gives the torque of all there is, the motor's
+            among it; what is found is added to it. Inertia, amplifier and encoder are MODEL's.
         validate (RUN): Another recording of the device, which is not fitted: how the model as given and the improved one
             predict it, 50 ms ahead and in a free run, is said and drawn.
         live: Make the recordings now, with the running daemon; takes no RUN.

@@ -1,4 +1,4 @@
-"""A lab's own simulator as the nominal model: a Python function ``torque(x, v, i, t)``, to which effects are added.
+"""A lab's own simulator as the nominal model: ``torque(x, v, i, t)`` in Python or of an FMU, to which effects are added.
 
 It is what accelerates the inertia: the motor's torque and all else at a position, velocity, motor current and time. What it
 says beyond the config is evaluated along the recorded motion and enters every fit as a torque that is known.
@@ -21,6 +21,7 @@ from drivers import declared_latency
 from hapticd.export.axis_numbers import axis_numbers
 from hapticd.export.plain.axis import Axis
 from hapticd.gap.balance import CUTOFF_HZ, MOVING
+from hapticd.gap.own_fmu import FmuTorque
 from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.electrical import electrical
 from hapticd.plant.layout import device_vector
@@ -37,14 +38,16 @@ _BARELY = 1e-9
 
 
 def find_torque(name: str) -> Torque:
-    """The function that ``module:function`` or ``file.py:function`` names; its module is run.
+    """What ``module:function``, ``file.py:function`` or ``file.fmu`` (`FmuTorque`) names; it is run.
 
     Raises:
-        ValueError: there is no such module or function, or it cannot be imported.
+        ValueError: there is no such module, function or FMU, or it cannot be imported.
     """
+    if name.endswith(".fmu") or ".fmu:" in name:
+        return FmuTorque(name)
     place, _, function = name.rpartition(":")
     if not place or not function.isidentifier():
-        raise ValueError(f"{name!r} names no function; write module:function or file.py:function")
+        raise ValueError(f"{name!r} names no function; write module:function, file.py:function or file.fmu")
     try:
         module = _of_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
     except Exception as error:

@@ -21,6 +21,7 @@ class HapticdAxis(Fmi2Slave):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__(**kwargs)
         self.command = self.external = self.initial_position = self.initial_velocity = 0.0
+        self.x = self.v = self.i = self._now = 0.0
         self._axis = Axis(MODEL)
         for name, text in (("initial_position", "rad or m"), ("initial_velocity", "rad/s or m/s")):
             self.register_variable(
@@ -37,6 +38,19 @@ class HapticdAxis(Fmi2Slave):
             self.register_variable(
                 Real(name, causality=Fmi2Causality.output, description=text, getter=self._getter(name))
             )
+
+        for name, text in (("x", "position, rad or m"), ("v", "velocity, rad/s or m/s"), ("i", "motor's current, A")):
+            self.register_variable(
+                Real(name, causality=Fmi2Causality.input, description=f"of the output torque: {text}")
+            )
+        self.register_variable(
+            Real(
+                "torque",
+                causality=Fmi2Causality.output,
+                description="what accelerates the inertia at x, v and i, N m or N",
+                getter=lambda: self._axis.torque(self.x, self.v, self.i, self._now),
+            )
+        )
 
     def _getter(self, name: str) -> Any:
         return lambda: getattr(self._axis, name)
@@ -57,4 +71,5 @@ class HapticdAxis(Fmi2Slave):
         """Give the command, and move through the step."""
         self._axis.external = self.external
         self._axis.step(self.command, step_size)
+        self._now = current_time + step_size
         return True
