@@ -57,16 +57,17 @@ def import_data(
     """
     check_run_name(out)
     from hapticd.record import import_mcap, import_run, load_map
-    from hapticd.robots import import_bag, is_bag
+    from hapticd.robots import hold_against, import_bag, is_bag, limits_of
 
     if mapping is None and file.suffix.lower() == ".mcap":
         done = import_mcap(file, out, force=force)
     elif mapping is None:
         raise UsageError(f"{file} does not say what its columns are: give --map")
-    elif is_bag(file):
-        done = import_bag(file, load_map(mapping), out, force=force)
     else:
-        done = import_run(file, load_map(mapping), out, force=force)
+        columns = load_map(mapping)
+        limits = limits_of(columns)
+        done = (import_bag if is_bag(file) else import_run)(file, columns, out, force=force)
+        done = hold_against(done, limits) if limits else done
     for warning in done.warnings:
         output.warn(f"{file}: {warning}")
     document = {
@@ -77,6 +78,7 @@ def import_data(
         "resolution": done.resolution,
         "position": list(done.position),
         "force" if done.is_force else "current": list(done.command),
+        **({"hints": dict(done.hints)} if done.hints else {}),
         "warnings": list(done.warnings),
     }
     output.emit(document, _describe(done))
@@ -91,4 +93,5 @@ def _describe(done: Imported) -> str:
         f"{done.path}: {done.rows} rows, {output.number(done.duration_s)} s at {output.number(done.rate_hz)} Hz\n"
         f"  position {low} to {high} {angle} in steps of {output.number(done.resolution)} {angle}\n"
         f"  {kind} {least} to {most} {unit}"
+        + "".join(f"\n  for a config, by the URDF: {key}: {output.number(value)}" for key, value in done.hints.items())
     )

@@ -7,7 +7,7 @@ from the first one on, before they lose digits. Positions become counts of the s
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,7 @@ class Imported:
         command: smallest and largest current in A, or force in N m or N where the file holds forces.
         is_linear, is_force: which units these are.
         warnings: what a reader should know before trusting it.
+        hints: keys of a config that something beside the data knows, as a URDF does; SI.
     """
 
     path: Path
@@ -54,6 +55,7 @@ class Imported:
     is_linear: bool
     is_force: bool
     warnings: tuple[str, ...]
+    hints: Mapping[str, float] = field(default_factory=dict)
 
 
 def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force: bool = False) -> Imported:

@@ -95,6 +95,13 @@ class Csv(_Part):
     skip_lines: StrictInt = quantity(0, "Lines to pass over before that", ge=0, le=1_000_000)
 
 
+class Urdf(_Part):
+    """Where the limits of the joint stand."""
+
+    file: StrictStr = quantity(..., "URDF of the robot: its limits are held against what was recorded")
+    joint: StrictStr | None = quantity(None, "Joint in it; null: the position's, or the only one that moves")
+
+
 class ImportMap(_Part):
     """What the columns of a foreign file are."""
 
@@ -111,6 +118,7 @@ class ImportMap(_Part):
     model: StrictStr | None = quantity(
         None, "Config file or preset of the device that was recorded; kept in the run, as in a native one"
     )
+    urdf: Urdf | None = quantity(None, "URDF of the robot")
     variable: StrictStr | None = quantity(
         None, ".mat, .npz: variable or struct (a.b, Y(2)) in which the columns are looked up"
     )

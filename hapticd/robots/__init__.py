@@ -1,7 +1,8 @@
-"""Recordings of robots: one joint of many, out of a bag of ROS messages."""
+"""Recordings of robots: one joint of many, out of a bag of ROS messages; and what a URDF says of it."""
 
 from __future__ import annotations
 
 from hapticd.robots.bag import import_bag, is_bag
+from hapticd.robots.urdf import hold_against, limits_of
 
-__all__ = ["import_bag", "is_bag"]
+__all__ = ["hold_against", "import_bag", "is_bag", "limits_of"]
