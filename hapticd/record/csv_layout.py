@@ -9,9 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from hapticd.config.units import UNITS, spelled
+
 DELIMITERS: Final = ("\t", ";", "|", ",")
 _LOOKED_AT: Final = 1000
 """Lines before the data."""
+_TAIL_BYTES: Final = 1 << 16
 
 
 @dataclass(frozen=True)
@@ -34,7 +37,8 @@ class Layout:
 def look(path: Path, delimiter: str | None = None, header: bool | None = None, skip_lines: int = 0) -> Layout:
     """The layout of a file, from its first lines.
 
-    Names stand in the first line, or, as numpy writes them, behind ``#`` in the line before the first row.
+    Names stand in the first line; or, as numpy writes them, behind ``#`` in the line before the first row; or in the line
+    before the first three rows of numbers that are alike, where something else than a table comes first.
 
     Args:
         path: the file. delimiter: as the map says; None: the one that splits the first lines alike.
@@ -44,6 +48,10 @@ def look(path: Path, delimiter: str | None = None, header: bool | None = None, s
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         lines = list(itertools.islice(file, skip_lines, skip_lines + _LOOKED_AT))
     at = next((number for number, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
+    if header is None and not skip_lines and (table := _table(lines)) is not None:
+        sign, width, begin = table
+        if delimiter in (None, sign) and len(_split(lines[at], sign)) != width:
+            return _below_a_preamble(lines, sign, width, begin)
     rows = [line for line in lines[at : at + 3] if line.strip()]
     sign = delimiter or _delimiter(rows)
     fields = [_split(row, sign) for row in rows]
@@ -58,10 +66,45 @@ def look(path: Path, delimiter: str | None = None, header: bool | None = None, s
     return Layout(sign, comment if len(comment) == len(fields[0]) > 1 else None, [], skip)
 
 
+def _table(lines: Sequence[str]) -> tuple[str, int, int] | None:
+    """Delimiter, width and first line of the first three rows that are alike, with two numbers or more in each."""
+    for begin in range(len(lines) - 2):
+        for sign in (*DELIMITERS, " "):
+            rows = [_split(line, sign) for line in lines[begin : begin + 3]]
+            kinds = [[_is_number(text) or not text for text in row] for row in rows]
+            if kinds[0] == kinds[1] == kinds[2] and all(sum(map(_is_number, row)) > 1 for row in rows):
+                return sign, len(rows[0]), begin
+    return None
+
+
+def _below_a_preamble(lines: Sequence[str], sign: str, width: int, begin: int) -> Layout:
+    """The layout where lines of another kind come before the table; names that fit its rows stand right above them."""
+    at = next((number for number in range(begin - 1, -1, -1) if lines[number].strip()), 0)
+    names, above, units = _split(lines[at].lstrip("#"), sign), _split(lines[at - 1], sign), []
+    if len(above) == len(names) and any(spelled(text) in UNITS for text in names):
+        names, units = above, names
+    if len(names) == width + 1 and names[-1] == "Comment":  # of LabVIEW, which few rows have
+        names = names[:-1]
+    elif len(names) == width - 1 and not _split(lines[begin], sign)[-1]:
+        names = [*names, ""]
+    elif len(names) == width - 1 and '"' in lines[at]:  # of R, whose numbers of rows have no name
+        names = ["", *names]
+    fits = len(names) == width and not any(map(_is_number, names))
+    return Layout(sign, names if fits else None, units if fits else [], begin)
+
+
 def squeezed(path: Path) -> io.BytesIO:
     """The file with one tab for every run of spaces and tabs."""
     with path.open("rb") as file:
         return io.BytesIO(b"\n".join(b"\t".join(line.split()) for line in file))
+
+
+def last_line(path: Path, spaced: bool) -> str:
+    """The last line that is not empty, as `squeezed` gives it where ``spaced``."""
+    with path.open("rb") as file:
+        file.seek(max(0, file.seek(0, io.SEEK_END) - _TAIL_BYTES))
+        line = (file.read().decode("utf-8", "replace").splitlines() or [""])[-1]
+    return "\t".join(line.split()) if spaced else line
 
 
 def _delimiter(rows: Sequence[str]) -> str:
@@ -87,11 +130,12 @@ def _is_number(text: str) -> bool:
 
 
 def _numeric(fields: Sequence[str]) -> bool:
-    return all(_is_number(text) for text in fields)
+    return any(fields) and all(_is_number(text) for text in fields if text)
 
 
 def _counted(fields: Sequence[str]) -> bool:
     """Columns that are named 0, 1, 2, as pandas does where they have no names."""
+    fields = fields[1:] if fields and not fields[0] else fields  # above its index
     return len(fields) > 1 and list(fields) == [str(number) for number in range(len(fields))]
 
 

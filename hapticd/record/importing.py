@@ -148,7 +148,7 @@ def _unit(mapping: ImportMap) -> str:
 def _rows(
     source: Source, mapping: ImportMap, model: Config | None, counts_per_unit: float
 ) -> tuple[Rows, float, list[str]]:
-    notes = list(_other_units(source, mapping))
+    notes = [*source.notes, *_other_units(source, mapping)]
     position = _finite(source, mapping.position, "position")
     notes += _about_wraps(position, mapping)
     if mapping.position.wrap is not None:

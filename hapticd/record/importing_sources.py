@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hapticd.config.nearest import nearest_name
 from hapticd.config.opening import open_regular
 from hapticd.config.text import decimal_comma
-from hapticd.record.csv_layout import look, squeezed
+from hapticd.record.csv_layout import last_line, look, squeezed
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
 from hapticd.record.matfile import read_mat
@@ -24,6 +24,7 @@ from hapticd.record.reader import column_names, delimiter_hint, not_utf8, read_p
 from hapticd.record.sizes import check_unpacked, unpack_limit
 
 _NAMES_SHOWN = 12
+_DEEPEST = 8
 _OF_MATRIX = re.compile(r"(.+?)(?:\(:,(\d+)\)|\((\d+),:\)|\[:,(\d+)\]|\[(\d+)(?:,:)?\])")
 """A column or row of a matrix: q(:,3) and q(3,:) as MATLAB counts, q[:,2] and q[2] as numpy does."""
 
@@ -44,6 +45,7 @@ class Source:
         arrays: the columns; one with two dimensions is a matrix of columns, which has no number.
         left_out: what no column can come from, with its shape.
         units: of each column, as far as the file says.
+        notes: what a reader should know of the file.
     """
 
     def __init__(
@@ -53,6 +55,7 @@ class Source:
         arrays: Sequence[NDArray[Any]],
         left_out: Mapping[str, str] | None = None,
         units: Sequence[str] = (),
+        notes: Sequence[str] = (),
     ) -> None:
         self.path = path
         self.names = list(names or ())
@@ -60,6 +63,7 @@ class Source:
         self.numbered = [array for array in arrays if array.ndim <= 1]
         self._left_out = dict(left_out or {})
         self._units = list(units)
+        self.notes = list(notes)
 
     def column(self, reference: Reference, key: str) -> NDArray[Any]:
         """Values of one column, (n,), of an integer or floating-point type, or of texts or instants.
@@ -199,32 +203,66 @@ def _csv(path: Path, mapping: ImportMap) -> Source:
     refuse_utf16(path)
     layout = look(path, asked, style.header, style.skip_lines)
     spaced = layout.delimiter == " "
+    odd: list[Any] = []
+
+    def set_aside(row: Any) -> str:
+        odd.append(row)
+        return "skip"
+
     try:
         table = pacsv.read_csv(
             squeezed(path) if spaced else path,
             read_options=pacsv.ReadOptions(skip_rows=layout.skip, autogenerate_column_names=True),
-            parse_options=pacsv.ParseOptions(delimiter="\t" if spaced else layout.delimiter),
+            parse_options=pacsv.ParseOptions(
+                delimiter="\t" if spaced else layout.delimiter,
+                invalid_row_handler=set_aside,
+            ),
             convert_options=pacsv.ConvertOptions(decimal_point=style.decimal),
         )
     except pa.ArrowException as error:
         why = str(error).splitlines()[0]
         if layout.names and "Empty CSV" in why:
             return Source(path, layout.names, [np.empty(0)] * len(layout.names))
-        if "columns, got" in why:
-            why += f" (csv.delimiter is {layout.delimiter!r}, csv.skip_lines {style.skip_lines})"
         raise RunFileError(f"{path} is not a readable CSV file: {why}") from None
+    if odd and not (
+        len(odd) == 1 and odd[0].text == last_line(path, spaced) and odd[0].actual_columns < table.num_columns
+    ):
+        raise RunFileError(
+            f"{path} is not a readable CSV file: CSV parse error: Expected {table.num_columns} columns, got "
+            f"{odd[0].actual_columns}: {odd[0].text} (csv.delimiter is {layout.delimiter!r}, csv.skip_lines "
+            f"{style.skip_lines})"
+        )
     if layout.names and len(layout.names) != table.num_columns:
         raise RunFileError(
             f"{path}: {len(layout.names)} names, but {table.num_columns} columns of values (csv.delimiter is "
             f"{layout.delimiter!r}, csv.skip_lines {style.skip_lines})"
         )
-    return Source(path, layout.names, [column.to_numpy() for column in table.columns], units=layout.units)
+    notes = ["the last line is cut off, and left out"] if odd else []
+    arrays = [column.to_numpy() for column in table.columns]
+    return Source(path, layout.names, arrays, units=layout.units, notes=notes)
 
 
 def _parquet(path: Path, mapping: ImportMap) -> Source:
+    import pyarrow as pa
+
     table = read_parquet(path)
+    for _ in range(_DEEPEST):
+        table = table.flatten()  # structs: a.b
     names = [name.strip() for name in column_names(path, table)]
-    return Source(path, names, [column.to_numpy() for column in table.columns])
+    return Source(path, names, [_of_arrow(column, pa) for column in table.columns])
+
+
+def _of_arrow(column: Any, pa: Any) -> NDArray[Any]:
+    """Values of a column; lists of one length are a matrix."""
+    kind = column.type
+    if pa.types.is_decimal(kind):
+        column = column.cast(pa.float64())
+    elif pa.types.is_list(kind) or pa.types.is_large_list(kind) or pa.types.is_fixed_size_list(kind):
+        lists = column.combine_chunks()
+        sizes = np.unique(pa.compute.list_value_length(lists).to_numpy(zero_copy_only=False))
+        if sizes.size == 1 and sizes[0] > 0:  # NaN, of one that is missing, is not
+            return np.asarray(pa.compute.list_flatten(lists).to_numpy(zero_copy_only=False).reshape(len(lists), -1))
+    return np.asarray(column.to_numpy())
 
 
 def _npy(path: Path, mapping: ImportMap) -> Source:
@@ -241,7 +279,8 @@ def _npy(path: Path, mapping: ImportMap) -> Source:
     if not isinstance(data, np.ndarray):
         raise RunFileError(f"{path} holds several arrays: it is an .npz; rename it")
     if data.dtype.names:
-        return Source(path, data.dtype.names, [data[name].ravel() for name in data.dtype.names])
+        found = _fields("", data)
+        return Source(path, list(found), list(found.values()))
     return Source(path, None, _channels(path, data, mapping))
 
 
@@ -255,7 +294,8 @@ def _npz(path: Path, mapping: ImportMap) -> Source:
         with np.load(path, allow_pickle=False) as archive:
             for name in archive.files:
                 try:
-                    found[name] = np.squeeze(archive[name])
+                    array = archive[name]
+                    found |= _fields(f"{name}.", array) if array.dtype.names else {name: np.squeeze(array)}
                 except ValueError:
                     left_out[name] = "an array of Python objects"
     except (
@@ -269,6 +309,12 @@ def _npz(path: Path, mapping: ImportMap) -> Source:
     ) as error:
         raise RunFileError(f"{path} is not a readable .npz file: {error}") from None
     return _named(path, found, left_out, mapping)
+
+
+def _fields(lead: str, data: NDArray[Any]) -> dict[str, NDArray[Any]]:
+    """Fields of an array of structs, (n,) or (n, k)."""
+    rows = data.ravel()
+    return {f"{lead}{name}": rows[name] for name in data.dtype.names or () if rows[name].ndim <= 2}
 
 
 def _channels(path: Path, data: NDArray[Any], mapping: ImportMap) -> list[NDArray[Any]]:
@@ -309,6 +355,8 @@ _READERS: dict[str, Callable[[Path, ImportMap], Source]] = {
     ".tsv": _csv,
     ".dat": _csv,
     ".asc": _csv,
+    ".log": _csv,
+    ".lvm": _csv,
     ".mat": _mat,
     ".npy": _npy,
     ".npz": _npz,

@@ -11,13 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.config.text import decimal_comma
-from hapticd.config.units import TIME_UNITS
+from hapticd.config.units import TIME_UNITS, spelled
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import Reference, Time
 from hapticd.record.importing_sources import Source
 
 FloatArray = NDArray[np.float64]
 
+_LASTED: Final = re.compile(r"([-+]?[\d.]+(?:e[-+]?\d+)?)\s*([a-zµ]+)")
+"""A time with its unit, as MATLAB writes a timetable's: 0.001 sec."""
 _OF_DAY: Final = re.compile(r"(\d{1,3}):(\d{2}):(\d{2}(?:[.,]\d+)?)")
 _DAY_S: Final = 86400.0
 _COUNTERS: Final = tuple((bits, scale) for scale in (1.0, 1e-3, 1e-6, 1e3) for bits in (16, 24, 31, 32))
@@ -34,7 +36,7 @@ def read_stamps(source: Source, time: Time, reference: Reference) -> tuple[Float
     where = f"{source.path}: time.column = {reference}"
     notes: list[str] = []
     unit = 1.0
-    if stamps.dtype.kind == "M" or (stamps.dtype.kind in "OU" and decimal_comma(stamps[0]) is None):
+    if stamps.dtype.kind in "Mm" or (stamps.dtype.kind in "OU" and decimal_comma(stamps[0]) is None):
         if time.unit != "s":
             raise RunFileError(f"{where}: time.unit = {time.unit}, but the stamps are instants, which need no unit")
         stamps, unit, notes = _instants(stamps, where)
@@ -59,17 +61,27 @@ def read_stamps(source: Source, time: Time, reference: Reference) -> tuple[Float
 
 def _instants(stamps: NDArray[Any], where: str) -> tuple[NDArray[Any], float, list[str]]:
     """Whole nanoseconds, or seconds of the day; the unit in s; what is to be known of them."""
-    if stamps.dtype.kind == "M":
+    if stamps.dtype.kind in "Mm":
         if (bad := np.flatnonzero(np.isnat(stamps))).size:
             raise RunFileError(f"{where}: {bad.size} value(s) are missing, first in row {bad[0]}")
-        return stamps.astype("datetime64[ns]").astype(np.int64), 1e-9, []
+        return stamps.astype(f"{stamps.dtype.kind}8[ns]").astype(np.int64), 1e-9, []
     texts = [str(stamp).strip() for stamp in stamps]
+    if (found := _LASTED.fullmatch(texts[0])) and spelled(found[2]) in TIME_UNITS:
+        return np.array(list(_durations(texts, where))), 1.0, []
     if _OF_DAY.fullmatch(texts[0]):
         seconds = np.array(list(_of_day(texts, where)))
         unwrapped = np.unwrap(seconds, period=_DAY_S)
         after = np.flatnonzero(unwrapped - seconds > _DAY_S / 2)
         return unwrapped, 1.0, [f"the times of day pass midnight at row {after[0]}"] if after.size else []
     return np.array([_instant(text, row, where) for row, text in enumerate(texts)], np.int64), 1e-9, []
+
+
+def _durations(texts: list[str], where: str) -> Iterator[float]:
+    for row, text in enumerate(texts):
+        found = _LASTED.fullmatch(text)
+        if found is None or spelled(found[2]) not in TIME_UNITS:
+            raise RunFileError(f"{where}: {text[:30]!r} in row {row} is no time with a unit, as 0.001 sec")
+        yield float(found[1]) * TIME_UNITS[spelled(found[2])]
 
 
 def _of_day(texts: list[str], where: str) -> Iterator[float]:
