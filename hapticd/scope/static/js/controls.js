@@ -2,7 +2,7 @@
 // control they belong to. While one is dragged, the plane shows where it would land.
 // @ts-check
 
-import { byId, make, number } from "./dom.js";
+import { byId, lookUp, make, number } from "./dom.js";
 import { ask } from "./link.js";
 import { Field } from "./quantity.js";
 import { showRefusal } from "./refusal.js";
@@ -51,8 +51,6 @@ const LIMITS = [
   { key: "safety.passivity", label: "Passivity", choices: ["off", "observe", "control"] },
 ];
 
-/** @param {any} config @param {string} key */
-const lookUp = (config, key) => key.split(".").reduce((found, part) => found?.[part], config);
 
 export class Controls {
   /**

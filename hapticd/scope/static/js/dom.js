@@ -66,3 +66,6 @@ export function duration(seconds) {
   if (size < 1) return `${number(seconds * 1e3, 3)} ms`;
   return size < 120 ? `${number(seconds, 3)} s` : `${number(seconds / 60, 3)} min`;
 }
+
+/** A setting of a config by its dotted key. @param {any} config @param {string} key */
+export const lookUp = (config, key) => key.split(".").reduce((found, part) => found?.[part], config);

@@ -18,6 +18,8 @@ export const LOOK = {
   late: { label: "lateness", colour: "--c5" },
   model: { label: "simulated", colour: "--c6", dash: [6, 4] },
   residual: { label: "measured − simulated", colour: "--c4" },
+  derived1: { label: "derived 1", colour: "--c3" },
+  derived2: { label: "derived 2", colour: "--c5" },
 };
 
 /**

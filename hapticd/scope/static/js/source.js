@@ -62,7 +62,7 @@ export function ticksOf(low, high, count) {
 
 /** What a channel is counted in. @param {import("./store.js").Channel} channel @param {Source} source */
 export function channelUnit(channel, { units }) {
-  return { position: "ticks", coarse: "ticks", model: "ticks", residual: "ticks", velocity: units.velocity, current: "A", measured: "A", force: units.force, late: "µs" }[channel];
+  return { position: "ticks", coarse: "ticks", model: "ticks", residual: "ticks", velocity: units.velocity, current: "A", measured: "A", force: units.force, late: "µs", derived1: "", derived2: "" }[channel];
 }
 
 /** In which unit places are shown; one that a source has not is its ticks. @type {{unit: string}} */

@@ -11,9 +11,11 @@ export const SMALLEST = 1 << 16;
 /** Over how long the velocity is the slope of the position, s. */
 export const VELOCITY_WINDOW_S = 0.005;
 
-/** Channels, in the order of the page. @typedef {"position"|"coarse"|"velocity"|"current"|"measured"|"force"|"late"|"model"|"residual"} Channel */
+/** Channels, in the order of the page. @typedef {"position"|"coarse"|"velocity"|"current"|"measured"|"force"|"late"|"model"|"residual"|"derived1"|"derived2"} Channel */
 /** @type {Channel[]} */
-export const CHANNELS = ["position", "coarse", "velocity", "current", "measured", "force", "late", "model", "residual"];
+export const CHANNELS = ["position", "coarse", "velocity", "current", "measured", "force", "late", "model", "residual", "derived1", "derived2"];
+/** Those that an expression makes of the others. @type {Channel[]} */
+export const DERIVED = ["derived1", "derived2"];
 
 /**
  * @typedef {object} Gap
@@ -63,6 +65,8 @@ export class Store {
     /** The first row counted from the present origin. */
     this.originRow = 0;
     this.periodS = 1e-3;
+    /** What a row of a derived channel is. @type {Map<Channel, (row: number) => number>} */
+    this.rules = new Map();
   }
 
   /** The oldest row that is there. */
@@ -165,8 +169,26 @@ export class Store {
       velocity.values[at] = this.slope(row, back);
     }
     this.head = before + rows;
-    for (const name of CHANNELS) this.build(name, before, this.head);
+    for (const name of CHANNELS) if (!DERIVED.includes(name)) this.build(name, before, this.head);
+    this.derive(before, this.head);
     while (this.gaps.length && (this.gaps[0].row <= this.first || this.gaps.length > MAX_GAPS)) this.gaps.shift();
+  }
+
+  /** Make a derived channel, of the rows that are here and of those that come; null: it is empty. @param {Channel} name @param {((row: number) => number) | null} rule */
+  define(name, rule) {
+    if (rule) this.rules.set(name, rule);
+    else this.rules.delete(name);
+    this.channels[name].values.fill(NaN);
+    this.derive(this.first, this.head);
+  }
+
+  /** @param {number} begin @param {number} end */
+  derive(begin, end) {
+    for (const [name, rule] of this.rules) {
+      const { values } = this.channels[name];
+      for (let row = begin; row < end; row++) values[row & this.mask] = rule(row);
+      this.build(name, begin, end);
+    }
   }
 
   /** Slope of the position over the last rows, rad/s or m/s; not a number across a gap or a moved origin. @param {number} row @param {number} back */
@@ -297,6 +319,7 @@ export class Store {
     // whole blocks around the changed rows
     this.build("model", start, row + 65536 > this.head ? this.head : row + 65536);
     this.build("residual", start, row + 65536 > this.head ? this.head : row + 65536);
+    this.derive(start, this.head);
     return row;
   }
 

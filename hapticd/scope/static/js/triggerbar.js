@@ -5,7 +5,7 @@ import { byId, duration, make, number, say } from "./dom.js";
 import { ask } from "./link.js";
 import { Field } from "./quantity.js";
 import { channelUnit } from "./source.js";
-import { CHANNELS, VELOCITY_WINDOW_S } from "./store.js";
+import { CHANNELS, DERIVED, VELOCITY_WINDOW_S } from "./store.js";
 import { LOOK } from "./lane.js";
 
 /** @typedef {import("./trigger.js").TriggerSettings} TriggerSettings */
@@ -18,7 +18,7 @@ export class TriggerBar {
   constructor(view) {
     this.view = view;
     this.trigger = view.trigger;
-    const names = CHANNELS.filter((name) => name !== "model" && name !== "residual");
+    const names = CHANNELS.filter((name) => !["model", "residual", ...DERIVED].includes(name));
     byId("trigger-channel").append(...names.map((name) => make("option", { value: name }, LOOK[name].label)));
     this.level = this.field("level", () => this.unit(), (level) => ({ level }));
     this.hysteresis = this.field("hysteresis", () => this.unit(), (value) => ({ hysteresis: Math.abs(value) }));
@@ -48,7 +48,7 @@ export class TriggerBar {
     const force = 0.5 * scales.resolution * (config?.spring.stiffness ?? 0);
     const current = force / (config?.amplifier.torque_constant ?? 1);
     const velocity = (2 * scales.raw_resolution) / VELOCITY_WINDOW_S;
-    return Number({ position: 0.5, coarse: 0.5, model: 0.5, residual: 0.5, velocity, current, measured: current, force, late: 5 }[channel].toPrecision(2));
+    return Number({ position: 0.5, coarse: 0.5, model: 0.5, residual: 0.5, velocity, current, measured: current, force, late: 5, derived1: 0, derived2: 0 }[channel].toPrecision(2));
   }
 
   read() {
