@@ -66,7 +66,15 @@ class ScopeServer:
         self.connections = 0
         self._pools = {
             name: ThreadPoolExecutor(workers, thread_name_prefix=f"scope-{name}")
-            for name, workers in (("stop", 2), ("command", 1), ("note", 1), ("theory", 1), ("explore", 1), ("file", 1))
+            for name, workers in (
+                ("stop", 2),
+                ("command", 1),
+                ("note", 1),
+                ("theory", 1),
+                ("explore", 1),
+                ("zwidth", 1),
+                ("file", 1),
+            )
         }
 
     def close(self) -> None:
@@ -172,6 +180,11 @@ class ScopeServer:
         await fields_of(request)
         return await self.on("explore", theory.ends, self._config(), self._known()["latency_s"])
 
+    async def zwidth(self, request: Request) -> Any:
+        """Which stiffness and damping can be rendered: some seconds, on a thread of its own."""
+        await fields_of(request)
+        return await self.on("zwidth", theory.z_map, self._config(), self._known()["latency_s"])
+
     async def simulate(self, request: Request) -> Response:
         """The exact simulation of a release."""
         body = await fields_of(request, deflection=float, duration_s=float)
@@ -228,6 +241,7 @@ def create_app(server: ScopeServer, names: Names) -> ASGIApp:
         "quantities": (server.quantities, "look", False),
         "preview": (server.preview, "look", False),
         "ends": (server.ends, "look", False),
+        "zwidth": (server.zwidth, "look", False),
         "simulate": (server.simulate, "look", False),
         "replay": (server.replay, "look", False),
         "open": (server.open, "look", False),

@@ -5,7 +5,9 @@ All numbers come from `hapticd.stability`; the page only draws them.
 
 from __future__ import annotations
 
+import json
 import math
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -20,12 +22,15 @@ from hapticd.stability.regions import MEANING, critical_sigma, region
 from hapticd.stability.report import number
 from hapticd.stability.storage import equivalent_deflection, velocity_bound
 from hapticd.stability.theorems import holds, proven
+from hapticd.stability.zwidth import VERDICTS, zwidth
 
 DEFLECTION: Final = 10.3
 """Motion for which the speed-dependent boundaries are drawn until the page asks for another, coarse ticks."""
 EFFORT: Final = Effort(starts=1024, periods=2_000_000, horizon=20_000)
 """Some tenths of a second of a thread that nothing waits for but the page's one line."""
 _TOLD: Final = 3
+Z_POINTS: Final = 20
+"""Along each axis of the (K, B) map: some seconds of one thread."""
 BETA: Final = np.geomspace(1e-3, 1e2, 201)
 
 
@@ -132,6 +137,23 @@ def ends(document: dict[str, Any], latency_s: float = 0.0) -> dict[str, Any]:
     if 0.0 < found.largest_cycle < math.inf:
         parts.append(f"largest ±{number(found.largest_cycle, 2)} ticks")
     return {"words": "; ".join(parts), "starts": found.starts}
+
+
+def z_map(document: dict[str, Any], latency_s: float) -> dict[str, Any]:
+    """Which stiffness and damping the device can render (`hapticd.stability.zwidth`), coarsely; the spring does not matter.
+
+    Returns:
+        ``stiffness`` (m,), ``damping`` (n,), ``outcome`` (n, m) as index into ``verdicts``, ``exact`` and ``linear`` (n,).
+    """
+    spring = {"spring": {**document["spring"], "stiffness": 0.0, "damping": 0.0, "origin": 0.0}}
+    return _z_map(json.dumps(document | spring), latency_s)
+
+
+@lru_cache(maxsize=8)
+def _z_map(document: str, latency_s: float) -> dict[str, Any]:
+    found = zwidth(parse_config(json.loads(document), "the daemon's config"), latency_s, count=Z_POINTS, jobs=1)
+    columns = ("stiffness", "damping", "outcome", "exact", "linear")
+    return {"verdicts": list(VERDICTS), **{name: getattr(found, name).tolist() for name in columns}}
 
 
 def _point(loop: Loop, deflection: float) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from tests.polling import wait_until
 from .browser import Testbed
 from .conftest import Open
 from .test_views import open_file, save
+from .waiting import drawn
 
 
 def noted(path: Path) -> list[object]:
@@ -53,7 +54,7 @@ def test_notes_of_all_are_in_the_run_and_in_the_page(
     expect(page.locator("body")).to_have_attribute("data-marks", "5")
     path = Path(testbed.client.status()["recorder"]["path"])
     page.select_option("#window", "50")
-    page.wait_for_timeout(300)
+    drawn(page)
     page.click("#run")
     saved = save(page, "arrow", tmp_path / "seen.arrow")
     testbed.client.stop()

@@ -17,6 +17,7 @@ from tests.polling import wait_until
 
 from .browser import Testbed
 from .conftest import Open
+from .waiting import drawn
 
 
 def text(page: Page, selector: str) -> str:
@@ -133,10 +134,10 @@ def test_a_fault_freezes_the_trace_and_is_cleared(page: Page, testbed: Testbed) 
     expect(page.locator("#page-text")).to_contain_text("What hapticd did")
     page.click("#page button.close")
     # frozen: what is seen does not move, and holds the rows before and after the fault
-    page.wait_for_timeout(500)
+    drawn(page)
     rows = seen_rows(page)
     assert rows > 50  # the single shot begins at the release; how many follow the fault depends on where its frame ends
-    page.wait_for_timeout(500)
+    drawn(page)
     assert seen_rows(page) == rows
     page.click("#clear")
     expect(page.locator("#banner")).to_be_hidden()
@@ -295,7 +296,7 @@ def test_a_file_that_is_no_run_is_refused_in_words(page: Page, tmp_path: Path) -
 def test_what_is_seen_is_saved(page: Page, tmp_path: Path) -> None:
     wait_until(lambda: seen_rows(page) > 1900, "rows")
     page.keyboard.press(" ")
-    page.wait_for_timeout(300)
+    drawn(page)
     page.click("#to-files")
     saved = {}
     for kind in ("csv", "arrow", "png"):
@@ -335,7 +336,7 @@ def test_a_single_shot_is_taken_and_held(page: Page, testbed: Testbed, what: str
         wait_until(lambda: text(page, "#hold-why") == "single shot taken", "a late tick")
     rows = seen_rows(page)
     assert rows > 50
-    page.wait_for_timeout(400)
+    drawn(page)
     assert seen_rows(page) == rows
 
 

@@ -12,6 +12,7 @@ from tests.polling import wait_until
 from .browser import Testbed
 from .conftest import Open
 from .test_page import seen_rows
+from .waiting import drawn
 
 WIDTH, HEIGHT = 390, 844
 
@@ -82,7 +83,7 @@ def fault(page: Page, testbed: Testbed) -> None:
 def tab(name: str) -> Callable[[Page, Testbed], None]:
     def click(page: Page, testbed: Testbed) -> None:
         page.click(f"#to-{name}")
-        page.wait_for_timeout(300)
+        drawn(page)
 
     return click
 

@@ -8,20 +8,20 @@ from datetime import UTC, datetime
 from pathlib import Path
 from xml.etree import ElementTree
 
+import numpy as np
+import pandas as pd
 import pytest
 from playwright.sync_api import Page, expect
 
 from hapticd.cli.main import main
+from tests.polling import wait_until
 
 from .browser import Testbed
 from .test_page import text
 from .test_round_trip import release
 from .test_views import open_file, save
+from .waiting import drawn
 
-HEAD_IS_ABOUT = """([value, tolerance]) => {
-  const drawn = parseFloat(document.querySelector("#value-position").textContent.replace("\u2212", "-"));
-  return Math.abs(drawn / value - 1) < tolerance;
-}"""
 SVG = "{http://www.w3.org/2000/svg}"
 
 
@@ -32,8 +32,6 @@ def words(path: Path) -> list[str]:
 
 
 def head_value(page: Page) -> float:
-    """The number in the head of the Position lane, once the page has drawn one."""
-    expect(page.locator("#value-position")).to_have_text(re.compile(r"^[-+\u2212]?[\d.]"))
     return float(text(page, "#value-position").split()[0])
 
 
@@ -73,6 +71,28 @@ def test_a_files_picture_has_its_own_name_date_and_settings(page: Page, run_file
     assert "1/T = 2000 Hz" in found[2]
 
 
+def test_a_file_without_a_date_gets_none(page: Page, tmp_path: Path) -> None:
+    t = np.arange(400) * 1e-3
+    table = {"time_s": t, "encoder_counts": np.arange(400), "current_command_A": np.sin(t)}
+    pd.DataFrame(table).to_csv(tmp_path / "plain.csv", index=False)
+    open_file(page, tmp_path / "plain.csv")
+    assert words(save(page, "svg", tmp_path / "plain.svg"))[:2] == ["plain.csv", "no date"]
+
+
+def test_nothing_covers_the_head_of_a_lane(page: Page) -> None:
+    page.check("#lane-residual")
+    wait_until(lambda: text(page, "#value-position") != "–", "a value")
+    found = page.evaluate("""() => [...document.querySelectorAll(".lane-head")].map((head) => {
+        const boxes = [...head.children].filter((each) => each.offsetWidth).map((each) => each.getBoundingClientRect());
+        const before = (a, b) => a.right <= b.left + 0.5 || a.bottom <= b.top + 0.5;
+        const apart = (a, b) => before(a, b) || before(b, a);
+        const whole = head.scrollWidth <= head.clientWidth && head.scrollHeight <= head.clientHeight;
+        return whole && boxes.every((a, i) => boxes.slice(i + 1).every((b) => apart(a, b)));
+    })""")
+    assert found
+    assert all(found)
+
+
 def test_places_in_the_unit_that_is_chosen(page: Page, run_file: Path, tmp_path: Path) -> None:
     open_file(page, run_file)
     ticks = head_value(page)
@@ -80,7 +100,8 @@ def test_places_in_the_unit_that_is_chosen(page: Page, run_file: Path, tmp_path:
     for unit, factor in (("deg", 217 * 360 / 8192), ("rad", 217 * 2 * 3.14159265 / 8192), ("ticks", 1.0)):
         page.select_option("#place-unit", unit)
         expect(page.locator(".lane-head .unit").first).to_contain_text(unit)
-        page.wait_for_function(HEAD_IS_ABOUT, arg=[ticks * factor, 2e-3])
+        drawn(page)
+        assert head_value(page) == pytest.approx(ticks * factor, rel=2e-3)
     page.select_option("#place-unit", "deg")
     assert "Position (deg)" in words(save(page, "svg", tmp_path / "deg.svg"))
     linear = tmp_path / "linear.arrow"
@@ -119,18 +140,18 @@ def test_the_y_range_is_typed_zoomed_dragged_and_taken_back(page: Page, run_file
     middle = axis["y"] + axis["height"] / 2
     page.mouse.move(axis["x"] + 20, middle)
     page.mouse.wheel(0, -100)
-    page.wait_for_timeout(200)
+    drawn(page)
     low, high = y_range(page)
     assert high - low == pytest.approx(7.5 / 1.25, rel=1e-2)
     page.mouse.down()
     page.mouse.move(axis["x"] + 20, middle + axis["height"] / 4, steps=4)
     page.mouse.up()
-    page.wait_for_timeout(200)
+    drawn(page)
     assert sum(y_range(page)) > low + high + 1.0
     # in another unit it is the same range
     low, high = y_range(page)
     page.select_option("#place-unit", "deg")
-    page.wait_for_timeout(200)
+    drawn(page)
     assert y_range(page)[1] == pytest.approx(high * 217 * 360 / 8192, rel=1e-2)
     auto.click()
     expect(auto).to_have_attribute("aria-pressed", "true")

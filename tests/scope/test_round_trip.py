@@ -14,9 +14,10 @@ from hapticd.cli.main import main
 from hapticd.config import parse_config
 from hapticd.gap.data import load_recording
 from hapticd.record import read_run
+from tests.polling import wait_until
 
 from .browser import Testbed
-from .test_page import text
+from .test_page import seen_rows, text
 from .test_views import open_file, save
 
 
@@ -75,7 +76,7 @@ def test_csv_waits_for_the_simulation(page: Page, testbed: Testbed, tmp_path: Pa
 
 
 def test_csv_without_a_simulation_has_no_such_columns(page: Page, testbed: Testbed, tmp_path: Path) -> None:
-    page.wait_for_timeout(500)
+    wait_until(lambda: seen_rows(page) > 300, "rows")
     page.click("#run")
     table = pd.read_csv(save(page, "csv", tmp_path / "seen.csv"))
     assert "model_ticks" not in table

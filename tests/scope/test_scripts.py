@@ -15,6 +15,7 @@ from hapticd.record.schema import FLAG_FAULT, FLAG_MISSED_PERIOD, FLAG_RUNNING, 
 
 from .conftest import Open
 from .served import serve
+from .waiting import captures, drawn
 
 CAPACITY = 1 << 16
 
@@ -258,11 +259,11 @@ def test_a_wheel_zooms_and_a_drag_scrolls_back(open_page: Open) -> None:
     lane = page.locator(".lane .u-over").first
     box = lane.bounding_box()
     assert box is not None
-    page.wait_for_timeout(2500)
+    captures(page, 2100)
     before = float(page.locator("body").get_attribute("data-seen") or 0)
     page.mouse.move(box["x"] + 300, box["y"] + 20)
     page.mouse.wheel(0, -100)
-    page.wait_for_timeout(300)
+    drawn(page)
     assert float(page.locator("body").get_attribute("data-seen") or 0) == pytest.approx(0.8 * before, rel=0.05)
     page.mouse.down()
     page.mouse.move(box["x"] + 500, box["y"] + 20, steps=5)

@@ -8,6 +8,7 @@ from pathlib import Path
 from playwright.sync_api import Page, expect
 
 from .browser import Testbed
+from .waiting import drawn
 
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "scope.md"
 PICTURES = ("scope.png", "scope-drag.png", "scope-fault.png")
@@ -16,7 +17,7 @@ PICTURES = ("scope.png", "scope-drag.png", "scope-fault.png")
 def picture(page: Page, name: str) -> None:
     assert name in PICTURES
     page.mouse.move(640, 60)
-    page.wait_for_timeout(400)
+    drawn(page)
     found = page.screenshot()
     assert len(found) > 20_000
     if folder := os.environ.get("HAPTICD_PICTURES"):
@@ -58,7 +59,7 @@ def test_the_tutorial(page: Page, testbed: Testbed) -> None:
     page.mouse.move(box["x"] + box["width"] * 0.13, y, steps=8)
     words = "would land in D|E, that is D for a release from 20.3 ticks: locally unstable"
     expect(page.locator("#ghost-words")).to_contain_text(words)
-    page.wait_for_timeout(400)
+    drawn(page)
     found = page.screenshot()
     if folder := os.environ.get("HAPTICD_PICTURES"):
         (Path(folder) / "scope-drag.png").write_bytes(found)

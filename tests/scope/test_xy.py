@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
 
+from tests.polling import wait_until
+
 from .browser import Testbed
 
 CURVES = """async ([config, counts, forces]) => {
@@ -63,8 +65,7 @@ def test_a_release_over_the_ideal_spring(page: Page, testbed: Testbed) -> None:
     expect(page.locator("#xy-words")).to_have_text("the spring is not rendered in this window")
     release(page, "10.3")
     expect(page.locator("#hold-why")).to_contain_text("the release")
-    page.wait_for_timeout(300)
-    assert points(page) > 100
+    wait_until(lambda: points(page) > 100, "the release in the X-Y lane")
     expect(page.locator("#xy-words")).to_have_text("in N m over ticks")
     expect(page.locator("#xy-canvas")).to_have_attribute("data-before", "0")
     page.select_option("#xy-unit", "deg")

@@ -12,3 +12,13 @@ def drawn(page: Page, frames: int = TOLD) -> None:
     """Wait until the page has drawn so many more frames, and told its values since."""
     before = int(page.locator("body").get_attribute("data-frames") or 0)
     page.wait_for_function("(frame) => Number(document.body.dataset.frames) >= frame", arg=before + frames)
+
+
+def captured(page: Page) -> int:
+    """Rows that the page has taken since it was opened, seen or not."""
+    return int(page.locator("body").get_attribute("data-captured") or 0)
+
+
+def captures(page: Page, rows: int) -> None:
+    """Wait until it has taken so many more."""
+    page.wait_for_function("(row) => Number(document.body.dataset.captured) >= row", arg=captured(page) + rows)

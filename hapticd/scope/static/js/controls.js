@@ -94,13 +94,13 @@ export class Controls {
     for (const [key, control] of this.controls) control.withdraw(lookUp(this.config, key));
   }
 
-  /** Ask where a value would land, not more often than every 60 ms. @param {string} key @param {any} value */
-  preview(key, value) {
+  /** Ask where values would land, not more often than every 60 ms. @param {Record<string, any>} settings */
+  preview(settings) {
     clearTimeout(this.timer);
     const number = ++this.asked;
     this.timer = setTimeout(async () => {
       try {
-        const plane = await ask("preview", { settings: { [key]: value }, deflection: this.deflection() });
+        const plane = await ask("preview", { settings, deflection: this.deflection() });
         if (number === this.asked) this.dream(plane);
       } catch {
         if (number === this.asked) this.dream(null);
@@ -119,12 +119,12 @@ export class Controls {
     }
   }
 
-  /** Send what a slider or a list was set to. @param {Control} control @param {any} value */
-  async send(control, value) {
+  /** Send what a slider or a list was set to. @param {Control} control @param {any} value @param {Record<string, any>} [more] settings together with it */
+  async send(control, value, more = {}) {
     clearTimeout(this.timer);
     this.asked++;
     try {
-      await this.set(control, value);
+      await this.set(control, value, false, more);
     } catch (error) {
       this.explain(control, value, error);
       control.confirmed(lookUp(this.config, control.setting.key));
@@ -179,7 +179,7 @@ class Control {
         this.dragging = true;
         entry.value = number(this.shown(this.value()));
         this.field?.show();
-        owner.preview(setting.key, this.value());
+        owner.preview({ [setting.key]: this.value() });
       });
       slider.addEventListener("change", () => {
         this.dragging = false;

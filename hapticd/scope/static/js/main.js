@@ -30,6 +30,7 @@ import { Trigger } from "./trigger.js";
 import { TriggerBar } from "./triggerbar.js";
 import { View } from "./view.js";
 import { XY } from "./xy.js";
+import { ZMap } from "./zmap.js";
 
 const STALE_S = 1;
 const TELL_MS = 100;
@@ -57,6 +58,14 @@ const fields = {
 const bar = new TriggerBar(view);
 const theory = new Theory(view, fields);
 const controls = new Controls((found) => theory.dream(found), () => theory.deflection);
+const zmap = new ZMap(view, {
+  preview: ({ K, B }) => controls.preview({ "spring.stiffness": K, "spring.damping": B }),
+  send: ({ K, B }) => {
+    const control = controls.controls.get("spring.stiffness");
+    if (control) controls.send(control, K, { "spring.damping": B });
+  },
+  withdraw: () => controls.withdraw(),
+});
 const xy = new XY(view);
 const release = new Release(view, fields, (begin, end) => {
   showLane("residual");
@@ -124,6 +133,7 @@ function takeConfig(message) {
     showPlaceUnits();
   }
   theory.configured();
+  zmap.show();
   controls.confirm(message.config, live.units.position === "m");
   notes.configured(message.config);
   excite.configured(message.excitations);
@@ -212,6 +222,7 @@ function showLane(id) {
 
 /** A stop leaves nothing behind that a later Enter, or a slider let go, would send. */
 function withdraw() {
+  zmap.withdraw();
   controls.withdraw(); // first: a slider that loses the focus says that it was changed
   withdrawQuestions();
   withdrawAll();

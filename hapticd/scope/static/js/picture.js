@@ -49,8 +49,9 @@ function nameOf({ source, trace }) {
   return names.join(", ") || "live, not recorded";
 }
 
-/** Local date and time, with the zone. @param {string} created */
-function dateOf(created) {
+/** Local date and time, with the zone: of the file, or, of live rows, now. @param {import("./source.js").Source} source */
+function dateOf({ name, created }) {
+  if (name && !created) return "no date";
   const when = created ? new Date(created) : new Date();
   return Number.isNaN(when.getTime()) ? created : when.toLocaleString("sv-SE", { timeZoneName: "short" });
 }
@@ -160,7 +161,7 @@ export function compose(view, xy) {
   const height = top + lanes.length * (LANE + 26) + (lanes.length ? 22 : 0) + (shown ? XY + 60 : 0) + 12;
   items.push({ kind: "rect", x: 0, y: 0, width: WIDTH, height, fill: "#ffffff" });
   items.push({ kind: "text", x: 14, y: 24, text: nameOf(view), fill: ink("--ink"), size: 15, bold: true });
-  items.push({ kind: "text", x: WIDTH - RIGHT, y: 24, text: dateOf(source.created), fill: ink("--ink-2"), size: 12, anchor: "end" });
+  items.push({ kind: "text", x: WIDTH - RIGHT, y: 24, text: dateOf(source), fill: ink("--ink-2"), size: 12, anchor: "end" });
   head.forEach((text, i) => items.push({ kind: "text", x: 14, y: 44 + 16 * i, text, fill: ink("--ink-2"), size: 12 }));
   lanes.forEach((lane, i) => {
     top += 26;
