@@ -32,6 +32,8 @@ def words(path: Path) -> list[str]:
 
 
 def head_value(page: Page) -> float:
+    """The number in the head of the Position lane, once the page has drawn one."""
+    expect(page.locator("#value-position")).to_have_text(re.compile(r"^[-+\u2212]?[\d.]"))
     return float(text(page, "#value-position").split()[0])
 
 
