@@ -52,6 +52,10 @@ X_TRUE_POSITION = 11
 """f64, out of read, simulated devices only: true position in rad or m (for ``simulate``; never shown to the renderer)."""
 X_TRUE_VELOCITY = 12
 """f64, out of read, simulated devices only: true velocity in rad/s or m/s."""
+X_INDEX_SEEN = 13
+"""i64, out of read, drivers with ``reports_index``: index pulses passed since the device was opened."""
+X_INDEX_COUNTS = 14
+"""i64, out of read, likewise: encoder counts at the newest of them."""
 
 EXCHANGE = np.dtype(
     [
@@ -68,7 +72,9 @@ EXCHANGE = np.dtype(
         ("enable", "i8"),
         ("true_position", "f8"),
         ("true_velocity", "f8"),
-        ("reserved", ("i8", 3)),
+        ("index_seen", "i8"),
+        ("index_counts", "i8"),
+        ("reserved", "i8"),
     ],
     align=True,
 )
@@ -121,6 +127,8 @@ class Driver(abc.ABC):
     summary: ClassVar[str] = ""
     options: ClassVar[tuple[str, ...] | None] = None
     """Names of the options beside ``driver.name``; None: not declared, and checked by the constructor alone."""
+    reports_index: ClassVar[bool] = False
+    """Whether ``read`` fills X_INDEX_SEEN and X_INDEX_COUNTS."""
     latency_s: float = 0.0
     """Declared sample-to-current latency in s, added to T_D by ``check`` and ``simulate``."""
     calls_python: bool = False

@@ -6,7 +6,10 @@ late. In virtual time the instants are the servo's grid, and a run is bit for bi
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numba import types
@@ -18,14 +21,18 @@ from drivers.interface import (
     X_CURRENT,
     X_CURRENT_MEASURED,
     X_ENABLE,
+    X_INDEX_COUNTS,
+    X_INDEX_SEEN,
     X_STATUS,
     X_TIME_FRAC,
     X_TIME_NS,
     X_TRUE_POSITION,
     X_TRUE_VELOCITY,
     Driver,
+    DriverConfigError,
+    driver_options,
 )
-from hapticd.jit import carray, cfunc
+from hapticd.jit import carray, cfunc, njit
 from hapticd.plant import kernel
 
 if TYPE_CHECKING:
@@ -34,10 +41,29 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 _SIGNATURE = types.int32(types.CPointer(types.int64), types.CPointer(types.int64))
-_WORDS = 8
+_WORDS = 16
 _ENABLED = 0
 _BEGUN = 1
+_WATCHDOG_NS = 2
+"""0: none."""
+_HEARD_NS = 3
+_TRIPPED = 4
+_GAIN = 5
+"""f64: current in the motor over the one commanded."""
+_INDEX_EVERY = 6
+"""f64: counts from index pulse to index pulse; infinite: there is none."""
+_INDEX_AT = 7
+_INDEX_SEEN = 8
+_COUNTING = 9
+_FIRST_INDEX = 0.7
+"""Of a turn: how far the first index pulse is below the place where the shaft begins."""
 _SIZE = _WORDS + kernel.PLANT_SIZE
+
+
+@njit("int64(int64, float64)", inline=True, counted=False)
+def _turn(counts: int, every: float) -> int:
+    """How many index pulses lie below these counts, from the one below 0 on."""
+    return int(np.floor(counts / every + _FIRST_INDEX))
 
 
 @cfunc(_SIGNATURE)
@@ -52,9 +78,25 @@ def _read(state: int, exchange: int) -> int:
         words[_BEGUN] = 1
         plant_i[kernel.TIME_NS] = x[X_TIME_NS]
         plant_f[kernel.TIME_FRAC] = x_float[X_TIME_FRAC]
+        words[_INDEX_AT] = _turn(kernel.plant_counts(plant_f, plant_i), words.view(np.float64)[_INDEX_EVERY])
+    silent_ns = words[_HEARD_NS] + words[_WATCHDOG_NS]
+    if words[_WATCHDOG_NS] > 0 and words[_ENABLED] == 1 and x[X_TIME_NS] > silent_ns:
+        kernel.plant_current(plant_f, plant_i, silent_ns, 0.0, 0.0)
+        words[_ENABLED], words[_TRIPPED] = 0, 1
     kernel.plant_advance(plant_f, plant_i, x[X_TIME_NS], x_float[X_TIME_FRAC])
-    x[X_COUNTS] = kernel.plant_counts(plant_f, plant_i)
+    counts = kernel.plant_counts(plant_f, plant_i)
+    turn = _turn(counts, words.view(np.float64)[_INDEX_EVERY])
+    if turn != words[_INDEX_AT]:
+        place = max(turn, words[_INDEX_AT]) - _FIRST_INDEX
+        x[X_INDEX_COUNTS] = int(place * words.view(np.float64)[_INDEX_EVERY])
+        words[_INDEX_AT] = turn
+        words[_INDEX_SEEN] += 1
+    x[X_INDEX_SEEN] = words[_INDEX_SEEN]
+    x[X_COUNTS] = counts * words[_COUNTING]
     x_float[X_CURRENT_MEASURED] = plant_f[kernel.CURRENT]
+    if words.view(np.float64)[_GAIN] != 0.0:
+        # an amplifier believes the rating that it was given
+        x_float[X_CURRENT_MEASURED] /= words.view(np.float64)[_GAIN]
     x[X_STATUS] = STATUS_ENABLED if words[_ENABLED] == 1 else 0
     x_float[X_TRUE_POSITION] = plant_f[kernel.POSITION]
     x_float[X_TRUE_VELOCITY] = plant_f[kernel.VELOCITY]
@@ -68,16 +110,38 @@ def _write(state: int, exchange: int) -> int:
     plant_f = plant_i.view(np.float64)
     x = carray(exchange, (EXCHANGE_WORDS,))
     x_float = x.view(np.float64)
-    words[_ENABLED] = x[X_ENABLE]
-    if x[X_ENABLE] == 1:
-        kernel.plant_command(plant_f, plant_i, x[X_TIME_NS], x_float[X_TIME_FRAC], x_float[X_CURRENT])
+    if x[X_ENABLE] == 0:
+        words[_TRIPPED] = 0
+    words[_ENABLED] = 1 if x[X_ENABLE] == 1 and words[_TRIPPED] == 0 else 0
+    words[_HEARD_NS] = x[X_TIME_NS]
+    if words[_ENABLED] == 1:
+        current = words.view(np.float64)[_GAIN] * x_float[X_CURRENT]
+        kernel.plant_command(plant_f, plant_i, x[X_TIME_NS], x_float[X_TIME_FRAC], current)
     else:
         kernel.plant_current(plant_f, plant_i, x[X_TIME_NS], x_float[X_TIME_FRAC], 0.0)
     return 0
 
 
+@dataclass(frozen=True)
+class Faults:
+    """What is wrong with the testbed's wiring: option ``faults``, for rehearsals of ``hapticd commission``."""
+
+    current_gain: float = 1.0
+    """Current in the motor over the one commanded: −1: its leads are exchanged, 0: a lead is off, 10: a wrong rating."""
+    counts: bool = True
+    """False: a channel of the encoder is dead."""
+    index: bool = True
+    watchdog: bool = True
+    """False: the amplifier does not notice that nobody talks to it."""
+    latency_s: float = 0.0
+    """Beside what the amplifier's model has."""
+
+
 class LoopbackDriver(Driver):
     """The simulated testbed.
+
+    Options: ``device``, a config file whose plant, hand, amplifier and encoder the testbed has in place of the config's own;
+    ``watchdog_ms``, after which its amplifier switches itself off (default: it has none); ``faults`` (:class:`Faults`).
 
     Args:
         config: plant, hand, amplifier and encoder of the testbed.
@@ -87,7 +151,8 @@ class LoopbackDriver(Driver):
         latency_s: sample-to-current latency of the device that is stood in for, added to the amplifier's lag.
     """
 
-    options = ()
+    options = ("device", "watchdog_ms", "faults")
+    reports_index = True
     summary = "simulated testbed: the exact plant inside the daemon, in real or virtual time"
 
     def __init__(
@@ -101,6 +166,11 @@ class LoopbackDriver(Driver):
         latency_s: float = 0.0,
     ) -> None:
         super().__init__(config)
+        options = driver_options(config)
+        self.device = _device(config, options.get("device"))
+        """Whose plant, hand, amplifier and encoder are simulated."""
+        self._faults = _faults(options.get("faults", {}))
+        self._watchdog_ms = _finite("watchdog_ms", options.get("watchdog_ms", 0))
         self._initial = (position, velocity, enabled, limited)
         self._stood_in_latency_s = latency_s
         self._buffer: NDArray[np.int64] = np.zeros(0, np.int64)
@@ -108,12 +178,18 @@ class LoopbackDriver(Driver):
     def open(self) -> None:
         """Put the shaft at its initial state; amplifier off unless asked otherwise."""
         position, velocity, enabled, limited = self._initial
-        plant = kernel.init_plant(self.config, position, velocity, current_loop=True)
-        plant[kernel.LAG_NS] += self._stood_in_latency_s * 1e9
+        plant = kernel.init_plant(self.device, position, velocity, current_loop=True)
+        faults, encoder = self._faults, self.device.encoder
+        plant[kernel.LAG_NS] += (self._stood_in_latency_s + faults.latency_s) * 1e9
         if not limited:
             plant[kernel.SATURATION] = np.inf
         self._buffer = np.concatenate([np.zeros(_WORDS, np.int64), plant.view(np.int64)])
         self._buffer[_ENABLED] = enabled
+        self._buffer[_WATCHDOG_NS] = round(1e6 * self._watchdog_ms) if faults.watchdog else 0
+        self._buffer[_COUNTING] = int(faults.counts)
+        floats = self._buffer.view(np.float64)
+        floats[_GAIN] = faults.current_gain
+        floats[_INDEX_EVERY] = (encoder.counts_per_rev or math.inf) if faults.index else math.inf
         self.read_address, self.write_address = _read.address, _write.address
         self.state_address = self._buffer.ctypes.data
 
@@ -138,6 +214,41 @@ class LoopbackDriver(Driver):
 
     def describe(self) -> str:
         """What is simulated."""
-        plant = self.config.plant
-        unit, force = ("kg", "N") if self.config.is_linear else ("kg m²", "N m")
+        plant = self.device.plant
+        unit, force = ("kg", "N") if self.device.is_linear else ("kg m²", "N m")
         return f"{self.summary} (inertia {plant.inertia:g} {unit}, Coulomb friction {plant.coulomb:g} {force})"
+
+
+def _device(config: Config, path: object) -> Config:
+    from hapticd.config import ConfigError, load_config
+
+    if path is None:
+        return config
+    try:
+        device = load_config(str(path))
+    except (ConfigError, OSError) as error:
+        raise DriverConfigError(f"driver.device = {path!r}: {error}") from error
+    if device.is_linear != config.is_linear:
+        raise DriverConfigError(f"driver.device = {path!r}: one of the two devices is linear, the other rotary")
+    return device
+
+
+def _faults(given: Any) -> Faults:
+    if not isinstance(given, Mapping):
+        raise DriverConfigError(f"driver.faults = {given!r}: must be a mapping, such as {{current_gain: -1}}")
+    known = {field.name: field.default for field in fields(Faults)}
+    for key, value in given.items():
+        if key not in known:
+            raise DriverConfigError(f"driver.faults.{key}: unknown; it has: {', '.join(known)}")
+        if isinstance(known[key], bool) != isinstance(value, bool):
+            kind = "true or false" if isinstance(known[key], bool) else "a number"
+            raise DriverConfigError(f"driver.faults.{key} = {value!r}: must be {kind}")
+        if not isinstance(value, bool):
+            _finite(f"faults.{key}", value, -1000.0)
+    return Faults(**given)
+
+
+def _finite(key: str, value: object, least: float = 0.0) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= 60_000.0:
+        raise DriverConfigError(f"driver.{key} = {value!r}: must be a number from {least:g} to 60000")
+    return float(value)

@@ -68,11 +68,11 @@ def _bring_up(config: Config, current: float | None) -> int:
         raise UsageError(f"driver.name = {config.driver.name}: --device brings up serial boards, driver serial_dac")
     from hapticd.doctor.board import bring_up, histogram
 
-    found = bring_up(config, _Terminal(), current)
+    found = bring_up(config, Terminal(), current)
     return _report(found, [*histogram(found.round_trip_us), ""])
 
 
-class _Terminal:
+class Terminal:
     """The person at the terminal; nobody where there is none. Talks on stderr: stdout is the report's."""
 
     _WIDTH = 30

@@ -34,7 +34,7 @@ EPILOG = epilog(
 MODULES = (
     "run", "scope", "status", "state", "experiments", "record", "noting", "verify", "recover", "runs", "plot",
     "export", "importing", "model", "metrics", "check", "simulate", "energy", "map", "zwidth", "reproduce",
-    "identify", "gap", "inspecting", "help", "hil", "init", "config", "drivers", "doctor", "latency",
+    "identify", "gap", "inspecting", "help", "hil", "commission", "init", "config", "drivers", "doctor", "latency",
 )  # fmt: skip
 """Modules of this package that declare commands, in the order of the help."""
 GROUPS = {

@@ -116,7 +116,7 @@ def _run(
     progress: Callable[[float], None],
     board: str | None = None,
 ) -> SuiteResult:
-    config = _patient(config)
+    config = patient(config)
     results: list[CaseResult] = []
     steps = len(cases) + int(excited)
     device = Device(config, folder, plant=plant, board=board)
@@ -125,7 +125,7 @@ def _run(
         with DaemonProcess(config, folder, device.options) as daemon:
             daemon.wait_ready()
             for case in cases:
-                results.append(_release(daemon, case))
+                results.append(release(daemon, case))
                 progress(len(results) / steps)
             if excited:
                 results.append(_excite(daemon, config))
@@ -163,7 +163,7 @@ def _run_on_firmware(
     )
 
 
-def _patient(config: Config) -> Config:
+def patient(config: Config) -> Config:
     """The config with as many missed exchanges allowed as its rate has in `PATIENCE_S`."""
     missed = config.safety.missed_exchanges
     if missed:
@@ -171,7 +171,8 @@ def _patient(config: Config) -> Config:
     return config.model_copy(update={"safety": config.safety.model_copy(update={"missed_exchanges": missed})})
 
 
-def _release(daemon: DaemonProcess, case: Case) -> CaseResult:
+def release(daemon: DaemonProcess, case: Case) -> CaseResult:
+    """One release of Fig. 8 on a running daemon, beside its simulation."""
     client = daemon.client
     # The suite shows what theory says, so the guard has no say: some cases are unstable on purpose.
     client.set(dict(case.settings), force=True)

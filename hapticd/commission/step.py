@@ -1,0 +1,92 @@
+"""What a step is, and what it says afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Literal
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from hapticd.commission.rig import Rig
+
+Verdict = Literal["pass", "fail", "skipped"]
+_POINTS: Final = 600
+"""A picture has no use for more points in a line."""
+
+
+class StepError(Exception):
+    """A step cannot say anything: the device or the daemon ended it; the text says how."""
+
+
+@dataclass(frozen=True)
+class Line:
+    """One line of a picture; ``style``: line, steps or dots."""
+
+    label: str
+    x: Sequence[float]
+    y: Sequence[float]
+    style: Literal["line", "steps", "dots"] = "line"
+
+
+@dataclass(frozen=True)
+class Picture:
+    """What is drawn of a step: lines over one axis, and instants or values worth a mark on it."""
+
+    x_label: str
+    y_label: str
+    lines: tuple[Line, ...]
+    marks: Mapping[str, float] = field(default_factory=dict)
+    """Text to x."""
+
+
+def line(label: str, x: ArrayLike, y: ArrayLike, style: Literal["line", "steps", "dots"] = "line") -> Line:
+    """A line thinned to what can be seen, of two arrays of one length."""
+    xs, ys = np.asarray(x, float), np.asarray(y, float)
+    kept = slice(None, None, max(1, -(-len(xs) // _POINTS)))
+    return Line(label, xs[kept].tolist(), ys[kept].tolist(), style)
+
+
+@dataclass(frozen=True)
+class Result:
+    """What a step found.
+
+    Attributes:
+        figures: name with its unit to number, text or None. limit: the same for what they were held against.
+        finding: one sentence. cause: what is likely wrong. remedy: what to do about it.
+        dangerous: nothing may move after this.
+    """
+
+    result: Verdict
+    finding: str
+    figures: Mapping[str, Any] = field(default_factory=dict)
+    limit: Mapping[str, Any] = field(default_factory=dict)
+    cause: str = ""
+    remedy: str = ""
+    dangerous: bool = False
+    picture: Picture | None = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One entry of the list.
+
+    Attributes:
+        will: one sentence, shown before anything moves. run: does it.
+        moves: whether current flows. needs: names of steps that must have passed.
+    """
+
+    name: str
+    title: str
+    will: str
+    run: Callable[[Rig], Result]
+    moves: bool = True
+    needs: tuple[str, ...] = ()
+
+
+def skipped(reason: str) -> Result:
+    """A result for what could not be looked at."""
+    return Result("skipped", reason)

@@ -1,0 +1,214 @@
+"""How a current ends when nobody speaks any more, and how fast it comes when somebody does."""
+
+from __future__ import annotations
+
+from math import exp, log
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from hapticd.commission.step import Picture, Result, line, skipped
+from hapticd.hil.matrix import watchdog_s
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from hapticd.commission.bench import Sample, Trace
+    from hapticd.commission.rig import Rig
+    from hapticd.config import Config
+
+RUN_UP_S: Final = 0.04
+"""How long the shaft is accelerated before nobody speaks any more."""
+LATE: Final = 1.25
+"""Longest time of a watchdog over what was asked of it."""
+SILENT_TIMES: Final = 2.5
+"""Times the watchdog's time after which it is dead."""
+ATTEMPTS: Final = 3
+LOOP_SHARE: Final = 0.25
+LOOP_S: Final = 0.02
+LOOP_REPEATS: Final = 8
+RESPONSE_TOLERANCE: Final = 0.2
+GAIN_TOLERANCE: Final = 0.1
+
+
+def driver_watchdog_s(config: Config) -> float | None:
+    """The device's watchdog time, s; None where the driver has no such option."""
+    if config.driver.name in ("serial_dac", "canopen"):
+        return watchdog_s(config)
+    given = config.driver.options.get("watchdog_ms")
+    return 1e-3 * float(given) if given else None
+
+
+def watchdog(rig: Rig) -> Result:
+    """Nobody speaks to the device while the shaft accelerates: when does its current end."""
+    asked = driver_watchdog_s(rig.config)
+    if asked is None:
+        return skipped("this driver declares no watchdog: when the daemon dies, nobody takes the current away")
+    current = gentle(rig)
+    for _ in range(ATTEMPTS):
+        with rig.bench() as bench:
+            trace = _silence(bench.run, current, asked)
+            bench.run(lambda sample: 0.0, 0.02)
+            bench.rest()
+        silent_from = float(np.nanmax(trace.sent))
+        if trace.worst_pause < 0.25 * asked:
+            break
+    else:
+        return skipped(f"this machine paused for {1e3 * trace.worst_pause:.0f} ms in each of {ATTEMPTS} tries")
+    running = trace.part(RUN_UP_S / 2, trace.t[-1])
+    moved = knee(running.t, running.position)
+    gone = trace.t[~trace.enabled & (trace.t > silent_from)]
+    told = float(gone[0] - silent_from) if len(gone) else None
+    by_motion = None if moved is None else moved - silent_from
+    figures = {
+        "current_A": current,
+        "zero_by_motion_ms": None if by_motion is None else 1e3 * by_motion,
+        "off_by_status_ms": None if told is None else 1e3 * told,
+        "asked_ms": 1e3 * asked,
+    }
+    most = LATE * asked + 3 * bench.period + 0.003
+    limit = {"zero_by_motion_ms": 1e3 * most, "off_by_status_ms": 1e3 * most}
+    picture = Picture(
+        "s",
+        "rad/s" if not rig.config.is_linear else "m/s",
+        (line("speed", *_speed(trace)),),
+        {"last command": silent_from, **({"zero current": moved} if moved else {})},
+    )
+    late = [each for each in (by_motion, told) if each is None or each > most]
+    if late:
+        when = "never" if None in late else f"after {1e3 * max(each for each in late if each is not None):.0f} ms"
+        return Result(
+            "fail",
+            f"{1e3 * SILENT_TIMES * asked:.0f} ms after the last command current still flows (zero: {when})"
+            if None in late
+            else f"zero current {when} of silence, {1e3 * asked:.0f} ms were asked for",
+            figures,
+            limit,
+            "the device's watchdog is off, or is fed by something else than commands",
+            "do not run a motor on this device before its watchdog works: driver.watchdog_ms, the device's own setting",
+            dangerous=True,
+            picture=picture,
+        )
+    said = f"{1e3 * (by_motion or 0.0):.0f} ms by motion, {1e3 * (told or 0.0):.0f} ms by the device's status"
+    return Result("pass", f"zero current after {said}", figures, limit, picture=picture)
+
+
+def gentle(rig: Rig) -> float:
+    """A current under which a sliding shaft accelerates gently, A."""
+    return max(1.6 * rig.sliding_current, 0.01 * rig.rated)
+
+
+def _silence(run: Any, current: float, asked: float) -> Trace:
+    def rule(sample: Sample) -> float | None:
+        return current if sample.t < RUN_UP_S else None
+
+    return run(rule, RUN_UP_S + SILENT_TIMES * asked)  # type: ignore[no-any-return]
+
+
+def knee(t: NDArray[np.float64], position: NDArray[np.float64]) -> float | None:
+    """When the acceleration became less, s: the best of two parabolas with one tangent where they meet.
+
+    Args:
+        t: (n,) s. position: (n,) rad or m, of a shaft that moves to the positive side until it stands.
+
+    Returns:
+        None where it did not become less, or there is too little motion.
+    """
+    moves = np.flatnonzero(np.diff(position) != 0)
+    if len(moves) < 12 or position[-1] <= position[0]:
+        return None
+    t, position = t[: moves[-1]], position[: moves[-1]]
+    best: tuple[float, float, float] | None = None
+    for at in np.arange(t[4], t[-4], 0.0005):
+        terms = np.column_stack([np.ones_like(t), t, t * t, np.maximum(t - at, 0.0) ** 2])
+        solved, residual, *_ = np.linalg.lstsq(terms, position, rcond=None)
+        error = float(residual[0]) if len(residual) else np.inf
+        if best is None or error < best[0]:
+            best = error, float(at), float(solved[3])
+    return best[1] if best is not None and best[2] < 0 else None
+
+
+def _speed(trace: Trace, span: int = 6) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    t, position = trace.t, trace.position
+    return 0.5 * (t[span:] + t[:-span]), (position[span:] - position[:-span]) / (t[span:] - t[:-span])
+
+
+def current_loop(rig: Rig) -> Result:
+    """Steps of current to both sides, as the device measures them: how fast, and how much of it comes."""
+    with rig.bench() as bench:
+        first = bench.run(lambda sample: 0.0, 0.01)
+        if not np.isfinite(first.measured).any():
+            return skipped("this driver reports no measured current; identify sees the loop's lag in its delay")
+        traces = []
+        for n in range(LOOP_REPEATS):
+            current = LOOP_SHARE * rig.rated * (1 if n % 2 == 0 else -1)
+            traces.append((current, bench.run(lambda sample, i=current: _step_and_back(sample, i), 3 * LOOP_S)))  # type: ignore[misc]
+        bench.rest()
+    after, response, settled = [], [], []
+    for current, trace in traces:
+        part = trace.part(0.0, LOOP_S)
+        after += (part.t - part.sent[0]).tolist()
+        response += (part.measured / current).tolist()
+        settled += (part.measured[len(part.t) // 2 :] / current).tolist()
+    known = np.isfinite(response)
+    times, shares = np.array(after)[known], np.array(response)[known]
+    kept = times > 0
+    times, shares = times[kept], shares[kept]
+    gain, lag = float(np.median(settled)), rig.declared_delay_s
+    expected = 1.0 - np.exp(-times / max(lag, 1e-9))
+    early = times < 3.5 * bench.period
+    missing = float(np.max(np.median((expected - shares / (gain or 1.0))[early]), initial=0.0))
+    at, seen = float(np.median(times[times < 1.5 * bench.period])), float(np.median(shares[times < 1.5 * bench.period]))
+    constant = at / -log(max(1.0 - min(seen / (gain or 1.0), 0.999), exp(-12.0)))
+    figures = {
+        "gain": gain,
+        "response_after_first_period": seen,
+        "time_constant_ms": 1e3 * constant,
+        "time_constant_declared_ms": 1e3 * lag,
+        "is_upper_bound": bool(seen / (gain or 1.0) > 0.95),
+    }
+    limit = {
+        "gain": f"{1 - GAIN_TOLERANCE:g} to {1 + GAIN_TOLERANCE:g}",
+        "response_after_first_period": float(1.0 - exp(-at / max(lag, 1e-9))) - RESPONSE_TOLERANCE,
+    }
+    order = np.argsort(times)
+    picture = Picture(
+        "ms after the command",
+        "measured over commanded",
+        (
+            line("measured", 1e3 * times[order], shares[order], "dots"),
+            line("declared", 1e3 * times[order], expected[order]),
+        ),
+    )
+    if abs(gain - 1.0) > GAIN_TOLERANCE:
+        return Result(
+            "fail",
+            f"{100 * gain:.0f} % of the commanded current is measured",
+            figures,
+            limit,
+            "the current's scale in the drive or in the config, a limit in the drive, or a winding that is open",
+            "the drive's rated current and limits, amplifier.dac_full_scale",
+            picture=picture,
+        )
+    if missing > RESPONSE_TOLERANCE:
+        return Result(
+            "fail",
+            f"{1e3 * at:.2g} ms after the command {100 * seen:.0f} % of the current are there: slower than declared",
+            figures,
+            limit,
+            "the drive's current loop is tuned slow, filters its command, or amplifier.bandwidth_hz is too high",
+            f"tune the current loop, or amplifier.bandwidth_hz: {0.7 / (np.pi * constant):.3g}",
+            picture=picture,
+        )
+    word = "under" if figures["is_upper_bound"] else "about"
+    return Result(
+        "pass",
+        f"time constant {word} {1e3 * constant:.2g} ms, {100 * gain:.0f} % arrives",
+        figures,
+        limit,
+        picture=picture,
+    )
+
+
+def _step_and_back(sample: Sample, current: float) -> float:
+    return current if sample.t < LOOP_S else -current if sample.t < 2 * LOOP_S else 0.0
