@@ -15,7 +15,8 @@ from hapticd.cli.exits import UsageError
 from hapticd.cli.options import PositiveQuantity, SettingsOption, check_folder, device_unit, resolve_config
 
 if TYPE_CHECKING:
-    from hapticd.commission.step import Result, Step
+    from hapticd.commission.step import Result
+    from hapticd.commission.steps import Step
     from hapticd.doctor.board import Operator
 
 RigArgument = Annotated[
@@ -88,7 +89,7 @@ def commission(
         mass, radius = device_unit(weight, "kg", "kg", linear), device_unit(arm, "m", "m", linear)
         if torque is not None or (radius is None) != linear:
             raise UsageError(
-                "--weight goes with --arm on a rotary device, without it on a linear one, and not with --torque"
+                "--weight goes with --arm on a rotary device, without on a linear one, and not with --torque"
             )
         load = (mass or 0.0) * _GRAVITY * (radius or 1.0)
     elif arm is not None:

@@ -78,14 +78,17 @@ class Terminal:
     _WIDTH = 30
 
     def agrees(self, question: str) -> bool:
+        """Whether they said yes."""
         return sys.stdin.isatty() and typer.confirm(question, default=False, err=True)
 
     def does(self, request: str) -> bool:
+        """Whether they pressed Enter."""
         if not sys.stdin.isatty():
             return False
         return bool(typer.prompt(f"{request} [Enter, or s to skip]", default="", show_default=False, err=True) != "s")
 
     def shows(self, counts: int, rate: float, fastest: float) -> None:
+        """A bar in place."""
         if sys.stderr.isatty():
             bar = "█" * round(self._WIDTH * min(abs(rate) / max(fastest, 1.0), 1.0))
             text = f"\r{counts:+10d} counts  {bar:{self._WIDTH}} {abs(rate):8.0f} counts/s, at most {fastest:8.0f}"

@@ -2,6 +2,5 @@
 
 `steps.py` is the list; each step is a function of the `Rig` (`rig.py`) that returns a `Result` (`step.py`). The first steps
 hold the driver themselves (`bench.py`), before anything is trusted to a daemon; the later ones ask a daemon of their own.
-`run.py` decides what runs, keeps the state and gives the reasons of what does not; `certificate.py` and `page.py` are what is
-left in the end.
+`run.py` decides what runs, keeps the state and says why a step does not; `certificate.py` and `page.py` are what is left.
 """

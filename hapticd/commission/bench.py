@@ -190,8 +190,8 @@ class Bench:
             self.seconds += (self._clock() - begun) / _NS
         if missed > _MISSED_IN_A_ROW:
             raise StepError(f"the device did not answer {missed} times in a row")
-        columns = [np.array(column) for column in zip(*rows, strict=True)]
-        return Trace(*columns, code=0 if code == x.MISSED else code, cut=cut, worst_pause=worst)
+        columns: Any = dict(zip(_ARRAYS, map(np.array, zip(*rows, strict=True)), strict=True))
+        return Trace(**columns, code=0 if code == x.MISSED else code, cut=cut, worst_pause=worst)
 
     def rest(self, longest_s: float = 3.0) -> None:
         """Wait at zero current until the shaft has stood for a tenth of a second.

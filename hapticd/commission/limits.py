@@ -128,9 +128,8 @@ def _steps(daemon: DaemonProcess, rig: Rig) -> int:
     amplifier = rig.config.amplifier
     current = min(6.0 * rig.sliding_current, 0.8 * (amplifier.continuous_current or np.inf))
     current = max(current, 0.05 * rig.rated)
-    return int(
-        daemon.client.excite("steps", amplitude=float(f"{current:.3g}"), duration_s=STEPS_S, force=True)["experiment"]
-    )
+    amplitude = float(f"{current:.3g}")
+    return int(daemon.client.excite("steps", amplitude=amplitude, duration_s=STEPS_S, force=True)["experiment"])
 
 
 def _rows(rig: Rig, recording: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

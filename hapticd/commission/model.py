@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 INERTIA_FACTOR: Final = 1.5
 KNOWN_TOLERANCE: Final = 0.1
 DELAY_TOLERANCE_S: Final = 0.001
-TRIALS: Final = (0.25, 0.5, 0.75, 0.95, 1.5, 2.0, 3.0, 4.0)
+TRIALS: Final = (0.25, 0.5, 0.75, 0.95, 1.5, 2.5, 4.0, 6.0, 10.0)
 """Stiffness over what theory admits; the first that does not come to rest ends them."""
 ADMITTED: Final = 0.95
 TRIAL_S: Final = 1.0
@@ -115,7 +115,7 @@ def gap(rig: Rig) -> Result:
         found = find_gap(recordings, model, progress=lambda fraction, text: bar(fraction), design=False)
     figures = {
         "verdict": found.verdict,
-        "effects": [named.slug for named in found.effects],
+        "effects": list(found.effects),
         "statement": found.statement,
     }
     limit = {"verdict": "not unexplained"}
@@ -208,9 +208,8 @@ def largest_stiffness(rig: Rig) -> Result:
             picture=picture,
         )
     beyond = f"; {tried[-1][1]} at {tried[-1][0]:.3g}" if figures["first_that_does_not"] else ""
-    return Result(
-        "pass", f"theory {theory:.3g}, at rest up to {max(rests):.3g} by trial{beyond}", figures, limit, picture=picture
-    )
+    said = f"theory {theory:.3g}, at rest up to {max(rests):.3g} by trial{beyond}"
+    return Result("pass", said, figures, limit, picture=picture)
 
 
 def _trial(daemon: DaemonProcess, model: Config, stiffness: float) -> str:
@@ -219,7 +218,12 @@ def _trial(daemon: DaemonProcess, model: Config, stiffness: float) -> str:
     if model.safety.max_excursion:
         reach = min(reach, 0.3 * model.safety.max_excursion)
     reach = max(reach, 4.0 * model.resolution)
-    with settings_for_a_while(daemon.client, {"spring.stiffness": stiffness}, force=True):
+    settings = {
+        "spring.stiffness": stiffness,
+        "servo.rate_hz": model.servo.rate_hz,
+        "encoder.decimation": model.encoder.decimation,
+    }
+    with settings_for_a_while(daemon.client, settings, force=True):
         job = daemon.client.release(reach / model.resolution, TRIAL_S, force=True)
         found = daemon.client.wait(job["experiment"])["result"] or {}
         if daemon.client.status()["fault"]:

@@ -181,13 +181,8 @@ def known_load(rig: Rig) -> Result:
             f"amplifier.torque_constant: {measured:.4g}, if the weight and the arm are right",
             picture=picture,
         )
-    return Result(
-        "pass",
-        f"torque constant {measured:.4g}, {significant(ratio)} of it in the config",
-        figures,
-        limit,
-        picture=picture,
-    )
+    said = f"torque constant {measured:.4g}, {significant(ratio)} of it in the config"
+    return Result("pass", said, figures, limit, picture=picture)
 
 
 class _Lifting:

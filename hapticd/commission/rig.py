@@ -1,4 +1,4 @@
-"""What the steps work on: the config, the device by the driver or by a daemon, who stands at the rig, what is known so far."""
+"""What the steps work on: the config, the device by the driver or by a daemon, who is there, what is known so far."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import tempfile
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -54,7 +54,7 @@ class Rig:
         operator: Operator,
         say: Callable[[str], None],
         bar: Bar,
-        given: Given = field(default_factory=Given),
+        given: Given | None = None,
         *,
         virtual: bool = False,
     ) -> None:
@@ -64,13 +64,14 @@ class Rig:
             operator,
             say,
             bar,
-            given,
+            given or Given(),
         )
         self.virtual = virtual
         self.results: dict[str, Result] = {}
         self.seconds = 0.0
         """How long the device has been used."""
         self._daemon: DaemonProcess | None = None
+        self._wanted = config
         self._open = ExitStack()
 
     def __enter__(self) -> Rig:

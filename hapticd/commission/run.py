@@ -19,7 +19,7 @@ from hapticd.record.errors import RunFileError
 
 if TYPE_CHECKING:
     from hapticd.commission.rig import Rig
-    from hapticd.commission.step import Step
+    from hapticd.commission.steps import Step
     from hapticd.config import Config
 
 STATE: Final = "state.json"

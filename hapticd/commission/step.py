@@ -1,8 +1,8 @@
-"""What a step is, and what it says afterwards."""
+"""What a step says afterwards."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -10,8 +10,6 @@ import numpy as np
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
-
-    from hapticd.commission.rig import Rig
 
 Verdict = Literal["pass", "fail", "skipped"]
 _POINTS: Final = 600
@@ -68,23 +66,6 @@ class Result:
     remedy: str = ""
     dangerous: bool = False
     picture: Picture | None = None
-
-
-@dataclass(frozen=True)
-class Step:
-    """One entry of the list.
-
-    Attributes:
-        will: one sentence, shown before anything moves. run: does it.
-        moves: whether current flows. needs: names of steps that must have passed.
-    """
-
-    name: str
-    title: str
-    will: str
-    run: Callable[[Rig], Result]
-    moves: bool = True
-    needs: tuple[str, ...] = ()
 
 
 def skipped(reason: str) -> Result:

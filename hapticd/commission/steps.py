@@ -2,10 +2,33 @@
 
 from __future__ import annotations
 
-from typing import Final
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
 
 from hapticd.commission import before, limits, model, pulses, stopping
-from hapticd.commission.step import Step
+
+if TYPE_CHECKING:
+    from hapticd.commission.rig import Rig
+    from hapticd.commission.step import Result
+
+
+@dataclass(frozen=True)
+class Step:
+    """One entry of the list.
+
+    Attributes:
+        will: one sentence, shown before anything moves. run: does it.
+        moves: whether current flows. needs: names of steps that must have passed.
+    """
+
+    name: str
+    title: str
+    will: str
+    run: Callable[[Rig], Result]
+    moves: bool = True
+    needs: tuple[str, ...] = ()
+
 
 STEPS: Final = (
     Step(

@@ -159,13 +159,14 @@ def current_loop(rig: Rig) -> Result:
     early = times < 3.5 * bench.period
     missing = float(np.max(np.median((expected - shares / (gain or 1.0))[early]), initial=0.0))
     at, seen = float(np.median(times[times < 1.5 * bench.period])), float(np.median(shares[times < 1.5 * bench.period]))
-    constant = at / -log(max(1.0 - min(seen / (gain or 1.0), 0.999), exp(-12.0)))
+    share = float(np.clip(seen / (gain or 1.0), 0.001, 0.999))
+    constant = at / -log(1.0 - share)
     figures = {
         "gain": gain,
         "response_after_first_period": seen,
         "time_constant_ms": 1e3 * constant,
         "time_constant_declared_ms": 1e3 * lag,
-        "is_upper_bound": bool(seen / (gain or 1.0) > 0.95),
+        "is_upper_bound": share > 0.95,
     }
     limit = {
         "gain": f"{1 - GAIN_TOLERANCE:g} to {1 + GAIN_TOLERANCE:g}",
@@ -201,13 +202,8 @@ def current_loop(rig: Rig) -> Result:
             picture=picture,
         )
     word = "under" if figures["is_upper_bound"] else "about"
-    return Result(
-        "pass",
-        f"time constant {word} {1e3 * constant:.2g} ms, {100 * gain:.0f} % arrives",
-        figures,
-        limit,
-        picture=picture,
-    )
+    said = f"time constant {word} {1e3 * constant:.2g} ms, {100 * gain:.0f} % arrives"
+    return Result("pass", said, figures, limit, picture=picture)
 
 
 def _step_and_back(sample: Sample, current: float) -> float:
