@@ -92,6 +92,8 @@ NUMBERS = {
     "position": Limit(-math.inf, math.inf, 0),
     "force": Limit(-math.inf, math.inf, 0),
     "counts_offset": Limit(-(2**32), 2**32, 0, whole=True),
+    "current_gain": Limit(-1000, 1000, 1),
+    "watchdog": Limit(0, 1, 1, whole=True),
     "override": Limit(-(2**31), 2**32 - 1, 0, whole=True),
     "count": Limit(1, 1_000_000, 1, whole=True),
     "delay_s": Limit(1e-6, 60, 1e-3),

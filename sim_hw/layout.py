@@ -48,6 +48,10 @@ RANDOM = 14
 """State of the generator that chooses which bit of a frame is corrupted."""
 HAND_FROM = 15
 """0: the hand's steps count from START_NS; 1: from ENABLED_NS."""
+CURRENT_GAIN = 16
+"""f64: current in the motor over the one commanded."""
+NO_WATCHDOG = 17
+"""1: nobody's silence ends a current."""
 DEVICE_WORDS = 32
 """First word of the device's own."""
 STATE_WORDS = 96

@@ -84,6 +84,7 @@ def set_current(sim: Sim, ns: int, current: float) -> None:
     """
     move_to(sim, ns)
     sim.sf[w.COMMAND_A] = current
+    current *= sim.sf[w.CURRENT_GAIN]
     before = sim.f[kernel.CURRENT]
     if current == 0.0:
         kernel.plant_current(sim.f, sim.i, ns, 0.0, current)

@@ -30,6 +30,7 @@ def build_sim(config: Config, script: Script) -> w.Sim:
     s = np.zeros(w.STATE_WORDS, np.int64)
     s[w.START_NS], s[w.ENABLED_NS], s[w.RANDOM] = start_ns, w.FAR_NS, 1
     s[w.COUNTS_OFFSET], s[w.HAND_FROM] = script.counts_offset, script.hand_from
+    s.view(np.float64)[w.CURRENT_GAIN], s[w.NO_WATCHDOG] = script.current_gain, 1 - script.watchdog
     ring = np.zeros(w.RING_ROWS, log.ROW)
     held = np.zeros((w.HELD_SLOTS, w.HELD_WORDS), np.int64)
     held_bytes = np.zeros((w.HELD_SLOTS, w.HELD_BYTES), np.uint8)

@@ -25,7 +25,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _SECTIONS = ("hand", "start", "faults")
-_START = {"serial": ("position", "counts_offset"), "canopen": ("position", "counts_offset", "missing", "override")}
+_SERIAL = ("position", "counts_offset", "current_gain", "watchdog")
+_START = {"serial": _SERIAL, "canopen": (*_SERIAL, "missing", "override")}
 _FIRST_OBJECT, _LAST_OBJECT = 0x1000, 0xFFFF
 
 
@@ -39,6 +40,7 @@ class Script:
         hand_force: (n,) torque or force from then on, N m or N.
         position: true initial position, rad or m.
         counts_offset: what the counter shows at position 0.
+        current_gain: current in the motor over the one commanded. watchdog: 0: it does not work.
         faults: (m, FAULT_WORDS) int64, see :mod:`sim_hw.layout`.
         wrong_version: the protocol version that the device claims instead of its own, or None; any number makes a CANopen
             drive claim to be another kind of device of another maker.
@@ -51,6 +53,8 @@ class Script:
     hand_force: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     position: float = 0.0
     counts_offset: int = 0
+    current_gain: float = 1.0
+    watchdog: int = 1
     faults: NDArray[np.int64] = field(default_factory=lambda: kinds.fault_table([]))
     wrong_version: int | None = None
     missing: tuple[int, ...] = ()
@@ -87,7 +91,7 @@ class _Reader:
         sections = self._mapping(data, "", _SECTIONS)
         hand = [self._hand(step, f"hand[{n}]") for n, step in enumerate(self._list(sections.get("hand"), "hand"))]
         start = self._mapping(sections.get("start", {}), "start", _START[self._device])
-        position, offset = (self._number(start, "start", name) for name in ("position", "counts_offset"))
+        position, offset, gain, watchdog = (self._number(start, "start", name) for name in _SERIAL)
         missing = [
             self._object(name, f"start.missing[{n}]")[0]
             for n, name in enumerate(self._list(start.get("missing"), "start.missing"))
@@ -110,6 +114,8 @@ class _Reader:
             hand_force=np.array([force for _, force, _ in hand], np.float64),
             position=float(position),
             counts_offset=offset,
+            current_gain=float(gain),
+            watchdog=watchdog,
             faults=kinds.fault_table(fault for fault in faults if fault["kind"] != "wrong_version"),
             wrong_version=versions[-1] if versions else None,
             missing=tuple(missing),

@@ -6,7 +6,10 @@ further than asked for, a device that answers no more, and Ctrl-C all end in zer
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
+import gc
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -18,7 +21,7 @@ import numpy as np
 import drivers
 from drivers import interface as x
 from drivers.loopback import LoopbackDriver
-from hapticd.commission.step import StepError
+from hapticd.commission.step import DisturbedError, StepError
 from hapticd.plant import kernel
 from hapticd.plant.amplifier import converter_grid, quantise_current
 
@@ -30,7 +33,10 @@ if TYPE_CHECKING:
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p)
 FASTEST_HZ: Final = 1000.0
 """Python keeps no shorter period."""
+PRIORITY: Final = 60
+"""SCHED_FIFO, below a servo loop and a simulated device."""
 _MISSED_IN_A_ROW: Final = 50
+_PAUSE_S: Final = 0.01
 _OFF_FIRST: Final = 2
 """Exchanges."""
 _NS: Final = 1e9
@@ -129,6 +135,7 @@ class Bench:
         hand: Callable[[float], float] | None = None,
         until: Callable[[Sample], bool] | None = None,
         fresh: bool = True,
+        may_fault: bool = False,
     ) -> Trace:
         """Exchange for a time, and leave zero current behind.
 
@@ -137,9 +144,11 @@ class Bench:
             travel: how far the shaft may go, rad or m, or that as a function of the time in s; None: as far as it likes.
             hand: the simulated hand's force at a time. until: ends the run early.
             fresh: wait until the amplifier is on first; else it is taken as it is.
+            may_fault: a fault of the device ends the run without an error.
 
         Raises:
-            StepError: the device is lost, reports a fault or does not enable.
+            DisturbedError: it reports a fault after this machine had kept us from it. StepError: it is lost, reports a fault
+                or does not enable.
         """
         if fresh:
             self._enable()
@@ -190,6 +199,12 @@ class Bench:
             self.seconds += (self._clock() - begun) / _NS
         if missed > _MISSED_IN_A_ROW:
             raise StepError(f"the device did not answer {missed} times in a row")
+        if code in (x.LOST, x.ERROR) or (code == x.DEVICE_FAULT and not may_fault):
+            if worst > _PAUSE_S:
+                raise DisturbedError(
+                    f"this machine paused for {1e3 * worst:.0f} ms, and the device ended it: {self._why()}"
+                )
+            raise StepError(f"the device ended it: {self._why()}")
         columns: Any = dict(zip(_ARRAYS, map(np.array, zip(*rows, strict=True)), strict=True))
         return Trace(**columns, code=0 if code == x.MISSED else code, cut=cut, worst_pause=worst)
 
@@ -227,11 +242,13 @@ class Bench:
             self._send(0.0, 0 if code == x.DEVICE_FAULT or asked < _OFF_FIRST else 1)
             asked += 1
             self._sleep(last)
-        why = self.driver.error or f"device code {int(self._words[x.X_DEVICE_CODE])}"
         limit = self.config.safety.enable_timeout_s
         raise StepError(
-            f"the amplifier did not report that it is on within {limit:g} s (safety.enable_timeout_s): {why}"
+            f"the amplifier did not report that it is on within {limit:g} s (safety.enable_timeout_s): {self._why()}"
         )
+
+    def _why(self) -> str:
+        return self.driver.error or f"device code {int(self._words[x.X_DEVICE_CODE])}"
 
     def _limited(self, current: float) -> float:
         peak = self.config.amplifier.peak_current or np.inf
@@ -269,9 +286,25 @@ def opened(config: Config, *, virtual: bool = False) -> Iterator[Bench]:
     try:
         driver.open()
         bench = Bench(config, driver, virtual=virtual)
-        try:
-            yield bench
-        finally:
-            bench.off()
+        with contextlib.nullcontext() if virtual else _urgent():
+            try:
+                yield bench
+            finally:
+                bench.off()
     finally:
         driver.close()
+
+
+@contextmanager
+def _urgent() -> Iterator[None]:
+    """This thread before all ordinary ones, where that is granted, and without pauses to collect garbage."""
+    before = os.sched_getscheduler(0)
+    with contextlib.suppress(OSError):
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    gc.disable()
+    try:
+        yield
+    finally:
+        gc.enable()
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, before, os.sched_param(0))

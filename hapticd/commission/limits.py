@@ -21,8 +21,9 @@ if TYPE_CHECKING:
 
 STOP_LIMIT_S: Final = 0.05
 """From the command to the servo loop's answer that the current is zero; a machine without real time included."""
-ZERO_PERIODS: Final = 2
-"""In which a trip must be followed by zero current."""
+ZERO_PERIODS: Final = 3
+"""In which a motion clearly beyond a limit must be followed by zero current."""
+CLEARLY: Final = 1.1
 STEPS_S: Final = 4.0
 LOW_SHARE: Final = 0.05
 """Of a safety limit, where it is tried."""
@@ -93,8 +94,9 @@ def trips(rig: Rig) -> Result:
             t, current, position = _rows(rig, found["run"])
             flowing = np.flatnonzero(current)
             ended = int(flowing[-1]) if len(flowing) else 0
-            speed = np.abs(np.diff(position, prepend=position[0])) / config.period
-            beyond = np.flatnonzero((speed if code == "over_speed" else np.abs(position)) > value)
+            speed = np.abs(np.gradient(position, t))
+            shown = speed if code == "over_speed" else np.abs(position)
+            beyond = np.flatnonzero(shown > CLEARLY * value)
             late = ended + 1 - int(beyond[0]) if len(beyond) else 0
             figures |= {f"{code}_fault": fault.get("code"), f"{code}_periods_to_zero": late}
             limit[f"{code}_fault"], limit[key] = code, value
@@ -102,7 +104,6 @@ def trips(rig: Rig) -> Result:
                 problems.append(f"{key} = {value:.3g} was passed with the fault {fault.get('code')}")
             elif late > ZERO_PERIODS:
                 problems.append(f"{key} = {value:.3g} was passed {late} periods before the current was zero")
-            shown = speed if code == "over_speed" else np.abs(position)
             near = slice(max(0, ended - 200), ended + 200)
             lines.append(line(code, t[near] - t[ended], shown[near] / value))
             marks = {"zero current": 0.0}
@@ -138,4 +139,6 @@ def _rows(rig: Rig, recording: str) -> tuple[NDArray[np.float64], NDArray[np.flo
     if not len(run.columns["time_s"]):
         raise StepError(f"the recording {recording} is empty")
     counts = run.columns["encoder_counts"] - float(run.metadata.get("origin_counts") or 0.0)
-    return run.columns["time_s"], run.columns["current_command_A"], counts * rig.config.raw_resolution
+    # a late tick looks later at the shaft
+    t = run.columns["time_s"] + 1e-9 * run.columns["wake_late_ns"]
+    return t, run.columns["current_command_A"], counts * rig.config.raw_resolution

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Callable, Collection
 from dataclasses import asdict
@@ -10,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from drivers import DriverError
 from hapticd.client import DaemonUnreachable, RequestRefused
-from hapticd.commission.step import Line, Picture, Result, StepError, skipped
+from hapticd.commission.step import DisturbedError, Line, Picture, Result, StepError, skipped
 from hapticd.commission.steps import STEPS
 from hapticd.config import config_digest
 from hapticd.figures.files import write_text
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 STATE: Final = "state.json"
+ATTEMPTS: Final = 3
 _ENDS: Final = (StepError, DriverError, DaemonUnreachable, RequestRefused, HilError, RunFileError, ValueError)
 """How a step may end without an answer; the text says why."""
 
@@ -118,6 +120,9 @@ def _one(rig: Rig, step: Step) -> Result:
     if step.moves and not rig.operator.agrees(f"{step.title}: go on?"):
         return skipped("you said no")
     try:
+        for _ in range(ATTEMPTS - 1):
+            with contextlib.suppress(DisturbedError):
+                return step.run(rig)
         return step.run(rig)
     except _ENDS as error:
         rig.release()

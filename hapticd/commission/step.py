@@ -20,6 +20,10 @@ class StepError(Exception):
     """A step cannot say anything: the device or the daemon ended it; the text says how."""
 
 
+class DisturbedError(StepError):
+    """This machine was elsewhere for too long; the step may be tried again."""
+
+
 @dataclass(frozen=True)
 class Line:
     """One line of a picture; ``style``: line, steps or dots."""

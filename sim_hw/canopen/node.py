@@ -9,7 +9,7 @@ from sim_hw.canopen.drive import abort_connection, enter
 from sim_hw.canopen.layout import MACHINE, Machine
 from sim_hw.canopen.pdo import forget, transmit_events
 from sim_hw.canopen.states import NOT_READY_TO_SWITCH_ON, SWITCH_ON_DISABLED
-from sim_hw.layout import I64
+from sim_hw.layout import I64, NO_WATCHDOG
 from sim_hw.log import REBOOT
 from sim_hw.motion import log_row
 
@@ -54,7 +54,7 @@ def answer_guard(m: Machine, now: int) -> None:
     sending.send(m, sending.OTHER, _GUARD_ID + m.d[w.NODE_ID], 1, m.d[w.NMT] | m.d[w.GUARD_TOGGLE], now)
     m.d[w.GUARD_TOGGLE] ^= 0x80
     life = m.d[w.GUARD_TIME] * m.d[w.LIFE_TIME_FACTOR]
-    m.d[w.TIMER + w.GUARD_TIMER] = now + life * _NS_PER_MS if life else w.NEVER
+    m.d[w.TIMER + w.GUARD_TIMER] = now + life * _NS_PER_MS if life and not m.sim.s[NO_WATCHDOG] else w.NEVER
 
 
 @njit((MACHINE, I64), counted=False)

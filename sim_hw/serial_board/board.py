@@ -161,7 +161,7 @@ def _command(sim: Sim, line: Line, ns: int) -> None:
         _clear_faults(sim, ns)
     else:
         set_current(sim, ns, (code - middle) * (sim.s[b.FULL_SCALE_UA] * 1e-6) / middle)
-        sim.s[b.WATCHDOG_DUE_NS] = ns + sim.s[b.WATCHDOG_NS]
+        sim.s[b.WATCHDOG_DUE_NS] = w.FAR_NS if sim.s[w.NO_WATCHDOG] else ns + sim.s[b.WATCHDOG_NS]
     log_row(sim, ns, log.COMMAND, code, seq | (enable << 8))
     if enable == 1 and not sim.s[b.STATUS] & b.ENABLED:
         sim.s[b.STATUS] |= b.ENABLED

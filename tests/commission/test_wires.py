@@ -1,0 +1,88 @@
+"""The same faults behind the wires: the serial board and the CAN drive, simulated in processes of their own."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import pi
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+
+from benchmarks.commission import Nobody, no_bar
+from hapticd.commission import run
+from hapticd.commission.rig import Given, Rig
+from hapticd.commission.step import Result
+from hapticd.config import Config, apply_settings, parse_config
+from hapticd.hil.device import Device
+from hapticd.plant.hand import turning_force
+
+WIRES: Final[dict[str, dict[str, Any]]] = {
+    "serial": {"name": "serial_dac", "port": "the board's", "baud": 921_600, "watchdog_ms": 60},
+    "can": {"name": "canopen", "interface": "unix_seqpacket", "channel": "the drive's", "watchdog_ms": 200},
+}
+BEFORE: Final = ("doctor", "zero_current", "by_hand")
+TURNED_AT_S: Final = (1.5, 7.0)
+
+
+def hand(config: Config) -> list[dict[str, Any]]:
+    """A turn forwards and one back, counted from the amplifier's first time on."""
+    steps = []
+    for at, travel in zip(TURNED_AT_S, (2 * pi, -2 * pi), strict=True):
+        force, seconds = turning_force(config, travel)
+        steps += [
+            {"at_s": at, "from": "enabled", "force": force},
+            {"at_s": at + seconds, "from": "enabled", "force": 0.0},
+        ]
+    return steps
+
+
+def results(
+    wire: str, folder: Path, *steps: str, start: Mapping[str, Any] | None = None, plant: Mapping[str, Any] | None = None
+) -> dict[str, Result]:
+    """What steps find on a device of that wire; those that come before are taken as passed."""
+    config = parse_config({"driver": WIRES[wire]}, wire)
+    real = apply_settings(config, dict(plant), source="the device") if plant else config
+    script = {"start": dict(start or {}), **({"hand": hand(real)} if "by_hand" in steps else {})}
+    with Device(config, folder / "device", plant=real, script=script) as device:
+        device.wait_ready()
+        data = config.model_dump()
+        data["driver"] |= device.options
+        with Rig(parse_config(data, wire), folder, Nobody(), lambda text: None, no_bar, Given()) as rig:
+            passed = {name: Result("pass", "taken as passed") for name in BEFORE if name not in steps}
+            run.State(folder, rig.config).save(passed, 0.0)
+            return run.commission(rig, only=steps)
+
+
+@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize(
+    ("fault", "plant", "said"),
+    [
+        ("none", {}, ""),
+        ("A and B exchanged", {"encoder.invert": True}, "exchanged"),
+        ("lines for counts", {"encoder.counts_per_rev": 2048.0}, "0.25 times"),
+    ],
+    ids=lambda value: value if isinstance(value, str) else "",
+)
+def test_by_hand(wire: str, fault: str, plant: dict[str, Any], said: str, tmp_path: Path) -> None:
+    found = results(wire, tmp_path, "by_hand", plant=plant)["by_hand"]
+    assert found.result == ("pass" if fault == "none" else "fail"), found.finding
+    assert said in found.finding + found.cause
+
+
+@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize(("gain", "said"), [(-1, "backwards"), (10, "times as much"), (0, "nothing moves")])
+def test_sign(wire: str, gain: float, said: str, tmp_path: Path) -> None:
+    found = results(wire, tmp_path, "sign", start={"current_gain": gain})["sign"]
+    assert found.result == "fail"
+    assert found.dangerous
+    assert said in found.finding
+
+
+@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize("works", [1, 0], ids=["works", "dead"])
+def test_watchdog(wire: str, works: int, tmp_path: Path) -> None:
+    found = results(wire, tmp_path, "sign", "watchdog", start={"watchdog": works})
+    assert found["sign"].result == "pass", found["sign"].finding
+    assert found["watchdog"].result == ("pass" if works else "fail"), found["watchdog"].finding
+    assert found["watchdog"].dangerous == (not works)
