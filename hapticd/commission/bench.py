@@ -144,7 +144,7 @@ class Bench:
             travel: how far the shaft may go, rad or m, or that as a function of the time in s; None: as far as it likes.
             hand: the simulated hand's force at a time. until: ends the run early.
             fresh: wait until the amplifier is on first; else it is taken as it is.
-            may_fault: a fault of the device ends the run without an error.
+            may_fault: what the device does ends the run without an error.
 
         Raises:
             DisturbedError: it reports a fault after this machine had kept us from it. StepError: it is lost, reports a fault
@@ -199,7 +199,7 @@ class Bench:
             self.seconds += (self._clock() - begun) / _NS
         if missed > _MISSED_IN_A_ROW:
             raise StepError(f"the device did not answer {missed} times in a row")
-        if code in (x.LOST, x.ERROR) or (code == x.DEVICE_FAULT and not may_fault):
+        if code not in (x.OK, x.MISSED) and not may_fault:
             if worst > _PAUSE_S:
                 raise DisturbedError(
                     f"this machine paused for {1e3 * worst:.0f} ms, and the device ended it: {self._why()}"
@@ -208,8 +208,8 @@ class Bench:
         columns: Any = dict(zip(_ARRAYS, map(np.array, zip(*rows, strict=True)), strict=True))
         return Trace(**columns, code=0 if code == x.MISSED else code, cut=cut, worst_pause=worst)
 
-    def rest(self, longest_s: float = 3.0) -> None:
-        """Wait at zero current until the shaft has stood for a tenth of a second.
+    def rest(self, longest_s: float = 3.0) -> int:
+        """Wait at zero current until the shaft has stood for a tenth of a second; its counts then.
 
         Raises:
             StepError: as `run`.
@@ -221,7 +221,7 @@ class Bench:
             recent = [travel for t, travel in seen if t > sample.t - 0.1]
             return sample.t > 0.15 and max(recent) - min(recent) <= self.config.raw_resolution
 
-        self.run(constant(0.0), longest_s, until=still)
+        return int(self.run(constant(0.0), longest_s, until=still).counts[-1])
 
     def off(self) -> None:
         """Zero current, then the amplifier off."""

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 RUN_UP_S: Final = 0.04
 """How long the shaft is accelerated before nobody speaks any more."""
+_HALVINGS: Final = 50
 LATE: Final = 1.25
 """Longest time of a watchdog over what was asked of it."""
 SILENT_TIMES: Final = 2.5
@@ -48,8 +49,8 @@ def watchdog(rig: Rig) -> Result:
     for _ in range(ATTEMPTS):
         with rig.bench() as bench:
             trace = _silence(bench.run, current, asked)
-            bench.run(lambda sample: 0.0, 0.02)
-            bench.rest()
+        with rig.bench() as bench:  # anew: a device may take part in nothing more before it is brought up again
+            stood = bench.rest()
         silent_from = float(np.nanmax(trace.sent))
         if trace.worst_pause < 0.25 * asked:
             break
@@ -57,8 +58,11 @@ def watchdog(rig: Rig) -> Result:
         return skipped(f"this machine paused for {1e3 * trace.worst_pause:.0f} ms in each of {ATTEMPTS} tries")
     running = trace.part(RUN_UP_S / 2, trace.t[-1])
     moved = knee(running.t, running.position)
+    if trace.code:  # it told us of its watchdog, and nothing more
+        travel = (stood - int(trace.counts[-1])) * rig.config.raw_resolution
+        moved = _end_of_push(running, travel, rig.sliding_current * float(rig.document("sign")["acceleration_per_A"]))
     gone = trace.t[~trace.enabled & (trace.t > silent_from)]
-    told = float(gone[0] - silent_from) if len(gone) else None
+    told = float((trace.t[-1] if trace.code else gone[0]) - silent_from) if trace.code or len(gone) else None
     by_motion = None if moved is None else moved - silent_from
     figures = {
         "current_A": current,
@@ -126,6 +130,24 @@ def knee(t: NDArray[np.float64], position: NDArray[np.float64]) -> float | None:
         if best is None or error < best[0]:
             best = error, float(at), float(solved[3])
     return best[1] if best is not None and best[2] < 0 else None
+
+
+def _end_of_push(trace: Trace, travel: float, braking: float) -> float | None:
+    """When the push ended, s, where nothing was seen of it: from how far the shaft still went.
+
+    Args:
+        trace: of the push. travel: after its last sample, rad or m. braking: deceleration by friction, per s².
+    """
+    if len(trace.t) < 8:
+        return None
+    end = float(trace.t[-1])
+    half, speed, _ = np.polyfit(trace.t - end, trace.position, 2)
+    low, high = -end, 10.0 * end
+    for _ in range(_HALVINGS):
+        late = 0.5 * (low + high)
+        reach = speed * late + half * late * late + max(speed + 2.0 * half * late, 0.0) ** 2 / (2.0 * braking)
+        low, high = (late, high) if reach < travel else (low, late)
+    return end + low
 
 
 def _speed(trace: Trace, span: int = 6) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -60,7 +60,7 @@ def results(
     [
         ("none", {}, ""),
         ("A and B exchanged", {"encoder.invert": True}, "exchanged"),
-        ("lines for counts", {"encoder.counts_per_rev": 2048.0}, "0.25 times"),
+        ("lines for counts", {"encoder.counts_per_rev": 2048.0}, "counts_per_rev"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
 )
