@@ -164,13 +164,12 @@ def main(arguments: list[str] | None = None) -> int:
             f"{'found' if step == fault.step else 'MISSED':7} {fault.name}: at {step}, expected at {fault.step}",
             flush=True,
         )
+    steps = BENCH if options.bench else NAMES
     false = 0
     longest = 0.0
     for seed in range(options.good):
         with tempfile.TemporaryDirectory() as folder, good(seed, Path(folder), virtual=True) as rig:
-            results = commission(
-                rig, only=[name for name in (BENCH if options.bench else NAMES) if name not in options.without]
-            )
+            results = commission(rig, only=[name for name in steps if name not in options.without])
             step, longest = first_failure(results), max(longest, rig.seconds)
             unfinished = [] if options.bench else certificate(rig)["skipped"]
         false += step is not None
