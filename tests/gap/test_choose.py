@@ -139,6 +139,15 @@ def test_only_a_device_at_its_least_noise_is_quiet(hidden: Hidden, biased: LawSe
     assert not is_quiet(biased.fit)
 
 
+def test_a_model_by_which_nothing_moves_explains_nothing(biased: LawSet) -> None:
+    heavy = term("flexible_coupling", {"f_r": 30.0, "load_share": 0.99, "damping": 0.3}, (), 0.1)
+    stuck = scored(biased.fit.extended(heavy))
+    assert stuck.power == math.inf
+    assert not is_quiet(stuck.fit)
+    assert is_better(stuck, biased, 2.0).is_better is False
+    assert is_better(replace(biased, held_out=biased.held_out + 1.0), stuck, 2.0).left == 0.0
+
+
 def test_extensions_are_ordered_by_their_held_out_score(biased: LawSet) -> None:
     found = extensions(biased, ["constant_bias", "coulomb_friction", "asymmetric_viscous", "gravity"], LEAST)
     totals = [one.total for one in found]
