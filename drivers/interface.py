@@ -82,6 +82,8 @@ EXCHANGE = np.dtype(
 
 STATUS_ENABLED = 1
 """The amplifier reports that it is on and follows the command."""
+STATUS_HELD = 2
+"""A person holds the enable input. With ``safety.enable`` a sample without this bit is a release."""
 
 OK = 0
 MISSED = 1
@@ -129,6 +131,10 @@ class Driver(abc.ABC):
     """Names of the options beside ``driver.name``; None: not declared, and checked by the constructor alone."""
     reports_index: ClassVar[bool] = False
     """Whether ``read`` fills X_INDEX_SEEN and X_INDEX_COUNTS."""
+    enable_input: ClassVar[bool] = False
+    """Whether the device can have an input that a person holds, and ``read`` sets STATUS_HELD for as long as that is closed.
+
+    A driver that says so sees to it in :meth:`open` that the device has one, where the config asks for ``safety.enable``."""
     latency_s: float = 0.0
     """Declared sample-to-current latency in s, added to T_D by ``check`` and ``simulate``."""
     calls_python: bool = False

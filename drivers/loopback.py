@@ -17,6 +17,7 @@ from numba import types
 from drivers.interface import (
     EXCHANGE_WORDS,
     STATUS_ENABLED,
+    STATUS_HELD,
     X_COUNTS,
     X_CURRENT,
     X_CURRENT_MEASURED,
@@ -55,6 +56,7 @@ _INDEX_EVERY = 6
 _INDEX_AT = 7
 _INDEX_SEEN = 8
 _COUNTING = 9
+_RELEASED = 10
 _FIRST_INDEX = 0.7
 """Of a turn: how far the first index pulse is below the place where the shaft begins."""
 _SIZE = _WORDS + kernel.PLANT_SIZE
@@ -97,7 +99,7 @@ def _read(state: int, exchange: int) -> int:
     if words.view(np.float64)[_GAIN] != 0.0:
         # an amplifier believes the rating that it was given
         x_float[X_CURRENT_MEASURED] /= words.view(np.float64)[_GAIN]
-    x[X_STATUS] = STATUS_ENABLED if words[_ENABLED] == 1 else 0
+    x[X_STATUS] = (STATUS_ENABLED if words[_ENABLED] == 1 else 0) | (STATUS_HELD if words[_RELEASED] == 0 else 0)
     x_float[X_TRUE_POSITION] = plant_f[kernel.POSITION]
     x_float[X_TRUE_VELOCITY] = plant_f[kernel.VELOCITY]
     return 0
@@ -153,6 +155,7 @@ class LoopbackDriver(Driver):
 
     options = ("device", "watchdog_ms", "faults")
     reports_index = True
+    enable_input = True
     summary = "simulated testbed: the exact plant inside the daemon, in real or virtual time"
 
     def __init__(
@@ -197,6 +200,15 @@ class LoopbackDriver(Driver):
         """Nothing holds the shaft any more: amplifier off, and the current with it."""
         if self._buffer.size:
             self._buffer[_ENABLED] = 0
+
+    @property
+    def held(self) -> bool:
+        """The simulated enable input: held from :meth:`open` on, until somebody sets this to False."""
+        return bool(self._buffer[_RELEASED] == 0)
+
+    @held.setter
+    def held(self, held: bool) -> None:
+        self._buffer[_RELEASED] = not held
 
     @property
     def plant(self) -> NDArray[np.float64]:

@@ -20,6 +20,7 @@ from drivers.interface import (
     MISSED,
     OK,
     STATUS_ENABLED,
+    STATUS_HELD,
     X_COUNTS,
     X_CURRENT,
     X_CURRENT_MEASURED,
@@ -105,6 +106,10 @@ class PythonDriver(Driver):
     def read_counts(self) -> int | None:
         """The encoder's counts now, or None when the device gave no fresh sample."""
 
+    def enable_held(self) -> bool:
+        """Whether a person holds the enable input at the sample just read; asked where ``enable_input`` is True."""
+        return False
+
     @abc.abstractmethod
     def write_current(self, current: float, enable: bool) -> None:
         """Command a current in A; ``enable`` False means amplifier off."""
@@ -112,7 +117,8 @@ class PythonDriver(Driver):
     def _read(self, words: NDArray[np.int64]) -> int:
         counts = self.read_counts()
         words.view(np.float64)[X_CURRENT_MEASURED] = math.nan
-        words[X_STATUS] = STATUS_ENABLED if self._enabled else 0
+        held = STATUS_HELD if self.enable_input and self.enable_held() else 0
+        words[X_STATUS] = (STATUS_ENABLED if self._enabled else 0) | held
         if counts is None:
             return MISSED
         words[X_COUNTS] = counts

@@ -60,7 +60,7 @@ def discover() -> list[DriverInfo]:
 
 
 def check_option_names(config: Config) -> None:
-    """Refuse an option that the config's driver does not have, without opening or making anything.
+    """Refuse an option or an input that the config's driver does not have, without opening or making anything.
 
     Raises:
         DriverConfigError: with the nearest option. A driver that is not installed, or declares none, refuses nothing.
@@ -69,7 +69,15 @@ def check_option_names(config: Config) -> None:
         driver = _class_of(config.driver.name)
     except Exception:  # `declared_latency` says what is wrong with it
         return
-    if driver is None or driver.options is None:
+    if driver is None:
+        return
+    if config.safety.enable and not driver.enable_input:
+        having = ", ".join(each.name for each in discover() if each.driver is not None and each.driver.enable_input)
+        raise DriverConfigError(
+            f"safety.enable = true: driver {config.driver.name} has no enable input that a person could hold; "
+            f"of the installed drivers these have one: {having}"
+        )
+    if driver.options is None:
         return
     for key in driver_options(config):
         if key not in driver.options:

@@ -41,8 +41,8 @@ def next_event_ns(sim: Sim) -> int:
 def begin_fault(sim: Sim) -> tuple[int, int, int, int]:
     """The next fault falls due: it waits no longer, and is for the device to act on.
 
-    Does what is alike on all devices: frozen counter, encoder glitch, silence. All but frame faults get their
-    FAULT_INJECTED row here (code: the kind's number, detail: the row in the script's list), at the instant they were due.
+    Does what is alike on all devices: frozen counter, encoder glitch, silence, released enable. All but frame faults get
+    their FAULT_INJECTED row here (code: the kind's number, detail: the row in the script's list), at their instant.
 
     Returns:
         Its kind, its row, when it was due, and when it is over: FAR_NS for one that lasts.
@@ -65,6 +65,8 @@ def begin_fault(sim: Sim) -> tuple[int, int, int, int]:
         sim.s[w.GLITCH_LEFT] = fault[w.FAULT_COUNT]
     elif kind == kinds.SILENT:
         sim.s[w.SILENT_UNTIL_NS] = until
+    elif kind == kinds.RELEASED:
+        sim.s[w.RELEASED_UNTIL_NS] = until
     log_row(sim, due, log.FAULT_INJECTED, kind, row)
     return kind, row, due, until
 

@@ -33,7 +33,7 @@ DROP, CORRUPT, DUPLICATE, DELAY, REORDER = range(5)
 GARBAGE, FREEZE_COUNTER, ENCODER_GLITCH, UNPLUG, SILENT = range(5, 10)
 WRONG_VERSION, BUS_OFF, EMERGENCY, LEAVE_OPERATION_ENABLED, REBOOT = range(10, 15)
 ENCODER_FAULT, AMPLIFIER_FAULT, EXTERNAL_STOP = range(15, 18)
-MEASURED_CURRENT, SECOND_NODE, FOREIGN_SDO = range(18, 21)
+MEASURED_CURRENT, SECOND_NODE, FOREIGN_SDO, RELEASED = range(18, 22)
 LAST_FRAME_FAULT = REORDER
 """Kinds up to this one hit single frames; the others happen at an instant."""
 DROPPED, CORRUPTED, DUPLICATED, DELAYED, REORDERED = (1 << kind for kind in range(LAST_FRAME_FAULT + 1))
@@ -71,6 +71,7 @@ KINDS = {
     "encoder_fault": Kind(ENCODER_FAULT, (*_WHEN, "duration_s"), ("at_s",), ("serial",)),
     "amplifier_fault": Kind(AMPLIFIER_FAULT, (*_WHEN, "duration_s"), ("at_s",), ("serial",)),
     "external_stop": Kind(EXTERNAL_STOP, (*_WHEN, "duration_s"), ("at_s",), ("serial",)),
+    "enable_released": Kind(RELEASED, (*_WHEN, "duration_s"), ("at_s",)),
     "measured_current": Kind(MEASURED_CURRENT, (*_WHEN, "duration_s", "factor", "current"), ("at_s",), ("canopen",)),
     "second_node": Kind(SECOND_NODE, (*_WHEN, "counts", "count"), ("at_s", "counts"), ("canopen",)),
     "foreign_sdo": Kind(FOREIGN_SDO, (*_WHEN, "object", "value", "size"), ("at_s", "object", "value"), ("canopen",)),

@@ -52,6 +52,8 @@ CURRENT_GAIN = 16
 """f64: current in the motor over the one commanded."""
 NO_WATCHDOG = 17
 """1: nobody's silence ends a current."""
+RELEASED_UNTIL_NS = 18
+"""The person lets go of the enable input until then; 0 while it is held."""
 DEVICE_WORDS = 32
 """First word of the device's own."""
 STATE_WORDS = 96

@@ -35,6 +35,21 @@ log = logging.getLogger(__name__)
 _LAST_CALL_S = 0.05
 
 
+def _parsed(config: Config) -> Options:
+    """The options of a config.
+
+    Raises:
+        DriverConfigError: one is wrong, or the one that ``safety.enable`` needs is not there.
+    """
+    options = Options.parse(driver_options(config))
+    if config.safety.enable and options.enable_bit is None:
+        raise DriverConfigError(
+            "safety.enable = true: driver canopen needs driver.enable_bit, 0 to 31: the bit of the drive's digital inputs "
+            "(0x60FD) that is 1 while a person holds the enable; a drive's first input is 16"
+        )
+    return options
+
+
 class CanopenDriver(Driver):
     """One drive on a CAN bus.
 
@@ -47,11 +62,12 @@ class CanopenDriver(Driver):
 
     summary = "CiA 402 drive on CANopen (Copley and others), on a SocketCAN interface or any of python-can's"
     latency_s = bus_load.wire_time_s() + PROCESSING_S
+    enable_input = True
     options = tuple(option.name for option in fields(Options))
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)
-        self._options = Options.parse(driver_options(config))
+        self._options = _parsed(config)
         self._profile, profile_eds = load_profile(self._options.profile)
         eds = self._options.eds_path or profile_eds
         if eds is None or not eds.is_file():
@@ -75,23 +91,23 @@ class CanopenDriver(Driver):
     @classmethod
     def declared_latency_s(cls, config: Config) -> float:
         """The option ``latency_s``, or what TPDO, RPDO and processing take at the config's bit rate, s."""
-        return Options.parse(driver_options(config)).declared_latency_s()
+        return _parsed(config).declared_latency_s()
 
     @classmethod
     def declared_step(cls, config: Config) -> float:
         """One step of the target, A: by the stated rated values, or the coarsest that bring-up lets through."""
-        return plausible.declared_step(Options.parse(driver_options(config)), config)
+        return plausible.declared_step(_parsed(config), config)
 
     @classmethod
     def max_rate_hz(cls, config: Config) -> float:
         """What the bit rate carries, Hz."""
-        return Options.parse(driver_options(config)).fastest_rate_hz()
+        return _parsed(config).fastest_rate_hz()
 
     @classmethod
     def max_rate_reason(cls, config: Config) -> str:
         """The bus, and what one tick takes of it."""
-        options = Options.parse(driver_options(config))
-        wire_us = 1e6 * bus_load.tick_bits(options.read_back) / options.bitrate
+        options = _parsed(config)
+        wire_us = 1e6 * bus_load.tick_bits(options.back_bytes) / options.bitrate
         return (
             f"classic CAN at {1e-6 * options.bitrate:g} Mbit/s ends near {math.floor(options.fastest_rate_hz())} Hz: "
             f"SYNC, command and replies take {wire_us:.0f} µs on the wire"
@@ -172,6 +188,7 @@ class CanopenDriver(Driver):
         if drive.ampere_per_demand is not None:
             block[w.READ_BACK] = 1
             floats[w.AMPERE_PER_DEMAND] = drive.ampere_per_demand
+        block[w.HELD_MASK] = drive.held_mask
         block[w.MODE] = block[w.MODE_WANTED] = drive.mode_number
 
     def close(self) -> None:

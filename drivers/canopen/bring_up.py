@@ -59,6 +59,8 @@ class Drive:
     """Of the demand that comes back in TPDO 2; None: it does not come."""
     mode_number: int
     """Mode of operation in force, where TPDO 2 brings the drive's own back behind the demand; 0: it does not."""
+    held_mask: int
+    """Bit of TPDO 2 that is 1 while a person holds the enable input; 0: none is asked for."""
     objects: Objects
     echoes: bool
     """The interface gives back the frames that it sends."""
@@ -105,6 +107,7 @@ def bring_up(
     actual = rated.ampere_per_raw(profile.actual.unit)
     objects.set(mode.target.object, 0, 0, f"target of {mode.name}")
     back = _read_back(objects, options, mode)
+    inputs = _inputs(objects, profile, options)
     map_pdos(
         objects,
         node_id,
@@ -114,7 +117,7 @@ def bring_up(
             Entry(profile.actual.object, 16, "actual current"),
         ),
         (Entry(profile.controlword, 16, "controlword"), Entry(mode.target.object, 16, f"target of {mode.name}")),
-        back,
+        back + inputs,
         options.watchdog_ms,
     )
     _set_watchdog(objects, profile, options, options.guard_ms)
@@ -123,7 +126,8 @@ def bring_up(
         refuse_other_master(monitor, node_id)
     demand = rated.ampere_per_raw(mode.demand.unit) if back and mode.demand is not None else None
     number = mode.requires_mode if len(back) > 1 and mode.requires_mode is not None else 0
-    return Drive(mode.name, identity, command, actual, demand, number, objects, echoes)
+    held = 0 if options.enable_bit is None else 1 << sum(entry.bits for entry in back) + options.enable_bit
+    return Drive(mode.name, identity, command, actual, demand, number, held, objects, echoes)
 
 
 def release(objects: Objects, profile: Profile, options: Options) -> None:
@@ -244,6 +248,19 @@ def _read_back(objects: Objects, options: Options, mode: Mode) -> tuple[Entry, .
         return (demand,)
     display = Entry(mode.display, 8, "mode of operation display")
     return (demand, display) if can_send(objects, display) else (demand,)
+
+
+def _inputs(objects: Objects, profile: Profile, options: Options) -> tuple[Entry, ...]:
+    """The digital inputs, behind what is read back, where one of them is the enable that a person holds."""
+    if options.enable_bit is None:
+        return ()
+    inputs = Entry(profile.inputs, 32, "digital inputs")
+    if not can_send(objects, inputs):
+        raise DriverError(
+            f"driver.enable_bit = {options.enable_bit}: the drive, or its EDS, has no digital inputs 0x{profile.inputs:04x} "
+            "that go into TPDO 2, so that a person could hold an enable"
+        )
+    return (inputs,)
 
 
 def _rated(objects: Objects, profile: Profile, options: Options, config: Config) -> Rated:

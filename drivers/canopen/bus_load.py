@@ -28,8 +28,10 @@ def frame_bits(data_bytes: int) -> int:
 
 TICK_BITS: Final = frame_bits(0) + frame_bits(8) + frame_bits(4)
 """SYNC, TPDO 1 and RPDO 1: 285 bits."""
-READ_BACK_BITS: Final = frame_bits(3)
-"""TPDO 2, which brings demand and mode of operation back: 85 bits."""
+READ_BACK_BYTES: Final = 3
+"""Of TPDO 2: demand and mode of operation, 85 bits."""
+INPUTS_BYTES: Final = 4
+"""Of TPDO 2: the digital inputs."""
 GUARD_BITS: Final = frame_bits(0) + frame_bits(1)
 """A node guarding request and its reply: 120 bits."""
 
@@ -38,30 +40,30 @@ def _guard_bits_per_s(watchdog_ms: float) -> float:
     return GUARD_BITS * GUARDS_PER_WATCHDOG * 1e3 / watchdog_ms
 
 
-def tick_bits(read_back: bool) -> int:
-    """Bits of one tick at worst, with or without TPDO 2."""
-    return TICK_BITS + (READ_BACK_BITS if read_back else 0)
+def tick_bits(back_bytes: int) -> int:
+    """Bits of one tick at worst, with a TPDO 2 of so many bytes; 0: without one."""
+    return TICK_BITS + (frame_bits(back_bytes) if back_bytes else 0)
 
 
 def bus_load(
     rate_hz: float,
     bitrate: float = DEFAULT_BITRATE,
     watchdog_ms: float = DEFAULT_WATCHDOG_MS,
-    read_back: bool = True,
+    back_bytes: int = READ_BACK_BYTES,
 ) -> float:
     """Share of the bus that the loop fills at worst, 1 being all of it.
 
     Args:
-        rate_hz: servo rate, Hz. bitrate: bit/s. watchdog_ms: the drive's watchdog, ms. read_back: with TPDO 2.
+        rate_hz: servo rate, Hz. bitrate: bit/s. watchdog_ms: the drive's watchdog, ms. back_bytes: of TPDO 2.
     """
-    return (tick_bits(read_back) * rate_hz + _guard_bits_per_s(watchdog_ms)) / bitrate
+    return (tick_bits(back_bytes) * rate_hz + _guard_bits_per_s(watchdog_ms)) / bitrate
 
 
 def fastest_rate_hz(
-    bitrate: float = DEFAULT_BITRATE, watchdog_ms: float = DEFAULT_WATCHDOG_MS, read_back: bool = True
+    bitrate: float = DEFAULT_BITRATE, watchdog_ms: float = DEFAULT_WATCHDOG_MS, back_bytes: int = READ_BACK_BYTES
 ) -> float:
     """Highest servo rate in Hz that keeps the loop within USABLE of the bus."""
-    return max(0.0, (USABLE * bitrate - _guard_bits_per_s(watchdog_ms)) / tick_bits(read_back))
+    return max(0.0, (USABLE * bitrate - _guard_bits_per_s(watchdog_ms)) / tick_bits(back_bytes))
 
 
 def wire_time_s(bitrate: float = DEFAULT_BITRATE) -> float:

@@ -31,6 +31,8 @@ AMPERE_PER_DEMAND: Final = 10
 """f64: A per raw demand."""
 MODE_WANTED: Final = 11
 """Mode of operation that bring-up has set, where TPDO 2 shows the one in force behind the demand; 0: it does not."""
+HELD_MASK: Final = 12
+"""Bit of TPDO 2's data that is 1 while a person holds the enable input; 0: none is asked for."""
 
 # What the drive said last.
 STATUSWORD: Final = 16
@@ -115,8 +117,12 @@ SURPLUS: Final = UNASKED + 1
 SURPLUS_SINCE_NS: Final = SURPLUS + 1
 SDO_SEEN: Final = SURPLUS_SINCE_NS + 1
 """SDO frames to and from our drive, reads all of them, that belong to somebody else's questions."""
+HELD: Final = SDO_SEEN + 1
+"""Whether the enable input was held by the last TPDO 2."""
+HELD_FRESH: Final = HELD + 1
+"""TPDO 2 since the last SYNC; where an enable is asked for, a sample is none without it."""
 
-SCRATCH: Final = SDO_SEEN + 1
+SCRATCH: Final = HELD_FRESH + 1
 FRAME: Final = SCRATCH + LIBC_SCRATCH
 """Two words: the frame just received. The words after them: the frame to send."""
 OUT: Final = FRAME + 2
@@ -158,8 +164,6 @@ GUARD: Final = 0x700
 NMT_OPERATIONAL: Final = 5
 
 TPDO1_BYTES: Final = 8
-TPDO2_BYTES: Final = 2
-"""The demand; one byte more where the mode of operation comes along."""
 RPDO1_BYTES: Final = 4
 UNHEARD_LIMIT: Final = 3
 """So many samples in a row without a trace of the commands, and the drive is stopped by other means."""

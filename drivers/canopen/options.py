@@ -44,6 +44,8 @@ class Options:
     read_back: bool = True
     """Have the drive's demand and mode come back on every SYNC (TPDO 2), where the profile names them and the drive has
     them."""
+    enable_bit: int | None = None
+    """Bit of the drive's digital inputs (0x60FD) that is 1 while a person holds the enable; ``safety.enable`` needs it."""
     rated_current: float | None = None
     """Rated current of the motor in A: what 1000 ‰ are, where the drive says it in another unit or not at all."""
     rated_torque: float | None = None
@@ -69,6 +71,7 @@ class Options:
         if not isinstance(given.get("bus", {}), dict):
             raise _wrong("bus", given["bus"], "must be a mapping of arguments for the python-can interface")
         _whole(given, "node_id", 1, 127, "")
+        _whole(given, "enable_bit", 0, 31, "")
         _whole(given, "watchdog_ms", *_WATCHDOG_MS, " ms")
         _whole(given, "bitrate", bus_load.BITRATES[0], bus_load.BITRATES[-1], " bit/s")
         if given.get("bitrate", cls.bitrate) not in bus_load.BITRATES:
@@ -105,23 +108,31 @@ class Options:
         return self.watchdog_ms // bus_load.GUARDS_PER_WATCHDOG
 
     @property
+    def back_bytes(self) -> int:
+        """Bytes of TPDO 2 at most; 0: there is none."""
+        inputs = bus_load.INPUTS_BYTES if self.enable_bit is not None else 0
+        return inputs + (bus_load.READ_BACK_BYTES if self.read_back else 0)
+
+    @property
     def eds_path(self) -> Path | None:
         """The EDS that the config names."""
         return None if self.eds is None else Path(os.path.expanduser(self.eds))  # noqa: PTH111 - raises for no user
 
     def bus_load(self, rate_hz: float) -> float:
         """Share of the bus that a servo rate in Hz fills."""
-        return bus_load.bus_load(rate_hz, self.bitrate, self.watchdog_ms, self.read_back)
+        return bus_load.bus_load(rate_hz, self.bitrate, self.watchdog_ms, self.back_bytes)
 
     def fastest_rate_hz(self) -> float:
         """Highest servo rate in Hz that the bit rate allows."""
-        return bus_load.fastest_rate_hz(self.bitrate, self.watchdog_ms, self.read_back)
+        return bus_load.fastest_rate_hz(self.bitrate, self.watchdog_ms, self.back_bytes)
 
     def check_rate(self, rate_hz: float) -> str | None:
         """Why a servo rate in Hz cannot be had (bus too slow for it, drive's watchdog too quick); None where it can."""
         fastest = self.fastest_rate_hz()
         if rate_hz > fastest:
-            without = bus_load.fastest_rate_hz(self.bitrate, self.watchdog_ms, read_back=False)
+            without = bus_load.fastest_rate_hz(
+                self.bitrate, self.watchdog_ms, self.back_bytes - bus_load.READ_BACK_BYTES
+            )
             more = f" (driver.read_back: false: {math.floor(without)} Hz)" if self.read_back else ""
             return (
                 f"servo.rate_hz = {rate_hz:g} Hz: SYNC, TPDO and RPDO would fill {self.bus_load(rate_hz):.0%} of the bus at "
@@ -145,11 +156,16 @@ class Options:
         return None
 
     def declared_latency_s(self) -> float:
-        """Sample-to-current latency in s: the one declared, or TPDO 1 and RPDO 1 on the wire, if any, and processing."""
+        """Sample-to-current latency in s: the one declared, or TPDO 1 and RPDO 1 on the wire, if any, and processing.
+
+        A sample that needs the inputs waits for TPDO 2 as well.
+        """
         if self.latency_s is not None:
             return self.latency_s
-        wire_s = 0.0 if self.wireless else bus_load.wire_time_s(self.bitrate)
-        return wire_s + PROCESSING_S
+        wire_s = bus_load.wire_time_s(self.bitrate)
+        if self.enable_bit is not None:
+            wire_s += bus_load.frame_bits(self.back_bytes) / self.bitrate
+        return PROCESSING_S + (0.0 if self.wireless else wire_s)
 
 
 def _wrong(key: str, value: object, rule: str) -> DriverConfigError:

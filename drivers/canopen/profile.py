@@ -82,6 +82,8 @@ class Profile(_Part):
     statusword: Index = 0x6041
     position: Index
     actual: Quantity
+    inputs: Index = 0x60FD
+    """Digital inputs, 32 bits; ``driver.enable_bit`` is one of them."""
     supported_modes: Index = 0x6502
     modes: Annotated[tuple[Mode, ...], Field(min_length=1)]
     rated_current: Index | None = None

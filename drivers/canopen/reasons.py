@@ -12,6 +12,7 @@ from drivers.canopen.bus import describe_command
 from drivers.canopen.emcy import error_code_text
 from drivers.canopen.others import UNNAMED
 from drivers.canopen.state_machine import FAULT_BIT, name_of, transition
+from drivers.canopen.supervision import back_bytes
 
 _NMT_STATES: Final = {4: "stopped", 5: "operational", 127: "pre-operational"}
 
@@ -85,7 +86,7 @@ def explain(block: NDArray[Any]) -> str | None:
             f"TPDO 1 of node {node} comes more often than SYNC asks for it ({detail} times since the start): another node "
             "uses its identifier, or the drive sends it by itself, and which of them tells the position is not known"
         )
-    mapped = {w.EVENT_LENGTH: (1, w.TPDO1_BYTES), w.EVENT_LENGTH_2: (2, w.TPDO2_BYTES + (block[w.MODE_WANTED] != 0))}
+    mapped = {w.EVENT_LENGTH: (1, w.TPDO1_BYTES), w.EVENT_LENGTH_2: (2, back_bytes(block))}
     if (event := mapped.get(int(block[w.EVENT_TOLD]))) is not None:
         return (
             f"TPDO {event[0]} of node {node} came with {detail} bytes, {event[1]} are mapped: another node uses its "

@@ -31,6 +31,7 @@ from drivers.interface import (
     MISSED,
     OK,
     STATUS_ENABLED,
+    STATUS_HELD,
     X_COUNTS,
     X_CURRENT,
     X_CURRENT_MEASURED,
@@ -60,6 +61,13 @@ def _signed16(value: int) -> int:
 @njit("int64(int64)", counted=False)
 def _signed32(value: int) -> int:
     return ((value & 0xFFFFFFFF) ^ 0x80000000) - 0x80000000
+
+
+@njit("int64(int64[::1])", counted=False)
+def back_bytes(s: NDArray[Any]) -> int:
+    """Bytes of TPDO 2: demand, mode and inputs, each where it is mapped; 0: there is none."""
+    demand, mode, inputs = s[w.READ_BACK] == 1, s[w.MODE_WANTED] != 0, s[w.HELD_MASK] != 0
+    return (2 if demand else 0) + (1 if mode else 0) + (4 if inputs else 0)
 
 
 @njit("void(int64[::1], int64)", counted=False)
@@ -123,11 +131,14 @@ def take_frame(s: NDArray[Any], low: int, data: int) -> None:
             take_sample(s, data)
         else:
             note(s, w.EVENT_LENGTH, length)
-    elif cob == w.TPDO2 + node and s[w.READ_BACK] == 1:
-        if length == w.TPDO2_BYTES + (1 if s[w.MODE_WANTED] != 0 else 0):
-            s[w.DEMAND] = _signed16(data)
-            s[w.MODE] = _signed8(data >> 16) if s[w.MODE_WANTED] != 0 else 0
-            s[w.DEMAND_FRESH] = 1
+    elif cob == w.TPDO2 + node and back_bytes(s) != 0:
+        if length == back_bytes(s):
+            if s[w.READ_BACK] == 1:
+                s[w.DEMAND] = _signed16(data)
+                s[w.MODE] = _signed8(data >> 16) if s[w.MODE_WANTED] != 0 else 0
+                s[w.DEMAND_FRESH] = 1
+            s[w.HELD] = 1 if data & s[w.HELD_MASK] != 0 else 0
+            s[w.HELD_FRESH] = 1
         else:
             note(s, w.EVENT_LENGTH_2, length)
     elif cob == w.EMCY_BASE + node:
@@ -156,6 +167,7 @@ def may_sync(s: NDArray[Any]) -> bool:
     is a period late would otherwise answer every SYNC with the sample of the one before, a hidden delay of τ_D = 1.
     """
     s[w.STOPPED] = 0
+    s[w.HELD_FRESH] = 0
     if s[w.FRESH] > 0:
         s[w.STALE] += s[w.FRESH]
         s[w.FRESH] = 0
@@ -167,8 +179,9 @@ def may_sync(s: NDArray[Any]) -> bool:
 
 @njit("boolean(int64[::1])", counted=False)
 def answered(s: NDArray[Any]) -> bool:
-    """Whether waiting is over: TPDO 1 is there, or something that ends the tick."""
-    return bool(s[w.FRESH] > 0 or s[w.REASON] != 0 or s[w.EVENT] != 0)
+    """Whether waiting is over: TPDO 1 is there, and the inputs where they count; or something that ends the tick."""
+    sampled = s[w.FRESH] > 0 and (s[w.HELD_MASK] == 0 or s[w.HELD_FRESH] == 1)
+    return bool(sampled or s[w.REASON] != 0 or s[w.EVENT] != 0)
 
 
 @njit("int64(int64[::1], int64[::1])", counted=False)
@@ -219,13 +232,15 @@ def verdict(s: NDArray[Any], x: NDArray[Any], now_ns: int) -> int:
         x[X_COUNTS] = s[w.COUNTS]
         xf[X_CURRENT_MEASURED] = s[w.ACTUAL] * f[w.AMPERE_PER_ACTUAL]
         x[X_STATUS] = STATUS_ENABLED if state_of(s[w.STATUSWORD]) == ENABLED else 0
+        if s[w.HELD] == 1 and s[w.HELD_MASK] != 0:
+            x[X_STATUS] |= STATUS_HELD
         if s[w.STATUSWORD] & FAULT_BIT == 0:
             s[w.FAULT_REPORTED] = 0
             s[w.ERROR_CODE_ASKED] = 0
             s[w.ERROR_CODE] = 0
     if emcy and s[w.RESETTING_NS] == 0:
         return _fault(s, x)
-    if fresh == 0:
+    if fresh == 0 or (s[w.HELD_MASK] != 0 and s[w.HELD_FRESH] == 0):
         return MISSED
     if s[w.STATUSWORD] & FAULT_BIT:
         if s[w.RESETTING_NS] != 0:

@@ -9,13 +9,15 @@ from typing import Final
 
 from drivers.interface import PROCESSING_S
 from drivers.serial_dac.framing import OVERHEAD
-from drivers.serial_dac.messages import COMMAND_LENGTH, SAMPLE_LENGTH, SAMPLE_REPLY_LENGTH
+from drivers.serial_dac.messages import COMMAND_LENGTH, INPUTS_REPLY_LENGTH, SAMPLE_LENGTH, SAMPLE_REPLY_LENGTH
 
 _BITS_PER_BYTE = 10
 SAMPLE_BYTES: Final = SAMPLE_LENGTH + OVERHEAD
 REPLY_BYTES: Final = SAMPLE_REPLY_LENGTH + OVERHEAD
 COMMAND_BYTES: Final = COMMAND_LENGTH + OVERHEAD
 EXCHANGE_BYTES: Final = SAMPLE_BYTES + REPLY_BYTES + COMMAND_BYTES
+INPUTS_BYTES: Final = INPUTS_REPLY_LENGTH - SAMPLE_REPLY_LENGTH
+"""By how much a reply is longer that brings the inputs."""
 
 LINE_FRACTION: Final = 0.8
 """Share of a servo period that the line may be busy; the rest is for the operating system."""
@@ -30,29 +32,33 @@ def wire_s(count: int, baud: int) -> float:
     return count * _BITS_PER_BYTE / baud
 
 
-def fastest_rate_hz(baud: int) -> float:
-    """The fastest servo rate in Hz that a baud rate carries."""
-    return LINE_FRACTION / wire_s(EXCHANGE_BYTES, baud)
+def fastest_rate_hz(baud: int, size: int = EXCHANGE_BYTES) -> float:
+    """The fastest servo rate in Hz that a baud rate carries, at so many bytes an exchange."""
+    return LINE_FRACTION / wire_s(size, baud)
 
 
-def slowest_baud(rate_hz: float) -> int:
-    """The slowest baud rate that carries a servo rate."""
-    return -int(-EXCHANGE_BYTES * _BITS_PER_BYTE * rate_hz // LINE_FRACTION)
+def slowest_baud(rate_hz: float, size: int = EXCHANGE_BYTES) -> int:
+    """The slowest baud rate that carries a servo rate, at so many bytes an exchange."""
+    return -int(-size * _BITS_PER_BYTE * rate_hz // LINE_FRACTION)
 
 
-def default_latency_s(baud: int) -> float:
-    """Sample-to-current latency in s: reply and COMMAND on the wire, and processing."""
-    return wire_s(REPLY_BYTES + COMMAND_BYTES, baud) + PROCESSING_S
+def default_latency_s(baud: int, more: int = 0) -> float:
+    """Sample-to-current latency in s: reply, with so many bytes more, and COMMAND on the wire, and processing."""
+    return wire_s(REPLY_BYTES + more + COMMAND_BYTES, baud) + PROCESSING_S
 
 
-def rate_refusal(rate_hz: float, baud: int, watchdog_ms: int, reply_timeout_s: float | None) -> str | None:
-    """Why a servo rate cannot be driven with these options, in words; None when it can."""
+def rate_refusal(
+    rate_hz: float, baud: int, watchdog_ms: int, reply_timeout_s: float | None, more: int = 0
+) -> str | None:
+    """Why a servo rate cannot be driven with these options, and so many bytes more a reply, in words; None when it can."""
     period = 1.0 / rate_hz
-    if rate_hz > fastest_rate_hz(baud):
+    size = EXCHANGE_BYTES + more
+    if rate_hz > fastest_rate_hz(baud, size):
         return (
-            f"an exchange of {EXCHANGE_BYTES} bytes takes {wire_s(EXCHANGE_BYTES, baud) * 1e6:.0f} µs at driver.baud = "
+            f"an exchange of {size} bytes takes {wire_s(size, baud) * 1e6:.0f} µs at driver.baud = "
             f"{baud}, and may take {LINE_FRACTION:.0%} of the period of {period * 1e6:.0f} µs: "
-            f"at most {int(fastest_rate_hz(baud))} Hz, or at least {slowest_baud(rate_hz)} baud for {rate_hz:g} Hz"
+            f"at most {int(fastest_rate_hz(baud, size))} Hz, or at least {slowest_baud(rate_hz, size)} baud for "
+            f"{rate_hz:g} Hz"
         )
     if watchdog_ms < WATCHDOG_PERIODS * period * 1e3:
         return (

@@ -11,7 +11,7 @@ import numpy as np
 
 from drivers.interface import Driver, DriverError
 from drivers.serial_dac import budget, exchange, port, state
-from drivers.serial_dac.options import Options, read_options
+from drivers.serial_dac.options import Options, more_bytes, read_options
 from drivers.serial_dac.session import Session
 
 if TYPE_CHECKING:
@@ -34,12 +34,13 @@ class SerialDacDriver(Driver):
 
     summary = "serial DAC board: one sample and one command frame a tick (docs/protocols/serial-dac.md)"
     latency_s = budget.default_latency_s(921_600)
+    enable_input = True
     options = tuple(option.name for option in fields(Options))
 
     def __init__(self, config: Config) -> None:
         super().__init__(config)
         self._options = read_options(config)
-        self.latency_s = self._options.declared_latency_s
+        self.latency_s = self._options.declared_latency_s(more_bytes(config))
         self._port: serial.Serial | None = None
         self._session: Session | None = None
         self._capabilities: Capabilities | None = None
@@ -49,17 +50,18 @@ class SerialDacDriver(Driver):
     @classmethod
     def declared_latency_s(cls, config: Config) -> float:
         """Option ``latency_s``, or the wire time of reply and COMMAND at the baud rate."""
-        return read_options(config).declared_latency_s
+        return read_options(config).declared_latency_s(more_bytes(config))
 
     @classmethod
     def max_rate_hz(cls, config: Config) -> float:
         """What the baud rate carries, Hz."""
-        return budget.fastest_rate_hz(read_options(config).baud)
+        return budget.fastest_rate_hz(read_options(config).baud, budget.EXCHANGE_BYTES + more_bytes(config))
 
     def check_rate(self, rate_hz: float) -> str | None:
         """Whether baud, watchdog and reply time-out admit the rate."""
         options = self._options
-        return budget.rate_refusal(rate_hz, options.baud, options.watchdog_ms, options.reply_timeout_s)
+        more = more_bytes(self.config)
+        return budget.rate_refusal(rate_hz, options.baud, options.watchdog_ms, options.reply_timeout_s, more)
 
     @property
     def error(self) -> str | None:
@@ -80,7 +82,8 @@ class SerialDacDriver(Driver):
         self._capabilities = found = self._session.hello()
         self._check(found)
         self._session.configure(options.watchdog_ms, found)
-        self._state = self._initial_state(self._port.fileno(), found, self._session.prove_off(found.dac_bits))
+        off = self._session.prove_off(found, inputs=self.config.safety.enable)
+        self._state = self._initial_state(self._port.fileno(), found, off)
         self.read_address, self.write_address = exchange.read.address, exchange.write.address
         self.state_address = self._state.ctypes.data
 
@@ -97,7 +100,9 @@ class SerialDacDriver(Driver):
             )
 
     def _initial_state(self, descriptor: int, found: Capabilities, reply: SampleReply) -> NDArray[np.int64]:
-        words = state.new_state(descriptor, self._options.baud, self._options.reply_timeout_s)
+        options, more = self._options, more_bytes(self.config)
+        words = state.new_state(descriptor, options.baud, options.reply_timeout_s, more)
+        words[state.S_INPUTS] = self.config.safety.enable
         words[state.S_SEQ] = reply.seq
         words[state.S_COMMAND_SEQ] = reply.command_seq
         words[state.S_COUNTER_BITS] = found.counter_bits

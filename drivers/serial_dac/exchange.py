@@ -20,6 +20,7 @@ from drivers.interface import (
     MISSED,
     OK,
     STATUS_ENABLED,
+    STATUS_HELD,
     X_CODE,
     X_COUNTS,
     X_CURRENT_MEASURED,
@@ -90,7 +91,8 @@ def _find_reply(words: NDArray[Any], memory: NDArray[Any], size: int, seq: int) 
     position = words[s.S_POSITION : s.S_POSITION + 1]
     while position[0] < size:
         length = push_until_frame(decoder, payload, chunk, size, position)
-        if length == m.SAMPLE_REPLY_LENGTH and payload[0] == m.SAMPLE_REPLY:
+        plain = length == m.SAMPLE_REPLY_LENGTH and payload[0] == m.SAMPLE_REPLY
+        if plain or (length == m.INPUTS_REPLY_LENGTH and payload[0] == m.INPUTS_REPLY):
             if payload[1] == seq:
                 return True
             words[s.S_STALE] += 1
@@ -124,7 +126,7 @@ def read(state: int, exchange: int) -> int:
         return LOST
     clock = words[s.S_CLOCK : s.S_CLOCK + libc.SCRATCH]
     words[s.S_SEQ] = (words[s.S_SEQ] + 1) & 0xFF
-    memory[s.REQUEST_AT] = m.SAMPLE
+    memory[s.REQUEST_AT] = m.SAMPLE_INPUTS if words[s.S_INPUTS] == 1 else m.SAMPLE
     memory[s.REQUEST_AT + 1] = words[s.S_SEQ]
     sent = _send(words, memory, m.SAMPLE_LENGTH)
     if sent != OK:
@@ -154,7 +156,8 @@ def read(state: int, exchange: int) -> int:
     words[s.S_COUNTS] = unwrapped(words[s.S_COUNTS], _u32(payload, 2), words[s.S_COUNTER_BITS])
     words[s.S_UNPROVEN] = 0 if payload[11] == words[s.S_COMMAND_SEQ] else 1
     x[X_COUNTS] = words[s.S_COUNTS]
-    x[X_STATUS] = STATUS_ENABLED if status & m.STATUS_ENABLED else 0
+    held = payload[0] == m.INPUTS_REPLY and payload[12] & m.INPUT_HELD  # a reply without inputs says nothing of them
+    x[X_STATUS] = (STATUS_ENABLED if status & m.STATUS_ENABLED else 0) | (STATUS_HELD if held else 0)
     x[X_DEVICE_CODE] = status
     # What follows the reply in the chunk belongs to no exchange, but may be the beginning of a frame.
     _find_reply(words, memory, got, -1)
@@ -176,7 +179,7 @@ def write(state: int, exchange: int) -> int:
     memory[s.REQUEST_AT + 1] = words[s.S_SEQ]
     memory[s.REQUEST_AT + 2] = code & 0xFF
     memory[s.REQUEST_AT + 3] = code >> 8
-    memory[s.REQUEST_AT + 4] = enable
+    memory[s.REQUEST_AT + 4] = enable | m.FLAG_WHILE_HELD if enable and words[s.S_INPUTS] == 1 else enable
     sent = _send(words, memory, m.COMMAND_LENGTH)
     if sent != OK:
         return sent

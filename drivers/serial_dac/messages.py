@@ -12,13 +12,21 @@ HELLO: Final = 0x01
 CONFIGURE: Final = 0x02
 SAMPLE: Final = 0x03
 COMMAND: Final = 0x04
+SAMPLE_INPUTS: Final = 0x05
 HELLO_REPLY: Final = 0x81
 CONFIGURE_REPLY: Final = 0x82
 SAMPLE_REPLY: Final = 0x83
+INPUTS_REPLY: Final = 0x84
 
 SAMPLE_LENGTH: Final = 2
 COMMAND_LENGTH: Final = 5
 SAMPLE_REPLY_LENGTH: Final = 12
+INPUTS_REPLY_LENGTH: Final = SAMPLE_REPLY_LENGTH + 1
+"""A SAMPLE reply, and the inputs behind it."""
+
+INPUT_HELD: Final = 1
+FLAG_ENABLE: Final = 1
+FLAG_WHILE_HELD: Final = 2
 
 STATUS_ENABLED: Final = 1
 STATUS_WATCHDOG: Final = 2
@@ -80,9 +88,9 @@ def configure(watchdog_ms: int) -> bytes:
     return _CONFIGURE.pack(CONFIGURE, watchdog_ms)
 
 
-def sample(seq: int) -> bytes:
-    """Payload of SAMPLE."""
-    return _SAMPLE.pack(SAMPLE, seq)
+def sample(seq: int, *, inputs: bool = False) -> bytes:
+    """Payload of SAMPLE, or of SAMPLE_INPUTS."""
+    return _SAMPLE.pack(SAMPLE_INPUTS if inputs else SAMPLE, seq)
 
 
 def command(seq: int, code: int, *, enable: bool) -> bytes:
@@ -112,8 +120,9 @@ def configure_reply(payload: bytes) -> int | None:
     return int(_CONFIGURE.unpack(payload)[1])
 
 
-def sample_reply(payload: bytes) -> SampleReply | None:
-    """A SAMPLE reply; None for another message."""
-    if len(payload) != SAMPLE_REPLY_LENGTH or payload[0] != SAMPLE_REPLY:
+def sample_reply(payload: bytes, *, inputs: bool = False) -> SampleReply | None:
+    """A SAMPLE reply, or with ``inputs`` one to SAMPLE_INPUTS; None for another message."""
+    kind, length = (INPUTS_REPLY, INPUTS_REPLY_LENGTH) if inputs else (SAMPLE_REPLY, SAMPLE_REPLY_LENGTH)
+    if len(payload) != length or payload[0] != kind:
         return None
-    return SampleReply(*_SAMPLE_REPLY.unpack(payload)[1:])
+    return SampleReply(*_SAMPLE_REPLY.unpack_from(payload)[1:])

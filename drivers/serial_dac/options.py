@@ -37,10 +37,14 @@ class Options:
     reply_timeout_s: float | None = None
     latency_s: float | None = None
 
-    @property
-    def declared_latency_s(self) -> float:
-        """Sample-to-current latency in s."""
-        return budget.default_latency_s(self.baud) if self.latency_s is None else self.latency_s
+    def declared_latency_s(self, more: int) -> float:
+        """Sample-to-current latency in s, with so many bytes more a reply than a SAMPLE reply has."""
+        return budget.default_latency_s(self.baud, more) if self.latency_s is None else self.latency_s
+
+
+def more_bytes(config: Config) -> int:
+    """By how many bytes a config's replies are longer than a SAMPLE reply."""
+    return budget.INPUTS_BYTES if config.safety.enable else 0
 
 
 def read_options(config: Config) -> Options:
@@ -69,7 +73,7 @@ def read_options(config: Config) -> Options:
             f"amplifier.dac_bits = {shown(bits)}: a serial board has {_DAC_BITS[0]} … {_DAC_BITS[1]} bits"
         )
     rate = config.servo.rate_hz
-    if reason := budget.rate_refusal(rate, baud, options.watchdog_ms, timeout):
+    if reason := budget.rate_refusal(rate, baud, options.watchdog_ms, timeout, more_bytes(config)):
         raise DriverConfigError(f"servo.rate_hz = {rate:g} Hz: {reason}")
     return options
 

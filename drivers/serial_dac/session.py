@@ -103,19 +103,27 @@ class Session:
                 return
         raise DriverError(f"{self.name}: the board does not answer CONFIGURE ({self._silence()})")
 
-    def prove_off(self, dac_bits: int) -> messages.SampleReply:
+    def prove_off(self, found: messages.Capabilities, *, inputs: bool = False) -> messages.SampleReply:
         """Command zero current and disable, and see from the board that it has come.
 
+        Args:
+            found: what the board said of itself. inputs: ask for a sample with the board's inputs.
+
         Raises:
-            DriverError: no answer, or the board does not follow.
+            DriverError: no answer, no such inputs, or the board does not follow.
         """
         reply = None
         for seq in range(1, _ATTEMPTS + 1):
-            self.send_off(seq, dac_bits)
-            self.send(messages.sample(seq))
-            reply = self.receive(_sample_reply_to(seq), _REPLY_S)
+            self.send_off(seq, found.dac_bits)
+            self.send(messages.sample(seq, inputs=inputs))
+            reply = self.receive(_sample_reply_to(seq, inputs), _REPLY_S)
             if reply is not None and reply.command_seq == seq and not reply.status & messages.STATUS_ENABLED:
                 return reply
+        if reply is None and inputs:
+            raise DriverError(
+                f"{self.name}: safety.enable = true: the board does not answer SAMPLE_INPUTS; its firmware "
+                f"{found.firmware_text} knows no enable input: load a newer one (docs/protocols/serial-dac.md)"
+            )
         if reply is None:
             raise DriverError(f"{self.name}: the board does not answer SAMPLE ({self._silence()})")
         raise DriverError(f"{self.name}: the board does not take zero current and disable (status {reply.status:#04x})")
@@ -185,11 +193,11 @@ class Session:
         )
 
 
-def _sample_reply_to(seq: int) -> Callable[[bytes], messages.SampleReply | None]:
+def _sample_reply_to(seq: int, inputs: bool) -> Callable[[bytes], messages.SampleReply | None]:
     """What picks the reply to one SAMPLE out of the payloads."""
 
     def wanted(payload: bytes) -> messages.SampleReply | None:
-        reply = messages.sample_reply(payload)
+        reply = messages.sample_reply(payload, inputs=inputs)
         return reply if reply is not None and reply.seq == seq else None
 
     return wanted

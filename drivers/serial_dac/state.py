@@ -36,7 +36,9 @@ S_STALE: Final = 12
 S_BAD_FRAMES: Final = 13
 S_POSITION: Final = 14
 """Scratch: place in the chunk."""
-S_CLOCK: Final = 15
+S_INPUTS: Final = 15
+"""1: samples bring the inputs, and the board lets the output go by itself once the enable input opens."""
+S_CLOCK: Final = 16
 _WORDS = S_CLOCK + SCRATCH
 
 GONE: Final = 1
@@ -56,12 +58,12 @@ STATE_WORDS: Final = -(-(CHUNK_AT + CHUNK_SIZE) // 8)
 assert TX_SIZE >= 2 + budget.COMMAND_BYTES
 
 
-def new_state(descriptor: int, baud: int, reply_timeout_s: float | None) -> NDArray[np.int64]:
-    """State of an exchange that has not begun, shape (STATE_WORDS,)."""
+def new_state(descriptor: int, baud: int, reply_timeout_s: float | None, more: int = 0) -> NDArray[np.int64]:
+    """State of an exchange that has not begun, with so many bytes more a reply, shape (STATE_WORDS,)."""
     state = np.zeros(STATE_WORDS, np.int64)
     state[S_DESCRIPTOR] = descriptor
     state[S_TIMEOUT_NS] = round((reply_timeout_s or 0.0) * 1e9)
-    line_s = budget.wire_s(budget.SAMPLE_BYTES + budget.REPLY_BYTES, baud)
+    line_s = budget.wire_s(budget.SAMPLE_BYTES + budget.REPLY_BYTES + more, baud)
     state[S_REPLY_NS] = round(budget.REPLY_MARGIN * line_s * 1e9)
     state[S_COMMAND_NS] = round(budget.wire_s(budget.COMMAND_BYTES, baud) * 1e9)
     return state

@@ -17,8 +17,9 @@ def drivers() -> None:
     found = discover()
     lines = []
     for driver in found:
+        held = ", has an enable input" if driver.driver is not None and driver.driver.enable_input else ""
         lines.append(f"{driver.name:12} {driver.summary or '-'}")
-        lines.append(f"{'':12} {driver.origin}, latency {1e6 * driver.latency_s:g} us")
+        lines.append(f"{'':12} {driver.origin}, latency {1e6 * driver.latency_s:g} us{held}")
         if driver.error:
             lines.append(f"{'':12} cannot be loaded: {driver.error}")
     output.emit({"drivers": [vars(driver) for driver in found]}, "\n".join(lines) or "no drivers are installed")

@@ -51,7 +51,8 @@ ConfigArgument = Annotated[
         metavar="CONFIG",
         show_default=False,
         autocompletion=complete_config,
-        help="A YAML file, or a preset by name: re35, delta, omega, freedom6, impulse_engine, mit_toolhandle, phantom. "
+        help="A YAML file, or a preset by name: re35, delta, omega, freedom6, impulse_engine, mit_toolhandle, phantom, "
+        "and rigs that people have: epos4, hapkit, mj5208, srv02. "
         "Default: re35, simulated.",
     ),
 ]
@@ -287,7 +288,7 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
 
     config = load_config(source)
     config = apply_settings(config, settings, source="command line") if settings else config
-    if config.driver.options:
+    if config.driver.options or config.safety.enable:
         from drivers import check_option_names
 
         check_option_names(config)

@@ -72,6 +72,8 @@ def describe(report: dict[str, Any], socket: Path) -> str:
         ("energy", _energy(report["energy"])),
         ("recording", _recorder(report["recorder"])),
     ]
+    if (enable := report["enable"])["required"]:
+        rows.insert(1, ("enable", "held" if enable["held"] else "released: hold it, or nothing starts"))
     if unknown := report["position_unknown"]:
         rows.insert(-2, ("", unknown))
     if (passivity := report["passivity"])["mode"] != "off":

@@ -21,6 +21,7 @@ _LIVE = (
     "record.subject",
     "record.condition",
 )
+_FIXED = ("safety.enable",)  # the device is opened with or without its input
 
 
 @cache
@@ -63,6 +64,8 @@ def unit_of(key: str, linear: bool = False) -> str:
 
 
 LIVE_KEYS: frozenset[str] = frozenset(
-    key for key in leaf_fields() if any(key == live or key.startswith(f"{live}.") for live in _LIVE)
+    key
+    for key in leaf_fields()
+    if key not in _FIXED and any(key == live or key.startswith(f"{live}.") for live in _LIVE)
 )
 """Dotted keys that may change while the loop runs; everything else needs a restart."""

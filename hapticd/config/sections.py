@@ -284,6 +284,11 @@ class Safety(Section):
     enable_timeout_s: Number = quantity(
         2.0, "Time the amplifier may take to report that it is enabled", "s", gt=0, le=60
     )
+    enable: Flag = quantity(
+        False,
+        "Whether the motor may move only for as long as a person holds the driver's enable input: released, it is a latched "
+        "fault. Not live",
+    )
     heartbeat_timeout_s: Number = quantity(
         0.5, "Silence of the supervisor after which the loop faults", "s", ge=0.2, le=10
     )

@@ -131,6 +131,13 @@ class OperatingPoint(Reply):
     region: str | None
 
 
+class Enable(Reply):
+    """The enable input that a person holds."""
+
+    required: bool = Field(description="Whether the motor moves only while it is held (safety.enable).")
+    held: bool | None = Field(description="Whether it is held; null where the driver has none.")
+
+
 class RecorderStatus(Reply):
     """The recorder."""
 
@@ -234,6 +241,7 @@ class Status(Reply):
     timing: Timing
     operating_point: OperatingPoint
     position: float | None = Field(description="From the spring's origin, rad or m.")
+    enable: Enable
     position_unknown: str | None = Field(
         description="Why the origin's place is not known, and what to do; null where it is. Until then nothing is rendered."
     )

@@ -93,13 +93,16 @@ class FaultManager:
         return faults.KINDS[faults.NUMBERS[code]].remedy
 
     def refuse(self) -> None:
-        """Refuse while a fault is latched.
+        """Refuse while a fault is latched, or the enable input that a person must hold is released.
 
         Raises:
-            Refused: with its cause.
+            Refused: with the cause.
         """
         if fault := self.active():
             raise Refused("fault", f"a fault is latched ({fault['code']}: {fault['cause']}); {fault['remedy']}")
+        rig = self._rendering.rig
+        if rig.config.safety.enable and rig.wait_ticks(1) and not rig.held:
+            raise Refused("released", "the enable input is released (safety.enable): hold it, and start again")
 
     def refuse_new(self) -> None:
         """Latch a fault that has just been raised, and refuse with it."""

@@ -31,6 +31,7 @@ def status(
         "config_digest": config_digest(config),
         "timing": _timing(rig, recent),
         "operating_point": _operating_point(rig),
+        "enable": {"required": config.safety.enable, "held": rig.held if rig.driver.enable_input else None},
         "position_unknown": rig.position_unknown(),
         "position": (rig.counts - rig.origin_counts) * config.raw_resolution,
         "velocity": float(snapshot["velocity"]),

@@ -205,6 +205,11 @@ class Rig:
         """Whether the driver has said that its device is lost, before or after another fault."""
         return self.core.load(atomics.DEVICE_LOST) != 0
 
+    @property
+    def held(self) -> bool:
+        """Whether the device said last that a person holds its enable input."""
+        return self.core.load(atomics.HELD) != 0
+
     def position_unknown(self) -> str | None:
         """Why the origin's place is not known, and what to do about it; None where it is."""
         if self.position_known:

@@ -61,6 +61,8 @@ FAULT_LIMIT: Final = 42
 """Bits of a float64: the limit that it crossed."""
 I2T: Final = 43
 """Bits of a float64: I²t above the continuous current, A² s; here, so that it outlives the process."""
+HELD: Final = 44
+"""1: the device said in its last good exchange that a person holds its enable input."""
 DEVICE_LOST: Final = 40
 """1: the driver has said that its device is lost; 0 again when the fault is cleared."""
 

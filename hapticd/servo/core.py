@@ -152,6 +152,7 @@ def parameters(config: Config, request: Request, *, safety: bool = True, latency
     p["abrupt"] = request.exact or request.excitation_id != 0
     p["overrun_policy"] = layout.OVERRUN_POLICIES[config.servo.overrun.policy]
     p["overrun_fault_after"] = config.servo.overrun.fault_after or math.inf
+    p["enable"] = limits.enable and safety
     p["heartbeat_ns"] = (limits.heartbeat_timeout_s or 0.0) * 1e9
     p["enable_timeout_ns"] = (limits.enable_timeout_s or math.inf) * 1e9
     p["excitation_id"] = request.excitation_id

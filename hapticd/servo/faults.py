@@ -26,6 +26,7 @@ AMPLIFIER_DROPPED: Final = 14
 RELOAD_FAILED: Final = 15
 CURRENT_MISMATCH: Final = 16
 UNSTABLE: Final = 17
+ENABLE_RELEASED: Final = 18
 
 CLEAR: Final = "when the rig is safe, 'hapticd clear'"
 REPLUG: Final = (
@@ -137,6 +138,11 @@ KINDS: Final[dict[int, FaultKind]] = {
         "theory has found a start from which this spring does not come to rest: {value:.4g} ticks from the origin, at "
         "{limit:.4g} ticks per period; the force was taken back softly",
         "take one of the changes that 'hapticd check' offers, then 'hapticd clear'",
+    ),
+    ENABLE_RELEASED: FaultKind(
+        "enable_released",
+        "the enable input that a person holds was released while the motor was on (safety.enable)",
+        "'hapticd clear'; then hold the enable, and 'hapticd start'",
     ),
 }
 

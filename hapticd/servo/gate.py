@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from drivers.interface import STATUS_ENABLED
+from drivers.interface import STATUS_ENABLED, STATUS_HELD
 from hapticd.jit import atomic_load, atomic_store, njit
 from hapticd.servo import atomics, authority, faults
 from hapticd.servo.law import begin_softly
@@ -156,12 +156,17 @@ def step_mode(servo: Any, shared: Any, words: Any) -> None:
         silence = now_ns - atomic_load(shared, atomics.HEARTBEAT_NS)
         if silence > params.heartbeat_ns:
             raise_fault(servo, shared, faults.HEARTBEAT_LOST, silence * 1e-6, params.heartbeat_ns * 1e-6)
+    # The device's own words, from the last good exchange.
+    enabled, held = (servo.exchange.status & STATUS_ENABLED) != 0, (servo.exchange.status & STATUS_HELD) != 0
+    atomic_store(shared, atomics.HELD, 1 if held else 0)
     if state.mode == FAULT:
         return
-    enabled = (servo.exchange.status & STATUS_ENABLED) != 0  # the amplifier's own word, from the last good exchange
     mode = state.mode
     if params.request == OFF or params.ordinal <= revoked:
         mode = OFF
+    elif params.enable and not held:
+        raise_fault(servo, shared, faults.ENABLE_RELEASED, 0.0, 0.0)
+        return
     elif mode == OFF:
         mode = READY
         state.enable_ns = now_ns

@@ -83,6 +83,7 @@ PARAMS = np.dtype(
         ("follow_rr", "f8"),  # of the rate over ω_A
         ("overrun_policy", "i8"),  # SKIP, HOLD, FAULT_ON_OVERRUN
         ("overrun_fault_after", "f8"),  # periods missed, less ticks in time
+        ("enable", "?"),  # a person must hold the device's enable input
         ("heartbeat_ns", "f8"),  # longest silence of the supervisor, ns; 0 for any
         ("enable_timeout_ns", "f8"),  # ns
         ("excitation_id", "i8"),  # a new one, not 0, starts the table in the excitation buffer

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 _SDO_SERVER = 0x580
 _MANUFACTURER_AREA = 0x2000
-_MEASURED = frozenset({0x221C, 0x6063, 0x6064, 0x606C, 0x6077, 0x6078})
+_MEASURED = frozenset({0x221C, 0x6063, 0x6064, 0x606C, 0x6077, 0x6078, 0x60FD})
 _FOLLOWS_CANOPEN = 30
 _LONGEST_CURRENT = 0x7FFF
 """Largest value of a Copley current object, 0.01 A."""

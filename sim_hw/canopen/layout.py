@@ -37,8 +37,10 @@ ERROR_COUNT = 36
 KNOWN_OBJECTS = (
     *((index, int(index == 0x1029)) for index in (*_COMMUNICATION, *_COPLEY, *_STATES, *_MOTION)),
     *((0x1003, sub) for sub in range(9)),
+    (0x60FD, 0),
 )
 """Index and sub-index of slot 0, 1, 2, … of the block."""
+DIGITAL_INPUTS = ERROR_COUNT + 9
 ERROR_FIELDS = 8
 """Entries of 0x1003 that follow ERROR_COUNT."""
 OBJECT_WORDS = 256

@@ -10,6 +10,7 @@ import numpy as np
 
 from hapticd.jit import njit
 from hapticd.plant import kernel
+from sim_hw import layout as common
 from sim_hw.canopen import layout as w
 from sim_hw.canopen import sending
 from sim_hw.canopen.drive import emergency, take_up
@@ -21,6 +22,8 @@ from sim_hw.motion import end_sample, log_row, take_counts
 
 LAST_SYNCHRONOUS = 240
 """Transmission types up to here wait for SYNC; 254 and 255 act on the event itself."""
+ENABLE_INPUT = 1 << 16
+"""Digital inputs: the first input, to which the person's enable is wired."""
 _LENGTH_ERROR = 0x8210
 """EMCY: PDO not processed due to length error."""
 _NS_PER_MS = 1_000_000
@@ -45,6 +48,7 @@ def refresh_inputs(m: Machine, now: int) -> None:
     m.d[w.ACTUAL_CURRENT] = rounded(current / CURRENT_UNIT, 15)
     m.d[w.TORQUE_ACTUAL] = torque_permille(m, current)
     rated = float(m.d[w.RATED_CURRENT]) * 1e-6
+    m.d[w.DIGITAL_INPUTS] = 0 if now < m.sim.s[common.RELEASED_UNTIL_NS] else ENABLE_INPUT
     m.d[w.CURRENT_ACTUAL] = rounded(current / rated, 15) if rated > 0.0 else 0
 
 

@@ -49,7 +49,7 @@ def take_outputs(sim: Sim, line: Line, ns: int) -> None:
 def show_inputs(sim: Sim, line: Line, ns: int) -> None:
     """Encoder and fault inputs as they are at an instant."""
     line.page[p.COUNT] = take_counts(sim, ns) & 0xFFFFFFFF
-    causes = 0
+    causes = 1 if sim.s[w.RELEASED_UNTIL_NS] <= ns else 0  # the enable input is closed
     for which in range(3):
         if sim.s[b.CAUSE_UNTIL_NS + which] > ns:
             causes |= fault_bit(which)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 COUNT: Final = 0
 """To the board: the encoder's counter, modulo 2³²."""
 CAUSES: Final = 1
-"""To the board: causes of faults that are present, as bits of the status byte."""
+"""To the board: causes of faults that are present, as bits of the status byte; bit 0: the enable input is closed."""
 WRITTEN: Final = 2
 """From the board: outputs so far."""
 OUTPUTS: Final = 4

@@ -23,7 +23,8 @@ from sim_hw.serial_board.layout import LINE, Line, next_due_ns
 STOPPED, UNPLUG, PLUG_IN, POWER_OFF, POWER_ON, BOARD_GONE = range(6)
 """Why the service returned."""
 
-_SAMPLE, _COMMAND, _HELLO_REPLY, _SAMPLE_REPLY = 0x03, 0x04, 0x81, 0x83
+_SAMPLE, _COMMAND, _SAMPLE_INPUTS = 0x03, 0x04, 0x05
+_HELLO_REPLY, _SAMPLE_REPLY = 0x81, 0x83
 _LOOK_NS = 200_000
 """The board's outputs are looked at so often: no interrupt tells of them."""
 _CLOSED_LOOK_NS = 2_000_000
@@ -65,7 +66,7 @@ def _from_host(sim: Sim, line: Line, size: int, ns: int) -> None:
             continue
         sim.s[b.RAW_LENGTH] = 0
         found = decode(line.raw, length, line.payload)
-        if found == 2 and line.payload[0] == _SAMPLE:
+        if found == 2 and (line.payload[0] == _SAMPLE or line.payload[0] == _SAMPLE_INPUTS):
             sim.s[GLITCH_SHOWN] = 1 if sim.s[w.GLITCH_LEFT] > 0 else 0
             log_row(sim, ns, log.SAMPLE, int(line.payload[1]), -1)
         if framed and length <= LONGEST_FRAME:
@@ -85,7 +86,7 @@ def _from_board(sim: Sim, line: Line, size: int, ns: int) -> None:
             continue
         sim.s[BOARD_LENGTH] = 0
         found = decode(line.reply, length, line.payload)
-        if found > 0 and line.payload[0] == _SAMPLE_REPLY and sim.s[GLITCH_SHOWN] == 1:
+        if found > 0 and line.payload[0] >= _SAMPLE_REPLY and sim.s[GLITCH_SHOWN] == 1:
             sim.s[GLITCH_SHOWN] = 0
             end_sample(sim)
         if found > 0 and line.payload[0] == _HELLO_REPLY and sim.s[b.VERSION] >= 0:

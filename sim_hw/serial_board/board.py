@@ -16,7 +16,7 @@ from sim_hw.serial_board.layout import LINE, Line, fault_bit
 from sim_hw.serial_board.sending import send
 
 _NS_PER_MS = 1_000_000
-_HELLO_REPLY, _CONFIGURE_REPLY, _SAMPLE_REPLY = 0x81, 0x82, 0x83
+_HELLO_REPLY, _CONFIGURE_REPLY, _SAMPLE_REPLY, _INPUTS_REPLY = 0x81, 0x82, 0x83, 0x84
 
 
 @njit((SIM, LINE, I64, I64, I64), inline=True, counted=False)
@@ -56,6 +56,14 @@ def latch_fault(sim: Sim, ns: int, which: int, until_ns: int) -> None:
     disable(sim, ns, b.OFF_FAULT)
 
 
+@njit((SIM, I64), counted=False)
+def let_go(sim: Sim, ns: int) -> None:
+    """The enable input opens at this instant."""
+    sim.s[b.RELEASED] = 1
+    if sim.s[b.WHILE_HELD] == 1:
+        disable(sim, ns, b.OFF_RELEASED)
+
+
 @njit((SIM, I64, I64), counted=False)
 def reboot(sim: Sim, ns: int, until_ns: int) -> None:
     """The processor goes into reset: output off, all that it knew is lost, whatever is on its way too."""
@@ -77,6 +85,8 @@ def power_up(sim: Sim, ns: int) -> None:
             sim.s[b.STATUS] |= fault_bit(which)
     sim.s[b.WATCHDOG_NS] = b.WATCHDOG_POWER_UP_MS * _NS_PER_MS
     sim.s[b.COMMAND_SEQ] = 0
+    sim.s[b.RELEASED] = 1
+    sim.s[b.WHILE_HELD] = 0
     move_to(sim, ns)
     sim.s[w.COUNTS_OFFSET] = -kernel.plant_counts(sim.f, sim.i)
     log_row(sim, ns, log.REBOOT, 1, 0)
@@ -118,14 +128,16 @@ def _configure(sim: Sim, line: Line, ns: int) -> None:
 def _sample(sim: Sim, line: Line, ns: int) -> None:
     counts = take_counts(sim, ns) & ((1 << sim.s[b.COUNTER_BITS]) - 1)
     end_sample(sim)
-    _put(sim, line, 0, 1, _SAMPLE_REPLY)
+    inputs = line.payload[0] == 0x05
+    _put(sim, line, 0, 1, _INPUTS_REPLY if inputs else _SAMPLE_REPLY)
     line.reply[1] = line.payload[1]
     _put(sim, line, 2, 4, counts)
     _put(sim, line, 6, 4, (ns - sim.s[b.POWER_UP_NS]) // 1000)
     _put(sim, line, 10, 1, sim.s[b.STATUS])
     _put(sim, line, 11, 1, sim.s[b.COMMAND_SEQ])
+    _put(sim, line, 12, 1, 1 - sim.s[b.RELEASED])
     # The plant does not move while the reply is sent: the row shows the state that was latched.
-    sent = send(sim, line, 12, ns)
+    sent = send(sim, line, 13 if inputs else 12, ns)
     sim.s[b.STATUS] &= ~b.BAD_FRAME
     turnaround = monotonic_ns(line.timespec) - ns if sent else -1
     log_row(sim, ns, log.SAMPLE, int(line.payload[1]), turnaround)
@@ -147,8 +159,9 @@ def _command(sim: Sim, line: Line, ns: int) -> None:
     flags = int(line.payload[4])
     enable = flags & 1
     middle = 1 << (sim.s[b.DAC_BITS] - 1)
-    refused = code >= 2 * middle or flags > 1
-    if enable == 1 and sim.s[b.STATUS] & (b.LATCHED | b.UNCONFIGURED):
+    refused = code >= 2 * middle or flags > 3
+    while_held = flags >> 1
+    if enable == 1 and (sim.s[b.STATUS] & (b.LATCHED | b.UNCONFIGURED) or while_held & sim.s[b.RELEASED]):
         refused = True
     if refused:
         sim.s[b.STATUS] |= b.REJECTED
@@ -159,7 +172,9 @@ def _command(sim: Sim, line: Line, ns: int) -> None:
     if enable == 0:
         disable(sim, ns, b.OFF_COMMAND)
         _clear_faults(sim, ns)
+        sim.s[b.RELEASED] = 1 if sim.s[w.RELEASED_UNTIL_NS] > ns else 0
     else:
+        sim.s[b.WHILE_HELD] = while_held
         set_current(sim, ns, (code - middle) * (sim.s[b.FULL_SCALE_UA] * 1e-6) / middle)
         sim.s[b.WATCHDOG_DUE_NS] = w.FAR_NS if sim.s[w.NO_WATCHDOG] else ns + sim.s[b.WATCHDOG_NS]
     log_row(sim, ns, log.COMMAND, code, seq | (enable << 8))
@@ -172,7 +187,7 @@ def _command(sim: Sim, line: Line, ns: int) -> None:
 def handle(sim: Sim, line: Line, length: int, ns: int) -> bool:
     """Act on the payload in ``line.payload`` as received at an instant; False when no message is like that."""
     kind = line.payload[0]
-    if kind == 0x03 and length == 2:
+    if (kind == 0x03 or kind == 0x05) and length == 2:
         _sample(sim, line, ns)
     elif kind == 0x04 and length == 5:
         _command(sim, line, ns)

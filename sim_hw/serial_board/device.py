@@ -50,6 +50,7 @@ def switch_on(config: Config, script: Script, plant_name: str, *, line_baud: int
     sim = b.new_board(config, script, bits, full_scale_A)
     s = sim.s
     s[b.STATUS] = b.UNCONFIGURED
+    s[b.RELEASED] = 1
     s[b.WATCHDOG_NS] = b.WATCHDOG_POWER_UP_MS * 1_000_000
     s[b.COUNTER_BITS] = counter_bits
     s[b.VERSION] = PROTOCOL_VERSION if script.wrong_version is None else script.wrong_version

@@ -56,14 +56,18 @@ PLUG_IN_NS = _B + 16
 """The cable is put back then; FAR_NS while it is in."""
 CAUSE_UNTIL_NS = _B + 17
 """Three words: until when the causes of ENCODER_FAULT, AMPLIFIER_FAULT and EXTERNAL_STOP last."""
-BENCH_WORDS = _B + 20
+RELEASED = _B + 20
+"""1: the enable input has been open since the last COMMAND with enable 0."""
+WHILE_HELD = _B + 21
+"""1: the output is on for as long as that is not so."""
+BENCH_WORDS = _B + 22
 """First word of the bench's own."""
 
 FIRMWARE = 0x0102
 SERIAL_NUMBER = 0x51AB0001
 WATCHDOG_MIN_MS, WATCHDOG_MAX_MS, WATCHDOG_POWER_UP_MS = 2, 10_000, 20
 
-OFF_COMMAND, OFF_HELLO, OFF_WATCHDOG, OFF_FAULT, OFF_REBOOT = range(1, 6)
+OFF_COMMAND, OFF_HELLO, OFF_WATCHDOG, OFF_FAULT, OFF_REBOOT, OFF_RELEASED = range(1, 7)
 """``code`` of a DISABLE row: why."""
 
 SAID_HELLO, CONFIGURED, CLOSED, OPENED, UNPLUGGED, PLUGGED, DROPPED_FRAME = range(1, 8)

@@ -15,7 +15,7 @@ from sim_hw.held import next_held, release, take
 from sim_hw.layout import BYTES, I64, SIM, Sim
 from sim_hw.motion import log_row, move_to
 from sim_hw.serial_board import layout as b
-from sim_hw.serial_board.board import handle, latch_fault, power_up, reboot, trip_watchdog
+from sim_hw.serial_board.board import handle, latch_fault, let_go, power_up, reboot, trip_watchdog
 from sim_hw.serial_board.framing import LONGEST_FRAME, decode
 from sim_hw.serial_board.layout import LINE, Line, next_due_ns
 from sim_hw.serial_board.sending import put_on_line, send_garbage
@@ -91,6 +91,8 @@ def _begin(sim: Sim, line: Line) -> int:
         reboot(sim, due, until)
     elif kinds.ENCODER_FAULT <= kind <= kinds.EXTERNAL_STOP:
         latch_fault(sim, due, kind - kinds.ENCODER_FAULT, until)
+    elif kind == kinds.RELEASED:
+        let_go(sim, due)
     elif kind == kinds.UNPLUG:
         sim.s[b.PLUG_IN_NS] = until
         return UNPLUG

@@ -61,6 +61,8 @@ MUTANTS = {
     ),
     "a frame too long is taken": ("decoder->received >= FRAMING_LONGEST_FRAME", "decoder->received >= 250U"),
     "the queue overflows": ("(uint8_t)(QUEUE_BYTES - 1U - used) < size", "false"),
+    "switched on with the enable released": (" || (((flags & FLAG_WHILE_HELD) != 0U) && released)", ""),
+    "the enable is not looked at": ("        released = true;\n        if (while_held", "        if (while_held"),
     "the watchdog does nothing": (
         "        disable_output();\n        set_status(CORE_WATCHDOG);",
         "        set_status(CORE_WATCHDOG);",

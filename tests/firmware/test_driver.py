@@ -9,7 +9,17 @@ from pathlib import Path
 import pytest
 
 from drivers import DriverError
-from drivers.interface import DEVICE_FAULT, LOST, MISSED, OK, STATUS_ENABLED, X_COUNTS, X_DEVICE_CODE, X_STATUS
+from drivers.interface import (
+    DEVICE_FAULT,
+    LOST,
+    MISSED,
+    OK,
+    STATUS_ENABLED,
+    STATUS_HELD,
+    X_COUNTS,
+    X_DEVICE_CODE,
+    X_STATUS,
+)
 from drivers.serial_dac import SerialDacDriver, budget
 from tests.drivers.serial.expected_exchange import IMPATIENT_S, Loop, config, line_errors
 from tests.firmware.citations import PAGE, cites, statements
@@ -24,12 +34,17 @@ AT_S = 0.05
 
 @contextlib.contextmanager
 def driven(
-    device: Device, folder: Path, script: str = "", watchdog_ms: int = WATCHDOG_MS
+    device: Device, folder: Path, script: str = "", watchdog_ms: int = WATCHDOG_MS, *, enable: bool = False
 ) -> Iterator[tuple[Board, SerialDacDriver, Loop]]:
     """A device with the driver open on it."""
     with device.running(folder, script) as board:
         driver = SerialDacDriver(
-            config(str(board.link), driver={"watchdog_ms": watchdog_ms}, amplifier={"dac_bits": bits(device)})
+            config(
+                str(board.link),
+                driver={"watchdog_ms": watchdog_ms},
+                amplifier={"dac_bits": bits(device)},
+                safety={"enable": enable},
+            )
         )
         try:
             driver.open()
@@ -121,6 +136,23 @@ def test_faults_of_the_board(device: Device, tmp_path: Path, kind: str, bit: int
 
         wait_until(told, kind)
         assert loop.x[X_DEVICE_CODE] & ~0x20 == bit  # the COMMANDs meanwhile may have been refused
+        assert loop.x[X_STATUS] == 0
+
+
+@cites("HELD clear, or a SAMPLE reply", "With safety.enable every SAMPLE is a SAMPLE_INPUTS", "is refused.")
+def test_the_enable_that_a_person_holds(device: Device, tmp_path: Path) -> None:
+    with driven(device, tmp_path, fault("kind: enable_released"), enable=True) as (board, _, loop):
+        enable(loop)
+        assert loop.x[X_STATUS] & STATUS_HELD
+
+        def released() -> bool:
+            assert loop.read() == OK
+            loop.write(100, 1)
+            return not loop.x[X_STATUS] & STATUS_HELD
+
+        wait_until(released, "the release")
+        board.wait_for_event("DISABLE")
+        assert loop.read() == OK
         assert loop.x[X_STATUS] == 0
 
 

@@ -86,7 +86,7 @@ def vectors() -> list[tuple[str, bytes, int, bytes]]:
 )
 def test_frames_are_made_as_on_the_page() -> None:
     """The host of these tests frames as the page's vectors do; what the devices make of them is below."""
-    assert len(vectors()) == 14
+    assert len(vectors()) == 16
     for _, payload, check, frame in vectors():
         assert crc(payload) == check
         assert stuffed(payload) == frame
@@ -117,6 +117,10 @@ def test_frames_are_made_as_on_the_page() -> None:
     "0x02 | CONFIGURE | 3",
     "0x03 | SAMPLE | 2",
     "0x04 | COMMAND | 5",
+    "SAMPLE_INPUTS, seq 0",
+    "SAMPLE_INPUTS reply: as the first above",
+    "0x05 | SAMPLE_INPUTS | 2",
+    "0x84 | SAMPLE_INPUTS reply | 13",
     "0x81 | HELLO reply | 20",
     "0x82 | CONFIGURE reply | 3",
     "0x83 | SAMPLE reply | 12",
@@ -148,6 +152,11 @@ def test_the_vectors_on_the_line(device: Device, tmp_path: Path) -> None:
             assert (answer.seq, answer.command_seq) == (seq, 0)
             assert len(host.frame) == 16
             assert host.frame.index(0) == 15
+        host.put(frames["SAMPLE_INPUTS, seq 0"])
+        told = host.receive()
+        assert told is not None
+        assert told[:2] == bytes.fromhex("84 00")
+        assert len(host.frame) == 17
         if hello.dac_bits == 14:
             host.put(frames["COMMAND: seq 7, mid-scale of 14 bits, enable"])
             assert host.sample().command_seq == 7
@@ -167,7 +176,7 @@ BAD = [
     pytest.param(b"\xff\x03\xff\xac\x56\x00", id="COBS-piece-of-254"),
     pytest.param(b"\x01\x00", id="one-byte"),
     pytest.param(b"\x03\xff\xff\x00", id="CRC-of-nothing"),
-    pytest.param(stuffed(b"\x05\x00"), id="type"),
+    pytest.param(stuffed(b"\x06\x00"), id="type"),
     pytest.param(stuffed(b"\x83" + bytes(11)), id="a-reply's-type"),
     *(
         pytest.param(stuffed(payload), id=f"type-{payload[0]}-of-{len(payload)}")
@@ -380,7 +389,7 @@ def test_several_commands(device: Device, tmp_path: Path) -> None:
         assert currents(board.stop()) == pytest.approx(expected)
 
 
-@pytest.mark.parametrize("wrong", ["code", "code-and-disable", "flag 1", "flag 7"])
+@pytest.mark.parametrize("wrong", ["code", "code-and-disable", "flag 2", "flag 7"])
 @cites(
     "code above 2^dac_bits",
     "Refusing changes neither output nor watchdog nor command_seq",
@@ -397,7 +406,7 @@ def test_refused_commands(host: Host, hello: Hello, wrong: str) -> None:
     code, flags = {
         "code": (2 * middle(hello), 1),
         "code-and-disable": (0xFFFF, 0),
-        "flag 1": (middle(hello), 2),
+        "flag 2": (middle(hello), 4),
         "flag 7": (middle(hello), 0x81),
     }[wrong]
     host.command(code, flags)
@@ -465,6 +474,42 @@ def test_what_switches_off(device: Device, tmp_path: Path) -> None:
 
 
 @cites(
+    "SAMPLE_INPUTS is a SAMPLE whose reply brings the inputs too",
+    "HELD: the enable input, which a person holds, is closed",
+    "A board without one never sets it",
+    "or with while held and HELD clear | refuses",
+    "Where that said while held, the end of HELD disables it too",
+)
+def test_the_enable_input(device: Device, tmp_path: Path) -> None:
+    """Released while the output is on: off by itself, and held again nothing goes on without a COMMAND with enable 0."""
+    script = "faults: [{kind: enable_released, at_s: 0.3, from: enabled, duration_s: 0.2}]"
+    with device.host(tmp_path, script) as (board, host):
+        hello = host.hello()
+        assert host.configure(10_000) == 10_000
+        assert host.inputs()[1] == 0  # nobody has looked at it yet
+        host.command(middle(hello), 0)
+        assert host.inputs()[1] == 1
+        host.command(middle(hello) + 100, 3)
+        before, held = host.inputs()
+        assert (before.status, held) == (ENABLED, 1)
+        wait_until(lambda: host.inputs()[1] == 0, "the release")
+        wait_until(lambda: host.sample().status & ENABLED == 0, "the output to go off")
+        board.wait_for_event("DISABLE")
+        time.sleep(0.4)  # it is held again by now
+        host.command(middle(hello) + 100, 3)
+        after, held = host.inputs()
+        assert (after.status, held) == (REJECTED, 0)
+        host.command(middle(hello), 0)
+        assert host.inputs()[1] == 1
+        host.command(middle(hello) + 100, 3)
+        assert host.inputs()[0].status == ENABLED
+        host.command(middle(hello), 0)
+        host.sample()
+        log = board.stop()
+    assert rows(log, "ENABLE").size == 2
+
+
+@cites(
     "| WATCHDOG | latched: no accepted COMMAND",
     "It runs while the output is enabled; every accepted COMMAND",
     "it acts within 1 ms of its time",
@@ -484,8 +529,8 @@ def test_nothing_else_keeps_the_output_alive(device: Device, tmp_path: Path) -> 
         seq = host.seq
 
         def trip() -> bool:
-            host.put(b"\x05\x03\xff\xac\x57\x00" + stuffed(bytes([4, 1, 0, 0, 2])))
-            host.command(0xFFFF if hello.dac_bits < 16 else 0, 3)
+            host.put(b"\x05\x03\xff\xac\x57\x00" + stuffed(bytes([4, 1, 0, 0, 4])))
+            host.command(0xFFFF if hello.dac_bits < 16 else 0, 5)
             return bool(host.sample().status & WATCHDOG)
 
         wait_until(trip, "the watchdog's trip")

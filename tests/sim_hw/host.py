@@ -143,6 +143,16 @@ class Host:
         assert answer.seq == seq
         return answer
 
+    def inputs(self) -> tuple[Sample, int]:
+        """A sample, and the inputs that came with it."""
+        self.seq = (self.seq + 1) & 0xFF
+        self.send(bytes([0x05, self.seq]))
+        payload = self.receive()
+        assert payload is not None
+        assert len(payload) == 13
+        assert payload[0] == 0x84
+        return Sample(*struct.unpack("<xBIIBB", payload[:12])), payload[12]
+
     def command(self, code: int, flags: int = 1) -> None:
         self.send(struct.pack("<BBHB", 0x04, self.seq, code, flags))
 

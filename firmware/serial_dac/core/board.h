@@ -33,7 +33,8 @@ uint32_t board_count(void);
 /* Microseconds since power-up, modulo 2^32. Read as a whole. */
 uint32_t board_time_us(void);
 
-/* Causes of faults that are present now: bits CORE_ENCODER_FAULT, CORE_AMPLIFIER_FAULT, CORE_EXTERNAL_STOP. */
+/* Causes of faults that are present now: bits CORE_ENCODER_FAULT, CORE_AMPLIFIER_FAULT, CORE_EXTERNAL_STOP; and CORE_HELD
+   while the enable input is closed. A board without one never says so. */
 uint8_t board_causes(void);
 
 /* (Re)start the watchdog: core_watchdog_expired is to be called after so many ms, by an interrupt that does not depend on

@@ -3,12 +3,14 @@
 #include "board.h"
 #include "framing.h"
 
-enum { HELLO = 0x01, CONFIGURE = 0x02, SAMPLE = 0x03, COMMAND = 0x04 };
-enum { HELLO_REPLY = 0x81, CONFIGURE_REPLY = 0x82, SAMPLE_REPLY = 0x83 };
+enum { HELLO = 0x01, CONFIGURE = 0x02, SAMPLE = 0x03, COMMAND = 0x04, SAMPLE_INPUTS = 0x05 };
+enum { HELLO_REPLY = 0x81, CONFIGURE_REPLY = 0x82, SAMPLE_REPLY = 0x83, INPUTS_REPLY = 0x84 };
 enum { HELLO_LENGTH = 4, CONFIGURE_LENGTH = 3, SAMPLE_LENGTH = 2, COMMAND_LENGTH = 5 };
-enum { HELLO_REPLY_LENGTH = 20, CONFIGURE_REPLY_LENGTH = 3, SAMPLE_REPLY_LENGTH = 12 };
+enum { HELLO_REPLY_LENGTH = 20, CONFIGURE_REPLY_LENGTH = 3, SAMPLE_REPLY_LENGTH = 12, INPUTS_REPLY_LENGTH = 13 };
 
 #define FLAG_ENABLE 0x01U
+#define FLAG_WHILE_HELD 0x02U
+#define INPUT_HELD 0x01U
 #define INPUT_FAULTS (CORE_ENCODER_FAULT | CORE_AMPLIFIER_FAULT | CORE_EXTERNAL_STOP)
 #define LATCHED (CORE_WATCHDOG | INPUT_FAULTS)
 #define LONGEST_REPLY ((uint8_t)HELLO_REPLY_LENGTH)
@@ -23,6 +25,8 @@ static uint8_t wire[LONGEST_REPLY + FRAMING_CRC_BYTES + 2U];
 static volatile uint8_t status;
 static volatile uint8_t command_seq;
 static volatile uint16_t watchdog_ms;
+static volatile bool released;   /* latched: the enable input has been open since the last COMMAND with enable 0 */
+static volatile bool while_held; /* the output is on for as long as that is not so */
 
 /* Bytes to send. The receiver's interrupt moves the head, the transmitter's the tail. */
 static volatile uint8_t queue[QUEUE_BYTES];
@@ -138,7 +142,12 @@ static void configure(const uint8_t *payload)
 
 static void sample(const uint8_t *payload, uint32_t count, uint32_t time_us)
 {
-    payload_out[0] = (uint8_t)SAMPLE_REPLY;
+    const bool inputs = payload[0] == (uint8_t)SAMPLE_INPUTS;
+
+    if (inputs) {
+        core_poll();
+    }
+    payload_out[0] = inputs ? (uint8_t)INPUTS_REPLY : (uint8_t)SAMPLE_REPLY;
     payload_out[1] = payload[1];
     put_u32(&payload_out[2], count);
     put_u32(&payload_out[6], time_us);
@@ -146,10 +155,11 @@ static void sample(const uint8_t *payload, uint32_t count, uint32_t time_us)
     const uint32_t before = board_interrupts_off();
     payload_out[10] = status;
     payload_out[11] = command_seq;
+    payload_out[12] = (uint8_t)(released ? 0U : INPUT_HELD);
     board_interrupts_restore(before);
 
     /* Only this interrupt sets BAD_FRAME: what was told is what is cleared. */
-    if (send((uint8_t)SAMPLE_REPLY_LENGTH)) {
+    if (send(inputs ? (uint8_t)INPUTS_REPLY_LENGTH : (uint8_t)SAMPLE_REPLY_LENGTH)) {
         const uint32_t again = board_interrupts_off();
         status &= (uint8_t)~CORE_BAD_FRAME;
         board_interrupts_restore(again);
@@ -161,14 +171,16 @@ static void apply_command(uint8_t seq, uint16_t code, uint8_t flags)
 {
     const uint32_t last = ((uint32_t)1U << board_facts.dac_bits) - 1U;
 
-    if ((code > last) || ((flags & (uint8_t)~FLAG_ENABLE) != 0U)) {
+    if ((code > last) || ((flags & (uint8_t)~(FLAG_ENABLE | FLAG_WHILE_HELD)) != 0U)) {
         set_status(CORE_REJECTED);
         return;
     }
-    if (flags == 0U) {
+    if ((flags & FLAG_ENABLE) == 0U) {
+        const uint8_t causes = board_causes();
         disable_output();
-        status = (uint8_t)((status & (uint8_t)~LATCHED) | (board_causes() & INPUT_FAULTS));
-    } else if ((status & (LATCHED | CORE_UNCONFIGURED)) != 0U) {
+        status = (uint8_t)((status & (uint8_t)~LATCHED) | (causes & INPUT_FAULTS));
+        released = (causes & CORE_HELD) == 0U;
+    } else if (((status & (LATCHED | CORE_UNCONFIGURED)) != 0U) || (((flags & FLAG_WHILE_HELD) != 0U) && released)) {
         set_status(CORE_REJECTED);
         return;
     } else {
@@ -176,6 +188,7 @@ static void apply_command(uint8_t seq, uint16_t code, uint8_t flags)
         board_enable(true);
         board_watchdog_start(watchdog_ms);
         set_status(CORE_ENABLED);
+        while_held = (flags & FLAG_WHILE_HELD) != 0U;
     }
     status &= (uint8_t)~CORE_REJECTED;
     command_seq = seq;
@@ -194,7 +207,7 @@ static bool handle(const uint8_t *payload, uint8_t length, uint32_t count, uint3
 {
     bool known = true;
 
-    if ((payload[0] == (uint8_t)SAMPLE) && (length == (uint8_t)SAMPLE_LENGTH)) {
+    if (((payload[0] == (uint8_t)SAMPLE) || (payload[0] == (uint8_t)SAMPLE_INPUTS)) && (length == (uint8_t)SAMPLE_LENGTH)) {
         sample(payload, count, time_us);
     } else if ((payload[0] == (uint8_t)COMMAND) && (length == (uint8_t)COMMAND_LENGTH)) {
         command(payload);
@@ -247,10 +260,17 @@ void core_watchdog_expired(void)
 void core_poll(void)
 {
     const uint32_t before = board_interrupts_off();
-    const uint8_t causes = (uint8_t)(board_causes() & INPUT_FAULTS);
+    const uint8_t inputs = board_causes();
+    const uint8_t causes = (uint8_t)(inputs & INPUT_FAULTS);
     if (causes != 0U) {
         disable_output();
         set_status(causes);
+    }
+    if ((inputs & CORE_HELD) == 0U) {
+        released = true;
+        if (while_held && ((status & CORE_ENABLED) != 0U)) {
+            disable_output();
+        }
     }
     board_interrupts_restore(before);
 }
@@ -259,6 +279,8 @@ void core_begin(void)
 {
     status = CORE_UNCONFIGURED;
     command_seq = 0U;
+    released = true;
+    while_held = false;
     decoder.received = 0U;
     queue_head = 0U;
     queue_tail = 0U;

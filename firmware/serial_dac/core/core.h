@@ -9,7 +9,7 @@
 #include <stdint.h>
 
 #define CORE_PROTOCOL_VERSION 1U
-#define CORE_FIRMWARE 0x0100U /* high byte major, low byte minor */
+#define CORE_FIRMWARE 0x0101U /* high byte major, low byte minor */
 #define CORE_WATCHDOG_POWER_UP_MS 20U
 
 /* Status bits. */
@@ -21,6 +21,9 @@
 #define CORE_REJECTED 0x20U
 #define CORE_EXTERNAL_STOP 0x40U
 #define CORE_UNCONFIGURED 0x80U
+
+/* Of board_causes alone, in the place of ENABLED: the enable input is closed. */
+#define CORE_HELD 0x01U
 
 /* Power-up: output off and at mid-scale, then all else. */
 void core_begin(void);

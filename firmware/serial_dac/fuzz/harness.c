@@ -37,6 +37,8 @@ static struct {
     uint16_t watchdog_ms; /* 0: stopped */
     uint8_t causes;
     uint8_t seen; /* causes when the core last looked */
+    bool opened;  /* the enable input, as far as the core has looked since the last COMMAND with enable 0 */
+    bool may_not; /* be switched on by the COMMAND at hand */
     bool pending;
     bool off; /* interrupts */
     uint32_t time_us;
@@ -75,6 +77,7 @@ uint32_t board_time_us(void)
 uint8_t board_causes(void)
 {
     board.seen = board.causes;
+    board.opened = board.opened || ((board.causes & CORE_HELD) == 0U);
     return board.causes;
 }
 
@@ -106,7 +109,7 @@ uint32_t board_interrupts_off(void)
 static void settled(void)
 {
     MUST(board.on ? (board.watchdog_ms != 0) : (board.code == MIDDLE));
-    MUST(!board.on || (board.seen == 0U));
+    MUST(!board.on || ((board.seen & CAUSES) == 0U));
 }
 
 static void expire(void)
@@ -161,13 +164,14 @@ static size_t decode(const uint8_t *wire, size_t length, uint8_t *data)
 
 static void check_reply(void)
 {
-    static const uint8_t lengths[] = {20, 3, 12};
+    static const uint8_t lengths[] = {20, 3, 12, 13};
     uint8_t data[sizeof board.line];
     const size_t size = decode(board.line, board.length, data);
 
-    MUST((size > 0) && (data[0] >= 0x81U) && (data[0] <= 0x83U) && (size == lengths[data[0] - 0x81U]));
-    if (data[0] == 0x83U) {
+    MUST((size > 0) && (data[0] >= 0x81U) && (data[0] <= 0x84U) && (size == lengths[data[0] - 0x81U]));
+    if (data[0] >= 0x83U) {
         const uint8_t status = data[10];
+        MUST((size == 12) || (data[12] <= 1U));
         MUST(((status & CORE_ENABLED) == 0U) || ((status & (CAUSES | CORE_WATCHDOG | CORE_UNCONFIGURED)) == 0U));
     }
     harness_replies++;
@@ -191,11 +195,20 @@ static void drain(size_t most)
 /* Whether the frame that ends here may do anything: it is whole, and such a message is sent to boards. */
 static bool is_message(void)
 {
-    static const uint8_t lengths[] = {4, 3, 2, 5};
+    static const uint8_t lengths[] = {4, 3, 2, 5, 2};
     uint8_t data[sizeof board.frame];
     const size_t size = ((board.received > 35) || board.lost) ? 0 : decode(board.frame, board.received, data);
+    const bool known = (size > 0) && (data[0] >= 1U) && (data[0] <= 5U) && (size == lengths[data[0] - 1U]);
 
-    return (size > 0) && (data[0] >= 1U) && (data[0] <= 4U) && (size == lengths[data[0] - 1U]);
+    if (known && (data[0] == 4U) && (data[3] < 0x10U) && (data[4] <= 3U)) {
+        /* A COMMAND that is not refused for its form: enable 0 forgets that the enable was released, enable 1 may wait for it. */
+        if ((data[4] & 1U) == 0U) {
+            board.opened = (board.causes & CORE_HELD) == 0U;
+        } else if ((data[4] & 2U) != 0U) {
+            board.may_not = board.opened || ((board.causes & CORE_HELD) == 0U);
+        }
+    }
+    return known;
 }
 
 static void receive_byte(uint8_t byte)
@@ -204,9 +217,12 @@ static void receive_byte(uint8_t byte)
     const bool on = board.on;
     const unsigned int started = board.started;
     const unsigned int sent = board.sent;
+    board.may_not = false;
     const bool may_act = (byte == 0U) && is_message();
 
     core_receive(byte);
+    MUST(!board.may_not || (board.code == code) || !board.on);
+    MUST(!board.may_not || (board.started == started));
     MUST(!board.off);
     settled();
     if (!may_act) {
@@ -249,11 +265,11 @@ static void step(enum step what, const uint8_t *bytes, size_t size)
         board.pending = true;
         break;
     case STEP_CAUSES:
-        board.causes = (size > 0) ? (bytes[0] & CAUSES) : 0U;
+        board.causes = (size > 0) ? (bytes[0] & (CAUSES | CORE_HELD)) : 0U;
         break;
     case STEP_POLL:
         core_poll();
-        MUST(!board.on || (board.causes == 0U));
+        MUST(!board.on || ((board.causes & CAUSES) == 0U));
         break;
     case STEP_DRAIN:
         drain((size > 0) ? bytes[0] : 255U);
@@ -270,6 +286,7 @@ void harness_run(const uint8_t *data, size_t size)
 {
     memset(&board, 0, sizeof board);
     board.off = true; /* as in reset */
+    board.opened = true;
     core_begin();
     MUST(!board.on && (board.code == MIDDLE) && (board.watchdog_ms == 0));
     board.off = false;

@@ -24,8 +24,8 @@ static uint32_t draw(uint32_t below)
 
 static size_t message(uint8_t *payload)
 {
-    static const uint8_t lengths[] = {4, 3, 2, 5};
-    const uint8_t type = (uint8_t)draw(4);
+    static const uint8_t lengths[] = {4, 3, 2, 5, 2};
+    const uint8_t type = (uint8_t)draw(5);
 
     payload[0] = (uint8_t)(type + 1U);
     for (uint8_t n = 1; n < lengths[type]; n++) {
@@ -36,7 +36,7 @@ static size_t message(uint8_t *payload)
     }
     if ((type == 3) && (draw(4) != 0)) {
         payload[3] &= 0x0FU; /* mostly a code of 12 bits */
-        payload[4] = (uint8_t)(draw(8) == 0 ? 2U : draw(2));
+        payload[4] = (uint8_t)(draw(8) == 0 ? 4U : draw(4));
     }
     return lengths[type];
 }
@@ -99,7 +99,7 @@ static size_t event(uint8_t *steps)
         return 1;
     case 2:
         steps[0] = STEP_CAUSES;
-        steps[1] = (uint8_t)(draw(2) == 0 ? 0U : draw(256));
+        steps[1] = (uint8_t)(draw(2) == 0 ? draw(2) : draw(256)); /* mostly no cause: the enable held, or not */
         return 2;
     case 3:
         steps[0] = STEP_POLL;

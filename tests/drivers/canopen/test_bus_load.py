@@ -40,12 +40,12 @@ def test_no_pattern_is_longer_and_the_worst_one_is_met(data_bytes: int) -> None:
 
 def test_known_lengths_and_the_limits_that_follow() -> None:
     assert (bus_load.frame_bits(8), bus_load.TICK_BITS, bus_load.GUARD_BITS) == (135, 285, 120)
-    assert bus_load.READ_BACK_BITS == bus_load.frame_bits(3) == 85
+    assert bus_load.frame_bits(bus_load.READ_BACK_BYTES) == 85
     assert bus_load.bus_load(1000.0) == pytest.approx((370_000 + 120 * 40) / 1e6)
-    assert bus_load.bus_load(1000.0, read_back=False) == pytest.approx((285_000 + 120 * 40) / 1e6)
-    for bitrate, read_back in itertools.product(bus_load.BITRATES, (True, False)):
-        rate = bus_load.fastest_rate_hz(bitrate, read_back=read_back)
-        assert rate == 0.0 or bus_load.bus_load(rate, bitrate, read_back=read_back) == pytest.approx(bus_load.USABLE)
+    assert bus_load.bus_load(1000.0, back_bytes=0) == pytest.approx((285_000 + 120 * 40) / 1e6)
+    for bitrate, back_bytes in itertools.product(bus_load.BITRATES, (0, 3, 4, 7)):
+        rate = bus_load.fastest_rate_hz(bitrate, back_bytes=back_bytes)
+        assert rate == 0.0 or bus_load.bus_load(rate, bitrate, back_bytes=back_bytes) == pytest.approx(bus_load.USABLE)
     assert bus_load.wire_time_s(1e6) == pytest.approx(230e-6)
 
 
@@ -71,4 +71,4 @@ def test_check_knows_the_limit_of_the_config() -> None:
     config = parse_config({"driver": {"name": "canopen", "bitrate": 500_000, "watchdog_ms": 40}}, "test")
     assert drivers.max_rate(config)[0] == bus_load.fastest_rate_hz(500_000, 40)
     without = parse_config({"driver": {"name": "canopen", "read_back": False}}, "test")
-    assert drivers.max_rate(without)[0] == bus_load.fastest_rate_hz(read_back=False)
+    assert drivers.max_rate(without)[0] == bus_load.fastest_rate_hz(back_bytes=0)

@@ -28,7 +28,7 @@ def test_the_crc_is_the_catalogues() -> None:
 
 
 def test_the_document_has_vectors_of_every_message() -> None:
-    assert {bytes.fromhex(payload)[0] for _, payload, _, _ in VECTORS} == {1, 2, 3, 4, 0x81, 0x82, 0x83}
+    assert {bytes.fromhex(payload)[0] for _, payload, _, _ in VECTORS} == {1, 2, 3, 4, 5, 0x81, 0x82, 0x83, 0x84}
 
 
 @pytest.mark.parametrize(("what", "payload", "crc", "wire"), VECTORS)

@@ -17,6 +17,7 @@
 #define PIN_SCK _BV(5)    /* D13 */
 /* Port D */
 #define ENCODER_SHIFT 2U       /* A on D2, B on D3 */
+#define PIN_RELEASED _BV(4)    /* D4: low while the enable switch is held */
 #define PIN_STOP _BV(6)        /* D6: high when the stop circuit is open */
 #define PIN_NO_AMP_FAULT _BV(7) /* D7: low when the amplifier reports a fault */
 
@@ -123,6 +124,9 @@ uint8_t board_causes(void)
     }
     if ((pins & PIN_STOP) != 0U) {
         causes |= CORE_EXTERNAL_STOP;
+    }
+    if ((pins & PIN_RELEASED) == 0U) {
+        causes |= CORE_HELD;
     }
     return causes;
 }
@@ -249,7 +253,7 @@ int main(void)
     wdt_enable(WDTO_60MS); /* without the tick: reset, and so off */
 
     EICRA = _BV(ISC00) | _BV(ISC10); /* any change; until it says so, a low line would count */
-    PORTD = PIN_STOP | PIN_NO_AMP_FAULT | (3U << ENCODER_SHIFT); /* pull-ups */
+    PORTD = PIN_RELEASED | PIN_STOP | PIN_NO_AMP_FAULT | (3U << ENCODER_SHIFT); /* pull-ups */
     encoder_last = (uint8_t)((PIND >> ENCODER_SHIFT) & 3U);
     EIFR = _BV(INTF0) | _BV(INTF1);
     EIMSK = _BV(INT0) | _BV(INT1);

@@ -14,6 +14,7 @@
 
 /* Pins */
 #define A_STOP 8U         /* PA8, D7: high when the stop circuit is open */
+#define A_RELEASED 10U    /* PA10, D2: low while the enable switch is held */
 #define A_NO_AMP_FAULT 9U /* PA9, D8: low when the amplifier reports a fault */
 #define B_ENABLE 10U      /* PB10, D6 */
 #define C_CS 7U           /* PC7, D9 */
@@ -122,6 +123,9 @@ uint8_t board_causes(void)
     }
     if ((pins & BIT(A_STOP)) != 0U) {
         causes |= CORE_EXTERNAL_STOP;
+    }
+    if ((pins & BIT(A_RELEASED)) == 0U) {
+        causes |= CORE_HELD;
     }
     return causes;
 }
@@ -234,6 +238,7 @@ static void start_inputs(void)
     pin(GPIOA, 2U, MODE_FUNCTION, 0U, 7U);      /* to the ST-LINK */
     pin(GPIOA, 3U, MODE_FUNCTION, PULL_UP, 7U); /* from the ST-LINK */
     pin(GPIOA, A_STOP, MODE_INPUT, PULL_UP, 0U);
+    pin(GPIOA, A_RELEASED, MODE_INPUT, PULL_UP, 0U);
     pin(GPIOA, A_NO_AMP_FAULT, MODE_INPUT, PULL_UP, 0U);
     TIM2->smcr = TIM_ENCODER_X4;
     TIM2->ccmr1 = TIM_INPUTS_FILTERED;

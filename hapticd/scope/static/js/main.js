@@ -143,7 +143,7 @@ function takeConfig(message) {
 function showState(why) {
   const { status } = said;
   const state = status ? status.state : "unreachable";
-  say("state", state);
+  say("state", status?.enable.required && !status.enable.held ? `${state}, enable released` : state);
   document.body.dataset.state = state;
   say("rate", status ? `${number(status.timing.rate_hz)} Hz` : "–");
   say("missed", status ? `${status.timing.missed} periods missed` : "");

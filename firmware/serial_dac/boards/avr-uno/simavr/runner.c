@@ -34,6 +34,7 @@
 #define CYCLES_PER_US 16U
 #define LOOK_CYCLES (10U * CYCLES_PER_US)     /* at line and clock */
 #define ILLEGAL_CYCLES (2000U * CYCLES_PER_US) /* between illegal transitions while the encoder is broken */
+#define INPUT_HELD 0x01U
 #define CAUSE_ENCODER 0x04U
 #define CAUSE_AMPLIFIER 0x08U
 #define CAUSE_STOP 0x40U
@@ -215,6 +216,7 @@ static void put_causes(void)
         shown = causes;
         put_input(7, (causes & CAUSE_AMPLIFIER) == 0U);
         put_input(6, (causes & CAUSE_STOP) != 0U);
+        put_input(4, (causes & INPUT_HELD) == 0U);
     }
 }
 
