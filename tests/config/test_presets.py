@@ -5,6 +5,8 @@ from math import pi
 import pytest
 
 from hapticd.config import Config, load_config, parse_yaml, preset_names
+from hapticd.config.assumed import assumed
+from hapticd.config.presets import PRESETS
 
 # Table II of the paper as printed, with T = 1/3 ms where it rounds to 0.33 ms: m, b, c, Δ in µm, T, K
 TABLE_II = {
@@ -26,8 +28,40 @@ NUMBERS = {
 }
 
 
+RIGS = ("epos4", "hapkit", "mj5208", "srv02")
+"""Rigs that people have."""
+
+
 def test_preset_names() -> None:
-    assert preset_names() == ("re35", *sorted(TABLE_II))
+    assert preset_names() == ("re35", *sorted((*TABLE_II, *RIGS)))
+
+
+@pytest.mark.parametrize("name", RIGS)
+def test_rigs_say_all_of_themselves_and_how_a_driver_reaches_them(name: str) -> None:
+    config = load_config(name)
+    assert assumed(config) == ()
+    sigma = config.plant.uncertainty
+    assert 0.0 < sigma.inertia < config.plant.inertia
+    assert 0.0 < sigma.coulomb < config.plant.coulomb
+    text = " ".join(line.lstrip("# ") for line in (PRESETS / f"{name}.yaml").read_text().splitlines())
+    assert "Reached by" in text
+    assert "driver canopen" in text or "driver serial_dac" in text
+    assert config.safety.encoder_jump is not None
+    assert config.safety.max_velocity is not None
+    assert config.safety.encoder_jump > config.safety.max_velocity * config.period / config.raw_resolution
+    # as much as its own plant can take away: Coulomb friction holds half a tick of the spring
+    assert config.spring.stiffness * config.resolution < 2.0 * config.plant.coulomb
+
+
+def test_numbers_of_the_rigs_follow_from_their_sources() -> None:
+    srv02, hapkit, mj5208, epos4 = (load_config(name) for name in ("srv02", "hapkit", "mj5208", "epos4"))
+    assert srv02.amplifier.torque_constant == pytest.approx(0.90 * 0.69 * 70 * 7.68e-3, rel=0.002)
+    assert srv02.plant.inertia == pytest.approx(9.76e-5 + 0.90 * 70**2 * (3.90e-7 + 7.06e-8), rel=0.002)
+    assert hapkit.amplifier.peak_current == pytest.approx(0.03 * 73.152 / 4.191, rel=0.01)
+    assert hapkit.encoder.counts_per_rev == round(360 / 0.01197)
+    assert mj5208.amplifier.torque_constant == pytest.approx(3**0.5 / 2 * 60 / (2 * pi) / 330, rel=0.002)
+    friction = epos4.plant.coulomb + epos4.plant.viscous * 7580 * 2 * pi / 60
+    assert friction == pytest.approx(0.137 * 0.0302, rel=0.01)
 
 
 def test_re35_preset_is_the_default() -> None:

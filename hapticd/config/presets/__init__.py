@@ -1,4 +1,4 @@
-"""Configurations that ship with hapticd: the RE35 testbed and the devices of the paper's Table II."""
+"""Configurations that ship with hapticd: the RE35 testbed, the devices of the paper's Table II, rigs that people have."""
 
 from __future__ import annotations
 
