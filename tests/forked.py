@@ -25,7 +25,9 @@ import pytest
 from hapticd.record.flight import SUFFIX, memory_directory
 
 _CONTEXT = multiprocessing.get_context("forkserver")
-_CONTEXT.set_forkserver_preload(["tests.sim_hw.forked_device", "tests.service.forked_daemon", "tests.frozen"])
+_CONTEXT.set_forkserver_preload(
+    ["tests.sim_hw.forked_device", "tests.drivers.other_drive.__main__", "tests.service.forked_daemon", "tests.frozen"]
+)
 _PR_SET_PDEATHSIG = 1
 _PROGRAMS = {"sim_hw": "sim_hw.__main__:main", "hapticd.cli": "hapticd.cli.main:main"}
 

@@ -91,7 +91,7 @@ def bring_up(
     identity = _identify(network, monitor, options, objects, dictionary, profile, eds)
 
     _set_watchdog(objects, profile, options, 0)
-    if objects.known(0x1017):
+    if objects.present(0x1017, 0, "heartbeat producer time (ms)"):
         objects.set(0x1017, 0, 0, "heartbeat producer time (ms)")
     _disable(objects, profile)
     objects.apply(profile.reactions)

@@ -53,13 +53,13 @@ def map_pdos(
     for number in range(_PDOS):
         for base, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
             index, what = base + number, f"COB-ID of {name} {number + 1}"
-            if number == 0 or objects.known(index, 1):
+            if number == 0 or objects.present(index, 1, what):
                 cob_id = objects.read(index, 1, what)
                 if not cob_id & _INVALID:
                     objects.set(index, 1, cob_id | _INVALID, what)
     for index, name in ((0x1800, "TPDO 1"), *(((0x1801, "TPDO 2"),) if back else ())):
         for sub, what in ((3, "inhibit time"), (5, "event timer")):
-            if objects.known(index, sub):
+            if objects.present(index, sub, what):
                 objects.set(index, sub, 0, f"{what} of {name}")
     _map(objects, 0x1800, w.TPDO1 + node_id, _ON_EVERY_SYNC, sample, "TPDO 1")
     if back:
