@@ -156,6 +156,11 @@ class CanopenDriver(Driver):
             raise DriverError(f"{options.interface} {options.channel}: the interface does not send: {error}") from error
         finally:
             stop_listening(network)
+        if options.node_id in self._monitor.booted:
+            raise DriverError(
+                f"{options.interface} {options.channel}: node {options.node_id} booted while it was brought up, and has "
+                "lost what was set before: look after its supply, and start again"
+            )
         self._drive = drive
         self._prepare(drive)
         if options.compiled:

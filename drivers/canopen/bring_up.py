@@ -89,6 +89,7 @@ def bring_up(
     echoes = stop_node(network, monitor, node_id)
     objects = Objects(node, eds.name)
     identity = _identify(network, monitor, options, objects, dictionary, profile, eds)
+    objects.expect(there=True)
 
     _set_watchdog(objects, profile, options, 0)
     if objects.present(0x1017, 0, "heartbeat producer time (ms)"):
@@ -136,6 +137,7 @@ def release(objects: Objects, profile: Profile, options: Options) -> None:
     Raises:
         DriverError: the drive does not answer, or does not switch off.
     """
+    objects.expect(there=False)
     _set_watchdog(objects, profile, options, 0)
     set_deadline(objects, 0)
     if not objects.read(profile.statusword, 0, "statusword") & FAULT_BIT:

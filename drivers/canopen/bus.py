@@ -127,9 +127,10 @@ def refuse_other_master(monitor: Monitor, node_id: int) -> None:
     """
     if monitor.commands:
         heard = monitor.commands[0]
+        own = ", or have the drive no longer produce it (0x1005, bit 30)" if heard.arbitration_id == w.SYNC else ""
         raise DriverError(
             f"another master is on the bus: {describe_command(heard.arbitration_id, node_id)} was heard, and this driver "
-            "did not send it; stop the other program or device first"
+            f"did not send it; stop the other program or device first{own}"
         )
 
 
@@ -148,6 +149,7 @@ def describe_command(identifier: int, node_id: int) -> str:
 def stop_node(network: canopen.Network, monitor: Monitor, node_id: int) -> bool:
     """NMT: node to pre-operational. Returns whether the interface gives our own frames back (udp_multicast does)."""
     network.send_message(w.NMT, bytes([0x80, node_id]))
+    monitor.booted.discard(node_id)  # from here on it would lose what is set
     echoes = monitor.wait_command(w.NMT, _ECHO_S)
     if echoes:
         monitor.commands.clear()

@@ -15,6 +15,9 @@ from drivers.interface import DriverError
 ABSENT: Final = frozenset({0x06020000, 0x06090011})
 """SDO abort codes of an object or sub-index that is not there (CiA 301, table 22)."""
 SDO_TIMEOUT_S: Final = 0.5
+"""Asked twice within it, a node is there or it is not."""
+SLOW_S: Final = 3.0
+"""A node that is there may store, or look something up, for so long; asked again meanwhile it would answer twice."""
 
 
 class Objects:
@@ -27,8 +30,12 @@ class Objects:
     def __init__(self, node: canopen.RemoteNode, eds: str) -> None:
         self._node = node
         self._eds = eds
-        node.sdo.RESPONSE_TIMEOUT = SDO_TIMEOUT_S
-        node.sdo.MAX_RETRIES = 2
+        self.expect(there=False)
+
+    def expect(self, *, there: bool) -> None:
+        """Whether the node is known to be there: then its answers may take their time."""
+        self._node.sdo.RESPONSE_TIMEOUT = SLOW_S if there else SDO_TIMEOUT_S
+        self._node.sdo.MAX_RETRIES = 1 if there else 2
 
     def known(self, index: int, sub: int = 0) -> bool:
         """Whether the EDS has the object."""
@@ -128,9 +135,10 @@ class Objects:
         )
 
     def _silent(self, index: int, sub: int, what: str) -> DriverError:
-        return DriverError(
-            f"node {self._node.id} gave no answer about {what} ({_name(index, sub)}) within {SDO_TIMEOUT_S:g} s, twice"
-        )
+        sdo = self._node.sdo
+        twice = ", twice" if sdo.MAX_RETRIES > 1 else ""
+        waited = f"{sdo.RESPONSE_TIMEOUT:g} s{twice}"
+        return DriverError(f"node {self._node.id} gave no answer about {what} ({_name(index, sub)}) within {waited}")
 
 
 def _name(index: int, sub: int) -> str:

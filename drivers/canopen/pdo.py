@@ -50,6 +50,8 @@ def map_pdos(
     _check_entries(objects, sample, "TPDO 1")
     _check_entries(objects, command, "RPDO 1")
     _check_entries(objects, back, "TPDO 2")
+    for entry in sample:  # a drive may take the mapping of what it has not, and send less
+        objects.read(entry.index, 0, entry.what)
     for number in range(_PDOS):
         for base, name in ((0x1400, "RPDO"), (0x1800, "TPDO")):
             index, what = base + number, f"COB-ID of {name} {number + 1}"

@@ -22,7 +22,7 @@ from hapticd.record import RecordingError
 from hapticd.service.background import Background
 from hapticd.service.latch import CIRCUMSTANCES
 from hapticd.service.refusals import Refused
-from hapticd.servo import atomics, faults, layout
+from hapticd.servo import atomics, faults, layout, run_away
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -202,7 +202,8 @@ class FaultManager:
         rig = self._rendering.rig
         number = rig.fault_number or faults.ESTOP
         value, limit = rig.core.fault_numbers
-        return faults.describe(number, value, limit, is_linear=rig.config.is_linear, detail=rig.driver.error)
+        why = rig.driver.error or run_away.detail(number, rig.core, rig.origin_counts)
+        return faults.describe(number, value, limit, is_linear=rig.config.is_linear, detail=why)
 
     def _keep_past(self, code: str) -> None:
         time.sleep(0.1)

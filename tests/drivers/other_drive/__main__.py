@@ -32,7 +32,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--missing", action="append", default=[])
     given = parser.parse_args(arguments)
     script = (yaml.safe_load(given.script.read_text()) if given.script else None) or {}
-    start = script.setdefault("start", {}) or {}
+    script["start"] = start = dict(script.get("start") or {})
     start["override"] = {**(start.get("override") or {})} | {
         name: int(value, 0) for name, value in (one.split("=") for one in given.set)
     }

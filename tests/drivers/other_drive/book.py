@@ -41,7 +41,10 @@ class Book:
         if self._stream is None:
             return
         self._rows.append((now_ns, event, axis.angle, axis.speed, axis.true_counts, target, axis.current, code, detail))
-        if time.monotonic() - self._written_s > _BATCH_S:
+
+    def turn(self) -> None:
+        """Write what has been kept for 50 ms."""
+        if self._rows and time.monotonic() - self._written_s > _BATCH_S:
             self._flush()
 
     def _flush(self) -> None:

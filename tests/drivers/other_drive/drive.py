@@ -141,6 +141,7 @@ class Drive:
                 _, _, outwards, frame = heapq.heappop(self._later)
                 self._deliver(frame, outwards)
             self._turn()
+            self._book.turn()
         self._axis.current = 0.0
         self._write(12)
         self._book.close()
@@ -376,6 +377,10 @@ class Drive:
         if kind in FRAME_KINDS:
             self._troubles.append(FrameTrouble(fault))
             return
+        if kind == "power_up":
+            self._axis.offset -= self._axis.true_counts
+            self._power_up()
+            return
         self._write(6, KINDS.index(kind))
         if kind == "freeze_counter":
             self._axis.held_until_ns = until
@@ -401,9 +406,6 @@ class Drive:
             self._write(10)
             self._mute_until = self._deaf_until = self._now + round(1e9 * fault.get("off_s", 0.1))
             self._plan.append({"kind": "power_up", "at_s": 1e-9 * (self._mute_until - self._born)})
-        elif kind == "power_up":
-            self._axis.offset -= self._axis.true_counts
-            self._power_up()
         elif kind == "foreign_sdo":
             index, sub = key_of(fault["object"])
             size = fault.get("size", 1)

@@ -48,10 +48,12 @@ class Hub:
         self._door.bind(os.fspath(path))
         self._door.listen()
         self._clients: list[socket.socket] = []
+        self._is_open = True
 
     def take(self, wait_s: float) -> list[Frame]:
         frames = []
-        for ready in select.select([self._door, *self._clients], [], [], max(0.0, wait_s))[0]:
+        doors = [self._door] if self._is_open else []
+        for ready in select.select([*doors, *self._clients], [], [], max(0.0, wait_s))[0]:
             if ready is self._door:
                 client, _ = self._door.accept()
                 client.setblocking(False)
@@ -62,8 +64,7 @@ class Hub:
             except OSError:
                 packet = b""
             if not packet:
-                self._clients.remove(ready)
-                ready.close()
+                self._forget(ready)
                 continue
             self._spread(packet, ready)
             cob, length, data = _CAN_FRAME.unpack(packet)
@@ -77,7 +78,12 @@ class Hub:
             except BlockingIOError:
                 pass  # a bus does not wait for whoever does not read
             except OSError:
-                self._clients.remove(client)
+                self._forget(client)
+
+    def _forget(self, client: socket.socket) -> None:
+        if client in self._clients:
+            self._clients.remove(client)
+            client.close()
 
     def put(self, frame: Frame) -> None:
         cob = frame.cob | (_REMOTE_FLAG if frame.remote else 0)
@@ -91,7 +97,7 @@ class Hub:
             client.close()
         self._clients.clear()
         self._door.close()
-        self._door = socket.socket(socket.AF_UNIX)  # never listens: nobody comes any more
+        self._is_open = False
 
 
 class PythonCan:

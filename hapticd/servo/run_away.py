@@ -1,0 +1,56 @@
+"""What a run-away looks like whose sign is wrong: the shaft only ever goes away from the origin, against the current."""
+
+from __future__ import annotations
+
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hapticd.record.schema import FLAG_RUNNING
+from hapticd.servo import faults
+
+SUSPECT: Final = (
+    "from the first tick on the shaft only went away from the origin, ever faster, while the current was to bring it back: "
+    "most likely the sign is wrong (encoder.invert, or the motor's leads)"
+)
+_PAST_S: Final = 2.0
+"""A wrong sign runs away within tenths of a second."""
+_FEWEST: Final = 4
+_GROWTH: Final = 2.0
+
+
+def detail(number: int, core: Any, origin_counts: int) -> str | None:
+    """What the last rows of a loop add to its fault, in words; None for nothing.
+
+    Args:
+        number: of the fault. core: the loop (:class:`hapticd.servo.core.ServoCore`). origin_counts: the spring's.
+    """
+    if number not in (faults.OVER_SPEED, faults.EXCURSION):
+        return None
+    return SUSPECT if sign_is_suspect(core.history(_PAST_S), origin_counts) else None
+
+
+def sign_is_suspect(rows: NDArray[Any], origin_counts: int) -> bool:
+    """Whether the last motion in some rows is one that a spring of the right sign cannot have caused.
+
+    An unstable spring swings, and a release begins towards the origin. A hand that pulls this fast, and faster still from the
+    first tick on, is told from it by nobody.
+
+    Args:
+        rows: structured (:data:`hapticd.record.schema.ROW`), oldest first; the last run of FLAG_RUNNING is looked at.
+        origin_counts: the spring's origin, counts.
+    """
+    running = np.flatnonzero(rows["flags"] & FLAG_RUNNING)
+    if len(running) < _FEWEST:
+        return False
+    begin = running[np.flatnonzero(np.diff(running) > 1)[-1] + 1] if np.any(np.diff(running) > 1) else running[0]
+    run = rows[begin : running[-1] + 2]  # the sample of the fault itself follows
+    away = run["encoder_counts"].astype(float) - origin_counts
+    away *= np.sign(away[-1])
+    steps = np.diff(away)
+    current = run["current_command_A"][:-1] * np.sign(run["encoder_counts"][-1] - origin_counts)
+    half = len(steps) // 2
+    only_away = bool(np.all(steps >= -1.0) and away[0] >= -1.0)
+    faster = steps[half:].sum() > _GROWTH * max(1.0, steps[:half].sum())
+    return bool(only_away and faster and np.all(current <= 0.0) and current.min() < 0.0)
