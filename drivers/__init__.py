@@ -12,6 +12,7 @@ from drivers.interface import (
     DriverError,
     driver_options,
     new_exchange,
+    read_options,
 )
 from drivers.python_driver import PythonDriver
 from drivers.registry import DriverInfo, check_option_names, create, declared_latency, declared_step, discover, max_rate
@@ -36,4 +37,5 @@ __all__ = [
     "driver_options",
     "max_rate",
     "new_exchange",
+    "read_options",
 ]

@@ -13,16 +13,20 @@ from __future__ import annotations
 
 import abc
 import math
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, TypeVar
 
 import numpy as np
+from pydantic import ValidationError
 
-from hapticd.config.text import legible
+from hapticd.config.text import legible, shown
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.config import Config
+    from hapticd.config.fields import Section
+
+_Options = TypeVar("_Options", bound="Section")
 
 EXCHANGE_WORDS = 16
 
@@ -127,8 +131,9 @@ class Driver(abc.ABC):
     """
 
     summary: ClassVar[str] = ""
-    options: ClassVar[tuple[str, ...] | None] = None
-    """Names of the options beside ``driver.name``; None: not declared, and checked by the constructor alone."""
+    options: ClassVar[type[Section] | tuple[str, ...] | None] = None
+    """The options beside ``driver.name``: a section with one line each (:func:`read_options`), or their names, checked
+    further by the constructor; None: checked by the constructor alone, which `check` then calls too."""
     reports_index: ClassVar[bool] = False
     """Whether ``read`` fills X_INDEX_SEEN and X_INDEX_COUNTS."""
     enable_input: ClassVar[bool] = False
@@ -215,6 +220,22 @@ class Driver(abc.ABC):
 def new_exchange() -> NDArray[np.int64]:
     """A zeroed exchange block; ``block.view(float64)`` is its floating-point side. Shape (16,), int64."""
     return np.zeros(EXCHANGE_WORDS, dtype=np.int64)
+
+
+def read_options(config: Config, kind: type[_Options]) -> _Options:
+    """The driver's own options, by a declaration of one line each (``hapticd.config.fields``), as a setting of ours.
+
+    Raises:
+        DriverConfigError: one has a wrong value; with key, value, what is allowed and the unit.
+    """
+    try:
+        return kind.model_validate(driver_options(config))
+    except ValidationError as error:
+        wrong = error.errors(include_url=False)[0]
+        key = str(wrong["loc"][0])
+        extra = kind.model_fields[key].json_schema_extra if key in kind.model_fields else None
+        unit = f" ({extra['unit']})" if isinstance(extra, dict) and "unit" in extra else ""
+        raise DriverConfigError(f"driver.{key} = {shown(wrong['input'])}: {wrong['msg']}{unit}") from error
 
 
 def driver_options(config: Config) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from functools import cache
 from importlib.metadata import EntryPoint, entry_points
 from typing import TYPE_CHECKING
 
-from drivers.interface import Driver, DriverConfigError, DriverError, driver_options
+from drivers.interface import Driver, DriverConfigError, DriverError, driver_options, read_options
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -63,7 +63,8 @@ def check_option_names(config: Config) -> None:
     """Refuse an option or an input that the config's driver does not have, without opening or making anything.
 
     Raises:
-        DriverConfigError: with the nearest option. A driver that is not installed, or declares none, refuses nothing.
+        DriverConfigError: with the nearest option, or in the words of a driver that declares none. One that is not
+            installed refuses nothing.
     """
     try:
         driver = _class_of(config.driver.name)
@@ -78,13 +79,18 @@ def check_option_names(config: Config) -> None:
             f"of the installed drivers these have one: {having}"
         )
     if driver.options is None:
+        if driver_options(config):
+            _made(driver, config)
         return
+    names = driver.options if isinstance(driver.options, tuple) else tuple(driver.options.model_fields)
     for key in driver_options(config):
-        if key not in driver.options:
-            nearest = difflib.get_close_matches(key, driver.options, n=1)
-            has = f"it has: {', '.join(driver.options)}" if driver.options else "it has none"
+        if key not in names:
+            nearest = difflib.get_close_matches(key, names, n=1)
+            has = f"it has: {', '.join(names)}" if names else "it has none"
             hint = f"did you mean driver.{nearest[0]}?" if nearest else has
             raise DriverConfigError(f"driver.{key}: driver {config.driver.name} has no such option; {hint}")
+    if not isinstance(driver.options, tuple):
+        read_options(config, driver.options)
 
 
 def declared_latency(config: Config) -> tuple[float, str | None]:
@@ -149,9 +155,17 @@ def create(config: Config) -> Driver:
     except Exception as exception:
         raise DriverError(f"driver {name!r} cannot be loaded: {type(exception).__name__}: {exception}") from exception
     check_option_names(config)
+    return _made(driver, config)
+
+
+def _made(driver: type[Driver], config: Config) -> Driver:
     try:
         return driver(config)
-    except DriverError:
+    except DriverConfigError:
         raise
+    except DriverError as error:  # nothing was opened yet
+        raise DriverConfigError(error) from error
     except Exception as exception:
-        raise DriverError(f"driver {name!r} refused its config: {type(exception).__name__}: {exception}") from exception
+        raise DriverConfigError(
+            f"driver {config.driver.name!r} refused its config: {type(exception).__name__}: {exception}"
+        ) from exception

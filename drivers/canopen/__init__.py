@@ -139,6 +139,7 @@ class CanopenDriver(Driver):
         from drivers.canopen.bus import Monitor, listen, open_bus, stop_listening
 
         options = self._options
+        where = f"{options.interface} {options.channel}"
         bus = open_bus(options)
         self._network = network = canopen.Network(bus)
         self._monitor = Monitor(options.node_id)
@@ -147,20 +148,17 @@ class CanopenDriver(Driver):
             drive = bring_up(network, self._monitor, options, self._profile, self._eds, self.config)
             if options.compiled and drive.echoes:
                 raise DriverError(
-                    f"{options.interface} {options.channel} gives our own frames back (receive_own_messages): switch that "
+                    f"{where} gives our own frames back (receive_own_messages): switch that "
                     "off, or another master cannot be told from ourselves"
                 )
         except DriverError as error:
-            raise type(error)(f"{options.interface} {options.channel}: {error}") from error
+            raise type(error)(f"{where}: {self._restarted() or error}") from error
         except (can.CanError, OSError) as error:
-            raise DriverError(f"{options.interface} {options.channel}: the interface does not send: {error}") from error
+            raise DriverError(f"{where}: the interface does not send: {error}") from error
         finally:
             stop_listening(network)
-        if options.node_id in self._monitor.booted:
-            raise DriverError(
-                f"{options.interface} {options.channel}: node {options.node_id} booted while it was brought up, and has "
-                "lost what was set before: look after its supply, and start again"
-            )
+        if restarted := self._restarted():
+            raise DriverError(f"{where}: {restarted}")
         self._drive = drive
         self._prepare(drive)
         if options.compiled:
@@ -173,6 +171,16 @@ class CanopenDriver(Driver):
             self._calls = PythonCalls(self, exchange.read, exchange.write)
             self._calls.install()
         self.state_address = self._block.ctypes.data
+
+    def _restarted(self) -> str:
+        """Whether the node sent its boot-up message while it was brought up, in words."""
+        node = self._options.node_id
+        if self._monitor is None or node not in self._monitor.booted:
+            return ""
+        return (
+            f"node {node} booted while it was brought up, and has lost what was set before: look after its supply, and "
+            "start again"
+        )
 
     def _prepare(self, drive: Drive) -> None:
         options, block = self._options, self._block

@@ -1,26 +1,27 @@
 """A third-party driver: a shaft with viscous friction, simulated in Python, that moves by one period at every sample."""
 
-from drivers import DriverError, PythonDriver, driver_options
-from hapticd.config import Config
+from drivers import PythonDriver, read_options
+from hapticd.config.fields import Section, Whole, quantity
+
+
+class Options(Section):
+    """What stands beside ``driver.name``, one line each: `hapticd check` refuses all else."""
+
+    start_counts: Whole = quantity(0, "where the shaft is when the board is opened", "counts")
 
 
 class ToyBoard(PythonDriver):
-    """Option ``driver.start_counts``: where the shaft is when the board is opened (raw counts)."""
+    """A PythonDriver has four methods."""
 
     summary = "toy board: a shaft simulated in Python"
+    options = Options
     latency_s = 0.0  # declare here the time from sampling the encoder to the current in the motor, s
-
-    def __init__(self, config: Config) -> None:
-        super().__init__(config)
-        options = driver_options(config)
-        self.start = options.pop("start_counts", 0)
-        if options or not isinstance(self.start, int):
-            raise DriverError("driver: toy_board takes one option, start_counts, a whole number of counts")
-        self.position = self.velocity = self.current = 0.0
 
     def connect(self) -> None:
         """Open the port, read the identity, check it: here there is only a position to set. Ends at zero, disabled."""
-        self.position = (self.start + 0.5) * self.config.raw_resolution  # in the middle of a count
+        self.velocity = self.current = 0.0
+        start = read_options(self.config, Options).start_counts
+        self.position = (start + 0.5) * self.config.raw_resolution  # in the middle of a count
 
     def disconnect(self) -> None:
         """Leave the device at zero, disabled; also called twice, and after a failed connect."""

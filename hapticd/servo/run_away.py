@@ -34,8 +34,8 @@ def detail(number: int, core: Any, origin_counts: int) -> str | None:
 def sign_is_suspect(rows: NDArray[Any], origin_counts: int) -> bool:
     """Whether the last motion in some rows is one that a spring of the right sign cannot have caused.
 
-    An unstable spring swings, and a release begins towards the origin. A hand that pulls this fast, and faster still from the
-    first tick on, is told from it by nobody.
+    An unstable spring swings, and a release begins towards the origin. A hand that pulls this fast, and ever faster from
+    the first tick on, is told from it by nobody.
 
     Args:
         rows: structured (:data:`hapticd.record.schema.ROW`), oldest first; the last run of FLAG_RUNNING is looked at.

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import drivers
-from drivers import DriverError, PythonDriver
+from drivers import DriverConfigError, PythonDriver
 from hapticd.config import Config, parse_config
 from hapticd.record.schema import FLAG_FAULT, FLAG_RUNNING
 from hapticd.servo import atomics, faults
@@ -141,7 +141,15 @@ def assert_driver_error(core: ServoCore, driver: drivers.Driver, text: str) -> N
     assert (rows["current_command_A"] == 0.0).all()
 
 
-@pytest.mark.parametrize("options", [{"start": 1}, {"start_counts": 1.5}])
-def test_wrong_options_are_refused(options: dict[str, Any]) -> None:
-    with pytest.raises(DriverError, match="start_counts, a whole number"):
-        drivers.create(config(**options))
+@pytest.mark.parametrize(
+    ("options", "text"),
+    [
+        ({"start": 1}, "driver.start: driver toy_board has no such option; did you mean driver.start_counts?"),
+        ({"start_counts": 1.5}, "driver.start_counts = 1.5: must be a whole number (counts)"),
+    ],
+)
+def test_wrong_options_are_refused_before_anything_is_made(options: dict[str, Any], text: str) -> None:
+    for refuses in (drivers.check_option_names, drivers.create):
+        with pytest.raises(DriverConfigError) as caught:
+            refuses(config(**options))
+        assert str(caught.value) == text

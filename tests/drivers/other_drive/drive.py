@@ -145,6 +145,7 @@ class Drive:
         self._axis.current = 0.0
         self._write(12)
         self._book.close()
+        self._wire.cut()
 
     def _kind(self, frame: Frame) -> str:
         node = self._node_id
