@@ -29,7 +29,11 @@ _CONTEXT.set_forkserver_preload(
     ["tests.sim_hw.forked_device", "tests.drivers.other_drive.__main__", "tests.service.forked_daemon", "tests.frozen"]
 )
 _PR_SET_PDEATHSIG = 1
-_PROGRAMS = {"sim_hw": "sim_hw.__main__:main", "hapticd.cli": "hapticd.cli.main:main"}
+_PROGRAMS = {
+    "sim_hw": "sim_hw.__main__:main",
+    "tests.drivers.other_drive": "tests.drivers.other_drive.__main__:main",
+    "hapticd.cli": "hapticd.cli.main:main",
+}
 
 
 def start_server() -> None:
