@@ -144,7 +144,10 @@ def assert_driver_error(core: ServoCore, driver: drivers.Driver, text: str) -> N
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ({"start": 1}, "driver.start: driver toy_board has no such option; did you mean driver.start_counts?"),
+        (
+            {"start_count": 1},
+            "driver.start_count: driver toy_board has no such option; did you mean driver.start_counts?",
+        ),
         ({"start_counts": 1.5}, "driver.start_counts = 1.5: must be a whole number (counts)"),
     ],
 )
