@@ -1,4 +1,4 @@
-"""The same faults behind the wires: the serial board and the CAN drive, simulated in processes of their own."""
+"""The same faults behind the wires: serial board and CAN drive, simulated in processes of their own, and the firmware."""
 
 from __future__ import annotations
 
@@ -14,13 +14,17 @@ from hapticd.commission import run
 from hapticd.commission.rig import Given, Rig
 from hapticd.commission.step import Result
 from hapticd.config import Config, apply_settings, parse_config
+from hapticd.hil.cases import FIRMWARE_CONFIG, FIRMWARE_RATE_HZ, slower_rig
 from hapticd.hil.device import Device
 from hapticd.plant.hand import turning_force
+from tests.firmware.builds import require
 
 WIRES: Final[dict[str, dict[str, Any]]] = {
     "serial": {"name": "serial_dac", "port": "the board's", "baud": 921_600, "watchdog_ms": 60},
     "can": {"name": "canopen", "interface": "unix_seqpacket", "channel": "the drive's", "watchdog_ms": 200},
 }
+FIRMWARE: Final = "mps2-an385"
+pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked")]
 BEFORE: Final = ("doctor", "zero_current", "by_hand")
 TURNED_AT_S: Final = (1.5, 7.0)
 
@@ -41,10 +45,17 @@ def results(
     wire: str, folder: Path, *steps: str, start: Mapping[str, Any] | None = None, plant: Mapping[str, Any] | None = None
 ) -> dict[str, Result]:
     """What steps find on a device of that wire; those that come before are taken as passed."""
-    config = parse_config({"driver": WIRES[wire]}, wire)
+    board = None
+    if wire == "firmware":
+        require(FIRMWARE)
+        board = FIRMWARE
+        rig = parse_config({**FIRMWARE_CONFIG, "driver": {**FIRMWARE_CONFIG["driver"], "watchdog_ms": 400}}, wire)
+        config = slower_rig(rig, rig.servo.rate_hz, FIRMWARE_RATE_HZ)
+    else:
+        config = parse_config({"driver": WIRES[wire]}, wire)
     real = apply_settings(config, dict(plant), source="the device") if plant else config
     script = {"start": dict(start or {}), **({"hand": hand(real)} if "by_hand" in steps else {})}
-    with Device(config, folder / "device", plant=real, script=script) as device:
+    with Device(config, folder / "device", plant=real, script=script, board=board) as device:
         device.wait_ready()
         data = config.model_dump()
         data["driver"] |= device.options
@@ -70,7 +81,7 @@ def test_by_hand(wire: str, fault: str, plant: dict[str, Any], said: str, tmp_pa
     assert said in found.finding + found.cause
 
 
-@pytest.mark.parametrize("wire", WIRES)
+@pytest.mark.parametrize("wire", [*WIRES, "firmware"])
 @pytest.mark.parametrize(("gain", "said"), [(-1, "backwards"), (10, "times as much"), (0, "nothing moves")])
 def test_sign(wire: str, gain: float, said: str, tmp_path: Path) -> None:
     found = results(wire, tmp_path, "sign", start={"current_gain": gain})["sign"]
@@ -86,3 +97,9 @@ def test_watchdog(wire: str, works: int, tmp_path: Path) -> None:
     assert found["sign"].result == "pass", found["sign"].finding
     assert found["watchdog"].result == ("pass" if works else "fail"), found["watchdog"].finding
     assert found["watchdog"].dangerous == (not works)
+
+
+def test_the_firmwares_watchdog(tmp_path: Path) -> None:
+    found = results("firmware", tmp_path, "sign", "watchdog")
+    assert found["sign"].result == "pass", found["sign"].finding
+    assert found["watchdog"].result == "pass", found["watchdog"].finding
