@@ -42,7 +42,7 @@ def look_at_machine(rig: Rig) -> Result:
     """`hapticd doctor`, and whether the config says what a safe motion needs."""
     found = examine(rig.config)
     off = [key for key in limits_off(rig.config) if key in NEEDED]
-    figures = {"machine": found.verdict, "bad": found.named(Level.BAD), "note": found.named(Level.NOTE)}
+    figures = {"bad": found.named(Level.BAD), "note": found.named(Level.NOTE)}
     if off:
         return Result(
             "fail",

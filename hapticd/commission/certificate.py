@@ -48,7 +48,7 @@ def certificate(rig: Rig) -> dict[str, Any]:
         "rig_s": round(rig.seconds, 1),
         "config_digest": config_digest(rig.config),
         "driver": rig.config.driver.name,
-        "made": utc_now(),
+        "made": utc_now().isoformat(" ", "seconds"),
         "versions": {
             "hapticd": version("hapticd"),
             "numpy": version("numpy"),

@@ -25,6 +25,11 @@ ZERO_PERIODS: Final = 3
 """In which a motion clearly beyond a limit must be followed by zero current."""
 CLEARLY: Final = 1.1
 STEPS_S: Final = 4.0
+STEP: Final = 6.0
+"""Current over what overcomes friction."""
+SWING: Final = 3.0
+SWING_HZ: Final = (5.0, 6.0)
+LONGEST_S: Final = 15.0
 LOW_SHARE: Final = 0.05
 """Of a safety limit, where it is tried."""
 FEWEST_COUNTS: Final = 12
@@ -35,8 +40,9 @@ def estop(rig: Rig) -> Result:
     """`estop` while current flows: when does the loop say zero, and when does the motion."""
     with rig.daemon() as daemon, settings_for_a_while(daemon.client, {"spring.stiffness": 0.0}, force=True):
         daemon.client.origin(force=True)
-        job = _steps(daemon, rig)
-        daemon.wait_until(lambda: abs(daemon.client.status()["current"]) > 0.0, "a current", STEPS_S)
+        chirp = {"low_hz": SWING_HZ[0], "high_hz": SWING_HZ[1], "duration_s": LONGEST_S}
+        job = int(daemon.client.excite("chirp", amplitude=_current(rig, SWING), **chirp, force=True)["experiment"])
+        daemon.wait_until(lambda: abs(daemon.client.status()["current"]) > 0.0, "a current", LONGEST_S)
         begun = time.monotonic()
         state = stop_channel.ask(daemon.client.socket_path, "estop", 1.0)
         obeyed = time.monotonic() - begun
@@ -125,12 +131,17 @@ def trips(rig: Rig) -> Result:
 
 
 def _steps(daemon: DaemonProcess, rig: Rig) -> int:
-    """An excitation of many current steps, strong enough to slide; the experiment's number."""
+    """An excitation of many current steps, strong enough for any low limit; the experiment's number."""
+    return int(
+        daemon.client.excite("steps", amplitude=_current(rig, STEP), duration_s=STEPS_S, force=True)["experiment"]
+    )
+
+
+def _current(rig: Rig, times: float) -> float:
+    """So many times what overcomes friction, within what may flow, A."""
     amplifier = rig.config.amplifier
-    current = min(6.0 * rig.sliding_current, 0.8 * (amplifier.continuous_current or np.inf))
-    current = max(current, 0.05 * rig.rated)
-    amplitude = float(f"{current:.3g}")
-    return int(daemon.client.excite("steps", amplitude=amplitude, duration_s=STEPS_S, force=True)["experiment"])
+    current = min(times * rig.sliding_current, 0.8 * (amplifier.continuous_current or np.inf))
+    return float(f"{max(current, 0.05 * rig.rated):.3g}")
 
 
 def _rows(rig: Rig, recording: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:

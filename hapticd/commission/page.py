@@ -27,7 +27,9 @@ _MORE: Final = """
 .step svg { width: 100%; height: auto; background: #fff; border: 1px solid var(--line); border-radius: 6px; }
 .skipped { color: var(--soft); font-weight: 400; }
 .badge { float: right; font-size: .95rem; }
-td { overflow-wrap: anywhere; }
+.step p { margin: .2rem 0 .7rem; }
+td:first-child { white-space: nowrap; }
+td { overflow-wrap: break-word; max-width: 24rem; }
 @media (max-width: 50rem) { .step { display: block; } }
 @media print { body { max-width: none; font-size: 10.5pt; padding: 0; } .step h2 { margin-top: 1.2rem; } }
 """
@@ -64,7 +66,8 @@ def _page(rig: Rig, document: dict[str, Any]) -> str:
 
 
 def _said(step: dict[str, Any]) -> str:
-    return str(step.get("finding") or step["skipped"] or "")
+    said = str(step.get("finding") or step["skipped"] or "")
+    return said[:1].upper() + said[1:]
 
 
 def _badge(result: str) -> str:
@@ -78,10 +81,10 @@ def _section(rig: Rig, step: dict[str, Any]) -> str:
     trap = ""
     if step["result"] == "fail":
         trap = (
-            f'<div class="trap wide"><p><b>{escape(_said(step))}.</b></p><p>Likely: {escape(step["cause"])}.</p>'
+            f'<div class="trap wide"><p><b>{escape(_said(step).rstrip("."))}.</b></p><p>Likely: {escape(step["cause"])}.</p>'
             f"<p>To do: {escape(step['remedy'])}.</p></div>"
         )
-    said = f"<p>{escape(_said(step))}.</p>" if not trap and _said(step) else ""
+    said = f"<p>{escape(_said(step).rstrip('.'))}.</p>" if not trap and _said(step) else ""
     figures = "".join(
         f"<tr><td>{_name(key)}</td><td>{escape(_value(value))}</td>"
         f"<td>{escape(_value(step['limit'][key])) if key in step['limit'] else ''}</td></tr>"

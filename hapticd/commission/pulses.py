@@ -60,8 +60,8 @@ def sign(rig: Rig) -> Result:
         "current_A": current,
         "counts": int(trace.counts[-1] - trace.counts[0]),
         "counts_back": None if back is None else int(back.counts[-1] - back.counts[0]),
-        "acceleration_per_A": float(gain),
-        "acceleration_per_A_expected": expected,
+        "acceleration_per_ampere": float(gain),
+        "acceleration_per_ampere_expected": expected,
         "ratio": float(ratio),
         "friction_A": float(abs(coasted) / abs(gain)) if gain else None,
     }
@@ -150,7 +150,7 @@ def known_load(rig: Rig) -> Result:
         )
     if not rig.operator.does("Hang the weight on so that it pulls against positive motion, and let go after Enter"):
         return skipped("nobody was there to hang the weight on")
-    gain = float(rig.results["sign"].figures["acceleration_per_A"])
+    gain = float(rig.results["sign"].figures["acceleration_per_ampere"])
     lift = LIFT * (0.01 if config.is_linear else 1.0)
     with rig.bench() as bench:
         rule = _Lifting(gain, holding, lift)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
 from collections.abc import Callable, Collection
 from dataclasses import asdict
@@ -120,10 +119,16 @@ def _one(rig: Rig, step: Step) -> Result:
     if step.moves and not rig.operator.agrees(f"{step.title}: go on?"):
         return skipped("you said no")
     try:
-        for _ in range(ATTEMPTS - 1):
-            with contextlib.suppress(DisturbedError):
+        for _ in range(ATTEMPTS):
+            try:
                 return step.run(rig)
-        return step.run(rig)
+            except DisturbedError as error:
+                disturbance = str(error)
+            except RequestRefused as refusal:
+                if refusal.code != "expired":
+                    raise
+                disturbance = refusal.message
+        return skipped(f"this machine is too busy, {ATTEMPTS} times: {disturbance}")
     except _ENDS as error:
         rig.release()
         return Result("fail", str(error), cause="the step could not be finished", remedy="hapticd help FAULT; the log")

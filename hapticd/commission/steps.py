@@ -85,7 +85,7 @@ STEPS: Final = (
     Step(
         "estop",
         "Emergency stop",
-        "Starts a daemon, lets current steps run, sends estop, and times zero current and the end of the push.",
+        "Starts a daemon, swings the shaft at 5 Hz, sends estop, and times zero current and the end of the push.",
         limits.estop,
         needs=("sign",),
     ),

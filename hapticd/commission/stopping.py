@@ -60,7 +60,9 @@ def watchdog(rig: Rig) -> Result:
     moved = knee(running.t, running.position)
     if trace.code:  # it told us of its watchdog, and nothing more
         travel = (stood - int(trace.counts[-1])) * rig.config.raw_resolution
-        moved = _end_of_push(running, travel, rig.sliding_current * float(rig.document("sign")["acceleration_per_A"]))
+        moved = _end_of_push(
+            running, travel, rig.sliding_current * float(rig.document("sign")["acceleration_per_ampere"])
+        )
     gone = trace.t[~trace.enabled & (trace.t > silent_from)]
     told = float((trace.t[-1] if trace.code else gone[0]) - silent_from) if trace.code or len(gone) else None
     by_motion = None if moved is None else moved - silent_from

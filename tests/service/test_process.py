@@ -142,7 +142,11 @@ def test_a_frozen_daemon_faults_when_it_thaws(rig: Rig) -> None:
     [
         ("driver: {name: witnes}", 2, "driver.name = 'witnes': no such driver; did you mean 'witness'?"),
         ("servo: {rate_hz: 0}", 2, "servo.rate_hz = 0: must be at least 1 Hz"),
-        ("driver: {name: loopback, speed: 3}", 2, "driver.speed: driver loopback has no such option; it has none"),
+        (
+            "driver: {name: loopback, speed: 3}",
+            2,
+            "driver.speed: driver loopback has no such option; it has: device, watchdog_ms, faults",
+        ),
     ],
 )
 def test_a_daemon_that_cannot_start_leaves_nothing_behind(rig: Rig, text: str, code: int, message: str) -> None:
