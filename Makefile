@@ -64,7 +64,7 @@ bench: $(STAMP)  ## all benchmarks: a table each, JSON in benchmarks/results/
 	$(BIN)/python -m benchmarks
 
 MINUTES ?= 60
-soak: $(STAMP)   ## does memory stay, is every missed period counted: three daemons under load for an hour, or MINUTES=10
+soak: compiled   ## does memory stay, is every missed period counted: three daemons under load for an hour, or MINUTES=10
 	MINUTES=$(MINUTES) $(BIN)/python -m pytest -m attack -s tests/soak
 
 docs: $(STAMP)   ## reference pages and figures that are made from the code
