@@ -32,7 +32,7 @@ def hold(rate_hz: float, driver: dict[str, Any], seconds: float) -> dict[str, An
     sections = {
         "driver": driver,
         "servo": {"rate_hz": rate_hz, "overrun": {"fault_after": None}},
-        "safety": {"missed_exchanges": round(0.05 * rate_hz)},
+        "safety": {"missed_exchanges": round(0.05 * rate_hz), "heartbeat_timeout_s": 10},
     }
     with tempfile.TemporaryDirectory(prefix="hapticd-hold-") as name:
         config = parse_config(sections, "benchmark")

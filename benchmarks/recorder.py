@@ -11,15 +11,13 @@ from benchmarks.report import Figure, progress
 from hapticd.record import read_run
 
 RATE_HZ = 10_000.0
-_OVERRUN = 1000
-"""Ticks in a row that may be late: a virtual machine that its host stops for 1 ms is no fault of the recorder's."""
 RECORDER, SERVO = THREADS = ("hapticd-recorder", "hapticd-servo")
 
 
 def measure(quick: bool) -> list[Figure]:
     """Figures of one recording, from before its start to after its end."""
     seconds = 2.0 if quick else 60.0
-    with MeasuredDaemon({"servo.rate_hz": str(RATE_HZ), "servo.overrun.fault_after": str(_OVERRUN)}) as daemon:
+    with MeasuredDaemon({"servo.rate_hz": str(RATE_HZ)}) as daemon:
         progress(f"recording at {RATE_HZ:g} Hz for {seconds:g} s")
         path = daemon.new_path()
         asked = time.monotonic()

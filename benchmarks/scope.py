@@ -122,7 +122,7 @@ def measure(quick: bool) -> list[Figure]:
     figures: list[Figure] = []
     pairs, seconds = (2, 1.0) if quick else (8, 8.0)
     for rate in RATES_HZ:
-        settings = {"servo.rate_hz": str(rate), "servo.priority": str(PRIORITY), "servo.overrun.fault_after": "0"}
+        settings = {"servo.rate_hz": str(rate), "servo.priority": str(PRIORITY)}
         with MeasuredDaemon(settings) as daemon, ScopeProcess(daemon.socket) as scope:
             figures += _load(daemon, scope, rate, pairs, seconds)
             if rate == RATES_HZ[0]:
@@ -192,7 +192,7 @@ def _browser(url: str, seconds: float) -> list[Figure]:
 
 def stay(minutes: float) -> list[Figure]:
     """Keep one page open at 20 kHz and look at what it and the processes hold, every minute."""
-    settings = {"servo.rate_hz": str(RATES_HZ[0]), "servo.overrun.fault_after": "0"}
+    settings = {"servo.rate_hz": str(RATES_HZ[0])}
     looks: list[dict[str, float]] = []
     with MeasuredDaemon(settings) as daemon, ScopeProcess(daemon.socket) as scope, _page(scope.url) as page:
         session = page.context.new_cdp_session(page)
