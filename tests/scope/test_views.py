@@ -21,10 +21,13 @@ from .browser import Testbed
 from .test_page import seen_rows, text
 from .waiting import captures, drawn
 
+SAVED_MS = 120_000
+"""The server saves one file after another, and a simulation of a release may be before it."""
+
 
 def save(page: Page, kind: str, path: Path) -> Path:
     page.click("#to-files")
-    with page.expect_download() as found:
+    with page.expect_download(timeout=SAVED_MS) as found:
         page.click(f"#save-{kind}")
     found.value.save_as(path)
     return path
