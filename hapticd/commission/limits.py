@@ -40,8 +40,17 @@ def estop(rig: Rig) -> Result:
     """`estop` while current flows: when does the loop say zero, and when does the motion."""
     with rig.daemon() as daemon, settings_for_a_while(daemon.client, {"spring.stiffness": 0.0}, force=True):
         daemon.client.origin(force=True)
-        chirp = {"low_hz": SWING_HZ[0], "high_hz": SWING_HZ[1], "duration_s": LONGEST_S}
-        job = int(daemon.client.excite("chirp", amplitude=_current(rig, SWING), **chirp, force=True)["experiment"])
+        low_hz, high_hz = SWING_HZ
+        job = int(
+            daemon.client.excite(
+                "chirp",
+                amplitude=_current(rig, SWING),
+                low_hz=low_hz,
+                high_hz=high_hz,
+                duration_s=LONGEST_S,
+                force=True,
+            )["experiment"]
+        )
         daemon.wait_until(lambda: abs(daemon.client.status()["current"]) > 0.0, "a current", LONGEST_S)
         begun = time.monotonic()
         state = stop_channel.ask(daemon.client.socket_path, "estop", 1.0)
