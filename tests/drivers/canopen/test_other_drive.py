@@ -1,12 +1,10 @@
 """What only the drive of other hands can be made to do: refuse and delay any access, take another number, make SYNC itself.
 
-It is served by a thread here, so that what it was asked can be looked at; on slcan by a process.
+It is served by a thread here, so that what it was asked can be looked at.
 """
 
 from __future__ import annotations
 
-import json
-import signal
 import socket
 import threading
 import time
@@ -15,20 +13,20 @@ from pathlib import Path
 from typing import Any
 
 import canopen
+import numpy as np
 import pytest
 
 import drivers
 from drivers import DriverError
 from drivers.canopen import CanopenDriver, bus
 from drivers.canopen.profile import FOLDER
-from drivers.interface import DEVICE_FAULT, OK
-from tests import forked
-from tests.drivers.canopen.test_both_drives import PROGRAMS, frame
-from tests.drivers.canopen.test_simulated_drive import ROOT, Steps, config, opened
+from drivers.interface import DEVICE_FAULT, OK, X_CURRENT_MEASURED
+from tests.drivers.canopen.test_both_drives import frame
+from tests.drivers.canopen.test_simulated_drive import Steps, config
 from tests.drivers.other_drive import states
 from tests.drivers.other_drive.drive import Drive
-from tests.drivers.other_drive.wires import Hub
-from tests.polling import PATIENCE_S, wait_until
+from tests.drivers.other_drive.wires import Hub, SlcanAdapter, Wire
+from tests.polling import wait_until
 
 pytestmark = pytest.mark.realtime
 
@@ -44,14 +42,15 @@ class Served:
         self._made: list[CanopenDriver] = []
         self._thread: threading.Thread | None = None
 
-    def start(self, node_id: int = 1, **start: Any) -> Drive:
-        drive = Drive(Hub(self.path), node_id, script={"start": start})
+    def start(self, wire: Wire | None = None, **start: Any) -> Drive:
+        drive = Drive(wire or Hub(self.path), script={"start": start})
         self._thread = threading.Thread(target=lambda: drive.serve(self._ended.is_set))
         self._thread.start()
         return drive
 
     def open(self, **options: Any) -> CanopenDriver:
-        driver = drivers.create(config(100, interface="unix_seqpacket", channel=str(self.path), **options))
+        where = {"interface": "unix_seqpacket", "channel": str(self.path)}
+        driver = drivers.create(config(100, **{**where, **options}))
         assert isinstance(driver, CanopenDriver)
         self._made.append(driver)
         driver.open()
@@ -80,14 +79,21 @@ def served(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Served]:
     made.end()
 
 
+PARTS = 6
+
+
+@pytest.mark.parametrize("part", [0, *(pytest.param(part, marks=pytest.mark.attack) for part in range(1, PARTS))])
 @pytest.mark.parametrize("profile", ["copley", "cia402"])
-def test_an_abort_at_each_step_of_bring_up(served: Served, profile: str) -> None:
+def test_an_abort_at_each_step_of_bring_up(served: Served, profile: str, part: int) -> None:
     """Every access that a good bring-up makes, refused: named, and the drive is left where it was."""
     drive = served.start()
-    served.open(profile=profile).close()
+    served.open(profile=profile).close()  # which switches PDOs off that are off from then on
+    drive.asked.clear()
+    driver = served.open(profile=profile)
     asked = list(dict.fromkeys(drive.asked))
+    driver.close()
     assert len(asked) > 60
-    for kind, index, sub in asked:
+    for kind, index, sub in asked[part::PARTS]:
         drive.refused[kind] = {(index, sub): 0x08000020}
         text = served.refusal(profile=profile)
         drive.refused[kind] = {}
@@ -189,25 +195,18 @@ def test_a_real_restart_while_it_is_brought_up(served: Served) -> None:
     assert "node 1 booted while it was brought up" in served.refusal()
 
 
-def test_slcan_over_a_pty(tmp_path: Path) -> None:
+def test_slcan_over_a_pty(served: Served, tmp_path: Path) -> None:
+    """python-can's serial line interface at one end, an adapter's protocol at the other: a third way to the bus."""
     line = tmp_path / "line"
-    process = forked.Forked(PROGRAMS["durand"], ["canopen", "--slcan", str(line)], ROOT)
-    try:
-        assert json.loads(process.stdout.readline())["ready"] is True
-        settings = config(100, interface="slcan", channel=str(line), bus={"sleep_after_open": 0})
-        with opened(settings) as driver:
-            assert driver.calls_python
-            steps = Steps(driver)
-            steps.enable()
-            wait_until(lambda: steps.tick(1, 0.3) == OK and steps.x.view(float)[5] > 0.29, "the current")
-            steps.tick(0)
-        process.send_signal(signal.SIGTERM)
-        assert process.wait(PATIENCE_S) == 0
-    finally:
-        process.close()
-
-
-PATH = ["READY TO SWITCH ON", "SWITCHED ON", "OPERATION ENABLED"]
+    drive = served.start(wire=SlcanAdapter(line))
+    driver = served.open(interface="slcan", channel=str(line), bus={"sleep_after_open": 0})
+    assert driver.calls_python
+    steps = Steps(driver)
+    steps.enable()
+    measured = steps.x.view(np.float64)
+    wait_until(lambda: steps.tick(1, 0.3) == OK and measured[X_CURRENT_MEASURED] > 0.29, "the current")
+    steps.tick(0)
+    wait_until(lambda: drive.state == states.OFF, "the amplifier off")
 
 
 def test_python_canopens_own_master_walks_it(served: Served) -> None:
