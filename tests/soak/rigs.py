@@ -121,14 +121,10 @@ class Rig:
         # The daemon's pools make their threads when these are first needed at once: now, or by chance hours later.
         with ThreadPoolExecutor(4) as together:
             list(together.map(lambda _: self.client.status(), range(100)))
-        self._render()
+        self.daemon.wait_until(self._left_fault, "it rendered", _BACK_S)
         if self._device is not None:
             self._fault_once(self._device)
         self._record(self.daemon.runs)
-
-    def _render(self) -> None:
-        self.client.start()
-        self.daemon.wait_state("running")
 
     def _fault_once(self, device: Device) -> None:
         """What a fault and the run file of the seconds before it need is loaded once: now, or by chance hours later."""

@@ -9,7 +9,7 @@ import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -185,10 +185,11 @@ class Troubles:
             raise NotDoneError(self._disk.refusal)
         rigs = self._alive()
         filler = self._disk.folder / "filler"
-        filler.write_bytes(bytes(_SMALL_DISK - _LEFT))
         try:
-            for rig in rigs:
+            for rig in rigs:  # first, since a recording does not begin on a disk that is full
                 rig.rotate(self._disk.folder)
+            with suppress(OSError):
+                filler.write_bytes(bytes(_SMALL_DISK - _LEFT))
             yield
         finally:
             for rig in rigs:
@@ -196,7 +197,7 @@ class Troubles:
                     if not rig.recording_failed() and not self._cut_short:
                         rig.find("it recorded on, on a disk that is full")
                     rig.rotate()
-            filler.unlink()
+            filler.unlink(missing_ok=True)
 
     @contextmanager
     def _clock_step(self) -> Iterator[None]:
