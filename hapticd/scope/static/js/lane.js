@@ -160,13 +160,12 @@ export class Lane {
       this.tellRange();
     }
     const data = this.spec.channels.map((channel) => {
-      const { values } = store.channels[channel];
       /** @type {(number | null)[]} */
       const y = new Array(raw ? count : 2 * count);
       for (let i = 0; i < count; i++) {
         const start = buckets.starts[i];
         if (raw) {
-          const value = start < 0 ? NaN : values[start & store.mask] * factor;
+          const value = start < 0 ? NaN : store.value(channel, start) * factor;
           y[i] = Number.isFinite(value) ? value : null;
           if (value < low) low = value;
           if (value > high) high = value;

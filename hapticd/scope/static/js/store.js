@@ -16,6 +16,7 @@ export const VELOCITY_WINDOW_S = 0.005;
 export const CHANNELS = ["position", "coarse", "velocity", "current", "measured", "force", "late", "model", "residual", "derived1", "derived2"];
 /** Those that an expression makes of the others. @type {Channel[]} */
 export const DERIVED = ["derived1", "derived2"];
+const RECORDED = CHANNELS.filter((name) => !DERIVED.includes(name));
 
 /**
  * @typedef {object} Gap
@@ -50,7 +51,7 @@ export class Store {
     this.epochs = new Uint32Array(capacity);
     /** @type {Record<Channel, Pyramid>} */
     this.channels = /** @type {any} */ ({});
-    for (const name of CHANNELS) this.channels[name] = new Pyramid(capacity);
+    for (const name of RECORDED) this.channels[name] = new Pyramid(capacity);
     /** Raw counts in a coarse tick, of the newest rows. */
     this.decimation = 1;
     this.rawResolution = 1;
@@ -78,7 +79,7 @@ export class Store {
   get bytes() {
     const pyramid = this.channels.position;
     const perChannel = pyramid.values.byteLength + 2 * pyramid.low.reduce((sum, level) => sum + level.byteLength, 0);
-    return perChannel * CHANNELS.length + this.capacity * (8 + 8 + 4 + 2 + 4);
+    return perChannel * Object.keys(this.channels).length + this.capacity * (8 + 8 + 4 + 2 + 4);
   }
 
   /** @param {number} row */
@@ -88,7 +89,7 @@ export class Store {
 
   /** @param {Channel} channel @param {number} row */
   value(channel, row) {
-    return this.channels[channel].values[row & this.mask];
+    return this.channels[channel]?.values[row & this.mask] ?? NaN;
   }
 
   /** The first row at or after a time. @param {number} time */
@@ -169,7 +170,7 @@ export class Store {
       velocity.values[at] = this.slope(row, back);
     }
     this.head = before + rows;
-    for (const name of CHANNELS) if (!DERIVED.includes(name)) this.build(name, before, this.head);
+    for (const name of RECORDED) this.build(name, before, this.head);
     this.derive(before, this.head);
     while (this.gaps.length && (this.gaps[0].row <= this.first || this.gaps.length > MAX_GAPS)) this.gaps.shift();
   }
@@ -178,6 +179,7 @@ export class Store {
   define(name, rule) {
     if (rule) this.rules.set(name, rule);
     else this.rules.delete(name);
+    this.channels[name] ??= new Pyramid(this.capacity);
     this.channels[name].values.fill(NaN);
     this.derive(this.first, this.head);
   }
@@ -240,6 +242,9 @@ export class Store {
    */
   extent(name, begin, end, out) {
     const pyramid = this.channels[name];
+    out[0] = Infinity;
+    out[1] = -Infinity;
+    if (!pyramid) return;
     let low = Infinity;
     let high = -Infinity;
     let row = begin;
@@ -335,12 +340,12 @@ export class Store {
       store.counts[i] = this.counts[at];
       store.flags[i] = this.flags[at];
       store.epochs[i] = this.epochs[at];
-      for (const name of CHANNELS) store.channels[name].values[i] = this.channels[name].values[at];
+      for (const name of RECORDED) store.channels[name].values[i] = this.channels[name].values[at];
     }
     const { decimation, rawResolution, originCounts, periodS, lost, missed } = this;
     Object.assign(store, { decimation, rawResolution, originCounts, periodS, lost, missed, head: rows });
     store.gaps = this.gapsWithin(begin, end).map((gap) => ({ ...gap, row: gap.row - begin }));
-    for (const name of CHANNELS) store.build(name, 0, rows);
+    for (const name of RECORDED) store.build(name, 0, rows);
     return store;
   }
 
