@@ -11,7 +11,7 @@ A command, its states and what moves it on:
 | state | becomes | when |
 |---|---|---|
 | waiting | begun | its thread publishes it: not revoked, in time, its client still there |
-| waiting | revoked | a stop or an estop came after it was sent |
+| waiting | revoked | a stop, an estop or a release of the enable that a person holds came after it was sent |
 | waiting | expired | its deadline passed |
 | waiting | gone | its client hung up |
 | waiting | answered | it was answered already (with an error) |
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 # Words of the authority, each on a cache line of its own but for those of the loop.
 REVOKED: Final = 0
-"""Every ordinal up to this one is revoked: when the last stop came."""
+"""Every ordinal up to this one is revoked: when the last stop came, or a person let go of the enable."""
 ESTOPS: Final = 8
 """How many software stops were asked for."""
 LOOP_TICKS: Final = 16

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from drivers.interface import STATUS_ENABLED, STATUS_HELD
-from hapticd.jit import atomic_load, atomic_store, njit
+from hapticd.jit import atomic_load, atomic_max, atomic_store, njit
 from hapticd.servo import atomics, authority, faults
 from hapticd.servo.law import begin_softly
 from hapticd.servo.layout import FAULT, FAULT_ON_OVERRUN, OFF, READY, RUNNING
@@ -158,6 +158,9 @@ def step_mode(servo: Any, shared: Any, words: Any) -> None:
             raise_fault(servo, shared, faults.HEARTBEAT_LOST, silence * 1e-6, params.heartbeat_ns * 1e-6)
     # The device's own words, from the last good exchange.
     enabled, held = (servo.exchange.status & STATUS_ENABLED) != 0, (servo.exchange.status & STATUS_HELD) != 0
+    if params.enable and not held and shared[atomics.HELD] != 0:
+        # To every command sent before, a release is a stop: none that waits may move the motor once it is held again.
+        atomic_max(words, authority.REVOKED, now_ns)
     atomic_store(shared, atomics.HELD, 1 if held else 0)
     if state.mode == FAULT:
         return

@@ -79,6 +79,7 @@ class Servo:
         self.core = Core(machine.scheduler, machine.trace, driver, words)
         self.grants: list[Any] = []
         self._machine, self._params, self._latched, self._obeyed = machine, params, latched, 0
+        driver.held = machine.held
         self._ended = Event(machine.scheduler)
 
     def start(self) -> None:
@@ -246,6 +247,7 @@ class Machine:
         self.trace = Trace()
         self.loops: list[Servo] = []
         self.refuses_next = False
+        self.held = True
         self.scheduler = Scheduler(seed, self._tick)
 
     def _tick(self, ticks: int) -> None:
@@ -254,6 +256,13 @@ class Machine:
                 servo.leave()
             else:
                 servo.core.tick(ticks)
+
+    def hold(self, held: bool) -> None:
+        """A person holds the enable input, or lets go of it."""
+        self.held = held
+        self.trace.holds(held)
+        for servo in self.loops:
+            servo.core.driver.held = held
 
     def servo(self, config: Config, driver: Any, params: np.void, latched: int = 0, *_: Any, **words: Any) -> Servo:
         """In place of the class `ServoThread`."""

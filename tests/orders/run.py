@@ -52,6 +52,8 @@ OPERATIONS: Final = (
     "excite",
     "sequence",
     "set",
+    "let go",
+    "hold",
     "gone",
     "deadline",
 )
@@ -95,7 +97,7 @@ def configs() -> tuple[Config, Config]:
         sections = {
             "plant": {"coulomb": coulomb},
             "spring": {"origin": 0.1},
-            "safety": {"guard": "off"},
+            "safety": {"guard": "off", "enable": True},
             "amplifier": {"bandwidth_hz": 0},
         }
         return parse_config(sections, "orders")
@@ -368,6 +370,8 @@ class Run:
             for client in waiting[-1:]:
                 client.there = False
                 self.machine.trace.leaves(client.asked)
+        elif operation in ("let go", "hold"):
+            self.machine.hold(operation == "hold")
         elif operation == "deadline":
             # The process is frozen, and the loop goes on.
             now_ns = self.machine.scheduler.now_ns

@@ -9,6 +9,7 @@ is sent lies in a socket's buffer until somebody reads it.
 | answered | what was answered with an error does not move the motor afterwards |
 | withdrawn | it is not handed to the loop after its client has gone or its deadline has passed |
 | unanswered | a stop by the API is answered, and not with an error |
+| held | while the enable is released there is no current, and after it none but by a command that was sent later |
 | latched | from the answer to an estop on there is a fault, until a clear that was sent later; so it is with every fault |
 """
 
@@ -64,6 +65,9 @@ class Trace:
     """The newest."""
     _estop: Asked | None = None
     """The newest that was answered."""
+    _released: int | None = None
+    """When the enable was let go of last."""
+    _is_held: bool = True
     _is_fault: bool = False
     _faulted: int = 0
     _raised: int | None = None
@@ -104,6 +108,13 @@ class Trace:
         """Its client hangs up."""
         asked.gone = True
         self.note("client gone", asked)
+
+    def holds(self, held: bool) -> None:
+        """A person holds the enable from the next tick on, or does not."""
+        if self._is_held and not held:
+            self._released = len(self.events)
+        self._is_held = held
+        self.note("holds" if held else "lets go")
 
     def raised(self) -> None:
         """A fault, by the daemon while no loop runs; the next loop begins in it."""
@@ -159,6 +170,10 @@ class Trace:
             raise Violation(
                 f"stopped: a {self._stop.name} {when}, and {asked}, which was sent before it, sends current"
             )
+        if not self._is_held:
+            raise Violation(f"held: the enable is released, and {asked} sends current")
+        if self._released is not None and asked.sent is not None and asked.sent < self._released:
+            raise Violation(f"held: the enable was released, and {asked}, which was sent before it, sends current")
         if asked.error is not None:
             raise Violation(f"answered: {asked} was answered with {asked.error!r}, and sends current")
 

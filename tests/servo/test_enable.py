@@ -14,7 +14,7 @@ from hapticd.servo import layout as w
 from hapticd.servo.core import Request, ServoCore, parameters
 from tests.servo.scripted import Scripted, config, core_for, fault_code, rows_of
 
-CLEAR = 10**12  # ns: later than every fault here
+CLEAR = LATER = 10**12  # ns: later than every fault and release here
 
 
 class Switched(Scripted):
@@ -54,6 +54,24 @@ def test_asked_for_while_released_the_amplifier_stays_off() -> None:
     assert set(driver.commands) == {(0.0, False)}
 
 
+def test_a_command_from_before_a_release_moves_nothing_once_it_is_held_again() -> None:
+    """One that waits somewhere, or a sequence between two motions: a release in ``off`` is no fault."""
+    driver = Switched(config(safety={"enable": True}))
+    core = core_for(driver, driver.config, state=w.OFF)
+    rows_of(core, 5)
+    sent = int(core.next_instant()[0]) - 1
+    driver.held = False
+    rows_of(core, 5)
+    driver.held = True
+    rows_of(core, 5)
+    core.publish(parameters(driver.config, Request(state=w.RUNNING, ordinal=sent)))
+    rows_of(core, 20)
+    assert fault_code(core) is None
+    assert set(driver.commands) == {(0.0, False)}
+    core.publish(parameters(driver.config, Request(state=w.RUNNING, ordinal=LATER)))
+    assert rows_of(core, 20)["current_command_A"][-1] != 0.0
+
+
 def test_who_does_not_ask_for_it_is_not_stopped_by_it() -> None:
     driver = Switched(config())
     driver.held = False
@@ -83,7 +101,7 @@ def test_no_current_without_a_hand_and_none_again_without_a_start(seed: int) -> 
             core.publish(
                 parameters(
                     driver.config,
-                    Request(state=w.RUNNING if action == "start" else w.OFF, clear=clears),
+                    Request(state=w.RUNNING if action == "start" else w.OFF, ordinal=LATER, clear=clears),
                 )
             )
             may_move = action == "start"
