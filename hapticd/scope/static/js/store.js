@@ -181,7 +181,8 @@ export class Store {
     else this.rules.delete(name);
     this.channels[name] ??= new Pyramid(this.capacity);
     this.channels[name].values.fill(NaN);
-    this.derive(this.first, this.head);
+    if (rule) this.derive(this.first, this.head);
+    else this.build(name, this.first, this.head);
   }
 
   /** @param {number} begin @param {number} end */
