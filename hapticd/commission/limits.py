@@ -40,17 +40,12 @@ def estop(rig: Rig) -> Result:
     """`estop` while current flows: when does the loop say zero, and when does the motion."""
     with rig.daemon() as daemon, settings_for_a_while(daemon.client, {"spring.stiffness": 0.0}, force=True):
         daemon.client.origin(force=True)
-        low_hz, high_hz = SWING_HZ
-        job = int(
-            daemon.client.excite(
-                "chirp",
-                amplitude=_current(rig, SWING),
-                low_hz=low_hz,
-                high_hz=high_hz,
-                duration_s=LONGEST_S,
-                force=True,
-            )["experiment"]
+        low, high = SWING_HZ
+        amplitude = _current(rig, SWING)
+        swing = daemon.client.excite(
+            "chirp", amplitude=amplitude, duration_s=LONGEST_S, low_hz=low, high_hz=high, force=True
         )
+        job = int(swing["experiment"])
         daemon.wait_until(lambda: abs(daemon.client.status()["current"]) > 0.0, "a current", LONGEST_S)
         begun = time.monotonic()
         state = stop_channel.ask(daemon.client.socket_path, "estop", 1.0)

@@ -100,7 +100,12 @@ def test_an_interrupted_step_leaves_zero_current_and_the_state(tmp_path: Path, m
         send = Bench._send
 
         monkeypatch.setattr(Bench, "_limited", _interrupted_by(8))
-        monkeypatch.setattr(Bench, "_send", lambda *given: (commands.append(given[1:]), send(*given)))
+
+        def sends(bench: Bench, current: float, enable: int) -> None:
+            commands.append((current, enable))
+            send(bench, current, enable)
+
+        monkeypatch.setattr(Bench, "_send", sends)
         with pytest.raises(KeyboardInterrupt):
             run.commission(rig, only=("sign",))
         assert any(current for current, _ in commands)

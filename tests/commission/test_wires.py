@@ -49,8 +49,8 @@ def results(
     if wire == "firmware":
         require(FIRMWARE)
         board = FIRMWARE
-        rig = parse_config({**FIRMWARE_CONFIG, "driver": {**FIRMWARE_CONFIG["driver"], "watchdog_ms": 400}}, wire)
-        config = slower_rig(rig, rig.servo.rate_hz, FIRMWARE_RATE_HZ)
+        testbed = parse_config({**FIRMWARE_CONFIG, "driver": {**FIRMWARE_CONFIG["driver"], "watchdog_ms": 400}}, wire)
+        config = slower_rig(testbed, testbed.servo.rate_hz, FIRMWARE_RATE_HZ)
     else:
         config = parse_config({"driver": WIRES[wire]}, wire)
     real = apply_settings(config, dict(plant), source="the device") if plant else config
