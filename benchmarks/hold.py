@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.report import Figure, progress
+from hapticd.client import RequestRefused
 from hapticd.config import parse_config
 from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
@@ -64,7 +65,10 @@ def measure(quick: bool) -> list[Figure]:
     seconds = 2.0 if quick else 60.0
     figures = []
     for name, (rate_hz, driver) in PATHS.items():
-        found = hold(rate_hz, driver, seconds)
+        try:
+            found = hold(rate_hz, driver, seconds)
+        except RequestRefused as refused:  # a fault in the first moments, or before the answer: it does not hold
+            found = {"rate_hz": rate_hz, "ticks": 0, "missed_exchanges": 1, "refused": str(refused)}
         progress(f"{name}: {found}")
         share = 100.0 * found["missed_exchanges"] / max(found["ticks"], 1)
         figures.append(Figure(f"{name} at {rate_hz:g} Hz: exchanges missed", share, "%", details=found))

@@ -180,7 +180,7 @@ def _browser(url: str, seconds: float) -> list[Figure]:
         begin = _drawn(page), time.monotonic()
         time.sleep(seconds)
         rate = (_drawn(page) - begin[0]) / (time.monotonic() - begin[1])
-        lost = int(page.inner_text("#gaps").split(" lost")[0].split()[-1])
+        lost = int(page.inner_text("#gaps").split()[0])
         rows = int(page.locator("body").get_attribute("data-seen") or 0)
     details = {"window_s": WINDOW_S, "rows_seen": rows, "seconds": seconds}
     shown = f"20 kHz, frames drawn, {WINDOW_S:g} s window of {rows} rows"

@@ -326,7 +326,7 @@ def test_no_name_at_all_lists_the_presets() -> None:
         load_config("")
     assert str(raised.value) == (
         "'': no such file, and no preset of that name; "
-        "presets: re35, delta, freedom6, impulse_engine, mit_toolhandle, omega, phantom"
+        "presets: re35, delta, epos4, freedom6, hapkit, impulse_engine, mit_toolhandle, mj5208, omega, phantom, srv02"
     )
 
 

@@ -113,6 +113,7 @@ class FakeControl(Endpoints):
             },
             "operating_point": {"mu": 523.3, "beta": 0.75, "sigma": 1.0, "tau_d": 0.0, "region": "A"},
             "position": 0.0155,
+            "enable": {"required": False, "held": None},
             "position_unknown": None,
             "limits_off": [],
             "log_lines_dropped": 0,
