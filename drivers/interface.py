@@ -60,6 +60,8 @@ X_INDEX_SEEN = 13
 """i64, out of read, drivers with ``reports_index``: index pulses passed since the device was opened."""
 X_INDEX_COUNTS = 14
 """i64, out of read, likewise: encoder counts at the newest of them."""
+X_DEADLINE_NS = 15
+"""i64, in to wait: when to give up, ns of CLOCK_MONOTONIC. X_TIME_NS is when the device's clock is due; 0: not known."""
 
 EXCHANGE = np.dtype(
     [
@@ -78,7 +80,7 @@ EXCHANGE = np.dtype(
         ("true_velocity", "f8"),
         ("index_seen", "i8"),
         ("index_counts", "i8"),
-        ("reserved", "i8"),
+        ("deadline_ns", "i8"),
     ],
     align=True,
 )
@@ -140,6 +142,10 @@ class Driver(abc.ABC):
     """Whether the device can have an input that a person holds, and ``read`` sets STATUS_HELD for as long as that is closed.
 
     A driver that says so sees to it in :meth:`open` that the device has one, where the config asks for ``safety.enable``."""
+    follows_clock: ClassVar[bool] = False
+    """Whether a device can wake the loop (``servo.clock: sync``), by a third function ``wait`` that sleeps until it does.
+
+    Like ``read`` in form, it returns OK, or MISSED at X_DEADLINE_NS; what else is wrong, ``read`` says."""
     latency_s: float = 0.0
     """Declared sample-to-current latency in s, added to T_D by ``check`` and ``simulate``."""
     calls_python: bool = False
@@ -151,6 +157,7 @@ class Driver(abc.ABC):
         self.config = config
         self.read_address = 0
         self.write_address = 0
+        self.wait_address = 0
         self.state_address = 0
 
     @abc.abstractmethod

@@ -73,11 +73,9 @@ def check_option_names(config: Config) -> None:
     if driver is None:
         return
     if config.safety.enable and not driver.enable_input:
-        having = ", ".join(each.name for each in discover() if each.driver is not None and each.driver.enable_input)
-        raise DriverConfigError(
-            f"safety.enable = true: driver {config.driver.name} has no enable input that a person could hold; "
-            f"of the installed drivers these have one: {having}"
-        )
+        raise _lacks(config, "safety.enable = true", "has no enable input that a person could hold", "enable_input")
+    if config.servo.clock == "sync" and not driver.follows_clock:
+        raise _lacks(config, "servo.clock = sync", "has no SYNC that could wake the loop", "follows_clock")
     if driver.options is None:
         if driver_options(config):
             _made(driver, config)
@@ -91,6 +89,13 @@ def check_option_names(config: Config) -> None:
             raise DriverConfigError(f"driver.{key}: driver {config.driver.name} has no such option; {hint}")
     if not isinstance(driver.options, tuple):
         read_options(config, driver.options)
+
+
+def _lacks(config: Config, setting: str, what: str, capability: str) -> DriverConfigError:
+    having = ", ".join(each.name for each in discover() if each.driver is not None and getattr(each.driver, capability))
+    return DriverConfigError(
+        f"{setting}: driver {config.driver.name} {what}; of the installed drivers these have one: {having}"
+    )
 
 
 def declared_latency(config: Config) -> tuple[float, str | None]:

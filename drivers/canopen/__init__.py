@@ -18,7 +18,7 @@ import numpy as np
 
 from drivers.canopen import bus_load, cyclic, plausible
 from drivers.canopen import layout as w
-from drivers.canopen.options import Options
+from drivers.canopen.options import COMPILED_INTERFACES, Options
 from drivers.canopen.profile import load_profile
 from drivers.interface import PROCESSING_S, Driver, DriverConfigError, DriverError, driver_options
 from drivers.python_driver import PythonCalls
@@ -63,6 +63,7 @@ class CanopenDriver(Driver):
     summary = "CiA 402 drive on CANopen (Copley and others), on a SocketCAN interface or any of python-can's"
     latency_s = bus_load.wire_time_s() + PROCESSING_S
     enable_input = True
+    follows_clock = True
     options = tuple(option.name for option in fields(Options))
 
     def __init__(self, config: Config) -> None:
@@ -78,6 +79,12 @@ class CanopenDriver(Driver):
         self._eds: Path = eds
         if problem := self.check_rate(config.servo.rate_hz):
             raise DriverConfigError(problem)
+        self._follows = config.servo.clock == "sync"
+        if self._follows and not self._options.compiled:
+            raise DriverConfigError(
+                f"servo.clock = sync: driver.interface = {self._options.interface!r} goes through Python, which would wake "
+                f"the loop late: it needs one of {', '.join(COMPILED_INTERFACES)}"
+            )
         self.latency_s = self._options.declared_latency_s()
         self.calls_python = not self._options.compiled
         self._block = np.zeros(w.WORDS, np.int64)
@@ -114,7 +121,9 @@ class CanopenDriver(Driver):
         )
 
     def check_rate(self, rate_hz: float) -> str | None:
-        """Why the bus, or the drive's watchdog, does not allow a servo rate in Hz."""
+        """Why the bus, the drive's watchdog or the producer of SYNC does not allow a servo rate in Hz."""
+        if self.config.servo.clock == "sync" and rate_hz != self.config.servo.rate_hz:
+            return "servo.clock = sync: the producer of SYNC sets the rate"
         return self._options.check_rate(rate_hz)
 
     @property
@@ -142,7 +151,7 @@ class CanopenDriver(Driver):
         where = f"{options.interface} {options.channel}"
         bus = open_bus(options)
         self._network = network = canopen.Network(bus)
-        self._monitor = Monitor(options.node_id)
+        self._monitor = Monitor(options.node_id, follows=self._follows)
         listen(network, self._monitor)
         try:
             drive = bring_up(network, self._monitor, options, self._profile, self._eds, self.config)
@@ -164,6 +173,7 @@ class CanopenDriver(Driver):
         if options.compiled:
             self._block[w.DESCRIPTOR] = bus.fileno()
             self.read_address, self.write_address = cyclic.read_function.address, cyclic.write_function.address
+            self.wait_address = cyclic.wait_function.address if self._follows else 0
         else:
             from drivers.canopen.callback import CallbackExchange
 
@@ -202,6 +212,7 @@ class CanopenDriver(Driver):
             block[w.READ_BACK] = 1
             floats[w.AMPERE_PER_DEMAND] = drive.ampere_per_demand
         block[w.HELD_MASK] = drive.held_mask
+        block[w.FOLLOWS] = self._follows
         block[w.MODE] = block[w.MODE_WANTED] = drive.mode_number
 
     def close(self) -> None:

@@ -17,6 +17,7 @@ from drivers.canopen import layout as w
 from drivers.canopen import plausible
 from drivers.canopen.bus import (
     Monitor,
+    check_sync,
     listen_for_master,
     nobody_answers,
     refuse_other_master,
@@ -86,6 +87,7 @@ def bring_up(
     node = canopen.RemoteNode(node_id, dictionary)
     listen_for_master(monitor, node_id)
     network.add_node(node)
+    follows = config.servo.clock == "sync"
     echoes = stop_node(network, monitor, node_id)
     objects = Objects(node, eds.name)
     identity = _identify(network, monitor, options, objects, dictionary, profile, eds)
@@ -122,7 +124,9 @@ def bring_up(
         options.watchdog_ms,
     )
     _set_watchdog(objects, profile, options, options.guard_ms)
-    _start(network, monitor, node_id)
+    if follows:
+        check_sync(monitor, config.servo.rate_hz)
+    _start(network, monitor, node_id, follows)
     if not echoes:
         refuse_other_master(monitor, node_id)
     demand = rated.ampere_per_raw(mode.demand.unit) if back and mode.demand is not None else None
@@ -315,12 +319,13 @@ def _set_watchdog(objects: Objects, profile: Profile, options: Options, guard_ms
     objects.set(0x100D, 0, w.GUARD_TRIES if guard_ms else 0, "life time factor")
 
 
-def _start(network: canopen.Network, monitor: Monitor, node_id: int) -> None:
-    """NMT start, and a first SYNC that must bring TPDO 1."""
+def _start(network: canopen.Network, monitor: Monitor, node_id: int, follows: bool) -> None:
+    """NMT start, and a first SYNC, of ours or of the producer that the loop follows, which must bring TPDO 1."""
     network.send_message(w.NMT, bytes([0x01, node_id]))
     time.sleep(0.01)
     before = monitor.samples
-    network.send_message(w.SYNC, b"")
+    if not follows:
+        network.send_message(w.SYNC, b"")
     sample = monitor.wait_sample(before, _FIRST_SAMPLE_S)
     if sample is None:
         raise DriverError(

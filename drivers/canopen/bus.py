@@ -19,17 +19,26 @@ _ECHO_S: Final = 0.2
 """Longest wait for our own frame to come back."""
 _SCAN_S: Final = 0.3
 _NOTIFIER_S: Final = 0.02
+_SYNC_S: Final = 0.25
+_SYNCS: Final = 10
+"""SYNC that are measured at least, and for how long."""
+_SYNC_ATTEMPTS: Final = 4
+"""A machine that is busy hears them late."""
+_SYNC_TOLERANCE: Final = 0.05
+"""Between the producer's period and the servo's: what the loop's estimate of its grid follows within a fifth of a period."""
 
 
 class Monitor(can.Listener):
     """Notes what the bring-up must know of the traffic: commands of others, nodes that speak, the last TPDO 1."""
 
-    def __init__(self, node_id: int) -> None:
-        self._node_id = node_id
+    def __init__(self, node_id: int, *, follows: bool = False) -> None:
+        self._node_id, self._follows = node_id, follows
         self._news = threading.Condition()
         self.commands: list[can.Message] = []
         self.nodes: set[int] = set()
         self.booted: set[int] = set()
+        self.syncs: list[float] = []
+        """When SYNC came, s, where a producer on the bus is followed."""
         self.samples = 0
         self.sample = b""
 
@@ -39,7 +48,9 @@ class Monitor(can.Listener):
             return
         base, node = msg.arbitration_id & ~0x7F, msg.arbitration_id & 0x7F
         with self._news:
-            if is_command(msg, self._node_id):
+            if self._follows and msg.arbitration_id == w.SYNC and not msg.is_remote_frame:
+                self.syncs.append(msg.timestamp or time.monotonic())
+            elif is_command(msg, self._node_id):
                 self.commands.append(msg)
             elif base in (w.GUARD, w.SDO_REPLY) and node and not msg.is_remote_frame:
                 self.nodes.add(node)
@@ -117,6 +128,33 @@ def listen_for_master(monitor: Monitor, node_id: int) -> None:
     """
     time.sleep(LISTEN_S)
     refuse_other_master(monitor, node_id)
+
+
+def check_sync(monitor: Monitor, rate_hz: float) -> None:
+    """Measure the producer whose SYNC the loop is to follow.
+
+    Raises:
+        DriverError: there is none, or its period is not that of the servo rate, however often it is measured.
+    """
+    period, found = 1.0 / rate_hz, 0.0
+    for _ in range(_SYNC_ATTEMPTS):
+        before = len(monitor.syncs)
+        time.sleep(max(_SYNC_S, _SYNCS * period))
+        times = monitor.syncs[before:]
+        if len(times) < _SYNCS // 2:
+            continue
+        found = (times[-1] - times[0]) / (len(times) - 1)
+        if abs(found - period) <= _SYNC_TOLERANCE * period:
+            return
+    if not found:
+        raise DriverError(
+            "servo.clock = sync: no SYNC (0x080) comes; switch its producer on (in a drive: 0x1006 the period in µs, then "
+            "bit 30 of 0x1005), or take servo.clock: grid"
+        )
+    raise DriverError(
+        f"servo.clock = sync: SYNC comes every {1e6 * found:.0f} µs ({1.0 / found:.4g} Hz) on average, servo.rate_hz = "
+        f"{rate_hz:g} Hz asks for {1e6 * period:.0f} µs; set one of them, and see that one device alone produces SYNC"
+    )
 
 
 def refuse_other_master(monitor: Monitor, node_id: int) -> None:

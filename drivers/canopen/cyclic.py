@@ -1,4 +1,4 @@
-"""The cyclic exchange on a descriptor, compiled: SYNC, wait for TPDO 1, and later in the same tick RPDO 1.
+"""The cyclic exchange on a descriptor, compiled: SYNC, sent or awaited, TPDO 1, and later in the same tick RPDO 1.
 
 One message on the descriptor is one 16-byte ``struct can_frame``: a SocketCAN raw socket, or a connection of
 ``drivers/seqpacket_bus.py``. The sign of life to the drive goes out behind RPDO 1, where nobody waits for it.
@@ -21,10 +21,11 @@ from drivers.canopen.supervision import (
     command,
     may_sync,
     sign_of_life,
+    sync_came,
     take_frame,
     verdict,
 )
-from drivers.interface import EXCHANGE_WORDS, LOST, MISSED, OK, X_PERIOD_NS
+from drivers.interface import EXCHANGE_WORDS, LOST, MISSED, OK, X_DEADLINE_NS, X_PERIOD_NS, X_TIME_NS
 from drivers.libc import POLLIN, now_ns, receive, send, wait_until
 from hapticd.jit import carray, cfunc, njit
 
@@ -79,12 +80,35 @@ def _listen(s: NDArray[Any], deadline: int) -> None:
 
 
 @njit("int64(int64[::1], int64[::1], float64)")
+def wait(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
+    """SYNC from the bus, until the exchange's deadline."""
+    scratch = s[w.SCRATCH :]
+    while s[w.REASON] == 0 and s[w.EVENT] == 0:
+        _drain(s)
+        now = now_ns(scratch)
+        if sync_came(s, now, x[X_TIME_NS], period_ns):
+            return OK
+        if now >= x[X_DEADLINE_NS]:
+            return MISSED
+        wait_until(scratch, s[w.DESCRIPTOR], POLLIN, x[X_DEADLINE_NS])
+    if s[w.REASON] != 0:
+        wait_until(
+            scratch, -1, 0, now_ns(scratch) + int(period_ns)
+        )  # a device that is gone must not make the loop spin
+    return OK  # what is wrong, read says
+
+
+@njit("int64(int64[::1], int64[::1], float64)")
 def read(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
     """SYNC and its TPDO 1; see :func:`drivers.canopen.supervision.verdict` for what it returns."""
     scratch = s[w.SCRATCH :]
-    if s[w.REASON] == 0:
+    if s[w.REASON] == 0 and s[w.FOLLOWS] == 0:
         _drain(s)
     deadline = now_ns(scratch) + (s[w.REPLY_NS] if s[w.REPLY_NS] > 0 else int(0.8 * period_ns))
+    if s[w.FOLLOWS] == 1:
+        s[w.STOPPED] = 0
+        _listen(s, deadline)
+        return verdict(s, x, now_ns(scratch))
     if not may_sync(s):
         _listen(s, deadline)
         if s[w.FRESH] == 0:
@@ -116,6 +140,13 @@ def write(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
     if s[w.REASON] != 0:
         return LOST
     return result if result != OK else sent
+
+
+@cfunc(_SIGNATURE)
+def wait_function(state: int, exchange: int) -> int:
+    """The driver's ``wait``."""
+    x = carray(exchange, (EXCHANGE_WORDS,))
+    return wait(carray(state, (w.WORDS,)), x, x.view(np.float64)[X_PERIOD_NS])
 
 
 @cfunc(_SIGNATURE)

@@ -33,6 +33,8 @@ MODE_WANTED: Final = 11
 """Mode of operation that bring-up has set, where TPDO 2 shows the one in force behind the demand; 0: it does not."""
 HELD_MASK: Final = 12
 """Bit of TPDO 2's data that is 1 while a person holds the enable input; 0: none is asked for."""
+FOLLOWS: Final = 13
+"""1: SYNC comes from a producer on the bus, and the loop follows it."""
 
 # What the drive said last.
 STATUSWORD: Final = 16
@@ -121,8 +123,13 @@ HELD: Final = SDO_SEEN + 1
 """Whether the enable input was held by the last TPDO 2."""
 HELD_FRESH: Final = HELD + 1
 """TPDO 2 since the last SYNC; where an enable is asked for, a sample is none without it."""
+SYNCS: Final = HELD_FRESH + 1
+"""SYNC since the loop last waited for one."""
+SYNC_SURPLUS: Final = SYNCS + 1
+"""SYNC that came more than half a period too early, within SURPLUS_NS."""
+SYNC_SURPLUS_SINCE_NS: Final = SYNC_SURPLUS + 1
 
-SCRATCH: Final = HELD_FRESH + 1
+SCRATCH: Final = SYNC_SURPLUS_SINCE_NS + 1
 FRAME: Final = SCRATCH + LIBC_SCRATCH
 """Two words: the frame just received. The words after them: the frame to send."""
 OUT: Final = FRAME + 2
@@ -143,6 +150,7 @@ EVENT_LENGTH: Final = 2
 EVENT_TRANSITION: Final = 3
 EVENT_LENGTH_2: Final = 4
 EVENT_SURPLUS: Final = 5
+EVENT_SYNCS: Final = 6
 
 # struct can_frame (linux/can.h) as two little-endian words.
 EXTENDED: Final = 0x80000000

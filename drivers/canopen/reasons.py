@@ -86,6 +86,11 @@ def explain(block: NDArray[Any]) -> str | None:
             f"TPDO 1 of node {node} comes more often than SYNC asks for it ({detail} times since the start): another node "
             "uses its identifier, or the drive sends it by itself, and which of them tells the position is not known"
         )
+    if block[w.EVENT_TOLD] == w.EVENT_SYNCS:
+        return (
+            f"SYNC came {detail} times more than half a period before it was due: two devices produce it, or one at another "
+            "rate than servo.rate_hz; only one may have bit 30 of 0x1005 set"
+        )
     mapped = {w.EVENT_LENGTH: (1, w.TPDO1_BYTES), w.EVENT_LENGTH_2: (2, back_bytes(block))}
     if (event := mapped.get(int(block[w.EVENT_TOLD]))) is not None:
         return (

@@ -288,7 +288,7 @@ def resolve_config(source: str | None, assignments: list[str] | None) -> Config:
 
     config = load_config(source)
     config = apply_settings(config, settings, source="command line") if settings else config
-    if config.driver.options or config.safety.enable:
+    if config.driver.options or config.safety.enable or config.servo.clock != "grid":
         from drivers import check_option_names
 
         check_option_names(config)

@@ -58,6 +58,11 @@ class Servo(Section):
     """The servo thread: its rate and its place on the machine."""
 
     rate_hz: Number = quantity(1000.0, "Servo rate 1/T", "Hz", ge=1, le=20_000)
+    clock: Literal["grid", "sync"] = quantity(
+        "grid",
+        "What wakes the loop: grid: the machine's clock; sync: the SYNC of a producer on the CAN bus, whose period is "
+        "that of rate_hz",
+    )
     priority: Whole = quantity(80, "SCHED_FIFO priority of the servo thread", ge=1, le=99)
     cpu: Whole | None = quantity(None, "Processor the servo thread is bound to; null: any", ge=0, le=4095)
     require_realtime: Flag = quantity(False, "Refuse to start where the machine does not grant real-time scheduling")

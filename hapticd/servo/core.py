@@ -200,8 +200,8 @@ class ServoCore:
         self.late_histogram: NDArray[np.int64] = self.memory["late_histogram"][0]
         self.exec_histogram: NDArray[np.int64] = self.memory["exec_histogram"][0]
         self._state: np.void = self.memory[0]["state"]
-        addresses = (driver.read_address, driver.write_address, driver.state_address, self.exchange.ctypes.data)
-        self.memory["driver"] = addresses
+        functions = (driver.read_address, driver.write_address, driver.wait_address)
+        self.memory["driver"] = (*functions, driver.state_address, self.exchange.ctypes.data)
 
     def publish(self, params: np.void) -> int:
         """Hand a whole parameter set to the loop; returns its sequence number (one publisher at a time)."""

@@ -27,6 +27,7 @@ RELOAD_FAILED: Final = 15
 CURRENT_MISMATCH: Final = 16
 UNSTABLE: Final = 17
 ENABLE_RELEASED: Final = 18
+SYNC_LOST: Final = 19
 
 CLEAR: Final = "when the rig is safe, 'hapticd clear'"
 REPLUG: Final = (
@@ -143,6 +144,11 @@ KINDS: Final[dict[int, FaultKind]] = {
         "enable_released",
         "the enable input that a person holds was released while the motor was on (safety.enable)",
         "'hapticd clear'; then hold the enable, and 'hapticd start'",
+    ),
+    SYNC_LOST: FaultKind(
+        "sync_lost",
+        "no SYNC has come for {value:.3g} periods (servo.clock: sync), safety.missed_exchanges = {limit:.0f}",
+        "have the producer send SYNC again, then 'hapticd clear'",
     ),
 }
 

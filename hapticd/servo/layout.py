@@ -121,6 +121,8 @@ STATE = np.dtype(
         ("grid_tick", "i8"),  # tick at which the present time grid starts
         ("grid_ns", "i8"),  # and its instant, ns
         ("grid_frac", "f8"),  # and the fraction of a ns
+        ("sync_ns", "i8"),  # when the device's clock was heard last, ns; 0: never
+        ("synced", "?"),  # the grid is that of the device's clock
         ("start_ns", "i8"),  # origin of time_s, ns
         ("applied", "i8"),  # number of the parameter set in force
         ("cleared", "i8"),  # last PARAMS.clear that was looked at
@@ -216,7 +218,8 @@ DRIVER = np.dtype(
     [
         ("read", "i8"),  # address of the function
         ("write", "i8"),  # address of the function
-        ("state", "i8"),  # address that both get
+        ("wait", "i8"),  # address of the function that sleeps until the device's clock; 0: the loop keeps its own time
+        ("state", "i8"),  # address that all of them get
         ("exchange", "i8"),  # address of SERVO.exchange
     ],
     align=True,

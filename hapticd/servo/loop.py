@@ -30,6 +30,7 @@ from hapticd.servo.law import coarse_ticks, renew_law
 from hapticd.servo.layout import FAULT, OFF, PASSIVITY_OFF, RETURN_RUNAWAY, RETURN_STOPPED, RETURN_TICKS, RUNNING, SERVO
 from hapticd.servo.passivity import show_energy
 from hapticd.servo.render import render
+from hapticd.servo.sync import wait_for_sync
 from hapticd.servo.timing import count
 
 _RUNAWAY_TICKS = 1_000_000_000
@@ -60,6 +61,9 @@ def wake(servo: Any, shared: Any) -> None:
         tick.woke_ns = tick.ns + tick.late_ns
         state.replayed_skip = 0
         state.replayed_late_ns = 0
+        return
+    if servo.driver.wait != 0:
+        wait_for_sync(servo, shared)
         return
     sleep_until(servo.timespec, tick.ns)
     tick.woke_ns = now_ns(servo.timespec)

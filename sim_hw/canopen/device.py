@@ -26,6 +26,7 @@ _SDO_SERVER = 0x580
 _MANUFACTURER_AREA = 0x2000
 _MEASURED = frozenset({0x221C, 0x6063, 0x6064, 0x606C, 0x6077, 0x6078, 0x60FD})
 _FOLLOWS_CANOPEN = 30
+_PRODUCES_SYNC = 1 << 30
 _LONGEST_CURRENT = 0x7FFF
 """Largest value of a Copley current object, 0.01 A."""
 WRONG_DEVICE_TYPE = 0x00020191
@@ -138,6 +139,8 @@ class Drive:
         now = time.monotonic_ns()
         if index == 0x1017:
             node.restart_heartbeat(self.machine, now)
+        if index in (0x1005, 0x1006):
+            node.restart_sync(self.machine, now)
         take_up(self.machine, index == 0x6040, now)
         pdo.transmit_events(self.machine, now)
 
@@ -145,7 +148,7 @@ class Drive:
         """Rules for single objects that their range in the EDS does not express."""
         refused = (
             (index == 0x1003 and value != 0)
-            or (index == 0x1005 and not 0 < value <= 0x7FF)
+            or (index == 0x1005 and not 0 < value & ~_PRODUCES_SYNC <= 0x7FF)
             or (index == 0x1014 and not 0 < value & 0x7FFFFFFF <= 0x7FF)
             or (index == 0x2300 and value not in (0, DESIRED_PROGRAMMED_CURRENT, _FOLLOWS_CANOPEN))
             or (index == 0x6060 and value != 0 and not (value > 0 and self.objects[0x6502, 0] >> (value - 1) & 1))

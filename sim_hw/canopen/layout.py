@@ -38,9 +38,10 @@ KNOWN_OBJECTS = (
     *((index, int(index == 0x1029)) for index in (*_COMMUNICATION, *_COPLEY, *_STATES, *_MOTION)),
     *((0x1003, sub) for sub in range(9)),
     (0x60FD, 0),
+    (0x1006, 0),
 )
 """Index and sub-index of slot 0, 1, 2, … of the block."""
-DIGITAL_INPUTS = ERROR_COUNT + 9
+DIGITAL_INPUTS, SYNC_PERIOD = ERROR_COUNT + 9, ERROR_COUNT + 10
 ERROR_FIELDS = 8
 """Entries of 0x1003 that follow ERROR_COUNT."""
 OBJECT_WORDS = 256
@@ -54,17 +55,19 @@ UNPLUGGED_UNTIL_NS, SAMPLES, COMMANDS, SDO_COUNT, OUT_COUNT, LOST_FRAMES, FOLDED
 TARGET, DEMAND, HEAT = range(_OWN + 16, _OWN + 19)
 """A: what the master wants, behind limits; the same behind the slope. Then I²t, A² s above the continuous current."""
 
-MEASURED_UNTIL_NS, MEASURED_PPM, MEASURED_UA, SECOND_LEFT, SECOND_COUNTS = range(_OWN + 19, _OWN + 24)
+MEASURED_UNTIL_NS, MEASURED_PPM, MEASURED_UA, SECOND_LEFT, SECOND_COUNTS, SYNC_SENT = range(_OWN + 19, _OWN + 25)
 """A script's lies: until when the measured current is the true one times MEASURED_PPM plus MEASURED_UA; TPDO 1 still to be
-sent by a second node, which is SECOND_COUNTS further on."""
+sent by a second node, which is SECOND_COUNTS further on. SYNC_SENT: our own SYNC waits to be obeyed."""
 
-TIMER = _OWN + 24
+TIMER = _OWN + 25
 """Instants (ns) at which the drive does something by itself; NEVER when it does not."""
 RAMP_TIMER, HEAT_TIMER, GUARD_TIMER, HEARTBEAT_TIMER = range(4)
 QUICK_STOP_TIMER, REACTION_TIMER, WAKE_TIMER, TPDO_TIMER = range(4, 8)
 RPDO_TIMER = TPDO_TIMER + 4
 """Deadlines of RPDO 1…4, after four timers of TPDOs."""
-TIMERS = RPDO_TIMER + 4
+SYNC_TIMER = RPDO_TIMER + 4
+"""The next SYNC that the drive produces."""
+TIMERS = SYNC_TIMER + 1
 LAZY_TIMERS = 2
 """The first timers are no reason to wake: nobody outside sees them before the next frame."""
 

@@ -20,7 +20,7 @@ LIFE_GUARDING = 0x8130
 _START, _STOP, _PRE_OPERATIONAL, _RESET_NODE, _RESET_COMMUNICATION = 1, 2, 128, 129, 130
 _CONNECTION_ABORTED = 0x8100
 _GUARD_ID = 0x700
-_NS_PER_MS = 1_000_000
+_NS_PER_MS, _NS_PER_US = 1_000_000, 1_000
 
 
 @njit((MACHINE, I64), counted=False)
@@ -37,6 +37,21 @@ def restart_heartbeat(m: Machine, now: int) -> None:
     m.d[w.TIMER + w.HEARTBEAT_TIMER] = now + period * _NS_PER_MS if period else w.NEVER
     if period:
         m.d[w.TIMER + w.GUARD_TIMER] = w.NEVER
+
+
+@njit((MACHINE, I64), counted=False)
+def restart_sync(m: Machine, now: int) -> None:
+    """SYNC from now on as 0x1005 (bit 30: produce it) and 0x1006 say (CiA 301, 7.5.2.5)."""
+    period = m.d[w.SYNC_PERIOD] if m.d[w.SYNC_COB_ID] >> 30 & 1 else 0
+    m.d[w.TIMER + w.SYNC_TIMER] = now + period * _NS_PER_US if period else w.NEVER
+
+
+@njit((MACHINE, I64), counted=False)
+def produce_sync(m: Machine, now: int) -> None:
+    """Send one SYNC, which is one for ourselves as well (:func:`sim_hw.canopen.receiving.let_go`)."""
+    sending.send(m, sending.OTHER, m.d[w.SYNC_COB_ID] & 0x7FF, 0, 0, now)
+    m.d[w.SYNC_SENT] = 1
+    restart_sync(m, now)
 
 
 @njit((MACHINE, I64), counted=False)
@@ -95,6 +110,7 @@ def boot(m: Machine, now: int) -> None:
     m.d[w.NMT] = w.NMT_PRE_OPERATIONAL
     enter(m, SWITCH_ON_DISABLED, now)
     restart_heartbeat(m, now)
+    restart_sync(m, now)
 
 
 @njit((MACHINE, I64, I64), counted=False)

@@ -36,7 +36,7 @@ def _kind(m: Machine, low: int) -> int:
     kind = OTHER
     if low & (REMOTE | EXTENDED | ERROR):
         kind = OTHER
-    elif cob_id == m.d[w.SYNC_COB_ID]:
+    elif cob_id == m.d[w.SYNC_COB_ID] & 0x7FF:
         kind = SYNC
     elif cob_id == _SDO_CLIENT + m.d[w.NODE_ID]:
         kind = SDO_REQUEST
@@ -94,6 +94,10 @@ def receive(m: Machine, low: int, data: int, now: int) -> None:
 def let_go(m: Machine, now: int) -> None:
     """Bring the drive to an instant, and let every frame that a fault has held until then go on."""
     advance(m, now)
+    if m.d[w.SYNC_SENT] == 1:
+        m.d[w.SYNC_SENT] = 0
+        if m.d[w.NMT] == w.NMT_OPERATIONAL:
+            pdo.synchronise(m, now)
     slot, due = next_held(m.sim)
     while due <= now:
         kind = m.sim.held[slot, common.HELD_FRAME]

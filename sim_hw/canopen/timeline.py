@@ -74,6 +74,8 @@ def _expire(m: Machine, timer: int, now: int) -> None:
         enter(m, FAULT, now)  # transition 14
     elif timer == w.WAKE_TIMER:
         node.boot(m, now)
+    elif timer == w.SYNC_TIMER:
+        node.produce_sync(m, now)
     elif timer >= w.RPDO_TIMER:
         abort_connection(m, _RPDO_TIMEOUT, now)
     else:
