@@ -21,10 +21,10 @@ from drivers.canopen.supervision import (
     command,
     may_sync,
     sign_of_life,
-    sync_came,
     take_frame,
     verdict,
 )
+from drivers.canopen.sync import sync_came
 from drivers.interface import EXCHANGE_WORDS, LOST, MISSED, OK, X_DEADLINE_NS, X_PERIOD_NS, X_TIME_NS
 from drivers.libc import POLLIN, now_ns, receive, send, wait_until
 from hapticd.jit import carray, cfunc, njit
@@ -88,13 +88,14 @@ def wait(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
         now = now_ns(scratch)
         if sync_came(s, now, x[X_TIME_NS], period_ns):
             return OK
+        if s[w.REASON] != 0 or s[w.EVENT] != 0:
+            break
         if now >= x[X_DEADLINE_NS]:
             return MISSED
         wait_until(scratch, s[w.DESCRIPTOR], POLLIN, x[X_DEADLINE_NS])
     if s[w.REASON] != 0:
-        wait_until(
-            scratch, -1, 0, now_ns(scratch) + int(period_ns)
-        )  # a device that is gone must not make the loop spin
+        # A device that is gone must not make the loop spin.
+        wait_until(scratch, -1, 0, now_ns(scratch) + int(period_ns))
     return OK  # what is wrong, read says
 
 
@@ -108,7 +109,10 @@ def read(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
     if s[w.FOLLOWS] == 1:
         s[w.STOPPED] = 0
         _listen(s, deadline)
-        return verdict(s, x, now_ns(scratch))
+        result = verdict(s, x, now_ns(scratch))
+        if result == OK:
+            s[w.SYNCS] = 0  # one that came in this read is the one that was sampled
+        return result
     if not may_sync(s):
         _listen(s, deadline)
         if s[w.FRESH] == 0:

@@ -24,6 +24,7 @@ from drivers.canopen.state_machine import (
     next_controlword,
     state_of,
 )
+from drivers.canopen.sync import begin_sample, take_sync
 from drivers.interface import (
     DEVICE_FAULT,
     ERROR,
@@ -103,6 +104,20 @@ def _take_guard(s: NDArray[Any], length: int, data: int) -> None:
 
 
 @njit("void(int64[::1], int64, int64)", counted=False)
+def _take_back(s: NDArray[Any], length: int, data: int) -> None:
+    """TPDO 2: what the drive says that it was told, and its inputs."""
+    if length != back_bytes(s):
+        note(s, w.EVENT_LENGTH_2, length)
+        return
+    if s[w.READ_BACK] == 1:
+        s[w.DEMAND] = _signed16(data)
+        s[w.MODE] = _signed8(data >> 16) if s[w.MODE_WANTED] != 0 else 0
+        s[w.DEMAND_FRESH] = 1
+    s[w.HELD] = 1 if data & s[w.HELD_MASK] != 0 else 0
+    s[w.HELD_FRESH] = 1
+
+
+@njit("void(int64[::1], int64, int64)", counted=False)
 def take_frame(s: NDArray[Any], low: int, data: int) -> None:
     """Take in one frame from the bus, whatever it is.
 
@@ -132,15 +147,7 @@ def take_frame(s: NDArray[Any], low: int, data: int) -> None:
         else:
             note(s, w.EVENT_LENGTH, length)
     elif cob == w.TPDO2 + node and back_bytes(s) != 0:
-        if length == back_bytes(s):
-            if s[w.READ_BACK] == 1:
-                s[w.DEMAND] = _signed16(data)
-                s[w.MODE] = _signed8(data >> 16) if s[w.MODE_WANTED] != 0 else 0
-                s[w.DEMAND_FRESH] = 1
-            s[w.HELD] = 1 if data & s[w.HELD_MASK] != 0 else 0
-            s[w.HELD_FRESH] = 1
-        else:
-            note(s, w.EVENT_LENGTH_2, length)
+        _take_back(s, length, data)
     elif cob == w.EMCY_BASE + node:
         if length == 8:
             s[w.EMCY] = data & 0xFFFF
@@ -150,9 +157,7 @@ def take_frame(s: NDArray[Any], low: int, data: int) -> None:
     elif cob == w.GUARD + node:
         _take_guard(s, length, data)
     elif cob == w.SYNC and s[w.FOLLOWS] == 1:
-        s[w.SYNCS] += 1
-        begin_sample(s)
-        s[w.DUE] = 1  # TPDOs carry no number: the next one is this SYNC's
+        take_sync(s)
     elif cob == w.SYNC or cob == w.NMT or cob == w.RPDO1 + node:
         note(s, w.EVENT_MASTER, identifier)
     elif cob == w.SDO_REPLY + node and length == 8:
@@ -163,40 +168,12 @@ def take_frame(s: NDArray[Any], low: int, data: int) -> None:
         s[w.IGNORED] += 1
 
 
-@njit("void(int64[::1])", counted=False)
-def begin_sample(s: NDArray[Any]) -> None:
-    """Whatever came until now belongs to an earlier SYNC."""
-    s[w.HELD_FRESH] = 0
-    if s[w.FRESH] > 0:
-        s[w.STALE] += s[w.FRESH]
-        s[w.FRESH] = 0
-        s[w.OWED] = 0
-
-
-@njit("boolean(int64[::1], int64, int64, float64)", counted=False)
-def sync_came(s: NDArray[Any], now_ns: int, expected_ns: int, period_ns: float) -> bool:
-    """Whether SYNC has come that a tick may follow; one that is half a period early, again and again, has two producers."""
-    if s[w.SYNCS] == 0:
-        return False
-    s[w.SYNCS] = 0
-    if now_ns >= expected_ns - 0.5 * period_ns:
-        return True
-    if now_ns - s[w.SYNC_SURPLUS_SINCE_NS] > w.SURPLUS_NS:
-        s[w.SYNC_SURPLUS] = 0
-        s[w.SYNC_SURPLUS_SINCE_NS] = now_ns
-    s[w.SYNC_SURPLUS] += 1
-    if s[w.SYNC_SURPLUS] >= w.SURPLUS_LIMIT:
-        note(s, w.EVENT_SYNCS, s[w.SYNC_SURPLUS])
-        s[w.SYNC_SURPLUS] = 0
-    return False
-
-
 @njit("boolean(int64[::1])", counted=False)
 def may_sync(s: NDArray[Any]) -> bool:
     """The bus has been emptied: whether SYNC may go out, whose answer nothing that is still on its way could be taken for.
 
-    After one without an answer this tick listens first: a drive that
-    is a period late would otherwise answer every SYNC with the sample of the one before, a hidden delay of τ_D = 1.
+    After one without an answer this tick listens first: a drive that is a period late would otherwise answer every SYNC
+    with the sample of the one before, a hidden delay of τ_D = 1.
     """
     s[w.STOPPED] = 0
     begin_sample(s)

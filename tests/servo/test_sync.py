@@ -21,7 +21,7 @@ from tests.service.daemons import undisturbed
 from tests.servo.scripted import Scripted, config, fault_code
 
 pytestmark = pytest.mark.realtime
-RATE_HZ = 20.0
+RATE_HZ = 40.0
 _FUNCTION = ctypes.CFUNCTYPE(ctypes.c_int32, ctypes.c_void_p, ctypes.c_void_p)
 
 
