@@ -213,6 +213,7 @@ class CanopenDriver(Driver):
             floats[w.AMPERE_PER_DEMAND] = drive.ampere_per_demand
         block[w.HELD_MASK] = drive.held_mask
         block[w.FOLLOWS] = self._follows
+        block[w.DUE] = self._follows  # what is heard first may be the answer to a SYNC of the bring-up
         block[w.MODE] = block[w.MODE_WANTED] = drive.mode_number
 
     def close(self) -> None:

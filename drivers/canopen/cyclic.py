@@ -33,13 +33,15 @@ _SIGNATURE = types.int32(types.CPointer(types.int64), types.CPointer(types.int64
 _EAGAIN, _ENOBUFS, _EINTR = 11, 105, 4
 _BURST = 64
 """Frames taken in one go: a bus that babbles must not hold the loop."""
+_BACKLOG = 1024
+"""More than a socket holds: after a pause an old SYNC, and its sample, must not be taken for the present one."""
 _WORD_BYTES = 8
 
 
-@njit("void(int64[::1])", counted=False)
-def _drain(s: NDArray[Any]) -> None:
+@njit("void(int64[::1], int64)", counted=False)
+def _drain(s: NDArray[Any], burst: int) -> None:
     """Take in what has arrived, without waiting."""
-    for _ in range(_BURST):
+    for _ in range(burst):
         got = receive(s[w.DESCRIPTOR], s.ctypes.data + _WORD_BYTES * w.FRAME, w.FRAME_BYTES)
         if got == w.FRAME_BYTES:
             take_frame(s, s[w.FRAME], s[w.FRAME + 1])
@@ -74,7 +76,7 @@ def _listen(s: NDArray[Any], deadline: int) -> None:
     while not answered(s):
         if wait_until(scratch, s[w.DESCRIPTOR], POLLIN, deadline) == 0:
             break
-        _drain(s)
+        _drain(s, _BURST)
         if now_ns(scratch) >= deadline:
             break
 
@@ -84,7 +86,7 @@ def wait(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
     """SYNC from the bus, until the exchange's deadline."""
     scratch = s[w.SCRATCH :]
     while s[w.REASON] == 0 and s[w.EVENT] == 0:
-        _drain(s)
+        _drain(s, _BACKLOG)
         now = now_ns(scratch)
         if sync_came(s, now, x[X_TIME_NS], period_ns):
             return OK
@@ -104,7 +106,7 @@ def read(s: NDArray[Any], x: NDArray[Any], period_ns: float) -> int:
     """SYNC and its TPDO 1; see :func:`drivers.canopen.supervision.verdict` for what it returns."""
     scratch = s[w.SCRATCH :]
     if s[w.REASON] == 0 and s[w.FOLLOWS] == 0:
-        _drain(s)
+        _drain(s, _BURST)
     deadline = now_ns(scratch) + (s[w.REPLY_NS] if s[w.REPLY_NS] > 0 else int(0.8 * period_ns))
     if s[w.FOLLOWS] == 1:
         s[w.STOPPED] = 0
