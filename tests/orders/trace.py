@@ -66,7 +66,9 @@ class Trace:
     _estop: Asked | None = None
     """The newest that was answered."""
     _released: int | None = None
-    """When the enable was let go of last."""
+    """When a tick first read that the enable was let go of: what is shorter than a tick nobody can see."""
+    _was_held: bool = True
+    """By the last tick."""
     _is_held: bool = True
     _is_fault: bool = False
     _faulted: int = 0
@@ -111,8 +113,6 @@ class Trace:
 
     def holds(self, held: bool) -> None:
         """A person holds the enable from the next tick on, or does not."""
-        if self._is_held and not held:
-            self._released = len(self.events)
         self._is_held = held
         self.note("holds" if held else "lets go")
 
@@ -138,6 +138,9 @@ class Trace:
 
     def ticked(self, ticks: int, moves: bool, is_fault: bool, ordinal: int) -> None:
         """Rows of the recording, all of them alike: whether there was current or rendering, and in whose name."""
+        if self._was_held and not self._is_held:
+            self._released = len(self.events)
+        self._was_held = self._is_held
         row = (moves, is_fault, ordinal if moves else 0)
         if row == self._last_row:
             name, *rest, count = self.events[-1]
