@@ -79,7 +79,6 @@ class Servo:
         self.core = Core(machine.scheduler, machine.trace, driver, words)
         self.grants: list[Any] = []
         self._machine, self._params, self._latched, self._obeyed = machine, params, latched, 0
-        driver.held = machine.held
         self._ended = Event(machine.scheduler)
 
     def start(self) -> None:
@@ -93,6 +92,7 @@ class Servo:
         self.core.begin(scheduler.now_ns + PERIOD_NS, mode, self._obeyed)
         if self._latched:
             self.core.shared[atomics.FAULT_CODE] = self._latched
+        self.core.driver.held = self._machine.held
         self._machine.loops.append(self)
         scheduler.sleep(0.001)
 
