@@ -49,11 +49,16 @@ function nameOf({ source, trace }) {
   return names.join(", ") || "live, not recorded";
 }
 
+/** @type {Intl.DateTimeFormatOptions} */
+const STAMP = {
+  year: "numeric", month: "2-digit", day: "2-digit", hour: "2-digit", minute: "2-digit", second: "2-digit", timeZoneName: "short",
+};
+
 /** Local date and time, with the zone: of the file, or, of live rows, now. @param {import("./source.js").Source} source */
 function dateOf({ name, created }) {
   if (name && !created) return "no date";
   const when = created ? new Date(created) : new Date();
-  return Number.isNaN(when.getTime()) ? created : when.toLocaleString("sv-SE", { timeZoneName: "short" });
+  return Number.isNaN(when.getTime()) ? created : when.toLocaleString("sv-SE", STAMP);
 }
 
 /** The settings in words: what the loop does, and where that is in the plane. @param {import("./source.js").Source} source @returns {string[]} */
