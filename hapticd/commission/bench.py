@@ -165,6 +165,7 @@ class Bench:
                 code = self._call(self._read)
                 counts = int(self._words[x.X_COUNTS]) * self._sign
                 on = bool(self._words[x.X_STATUS] & x.STATUS_ENABLED)
+                self._held()
                 sample = Sample(t, (counts - start) * self.config.raw_resolution, on)
                 missed = missed + 1 if code == x.MISSED else 0
                 allowed = travel(t) if callable(travel) else travel
@@ -236,8 +237,10 @@ class Bench:
             code = self._call(self._read)
             if code in (x.LOST, x.ERROR):
                 raise StepError(f"the device is lost: {self.driver.error or 'it does not answer any more'}")
-            if code == x.OK and self._words[x.X_STATUS] & x.STATUS_ENABLED:
-                return
+            if code == x.OK:
+                self._held()
+                if self._words[x.X_STATUS] & x.STATUS_ENABLED:
+                    return
             # what an earlier run made the device latch is cleared by asking for the amplifier off first
             self._send(0.0, 0 if code == x.DEVICE_FAULT or asked < _OFF_FIRST else 1)
             asked += 1
@@ -246,6 +249,15 @@ class Bench:
         raise StepError(
             f"the amplifier did not report that it is on within {limit:g} s (safety.enable_timeout_s): {self._why()}"
         )
+
+    def _held(self) -> None:
+        """No current without the enable that a person holds, where the config asks for one.
+
+        Raises:
+            StepError: it is released.
+        """
+        if self.config.safety.enable and not self._words[x.X_STATUS] & x.STATUS_HELD:
+            raise StepError("the enable input is released (safety.enable): hold it, and run this step again")
 
     def _why(self) -> str:
         return self.driver.error or f"device code {int(self._words[x.X_DEVICE_CODE])}"

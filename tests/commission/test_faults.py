@@ -8,8 +8,9 @@ from typing import Any
 import pytest
 
 from benchmarks.commission import BENCH, FAULTS, Seeded, first_failure, good, rig_of, seeded
+from drivers.loopback import LoopbackDriver
 from hapticd.commission import run
-from hapticd.commission.bench import Bench
+from hapticd.commission.bench import Bench, Sample, constant, opened
 from hapticd.commission.certificate import certificate
 from hapticd.commission.page import write_page
 from hapticd.commission.step import Result, StepError
@@ -152,3 +153,27 @@ def _interrupted_by(nonzero: int) -> Any:
         return current
 
     return limited
+
+
+def test_no_current_flows_while_the_enable_is_released() -> None:
+    """Nor at the next try: released before it begins, the amplifier is not even asked to be on."""
+    config = parse_config({"safety": {"enable": True}}, "rig")
+    asked: list[float] = []
+
+    with opened(config, virtual=True) as bench:
+        assert isinstance(bench.driver, LoopbackDriver)
+
+        def lets_go(sample: Sample) -> float:
+            asked.append(sample.t)
+            if len(asked) == 5:
+                bench.driver.held = False
+            return 0.1
+
+        with pytest.raises(StepError, match="enable input is released"):
+            bench.run(lets_go, 1.0)
+        assert len(asked) == 5
+        with pytest.raises(StepError, match="hold it"):
+            bench.run(constant(0.1), 1.0)
+        bench.driver.held = True
+        after = bench.run(constant(0.1), 0.05)
+    assert after.command.max() == 0.1
