@@ -43,6 +43,7 @@ def check(
     velocity: Quantity | None = None,
     deflection: Quantity | None = None,
     out: Path | None = None,
+    force: bool = False,
     assignments: SettingsOption = None,
 ) -> int:
     """Say what the theory says of a config before anything moves: stable, buzzing or unstable, why, and what would help.
@@ -66,10 +67,11 @@ def check(
             or with a unit: 0.5rad, 30deg, 2mm, 217counts.
         out (-o, --output FIG): Draw the operating point, the critical lines and the regions, and the stiffness and damping
             by frequency that a hand feels, into this file (.png, .svg or .pdf).
+        force: Replace FIG if it exists.
     """
     if deflection is not None and velocity is not None:
         raise UsageError("--deflection and --velocity exclude each other: a motion begins at rest or at the origin")
-    check_figure_name(out)
+    check_figure_name(out, force=force)
     name, device = _named(source)
     config = resolve_config(name, assignments)
     from hapticd.api.theory import check as ask

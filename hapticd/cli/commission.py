@@ -44,6 +44,7 @@ def commission(
     torque: PositiveQuantity | None = None,
     inertia: PositiveQuantity | None = None,
     yes: bool = False,
+    force: bool = False,
     assignments: SettingsOption = None,
 ) -> int:
     """A rig's first day in one command: from the machine's doctor to the largest stiffness, one step after another.
@@ -68,18 +69,22 @@ def commission(
         torque (N_M): Torque (or force) of a drawn spring in place of a weight.
         inertia (KG_M2): Inertia, where you know it: then identify says which torque constant it needs.
         yes: Ask nothing: nobody is at the terminal, or the rig is simulated.
+        force: Replace results in DIR of which it holds no state.
     """
     if not yes and not sys.stdin.isatty():
         raise UsageError("nobody is at a terminal to be asked; --yes if the rig may move without a question")
     resolved = resolve_config(config, assignments)
-    check_folder(out)
+    from hapticd.commission.certificate import FILE as CERTIFICATE
     from hapticd.commission.certificate import certificate
-    from hapticd.commission.page import write_page
-    from hapticd.commission.rig import Given, Rig
+    from hapticd.commission.page import PAGE, write_page
+    from hapticd.commission.rig import IDENTIFIED, Given, Rig
+    from hapticd.commission.run import STATE
     from hapticd.commission.run import commission as run
     from hapticd.commission.steps import NAMES
     from hapticd.figures.files import write_text
 
+    own = (out / STATE).exists()
+    check_folder(out, () if own else (PAGE, CERTIFICATE, IDENTIFIED), force=force)
     for name in (*(again or ()), *(only or ())):
         if name not in NAMES:
             raise UsageError(f"{name}: no such step (known: {', '.join(NAMES)})")
@@ -106,7 +111,7 @@ def commission(
         interrupted = True
     document = certificate(rig)
     out.mkdir(parents=True, exist_ok=True)
-    write_text(out / "commission.json", output.to_json(document))
+    write_text(out / CERTIFICATE, output.to_json(document))
     document["page"] = write_page(rig, document, out)
     found = (
         f"failed: {', '.join(document['failed'])}" if document["failed"] else "passed" if document["passed"] else "open"

@@ -268,7 +268,7 @@ def _check_copy(out: Path | None, no_wait: bool) -> None:
         raise UsageError(f"-o {out}: --no-wait returns before the recording is over; leave one of them out")
     if out.exists():
         raise UsageError(f"{out} exists: a recording never overwrites a file")
-    check_run_name(out)
+    check_run_name(out, force=False)
 
 
 def _copied(answer: dict[str, Any], out: Path) -> dict[str, Any]:

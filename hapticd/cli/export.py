@@ -7,7 +7,6 @@ from typing import Literal
 
 from hapticd.cli import output
 from hapticd.cli.command import command
-from hapticd.cli.exits import UsageError
 from hapticd.cli.options import RunArgument
 
 
@@ -41,8 +40,6 @@ def export(
     from hapticd.client import find_run
 
     run = find_run(run)
-    if out is not None and out.exists() and out.samefile(run):
-        raise UsageError(f"{out} is the run file itself: choose another name with -o")
     from hapticd import record
 
     data = record.read_run(run, salvage=salvage)

@@ -47,6 +47,7 @@ def gap(
     validate: Path | None = None,
     live: bool = False,
     excite: str | None = None,
+    force: bool = False,
     socket: SocketOption = None,
     assignments: SettingsOption = None,
 ) -> int:
@@ -79,6 +80,7 @@ def gap(
             predict it, 50 ms ahead and in a free run, is said and drawn.
         live: Make the recordings now, with the running daemon; takes no RUN.
         excite (NAME|FILE): With --live: the first experiment, as in 'hapticd excite'. Default: all.
+        force: Replace an earlier answer in DIR.
     """
     check_folder(out)
     _check_choices(runs, effect, live, excite)
@@ -91,8 +93,7 @@ def gap(
 
     with _refusing("--nominal"):
         torque = find_torque(nominal) if nominal else None
-    with _refusing("-o"):
-        keep(out, [Path(read) for read in (model, excite, validate, *(runs or ())) if read])
+    keep(out, [Path(read) for read in (model, excite, validate, *(runs or ())) if read], force=force)
     document: dict[str, Any] = {}
     said: list[str] = []
     test = find_run(validate) if validate else None

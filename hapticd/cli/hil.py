@@ -11,6 +11,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import SettingsOption, check_folder, parse_settings, resolve_config
+from hapticd.figures.files import write_text
 
 if TYPE_CHECKING:
     from hapticd.config import Config
@@ -42,6 +43,7 @@ def hil(
     out: Path | None = None,
     fault_matrix: bool = False,
     only: list[str] | None = None,
+    force: bool = False,
     assignments: SettingsOption = None,
 ) -> int:
     """Hardware in the loop: run the daemon on simulated hardware, and compare with the simulation.
@@ -66,17 +68,21 @@ def hil(
         out (-o, --output DIR): Folder for report.html, recordings and logs; made if missing.
         fault_matrix: Inject every fault, one after the other, instead of the experiments.
         only (NAME): Only this case (a, b, c, d, excitation) or fault. Repeatable.
+        force: Replace an earlier report in DIR, with its recordings and logs.
     """
     if device not in ("simulated", "firmware"):
         raise UsageError(f"--device {device}: unknown (known: simulated, firmware)")
     on_board = board if device == "firmware" else None
     resolved = _resolved(config, assignments, on_board)
     device_plant = resolve_config(plant, None) if plant else None
-    check_folder(out)
+    from hapticd.hil.page import PAGE
+
+    matrix_name = f"fault-matrix-{on_board or resolved.driver.name}.md"
+    check_folder(out, [matrix_name if fault_matrix else PAGE], force=force)
     if fault_matrix:
         if plant is not None:
             raise UsageError("--plant goes with the experiments; the fault matrix runs on CONFIG's own plant")
-        return _matrix(resolved, out, only, on_board)
+        return _matrix(resolved, out and out / matrix_name, only, on_board)
     if on_board and plant is not None:
         raise UsageError("--plant goes with simulated devices; the firmware's rig is CONFIG's own")
     from hapticd.hil.cases import FIG_8
@@ -140,8 +146,8 @@ def _matrix(config: Config, out: Path | None, only: list[str] | None, board: str
     with output.progress_bar("faults") as bar:
         rows = run_matrix(config, injections=chosen, board=board, progress=bar)
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        (out / f"fault-matrix-{board or config.driver.name}.md").write_text(matrix_markdown(rows), encoding="utf-8")
+        out.parent.mkdir(parents=True, exist_ok=True)
+        write_text(out, matrix_markdown(rows))
     document = matrix_document(rows)
     output.emit(document, matrix_text(rows))
     return exits.DONE if document["met"] else exits.NO

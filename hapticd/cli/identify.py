@@ -37,6 +37,7 @@ def identify(
     runs: RunsArgument = None,
     model: str | None = None,
     out: Path | None = None,
+    force: bool = False,
     live: bool = False,
     keep_spring: bool = False,
     known_inertia: PositiveQuantity | None = None,
@@ -58,6 +59,7 @@ def identify(
             inside the first recording, or the daemon's.
         out (-o, --output CONFIG): Write the config with the plant that was found; comments stay. May be the file of
             --model.
+        force: Replace another file that exists.
         live: Make the recordings now, with the running daemon; takes no RUN.
         keep_spring: With --live: leave the rendered spring on, for a device that would fall.
         known_inertia (KG_M2): The inertia, where you know it otherwise (kg m², or kg): says which torque constant it
@@ -67,13 +69,15 @@ def identify(
         raise UsageError("--live makes its own recordings" if live else "name at least one recording, or --live")
     if keep_spring and not live:
         raise UsageError("--keep-spring goes with --live")
-    if out is not None and out.exists() and (model is None or not Path(model).exists() or not out.samefile(model)):
-        raise UsageError(f"{out} exists; choose another name, or update it with --model {out}")
     from hapticd.client import find_run
+    from hapticd.identify.config_file import refuse_another, with_plant
+
+    paths = [find_run(run) for run in runs or ()]
+    if out is not None:
+        refuse_another(out, model, paths, force=force)
     from hapticd.config.editing import text_of
     from hapticd.identify import identify as identify_device
     from hapticd.identify import load_any
-    from hapticd.identify.config_file import with_plant
 
     recordings: Sequence[Recording]
     if live:
@@ -83,7 +87,6 @@ def identify(
         nominal = model_of_daemon(client, model, assignments)
         recordings = record_live(client, nominal, output.note, output.progress_bar, keep_spring=keep_spring)
     else:
-        paths = [find_run(run) for run in runs or ()]
         first_look(paths)
         nominal = model_of_run(paths[0], model, assignments)
         recordings = [load_any(path, nominal) for path in paths]

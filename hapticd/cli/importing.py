@@ -55,7 +55,7 @@ def import_data(
             An .mcap of hapticd's own needs none.
         force: Replace RUN if it exists.
     """
-    check_run_name(out)
+    check_run_name(out, force=force, source=file)
     from hapticd.record import import_mcap, import_run, load_map
     from hapticd.robots import hold_against, import_bag, is_bag, limits_of
 

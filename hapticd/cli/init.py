@@ -11,6 +11,7 @@ import typer
 from hapticd.cli import output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
+from hapticd.figures.files import refuse_existing, write_text
 
 OutArgument = Annotated[Path, typer.Argument(metavar="CONFIG", help="The file to write.")]
 
@@ -46,8 +47,7 @@ def init(
         document: dict[str, Any] = {"questions": [question.document for question in QUESTIONS]}
         output.emit(document, "\n".join(question.line for question in QUESTIONS))
         return
-    if out.exists() and not force:
-        raise UsageError(f"{out} exists; choose another name, or replace it with --force")
+    refuse_existing(out, force=force, source=answers)
     if answers is not None:
         given = read_answers(answers)
     elif sys.stdin.isatty():
@@ -56,8 +56,6 @@ def init(
         raise UsageError("nobody to ask: give --answers FILE (keys: hapticd init --list), or run it in a terminal")
     values = answered(given, str(answers or "answers"))
     text, config, warnings = config_text(values, given)
-    from hapticd.figures.files import write_text
-
     write_text(out, text)
     document = {
         "config": out,

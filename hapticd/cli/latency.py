@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from hapticd.cli import exits, output
 from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
-from hapticd.cli.options import ConfigArgument, Duration, Rate, SettingsOption, resolve_config
+from hapticd.cli.options import ConfigArgument, Duration, Rate, SettingsOption, check_figure_name, resolve_config
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ def latency(
     rate: list[Rate] | None = None,
     seconds: Duration = 5.0,
     out: Path | None = None,
+    force: bool = False,
     assignments: SettingsOption = None,
 ) -> int:
     """Measure how late the real servo loop is on this machine, with the configured driver, at several rates.
@@ -38,14 +39,14 @@ def latency(
     Args:
         rate (HZ): Rate to try. Repeatable. Default: 200 to 8000.
         seconds (S): How long each rate runs.
-        out (-o, --output FILE): Draw the lateness into this .png, .svg or .pdf.
+        out (-o, --output FIG): Draw the lateness into this file (.png, .svg or .pdf).
+        force: Replace FIG if it exists.
     """
     resolved = resolve_config(config, assignments)
     for value in rate or ():
         if not 1.0 <= value <= 20_000.0:
             raise UsageError(f"--rate {value:g}: must be between 1 and 20000 Hz")
-    if out is not None and out.suffix not in (".png", ".svg", ".pdf"):
-        raise UsageError(f"-o {out}: the name must end in .png, .svg or .pdf")
+    check_figure_name(out, force=force)
     from hapticd.doctor.latency import RATES_HZ, measure, write_figure
 
     rates = {*(rate or RATES_HZ), resolved.servo.rate_hz}

@@ -14,7 +14,7 @@ from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import Count, Finite, Positive
 from hapticd.cli.output import number
-from hapticd.figures.files import save_figure
+from hapticd.figures.files import refuse_existing, save_figure
 
 if TYPE_CHECKING:
     from hapticd.stability.map_engines import Results
@@ -75,19 +75,11 @@ def region_map(
         jobs (N): Threads. Default: one per usable core.
         dask (ADDRESS): Compute on the workers of this Dask cluster instead, e.g. tcp://host:8786 (needs the optional
             extra 'dask').
-        force: Begin anew and replace FILE, whatever it holds.
+        force: Begin anew and replace FILE, whatever it holds, and the figure.
     """
-    if figure is not None and no_figure:
-        raise UsageError("--figure and --no-figure exclude each other")
+    out, picture = _targets(out, figure, no_figure)
     if jobs is not None and dask is not None:
         raise UsageError("--jobs is for this machine; how many workers a Dask cluster has is the cluster's affair")
-    if not out.suffix and not out.is_dir():
-        out = out.with_suffix(".npz")
-    picture = None if no_figure else figure or out.with_suffix(".png")
-    if picture is not None and picture.suffix.lstrip(".") not in _FIGURE_FORMATS:
-        raise UsageError(f"{picture}: a figure is one of {', '.join(_FIGURE_FORMATS)}")
-    if out.is_dir() or not out.parent.is_dir():
-        raise UsageError(f"{out} cannot be written: it is a folder or its folder does not exist")
     from hapticd.stability import map_report, map_store
     from hapticd.stability.map_engines import ClusterError
     from hapticd.stability.maps import Study
@@ -108,6 +100,8 @@ def region_map(
         raise UsageError(str(error)) from None
     except map_store.MapFileError as error:
         raise UsageError(f"{error}: choose another -o, or replace it with --force") from None
+    if picture is not None:  # by its default name it belongs to the maps, which go on
+        refuse_existing(picture, force=force or (figure is None and out.exists()))
     interrupted = False
     if maps.done.any():
         output.note(f"{out} has {int(maps.done.sum())} of {study.size} points already")
@@ -129,6 +123,20 @@ def region_map(
     if interrupted:
         return exits.INTERRUPTED
     return exits.DONE if found["holds"] else exits.NO
+
+
+def _targets(out: Path, figure: Path | None, no_figure: bool) -> tuple[Path, Path | None]:
+    """Where maps and figure go."""
+    if figure is not None and no_figure:
+        raise UsageError("--figure and --no-figure exclude each other")
+    if not out.suffix and not out.is_dir():
+        out = out.with_suffix(".npz")
+    picture = None if no_figure else figure or out.with_suffix(".png")
+    if picture is not None and picture.suffix.lstrip(".") not in _FIGURE_FORMATS:
+        raise UsageError(f"{picture}: a figure is one of {', '.join(_FIGURE_FORMATS)}")
+    if out.is_dir() or not out.parent.is_dir():
+        raise UsageError(f"{out} cannot be written: it is a folder or its folder does not exist")
+    return out, picture
 
 
 def _engine(jobs: int | None, address: str | None) -> Callable[[list[Chunk]], Results]:

@@ -41,7 +41,7 @@ def export(
     resolved = resolve_config(config, assignments)
     from hapticd.export import SUFFIXES, module_beside, sayings, write_model
     from hapticd.export.head import doubts
-    from hapticd.record.files import refuse_existing
+    from hapticd.figures.files import refuse_existing
 
     source = Path(config) if config is not None else Path("re35")
     target = out or source.with_suffix(SUFFIXES[to])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -12,6 +12,7 @@ import typer
 from hapticd.cli.completion import complete_config, complete_run, complete_setting
 from hapticd.cli.exits import UsageError
 from hapticd.control.endpoints import Endpoints, endpoint_of
+from hapticd.figures.files import refuse_existing
 
 if TYPE_CHECKING:
     from hapticd.client import Client
@@ -89,11 +90,14 @@ FIGURES = frozenset({".png", ".svg", ".pdf"})
 _EXPORTED = (".csv", ".parquet", ".mat", ".mcap")
 
 
-def check_folder(out: Path | None) -> None:
+def check_folder(out: Path | None, files: Iterable[str] = (), *, force: bool = False) -> None:
     """Refuse a file where a folder is wanted, and a folder in which no file can be made, before any work is done.
 
+    Args:
+        out: the folder. files: what will be written there. force: replace them.
+
     Raises:
-        UsageError: it is one.
+        UsageError: it is one. FileExistsError: a file is there, without ``force``.
     """
     if out is None:
         return
@@ -103,13 +107,15 @@ def check_folder(out: Path | None) -> None:
 
     if reason := why_unwritable(out):
         raise UsageError(f"{out}: {reason}")
+    for name in files:
+        refuse_existing(out / name, force=force)
 
 
-def check_figure_name(out: Path | None) -> None:
+def check_figure_name(out: Path | None, *, force: bool) -> None:
     """Refuse a figure in a format that cannot be drawn, before any work is done.
 
     Raises:
-        UsageError: another suffix than `FIGURES`, or no such folder.
+        UsageError: another suffix than `FIGURES`, or no such folder. FileExistsError: it exists, without ``force``.
     """
     if out is None:
         return
@@ -117,13 +123,17 @@ def check_figure_name(out: Path | None) -> None:
         raise UsageError(f"{out}: a figure is a {', '.join(sorted(FIGURES))} file")
     if not out.parent.is_dir():
         raise UsageError(f"{out}: there is no folder {out.parent}")
+    if out.is_dir():
+        raise UsageError(f"{out} is a folder; give a file name")
+    refuse_existing(out, force=force)
 
 
-def check_run_name(out: Path | None) -> None:
+def check_run_name(out: Path | None, *, force: bool, source: Path | None = None) -> None:
     """Refuse a run file under the name of something else, or where none can be, before any work is done.
 
     Raises:
         UsageError: another suffix than ``.arrow``, a folder, or no folder that can be written to.
+        FileExistsError: it exists, without ``force``, or is ``source``, which is read.
     """
     if out is None:
         return
@@ -141,6 +151,7 @@ def check_run_name(out: Path | None) -> None:
         raise UsageError(f"{out}: there is no folder {out.parent}")
     if reason := why_unwritable(out.parent):
         raise UsageError(f"{out}: {reason}")
+    refuse_existing(out, force=force, source=source)
 
 
 def finite(text: str) -> float:

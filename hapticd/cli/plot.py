@@ -44,6 +44,7 @@ def plot(
     run: RunArgument,
     run2: SecondArgument = None,
     out: Path | None = None,
+    force: bool = False,
     only: OnlyOption = None,
     duration: Duration | None = None,
     config: ModelOption = None,
@@ -57,21 +58,21 @@ def plot(
     The difference is the second run less the first, at the first one's samples.
 
     Args:
-        out (-o, --output FIG): File to draw into (.png, .svg or .pdf), replaced if it exists. Default: RUN's name with
-            .png, in this folder.
+        out (-o, --output FIG): File to draw into (.png, .svg or .pdf). Default: RUN's name with .png, in this folder.
+        force: Replace FIG if it exists.
         duration: Only the first seconds after the spring was rendered.
         show_bode (--bode): Draw the frequency responses of a recorded excitation ('hapticd excite chirp'): of the device,
             and of the impedance that a hand at it feels, with their coherence, beside those of the model, which is simulated
             with the same excitation, and of the linear theory.
         show (--open): Show the figure with the desktop's viewer.
     """
-    check_figure_name(out)
     if unknown := [name for name in only or () if name not in PANELS]:
         raise UsageError(f"--only {unknown[0]}: the panels are {', '.join(PANELS)}")
     if run2 is None and "difference" in (only or ()):
         raise UsageError("--only difference: it needs a second run")
     if show_bode and (run2 is not None or only or duration):
         raise UsageError("--bode is of one whole run: leave RUN2, --only and --duration out")
+    check_figure_name(out, force=force)
     from hapticd.client import find_run
     from hapticd.config import load_config
     from hapticd.figures.files import save_figure
@@ -80,13 +81,15 @@ def plot(
 
     model = load_config(config) if config else None
     if show_bode:
-        _plot_bode(read_run(find_run(run)), model, out, show)
+        _plot_bode(read_run(find_run(run)), model, out, force, show)
         return
+    paths = [find_run(each) for each in ([run] if run2 is None else [run, run2])]
+    target = out or Path(paths[0].with_suffix(".png").name)
+    check_figure_name(target, force=force)
     found = []
-    for name in [run] if run2 is None else [run, run2]:
-        recorded = read_run(find_run(name))
+    for path in paths:
+        recorded = read_run(path)
         found.append(signals(first_seconds(recorded, duration) if duration else recorded, model))
-    target = out or Path(found[0].run.path.with_suffix(".png").name)
     document: dict[str, Any] = {"figure": target, "runs": [each.document for each in found]}
     if len(found) > 1:
         document["difference"] = difference(found[0], found[1]).document
@@ -99,13 +102,14 @@ def plot(
         typer.launch(str(target))
 
 
-def _plot_bode(run: Run, model: Config | None, out: Path | None, show: bool) -> None:
+def _plot_bode(run: Run, model: Config | None, out: Path | None, force: bool, show: bool) -> None:
     from hapticd.figures.files import save_figure
     from hapticd.view.bode import bode
     from hapticd.view.bode_figure import bode_figure
 
     found = bode(run, model)
     target = out or Path(f"{run.path.stem}-bode.png")
+    check_figure_name(target, force=force)
     save_figure(bode_figure(found), target)
     for warning in run.warnings:
         output.warn(warning)

@@ -18,7 +18,7 @@ from hapticd.cli.output import number
     "hapticd reproduce -o fig8 --only fig8 --json",
     codes=(exits.INTERRUPTED,),
 )
-def reproduce(out: Path, quick: bool = False, only: list[str] | None = None) -> None:
+def reproduce(out: Path, quick: bool = False, only: list[str] | None = None, force: bool = False) -> None:
     """Compute every table and figure of the paper and put them on one page beside its printed numbers.
 
     Written into DIR: index.html, which holds everything and needs nothing else; each figure as .png and .svg; and
@@ -31,9 +31,11 @@ def reproduce(out: Path, quick: bool = False, only: list[str] | None = None) -> 
         out (-o, --output DIR): Folder for page, figures and numbers; made if missing.
         quick: Coarser maps and shorter runs, for a first look.
         only (NAME): Only this: table1, table2, fig3 to fig9, fig11 or fig12. Repeatable.
+        force: Replace an earlier page in DIR, with its figures.
     """
-    check_folder(out)
-    from hapticd.reproduce.build import PAGE
+    from hapticd.reproduce.build import NUMBERS, PAGE
+
+    check_folder(out, (PAGE, NUMBERS), force=force)
     from hapticd.reproduce.build import reproduce as run
 
     try:

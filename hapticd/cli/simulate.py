@@ -92,11 +92,7 @@ def simulate(
         output.note(
             f"{periods:.3g} ticks: at some 10 million a second this takes {periods / 3.6e10:.2g} hours; Ctrl-C ends it"
         )
-    check_run_name(out)
-    if out is not None:
-        from hapticd.record.files import refuse_existing
-
-        refuse_existing(out, force=force)
+    check_run_name(out, force=force, source=replay)
     from hapticd.servo.simulate import simulate as run
 
     with _rows_to(out, resolved, seed) as on_rows, output.progress_bar("simulating") as progress:

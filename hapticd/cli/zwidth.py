@@ -42,6 +42,7 @@ _NAMES = {
 def zwidth(
     source: ConfigArgument = None,
     out: Path | None = None,
+    force: bool = False,
     velocity: Quantity | None = None,
     radius: Length = 0.02,
     damping_max: PositiveQuantity | None = None,
@@ -63,6 +64,7 @@ def zwidth(
 
     Args:
         out (-o, --figure FIG): Draw the plane into this file (.png, .svg or .pdf).
+        force: Replace FIG if it exists.
         velocity (SPEED): No motion faster than this at the spring's origin, in coarse ticks per servo period; or with a
             unit: 2rad/s, 100rpm, 0.5m/s. Default: what the limits admit.
         radius (M): Radius of the handle of a rotary device, in m: the hands are known in N and m.
@@ -71,7 +73,7 @@ def zwidth(
         points (N): Points along each axis.
         jobs (N): Threads. Default: one per usable core.
     """
-    check_figure_name(out)
+    check_figure_name(out, force=force)
     config = resolve_config(source, assignments)
     from drivers import declared_latency
     from hapticd.config.assumed import assumed_text

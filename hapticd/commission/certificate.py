@@ -13,6 +13,7 @@ from hapticd.record.metadata import utc_now
 if TYPE_CHECKING:
     from hapticd.commission.rig import Rig
 
+FILE: Final = "commission.json"
 OPTIONAL: Final = ("torque_constant", "watchdog", "latency", "current_loop", "gap", "stiffness")
 """Steps that may be skipped for want of something to look at, and the rig passes nevertheless."""
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from drivers import declared_latency
 from hapticd.commission import bench
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from hapticd.commission.bench import Bench
     from hapticd.config import Config
     from hapticd.doctor.board import Operator
+
+IDENTIFIED: Final = "identified.yaml"
 
 Bar = Callable[[str], AbstractContextManager[Callable[[float], None]]]
 
@@ -104,7 +106,7 @@ class Rig:
     @property
     def identified(self) -> Path:
         """The config with the plant that was found."""
-        return self.folder / "identified.yaml"
+        return self.folder / IDENTIFIED
 
     @property
     def runs(self) -> Path:

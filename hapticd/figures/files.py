@@ -1,4 +1,4 @@
-"""Files that are there whole or not at all, and errors that name them."""
+"""Files that are there whole or not at all, that replace no other unasked, and errors that name them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,25 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+
+def refuse_existing(target: Path, *, force: bool, source: Path | None = None) -> None:
+    """Refuse to replace a file: the one rule of all that is written where a user says.
+
+    Raises:
+        FileExistsError: it exists, and ``force`` is not given; or it is ``source``, which is read.
+    """
+    if source is not None and _is_same(source, target):
+        raise FileExistsError(f"{target} is the file that is read; give another name")
+    if os.path.lexists(target) and not force:
+        raise FileExistsError(f"{target} exists; give another name, or --force to replace it")
+
+
+def _is_same(one: Path, other: Path) -> bool:
+    try:
+        return one.samefile(other)
+    except OSError:  # one of them is not there
+        return False
 
 
 @contextlib.contextmanager

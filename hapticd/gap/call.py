@@ -31,6 +31,7 @@ def find_gap(
     nominal: str | Torque | None = None,
     validate: Recorded | None = None,
     out: str | PathLike[str] | None = None,
+    force: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> GapResult:
     """Find where model and measurement disagree, name what is missing, and show the gap shrink.
@@ -47,6 +48,7 @@ def find_gap(
         validate: another recording of that device, which is not fitted: the answer's ``validation`` says how the model as
             given and the improved one predict it.
         out: folder for report.html, model.yaml and gap.json, made if missing.
+        force: replace an earlier answer in it.
         progress: called with the fraction done and what is being done.
 
     Returns:
@@ -56,8 +58,8 @@ def find_gap(
         RunFileError: a recording cannot be read.
         RecordingError: nothing can be concluded from one, or one is there twice.
         ConfigError: no model, or anything wrong in it.
-        ValueError: no recording, a simulator that fails, an unknown effect, none that can be considered, or an answer in
-            place of what is read.
+        ValueError: no recording, a simulator that fails, an unknown effect, or none that can be considered.
+        FileExistsError: an answer is in ``out`` already, without ``force``, or one would take the place of what is read.
     """
     recorded = runs_of(runs)
     config = config_of(model if model is not None else own_model(recorded[0]), settings)
@@ -73,6 +75,7 @@ def find_gap(
             Path(out),
             [run.path for run in [*recorded, *tests]]
             + [Path(name) for name in [model] if isinstance(name, str | PathLike)],
+            force=force,
         )
     result = workflow.find_gap(
         recordings, config, refit_base=refit_base, candidates=effects, progress=progress, validation=validation

@@ -14,7 +14,7 @@ from pydantic_core import to_jsonable_python
 from drivers import declared_latency
 from hapticd.config.editing import text_of
 from hapticd.effects.catalogue import CATALOGUE
-from hapticd.figures.files import naming
+from hapticd.figures.files import naming, refuse_existing
 from hapticd.gap.consequences import consequences
 from hapticd.gap.design import FILE as EXPERIMENT
 from hapticd.gap.model_file import changed_lines, improved_model, model_yaml
@@ -39,16 +39,17 @@ def document_of(result: GapResult, model: Config) -> dict[str, Any]:
     return {**found, "consequences": changes, "next": next_step(found)}
 
 
-def keep(folder: Path, read: Iterable[Path]) -> None:
-    """Refuse a folder in which `write_outputs` would take the place of a file that is read.
+def keep(folder: Path, read: Iterable[Path], *, force: bool) -> None:
+    """Refuse a folder in which `write_outputs` would take the place of a file.
 
     Raises:
-        ValueError: it would.
+        FileExistsError: a file of an answer is there, and ``force`` is not given; or it is one that is ``read``.
     """
-    for path in read:
-        for there in (folder / name for name in FILES):
-            if path.exists() and there.exists() and path.samefile(there):
-                raise ValueError(f"the answer would take the place of {path}; choose another folder than {folder}")
+    sources = list(read)
+    for path in (folder / name for name in FILES):
+        for source in sources:
+            refuse_existing(path, force=True, source=source)
+        refuse_existing(path, force=force)
 
 
 def write_outputs(

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ruamel.yaml.comments import CommentedMap
 
 from hapticd.config.editing import ConfigText
+from hapticd.figures.files import refuse_existing
 from hapticd.identify.result import UNCERTAIN, interval_digits
 from hapticd.identify.workflow import REPLACED, effects_found, plant_section
 
@@ -18,6 +21,24 @@ if TYPE_CHECKING:
 _DIGITS = 6
 _OWN_REMARKS = re.compile(r"^[ \t]*# (identified from|assumed:|standard deviations:).*\n", re.MULTILINE)
 """What an earlier identification wrote above its numbers."""
+
+
+def refuse_another(out: Path, model: str | None, read: Iterable[Path], *, force: bool) -> None:
+    """Refuse to write over a file other than the model's own, which is updated.
+
+    Args:
+        out: what is written. model: the config that was given, a file or not. read: the recordings.
+
+    Raises:
+        FileExistsError: it exists and is not the model, without ``force``; or it is a recording.
+    """
+    for recording in read:
+        refuse_existing(out, force=True, source=recording)
+    updated = model is not None and out.exists() and Path(model).exists() and out.samefile(model)
+    try:
+        refuse_existing(out, force=force or updated)
+    except FileExistsError as error:
+        raise FileExistsError(f"{error}, or update it with --model {out}") from None
 
 
 def with_plant(text: str, result: Identified) -> str:

@@ -16,8 +16,9 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
+from hapticd.figures.files import refuse_existing
 from hapticd.record.errors import RunFileError
-from hapticd.record.files import refuse_existing, written
+from hapticd.record.files import written
 from hapticd.record.mcap import write_mcap
 from hapticd.record.metadata import encode_metadata, to_plain
 from hapticd.record.reader import CSV_METADATA_COLUMN
@@ -41,14 +42,15 @@ def export(run: Run, to: str, out: str | Path | None = None, *, force: bool = Fa
         The file written.
 
     Raises:
-        RunFileError: unknown format; ``out`` exists; it cannot be written (nothing is left behind).
+        FileExistsError: ``out`` exists, or is the run file.
+        RunFileError: unknown format; it cannot be written (nothing is left behind).
     """
     if to not in _WRITERS:
         raise RunFileError(f"cannot export to {to!r}: the formats are {', '.join(_WRITERS)}")
     target = Path(out) if out is not None else run.path.with_suffix(f".{to}")
     if target.is_dir():
         raise RunFileError(f"{target} is a folder; give a file name")
-    refuse_existing(target, force=force)
+    refuse_existing(target, force=force, source=run.path)
     with written(target) as part, part.open("wb") as file:
         _WRITERS[to](run, file)
         file.flush()

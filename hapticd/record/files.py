@@ -38,25 +38,6 @@ def run_names(kind: str, label: str) -> Iterator[str]:
         yield f"{stem}-{number}.arrow"
 
 
-def refuse_existing(target: Path, *, force: bool, source: Path | None = None) -> None:
-    """Refuse to replace a file.
-
-    Raises:
-        RunFileError: it exists, and ``force`` is not given; or it is ``source``, which is read.
-    """
-    if source is not None and _is_same(source, target):
-        raise RunFileError(f"{target} is the file that is read; give another name")
-    if target.exists() and not force:
-        raise RunFileError(f"{target} exists; give another name, or --force to replace it")
-
-
-def _is_same(one: Path, other: Path) -> bool:
-    try:
-        return one.samefile(other)
-    except OSError:  # one of them is not there
-        return False
-
-
 @contextlib.contextmanager
 def written(target: Path) -> Iterator[Path]:
     """A file to write in the place of another; that one is there whole afterwards, or as it was.

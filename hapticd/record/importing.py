@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from hapticd.config import Config, load_config
 from hapticd.config.units import ANGLE_UNITS, CURRENT_UNITS, UNITS, spelled
+from hapticd.figures.files import refuse_existing
 from hapticd.record.errors import RunFileError
-from hapticd.record.files import refuse_existing, written
+from hapticd.record.files import written
 from hapticd.record.importing_map import COUNT, ImportMap, Signal
 from hapticd.record.importing_sources import Source, read_source
 from hapticd.record.metadata import run_metadata
@@ -68,8 +69,9 @@ def import_run(source: str | Path, mapping: ImportMap, out: str | Path, *, force
         force: replace a file that exists.
 
     Raises:
-        RunFileError: the source cannot be read, lacks a column, or holds what no run can hold; ``out`` exists, or
-            is the source; or the run cannot be written, and nothing is left behind.
+        RunFileError: the source cannot be read, lacks a column, or holds what no run can hold; or the run cannot be
+            written, and nothing is left behind.
+        FileExistsError: ``out`` exists, or is the source.
         ConfigError: the map's ``model`` is not valid.
     """
     path, target = Path(source), Path(out)

@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 from hapticd.config import parse_config
+from hapticd.figures.files import refuse_existing
 from hapticd.record.errors import RunFileError
-from hapticd.record.files import refuse_existing, written
+from hapticd.record.files import written
 from hapticd.record.importing import Imported, imported
 from hapticd.record.reader import read_run
 from hapticd.record.run import Run
@@ -21,7 +22,8 @@ def import_mcap(source: str | Path, out: str | Path, *, force: bool = False) -> 
         source: the file. out: the run file to write; it appears whole or not at all. force: replace a file that exists.
 
     Raises:
-        RunFileError: the source is no such file, or lacks columns of a run; ``out`` exists, or is the source.
+        RunFileError: the source is no such file, or lacks columns of a run.
+        FileExistsError: ``out`` exists, or is the source.
         RecordingError: the run cannot be written; nothing is left behind.
     """
     target = Path(out)

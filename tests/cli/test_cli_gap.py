@@ -127,11 +127,11 @@ def test_a_recording_that_cannot_test_is_refused(hapticd: Run, recording: tuple[
         (short, "s are too short; at least 1 s are needed"),
         (axis, "a run of a linear device (m, N), but the model is a rotary device (rad, N m)"),
         (tmp_path / "nothing.csv", "nothing.csv"),
-        (out / "gap.json", "choose another folder"),
+        (out / "gap.json", "gap.json is the file that is read"),
     ):
         out.mkdir(exist_ok=True)
         (out / "gap.json").write_text("{}")
-        said = gap(hapticd, recording, out, "--validate", str(test))
+        said = gap(hapticd, recording, out, "--force", "--validate", str(test))
         assert said.code == 2
         assert statement in said.err.replace("\n", " ")
         assert (out / "gap.json").read_text() == "{}"

@@ -132,7 +132,7 @@ def test_nothing_is_written_over_what_is_read(hapticd: Run, tmp_path: Path) -> N
     nominal.write_text(MODEL)
     run = written(tmp_path / "lab.csv", good())
     done = hapticd("gap", str(run), "--model", str(nominal), "-o", str(tmp_path))
-    assert (done.code, f"the answer would take the place of {nominal}; choose" in done.err) == (2, True)
+    assert (done.code, f"{nominal} is the file that is read; give another name" in done.err) == (2, True)
     assert nominal.read_text() == MODEL
 
 

@@ -307,7 +307,7 @@ def test_export_never_replaces_the_run_itself(hapticd: Run, recorded: Path) -> N
     outcome = hapticd("export", str(recorded), "--to", "csv", "-o", str(recorded), "--force")
     assert (outcome.code, outcome.err) == (
         2,
-        f"hapticd: {recorded} is the run file itself: choose another name with -o\n",
+        f"hapticd: {recorded} is the file that is read; give another name\n",
     )
     assert not read_run(recorded).truncated
 

@@ -46,7 +46,7 @@ def test_two_runs_and_their_difference(hapticd: Run, recordings: Path) -> None:
     position = found["difference"]["position"]
     assert position["unit"] == "rad"
     assert 0.0 < position["rms"] < position["max"] < 1.0
-    back = hapticd("plot", "@last", "@last~1", "-o", "both.svg", "--json").document["difference"]["position"]
+    back = hapticd("plot", "@last", "@last~1", "-o", "back.svg", "--json").document["difference"]["position"]
     assert back == position
 
 
@@ -79,7 +79,7 @@ def test_a_foreign_file_without_config_is_drawn_in_counts(hapticd: Run, recordin
     found = hapticd("plot", "foreign.csv", "--json").document["runs"][0]
     assert found["position"]["unit"] == "count"
     assert found["energy"] is None
-    with_model = hapticd("plot", "foreign.csv", "--config", "re35", "--json").document["runs"][0]
+    with_model = hapticd("plot", "foreign.csv", "--config", "re35", "--force", "--json").document["runs"][0]
     assert with_model["position"]["unit"] == "rad"
 
 

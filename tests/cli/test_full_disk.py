@@ -27,7 +27,7 @@ def no_room(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_figure_that_does_not_fit_is_named(hapticd: Run, tmp_path: Path) -> None:
     out = tmp_path / "plane.png"
     out.write_bytes(b"an older picture")
-    outcome = hapticd("check", "-o", str(out))
+    outcome = hapticd("check", "-o", str(out), "--force")
     assert (outcome.code, outcome.err) == (2, f"hapticd: {out}: No space left on device\n")
     assert list(tmp_path.iterdir()) == [out]
     assert out.read_bytes() == b"an older picture"

@@ -72,5 +72,5 @@ def test_another_file_is_not_overwritten(hapticd: Run, tmp_path: Path) -> None:
     out.write_text("servo: {}\n")
     said = hapticd("identify", "run.csv", "-o", str(out))
     assert said.code == 2
-    assert "exists; choose another name, or update it with --model" in said.err
+    assert "exists; give another name, or --force to replace it, or update it with --model" in said.err
     assert out.read_text() == "servo: {}\n"

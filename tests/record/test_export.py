@@ -113,7 +113,7 @@ def test_a_run_without_rows_can_be_exported(tmp_path: Path) -> None:
 def test_a_file_is_replaced_only_when_forced(run: Run, tmp_path: Path) -> None:
     out = tmp_path / "mine.csv"
     out.write_text("mine")
-    with pytest.raises(RunFileError, match=r"mine\.csv exists; give another name, or --force to replace it"):
+    with pytest.raises(FileExistsError, match=r"mine\.csv exists; give another name, or --force to replace it"):
         export(run, "csv", out)
     assert out.read_text() == "mine"
     assert export(run, "csv", out, force=True) == out

@@ -286,7 +286,7 @@ def test_unknown_kinds_of_file(tmp_path: Path) -> None:
 
 def test_nothing_is_overwritten_unasked(tmp_path: Path) -> None:
     (tmp_path / "run.arrow").write_text("mine")
-    with pytest.raises(RunFileError, match="--force to replace it"):
+    with pytest.raises(FileExistsError, match="--force to replace it"):
         import_run(parquet(tmp_path), parse_map(ROTARY, "map.yaml"), tmp_path / "run.arrow")
     assert (tmp_path / "run.arrow").read_text() == "mine"
 
@@ -297,7 +297,7 @@ def test_the_source_is_never_overwritten(tmp_path: Path) -> None:
     (tmp_path / "run.arrow").hardlink_to(source)
     for out in (source, tmp_path / "run.arrow"):
         for force in (False, True):
-            with pytest.raises(RunFileError, match=f"{out.name} is the file that is read; give another name"):
+            with pytest.raises(FileExistsError, match=f"{out.name} is the file that is read; give another name"):
                 import_run(source, parse_map(ROTARY, "map.yaml"), out, force=force)
     assert source.read_bytes() == before
 

@@ -69,7 +69,7 @@ def test_imported_it_is_the_same_native_file(run: Run, exported: Path, tmp_path:
 
 def test_the_source_is_never_overwritten(exported: Path) -> None:
     before = exported.read_bytes()
-    with pytest.raises(RunFileError, match="is the file that is read; give another name"):
+    with pytest.raises(FileExistsError, match="is the file that is read; give another name"):
         import_mcap(exported, exported, force=True)
     assert exported.read_bytes() == before
 

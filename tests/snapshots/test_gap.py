@@ -154,6 +154,6 @@ def test_gap(
         "stderr": text.err.splitlines(),
         "files": sorted(path.name for path in Path("gap").iterdir()),
         "model": [line for line in model if "# gap" in line or line.startswith(("# ", "    - "))],
-        "document": hapticd("gap", "run.arrow", "-o", "gap", "--json").document,
+        "document": hapticd("gap", "run.arrow", "-o", "gap", "--force", "--json").document,
     }
     assert found == snapshot
