@@ -55,16 +55,20 @@ def absolute(path: str | None) -> str | None:
 
 def release_steps(steps: list[dict[str, Any]]) -> list[dict[str, Any]]:
     """Steps of a sequence: their form; what their settings mean is the daemon's to say."""
+    from hapticd.config.text import shown
+
     for number, step in enumerate(steps, 1):
         if unknown := step.keys() - {"settings", "deflection", "duration_s"}:
             raise ValueError(
                 f"step {number}: unknown field {min(unknown)}; there are deflection, settings and duration_s"
             )
         if not _is_within(step.get("deflection"), -1e9, 1e9):
-            raise ValueError(f"step {number}: deflection should be a number of coarse ticks")
+            said = shown(step.get("deflection"))
+            raise ValueError(f"step {number}: deflection should be within ±1e9 coarse ticks, not {said}")
         duration_s = step.get("duration_s")
         if duration_s is not None and not (_is_within(duration_s, 0.0, LONGEST_DURATION_S) and duration_s > 0.0):
-            raise ValueError(f"step {number}: duration_s should be above 0 and at most {LONGEST_DURATION_S:g} s")
+            limits = f"above 0 and at most {LONGEST_DURATION_S:g} s"
+            raise ValueError(f"step {number}: duration_s should be {limits}, not {shown(duration_s)}")
         settings = step.get("settings") or {}
         if not isinstance(settings, dict):
             raise ValueError(f"step {number}: settings should be an object of dotted keys")

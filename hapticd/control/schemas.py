@@ -55,7 +55,9 @@ class ErrorDetail(BaseModel):
     )
     reason: str | None = Field(None, description="The message without what to do about it, where there is such.")
     remedies: list[dict[str, Any]] | None = Field(
-        None, description="Changes each of which is enough: key, before, after, unit, words, region_after, buzz_after."
+        None,
+        description="Changes each of which is enough: key, before, after, unit, words, region_after, buzz_after, "
+        "and, in a sequence, step.",
     )
     help: str | None = Field(None, description="What would help where no single change is enough.")
     force: bool | None = Field(None, description="Whether the same request with force would be carried out.")

@@ -30,7 +30,7 @@ from hapticd.fault_pages import fault_page
 from hapticd.record import RunFileError
 from hapticd.scope import runs, theory
 from hapticd.scope.access import Access, Guard, Names, Role
-from hapticd.scope.choices import choice_for_page, in_asked_unit
+from hapticd.scope.choices import choice_for_page, in_asked_unit, in_sequence
 from hapticd.scope.forms import BadRequest, body_of, client_of, fields_of
 from hapticd.scope.hub import Hub
 from hapticd.scope.lease import Lease
@@ -131,8 +131,13 @@ class ScopeServer:
     async def sequence(self, request: Request) -> Any:
         """Releases under a list of settings, as a file of `hapticd sequence` says them."""
         body = await fields_of(request, text=str, force=bool)
-        fields = read_sequence(body["text"], "the sequence").request(self._parsed())
-        return await self.on("command", partial(self.client.sequence, **fields, force=body["force"]))
+        sequence, config = read_sequence(body["text"], "the sequence"), self._parsed()
+        asked = partial(self.client.sequence, **sequence.request(config), force=body["force"])
+        try:
+            return await self.on("command", asked)
+        except RequestRefused as refused:
+            refused.choice = refused.choice and in_sequence(refused.choice, body["text"], sequence, config)
+            raise
 
     async def quantities(self, request: Request) -> Any:
         """What was typed, as numbers of the units beside the fields."""

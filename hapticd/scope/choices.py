@@ -6,8 +6,10 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from hapticd.config import LIVE_KEYS, Config
+from hapticd.config import LIVE_KEYS, Config, apply_settings
+from hapticd.config.text import plain_number
 from hapticd.config.units import in_unit, split
+from hapticd.servo.sequence import Sequence, changed_step
 
 _DIGITS = 3
 
@@ -35,6 +37,27 @@ def in_asked_unit(choice: Mapping[str, Any], asked: Mapping[str, str], config: C
         return {**remedy, "before": number, "after": after, "unit": unit}
 
     return {**choice, "remedies": [converted(each) for each in choice.get("remedies") or ()]}
+
+
+def in_sequence(choice: Mapping[str, Any], text: str, sequence: Sequence, config: Config) -> dict[str, Any]:
+    """The choice with, for each remedy of a step, the ``text`` of the sequence with it; a deflection is in the asked unit.
+
+    Args:
+        choice: of the refusal. text: of the sequence as it was asked for, readable. config: in force.
+    """
+
+    def written(remedy: dict[str, Any]) -> dict[str, Any]:
+        if remedy["key"] == "spring.origin":  # no step has it: a release moves it
+            return remedy
+        settings, deflection, _ = sequence.steps[remedy["step"] - 1]
+        its_own = apply_settings(config, settings, source=f"step {remedy['step']}")
+        asked = {"text": str(deflection), "unit": "ticks"}
+        (remedy,) = in_asked_unit({"remedies": [remedy]}, asked, its_own)["remedies"]
+        bare = remedy["key"] != "deflection" or not split(asked["text"])[1]
+        value = plain_number(remedy["after"]) if bare else f"{remedy['after']:g}{remedy['unit']}"
+        return {**remedy, "text": changed_step(text, remedy["step"], remedy["key"], value)}
+
+    return {**choice, "remedies": [written(each) for each in choice.get("remedies") or ()]}
 
 
 def _rounded_down(size: float) -> float:

@@ -141,7 +141,8 @@ class Sequences:
                 self._rendering.admit(step.config, step.deflection, release=True, force=force)
             except Refused as refused:
                 reason = f"step {number}: {refused.choice.get('reason', refused.message)}"
-                choice = {**refused.choice, "reason": reason, "remedies": []} if refused.choice else None
+                remedies = [{**each, "step": number} for each in refused.choice.get("remedies") or ()]
+                choice = {**refused.choice, "reason": reason, "remedies": remedies} if refused.choice else None
                 raise Refused(refused.code, f"step {number}: {refused.message}", choice) from refused
 
     def begin(self, running: Running, command: Command, force: bool) -> Path:

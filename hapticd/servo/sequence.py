@@ -13,10 +13,13 @@ Every key but ``steps`` may be left out; a step may say ``deflection`` and ``dur
 
 from __future__ import annotations
 
+import io
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Final
+
+from ruamel.yaml import YAML
 
 from hapticd.config import Config, ConfigError, Problem, apply_settings
 from hapticd.config.nearest import nearest_name
@@ -28,6 +31,7 @@ from hapticd.servo.experiment import setting_problems
 DEFLECTION: Final = 10.3
 """Of steps that say none, coarse ticks."""
 MOST_STEPS: Final = 500
+_WIDTH: Final = 200
 _OWN: Final = ("deflection", "duration_s")
 _KEYS: Final = ("name", *_OWN, "repeat", "steps")
 
@@ -87,6 +91,24 @@ def read_sequence(text: str, source: str) -> Sequence:
         for step in data["steps"]
     ]
     return Sequence(str(data.get("name", "sequence")), tuple(steps * data.get("repeat", 1)))
+
+
+def changed_step(text: str, number: int, key: str, value: float | str) -> str:
+    """A sequence's text with one key of a step changed; comments and all else stay.
+
+    Args:
+        text: readable. number: of the step as it is played, repetitions counted, from 1.
+    """
+    yaml = YAML()
+    yaml.preserve_quotes = True
+    yaml.width = _WIDTH
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    data = yaml.load(text)
+    steps = data if isinstance(data, list) else data["steps"]
+    steps[(number - 1) % len(steps)][key] = value
+    written = io.StringIO()
+    yaml.dump(data, written)
+    return written.getvalue()
 
 
 def _problems(data: dict[str, Any], file: str) -> Iterator[Problem]:

@@ -40,6 +40,31 @@ def test_what_is_wrong_in_it_is_said_and_nothing_moves(page: Page, testbed: Test
     assert (testbed.state(), testbed.client.experiment()["id"]) == ("off", before)
 
 
+def test_a_step_that_is_refused_has_remedies_in_its_own_unit(page: Page, testbed: Testbed) -> None:
+    steps = ["steps:", "  - {}  # as it is", "  - {encoder.decimation: 217, servo.rate_hz: 100, deflection: 200deg}"]
+    before = testbed.client.experiment()["id"]
+    play(page, "\n".join(["repeat: 2", "duration_s: 0.4", *steps]))
+    answer = page.locator("#sequence-answer")
+    expect(answer).to_contain_text("step 2: ")
+    expect(answer).to_contain_text("nothing is started or changed")
+    expect(answer.locator("li", has_text="deflection")).to_contain_text("deflection 200 → ")
+    answer.locator("button.apply[data-key='servo.rate_hz']").click()
+    expect(answer).to_contain_text("sequence tries again")
+    text = page.locator("#sequence-text").input_value()
+    assert "{}  # as it is" in text
+    assert "servo.rate_hz: 100," not in text
+    assert (testbed.state(), testbed.client.experiment()["id"]) == ("off", before)
+    page.click("#sequence-form button")
+    expect(answer).to_have_text("done: 4 of 4 releases")
+
+
+def test_a_duration_beyond_the_limit_is_refused_in_a_sentence(page: Page, testbed: Testbed) -> None:
+    play(page, TEXT.replace("0.4", "1e9"))
+    expect(page.locator("#sequence-answer")).to_have_text(
+        "steps: step 1: duration_s should be above 0 and at most 3600 s, not 1000000000"
+    )
+
+
 def test_a_stop_ends_it(page: Page, testbed: Testbed) -> None:
     play(page, TEXT.replace("0.4", "20"))
     wait_until(lambda: testbed.state() == "running", "the first release")

@@ -21,7 +21,7 @@ from .browser import Testbed
 from .test_page import seen_rows, text
 from .waiting import captures, drawn
 
-SAVED_MS = 120_000
+SAVED_MS = 400_000
 """The server saves one file after another, and a simulation of a release may be before it."""
 
 

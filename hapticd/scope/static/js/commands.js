@@ -10,8 +10,9 @@ import { showRefusal } from "./refusal.js";
  * @param {string} name @param {any} body @param {string} place
  * @param {(answer: any) => void} [done] also after it was forced
  * @param {(error: unknown) => boolean} [placed] whether a refusal has found a better place
+ * @param {(remedy: import("./refusal.js").Remedy) => unknown} [apply]
  */
-export async function command(name, body, place, done = () => {}, placed = () => false) {
+export async function command(name, body, place, done = () => {}, placed = () => false, apply = bringAbout) {
   const send = async (/** @type {any} */ asked) => {
     const answer = await ask(name, asked);
     say(place, "");
@@ -24,7 +25,7 @@ export async function command(name, body, place, done = () => {}, placed = () =>
     showRefusal(byId(place), error, {
       what: name,
       apply: async (remedy) => {
-        await bringAbout(remedy);
+        await apply(remedy);
         say(place, `${remedy.key} is ${number(remedy.after, 6)} ${remedy.unit}; ${name} tries again`);
       },
       force: () => send({ ...body, force: true }),

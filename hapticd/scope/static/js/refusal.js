@@ -6,7 +6,8 @@ import { make, number } from "./dom.js";
 import { Refusal } from "./link.js";
 
 /**
- * @typedef {{key: string, before: number, after: number, unit: string, words: string, live: boolean}} Remedy
+ * @typedef {{key: string, before: number, after: number, unit: string, words: string, live: boolean, text?: string}} Remedy
+ *   text: of the sequence with it
  * @typedef {object} Choices
  * @property {string} what is refused, as a person calls it: the question repeats it
  * @property {(remedy: Remedy) => Promise<unknown>} apply

@@ -1,7 +1,7 @@
 // A sequence: a list of settings with one release each, played by the daemon as one experiment.
 // @ts-check
 
-import { command } from "./commands.js";
+import { bringAbout, command } from "./commands.js";
 import { byId, make, number, say } from "./dom.js";
 
 export class Sequence {
@@ -10,17 +10,21 @@ export class Sequence {
     /** Number of the experiment that this page has begun. */
     this.experiment = -1;
     this.told = "";
+    // what was refused is not what would be asked for now
+    byId("sequence-text").addEventListener("input", () => say("sequence-answer", ""));
     byId("sequence-form").addEventListener("submit", (event) => {
       event.preventDefault();
       view.roll();
       say("sequence-answer", "waiting for the shaft to rest …");
       byId("sequence-runs").replaceChildren();
-      const text = byId("sequence-text", HTMLTextAreaElement).value;
-      command("sequence", { text, force: false }, "sequence-answer", (answer) => {
+      const field = byId("sequence-text", HTMLTextAreaElement);
+      const begun = (/** @type {any} */ answer) => {
         this.experiment = answer.experiment;
         this.told = "";
         say("sequence-answer", `${answer.steps} releases; the first is recorded to ${answer.run}`);
-      });
+      };
+      const apply = (/** @type {import("./refusal.js").Remedy} */ remedy) => (remedy.text ? (field.value = remedy.text) : bringAbout(remedy));
+      command("sequence", { text: field.value, force: false }, "sequence-answer", begun, () => false, apply);
     });
   }
 
