@@ -46,7 +46,8 @@ def answer(run: Path, model: Config, *, refit_base: bool) -> Answered:
     """Find what the model of a run lacks, as a user would; everything is written beside the run."""
     nominal, out = run.with_suffix(".yaml"), run.with_suffix("")
     nominal.write_text(config_to_yaml(model), encoding="utf-8")
-    command = [str(Path(sys.executable).with_name("hapticd")), "gap", str(run), "--model", str(nominal), "-o", str(out)]
+    hapticd = str(Path(sys.executable).with_name("hapticd"))
+    command = [hapticd, "gap", str(run), "--model", str(nominal), "--force", "-o", str(out)]
     begin = time.perf_counter()
     done = subprocess.run([*command, *(["--refit-base"] if refit_base else [])], check=False, stdout=subprocess.PIPE)
     seconds = time.perf_counter() - begin

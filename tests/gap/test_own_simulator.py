@@ -94,7 +94,7 @@ def test_the_command_says_what_it_was_added_to(
     model.write_text(
         "plant: {inertia: 6.28e-6, viscous: 9e-6, coulomb: 2e-3}\namplifier: {bandwidth_hz: 0, dac_bits: 0}\n"
     )
-    words = ["gap", str(run), "--model", str(model), "--effect", "stribeck", "-o", str(tmp_path / "gap")]
+    words = ["gap", str(run), "--model", str(model), "--effect", "stribeck", "--force", "-o", str(tmp_path / "gap")]
     assert main([*words, "--nominal", f"{simulator}:torque", "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["nominal"] == f"{simulator}:torque"
@@ -175,7 +175,8 @@ def test_the_same_law_as_a_function_and_as_an_fmu_knows_the_same(run: Path, fmus
 
 
 def test_the_command_takes_an_fmu(run: Path, fmus: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["gap", str(run), "--model", "re35", "--effect", "stribeck", "-o", str(tmp_path / "gap"), "--nominal"]
+    out = ["--effect", "stribeck", "--force", "-o", str(tmp_path / "gap")]
+    words = ["gap", str(run), "--model", "re35", *out, "--nominal"]
     assert main([*words, str(fmus / "lab.fmu")]) == 2
     said = " ".join(capsys.readouterr().err.split())
     assert "has no input 'x'; its inputs: shaft.phi, shaft.w, motor[1].i; its outputs: tau,sum; name those" in said
