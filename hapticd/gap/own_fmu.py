@@ -49,7 +49,10 @@ class FmuTorque:
         except Exception as error:  # whatever fmpy meets in what is no FMU
             raise ValueError(f"{self._path} is not a readable FMU: {type(error).__name__}: {error}") from error
         if self._about.coSimulation is None or self._about.fmiVersion == "1.0":
-            raise ValueError(f"{self._path} is no FMU for co-simulation of FMI 2.0 or 3.0")
+            what = "" if self._about.coSimulation is not None else " and not for co-simulation"
+            raise ValueError(
+                f"{self._path} is of FMI {self._about.fmiVersion}{what}; one of FMI 2.0 or 3.0 for co-simulation is needed"
+            )
         self._is_2 = self._about.fmiVersion == "2.0"
         self._references = self._find(dict(pairs))
         self._folder = ""
@@ -57,8 +60,10 @@ class FmuTorque:
         self._now = 0.0
         self._said = ""
 
-    def _find(self, named: dict[str, str]) -> list[int]:
-        found = {each.name: each for each in self._about.modelVariables if each.type in _NUMBERS}
+    def _find(self, named: dict[str, str]) -> list[tuple[str, int]]:
+        found = {
+            each.name: each for each in self._about.modelVariables if each.type in _NUMBERS and not each.dimensions
+        }
         inputs = [each.name for each in found.values() if each.causality == "input"]
         outputs = [each.name for each in found.values() if each.causality == "output"]
         for ours in _NAMES:
@@ -69,20 +74,20 @@ class FmuTorque:
                     f"{', '.join(inputs) or 'none'}; its outputs: {', '.join(outputs) or 'none'}; name those meant: "
                     f"{self._path.name}:x=NAME,v=NAME,i=NAME,torque=NAME"
                 )
-        return [found[named.get(ours, ours)].valueReference for ours in _NAMES]
+        meant = [found[named.get(ours, ours)] for ours in _NAMES]
+        return [(each.type, each.valueReference) for each in meant]
 
     def __call__(self, x: float, v: float, i: float, t: float) -> float:
         """What it says at a position, a velocity, a motor current [A] and a time [s], which begins anew where it falls."""
         if self._fmu is None or t < self._now - 2.0 * _AGAIN_S:
             self._start(t)
         step = max(t - self._now, _AGAIN_S)
-        get, put = (
-            (self._fmu.getReal, self._fmu.setReal) if self._is_2 else (self._fmu.getFloat64, self._fmu.setFloat64)
-        )
+        *inputs, (kind, output) = self._references
         try:
-            put(self._references[:3], [x, v, i])
+            for (its, reference), given in zip(inputs, (x, v, i), strict=True):
+                getattr(self._fmu, f"set{its}")([reference], [given])
             self._fmu.doStep(self._now, step)
-            value = float(get(self._references[3:])[0])
+            value = float(getattr(self._fmu, f"get{kind}")([output])[0])
         except Exception as error:
             raise ValueError(f"{self._path.name}: {error} {self._said}".rstrip()) from error
         self._now += step
