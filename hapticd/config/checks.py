@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from math import pi
 
 from hapticd.config.problems import Finding
-from hapticd.config.sections import Amplifier, Dither, Encoder, Servo, Spring
+from hapticd.config.sections import Amplifier, Dither, Encoder, Safety, Servo, Spring
 
 MAX_LAG_PERIODS = 4000
 """The plant's queue of commands on their way through the amplifier has room for this many periods."""
@@ -16,7 +16,7 @@ MAX_ORIGIN_COUNTS = 2**53
 
 
 def cross_findings(
-    servo: Servo, spring: Spring, encoder: Encoder, dither: Dither, amplifier: Amplifier
+    servo: Servo, spring: Spring, encoder: Encoder, dither: Dither, amplifier: Amplifier, safety: Safety
 ) -> Iterator[Finding]:
     """What is wrong between keys that are each valid on their own."""
     yield from _origin(spring, encoder)
@@ -24,6 +24,16 @@ def cross_findings(
     yield from _velocity(spring, servo)
     yield from _current(amplifier)
     yield from _lag(amplifier, servo)
+    yield from _clock(servo, safety)
+
+
+def _clock(servo: Servo, safety: Safety) -> Iterator[Finding]:
+    if servo.clock == "sync" and safety.missed_exchanges is None:
+        message = (
+            "must be a number under servo.clock = sync: a producer that falls silent would be no fault, and no tick"
+        )
+        involves = frozenset({"servo.clock", "safety.missed_exchanges"})
+        yield Finding("safety.missed_exchanges", None, message, involves=involves)
 
 
 def _origin(spring: Spring, encoder: Encoder) -> Iterator[Finding]:

@@ -42,7 +42,7 @@ class Config(Section):
 
     @model_validator(mode="after")
     def _cross_checks(self) -> Config:
-        findings = list(cross_findings(self.servo, self.spring, self.encoder, self.dither, self.amplifier))
+        findings = list(cross_findings(self.servo, self.spring, self.encoder, self.dither, self.amplifier, self.safety))
         if findings:
             raise findings_error(findings)
         return self

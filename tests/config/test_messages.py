@@ -47,6 +47,11 @@ WRONG = [
     ),
     ("hand: {damping: -1}", "hand.damping = -1: must be at least 0 N m s/rad"),
     ("safety: {max_velocity: -3}", "safety.max_velocity = -3: must be at least 0 rad/s (0 or null: no limit)"),
+    (
+        "servo: {clock: sync}\nsafety: {missed_exchanges: 0}",
+        "safety.missed_exchanges = null: must be a number under servo.clock = sync: a producer that falls silent would be "
+        "no fault, and no tick",
+    ),
     ("safety: {heartbeat_timeout_s: 0}", "safety.heartbeat_timeout_s = 0: must be at least 0.2 s"),
     # names, switches, text
     (
