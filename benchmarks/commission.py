@@ -4,7 +4,7 @@ Every rig is the simulated RE35, or one like it, behind driver loopback: the dev
 rig's config says of it what a person believes. Found means: the first step that fails is the one where the fault shows. On a
 good rig no step may fail.
 
-    python -m benchmarks.commission                  12 faults and 20 good rigs: an hour
+    python -m benchmarks.commission                  13 faults and 20 good rigs: an hour
     python -m benchmarks.commission --without gap    half of that
     python -m benchmarks.commission --bench          only the steps before a daemon: half a minute
 
@@ -44,6 +44,7 @@ BENCH: Final = (
     "torque_constant",
     "latency",
     "watchdog",
+    "enable",
     "current_loop",
 )
 """Steps that hold the driver themselves."""
@@ -74,6 +75,7 @@ FAULTS: Final = (
     Seeded("a motor lead off", "sign", wiring={"current_gain": 0}),
     Seeded("torque constant of another winding", "torque_constant", config={"amplifier.torque_constant": 0.0389}),
     Seeded("dead watchdog", "watchdog", wiring={"watchdog": False}),
+    Seeded("enable switch bridged", "enable", wiring={"enable": False}),
     Seeded("a drive that is 3 ms late", "latency", wiring={"latency_s": 0.003}),
     Seeded("a slow current loop", "current_loop", device={"amplifier.bandwidth_hz": 300}),
     Seeded("rated current not known", "doctor", config={"amplifier.continuous_current": None}),
@@ -106,6 +108,7 @@ def rig_of(believed: Config, real: Config, wiring: Mapping[str, Any], folder: Pa
     device = folder / "device.yaml"
     device.write_text(config_to_yaml(real))
     data = believed.model_dump()
+    data["safety"]["enable"] = True
     data["driver"] = {"name": "loopback", "device": str(device), "watchdog_ms": WATCHDOG_MS, "faults": dict(wiring)}
     config = parse_config(data, "the rig")
     return Rig(config, folder, Nobody(), lambda text: None, no_bar, Given(LOAD), virtual=virtual)

@@ -36,6 +36,7 @@ WIRINGS = (
             "enable": "D8 enable",
             "fault": "D7 fault",
             "stop": "D6 stop",
+            "held": "D4 held",
             "a": "D2 A",
             "b": "D3 B",
         },
@@ -52,6 +53,7 @@ WIRINGS = (
             "enable": "D6 PB10",
             "fault": "D8 PA9",
             "stop": "D7 PA8",
+            "held": "D2 PA10",
             "a": "A0 PA0",
             "b": "A1 PA1",
         },
@@ -62,7 +64,7 @@ WIRINGS = (
 
 def draw(wiring: Wiring) -> None:
     """Draw one board into its file."""
-    order = ("data", "clock", "select", "fault", "enable", "stop", "a", "b")
+    order = ("data", "clock", "select", "fault", "enable", "stop", "held", "a", "b")
     with schemdraw.Drawing(file=str(IMAGES / wiring.file), show=False) as drawing:
         drawing.config(fontsize=11, unit=1.6)
         board = elm.Ic(
@@ -111,6 +113,10 @@ def draw(wiring: Wiring) -> None:
         drawing += elm.Line().at(board.stop).to((board.stop[0] + 3.0, board.stop[1]))
         drawing += button.at((board.stop[0] + 3.0, board.stop[1]))
         drawing += elm.Ground().at(button.end)
+        switch = elm.Button().right().label("enable: closed while held", "top", fontsize=9)
+        drawing += elm.Line().at(board.held).to((board.held[0] + 3.0, board.held[1]))
+        drawing += switch.at((board.held[0] + 3.0, board.held[1]))
+        drawing += elm.Ground().at(switch.end)
         encoder = elm.Ic(
             pins=[
                 elm.IcPin("B", side="left", anchorname="b", slot="1/2"),

@@ -135,6 +135,8 @@ class Faults:
     index: bool = True
     watchdog: bool = True
     """False: the amplifier does not notice that nobody talks to it."""
+    enable: bool = True
+    """False: the enable input is bridged, and reads held whatever the hand does."""
     latency_s: float = 0.0
     """Beside what the amplifier's model has."""
 
@@ -208,7 +210,7 @@ class LoopbackDriver(Driver):
 
     @held.setter
     def held(self, held: bool) -> None:
-        self._buffer[_RELEASED] = not held
+        self._buffer[_RELEASED] = self._faults.enable and not held
 
     @property
     def plant(self) -> NDArray[np.float64]:

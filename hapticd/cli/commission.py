@@ -51,8 +51,8 @@ def commission(
 
     Each step says what it will do before anything moves, asks, and ends in a result, a limit and a picture: machine and
     config; zero current; the shaft turned by hand; the sign of the current; the torque constant, by a known weight; the
-    delay from command to motion; the watchdog; estop; the current loop; the trips; identify; gap; the four releases of
-    Fig. 8; the largest stiffness by theory and by trial.
+    delay from command to motion; the watchdog; estop; the enable; the current loop; the trips; identify; gap; the four
+    releases of Fig. 8; the largest stiffness by theory and by trial.
 
     A step that finds what makes motion dangerous (a wrong sign, ten times the current, a dead watchdog) ends all that
     moves. No daemon may run on the rig: the steps hold the driver themselves, then start a daemon of their own.

@@ -209,6 +209,25 @@ class Bench:
         columns: Any = dict(zip(_ARRAYS, map(np.array, zip(*rows, strict=True)), strict=True))
         return Trace(**columns, code=0 if code == x.MISSED else code, cut=cut, worst_pause=worst)
 
+    def wait_held(self, held: bool, longest_s: float) -> float | None:
+        """Exchange with the amplifier off until the enable input reads so; when, s, or None where it never did.
+
+        A simulated hand does it at once.
+        """
+        if isinstance(self.driver, LoopbackDriver):
+            self.driver.held = held
+        begun = self._clock()
+        try:
+            while (t := (self._clock() - begun) / _NS) < longest_s:
+                last = self._clock()
+                if self._call(self._read) == x.OK and bool(self._words[x.X_STATUS] & x.STATUS_HELD) == held:
+                    return t
+                self._send(0.0, 0)
+                self._sleep(last)
+        finally:
+            self.seconds += (self._clock() - begun) / _NS
+        return None
+
     def rest(self, longest_s: float = 3.0) -> int:
         """Wait at zero current until the shaft has stood for a tenth of a second; its counts then.
 

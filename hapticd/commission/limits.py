@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from hapticd.client import settings_for_a_while, stop_channel
-from hapticd.commission.step import Picture, Result, StepError, line
-from hapticd.commission.stopping import knee
+from hapticd.commission.step import Picture, Result, StepError, line, skipped
+from hapticd.hil.errors import HilError
 from hapticd.record import read_run
 
 if TYPE_CHECKING:
@@ -29,6 +31,14 @@ STEP: Final = 6.0
 """Current over what overcomes friction."""
 SWING: Final = 3.0
 SWING_HZ: Final = (5.0, 6.0)
+PUSHED: Final = 0.5
+"""Of the swing's amplitude, with which motion tells best when a push ended."""
+PUSHED_S: Final = 0.005
+"""In which it then moves by as many counts as it takes."""
+SWUNG_S: Final = 3.0
+HAND_S: Final = 15.0
+REARM_S: Final = 0.5
+LAGS_S: Final = 0.0001 * np.arange(200)
 LONGEST_S: Final = 15.0
 LOW_SHARE: Final = 0.05
 """Of a safety limit, where it is tried."""
@@ -38,15 +48,7 @@ FEWEST_COUNTS: Final = 12
 
 def estop(rig: Rig) -> Result:
     """`estop` while current flows: when does the loop say zero, and when does the motion."""
-    with rig.daemon() as daemon, settings_for_a_while(daemon.client, {"spring.stiffness": 0.0}, force=True):
-        daemon.client.origin(force=True)
-        low, high = SWING_HZ
-        amplitude = _current(rig, SWING)
-        swing = daemon.client.excite(
-            "chirp", amplitude=amplitude, duration_s=LONGEST_S, low_hz=low, high_hz=high, force=True
-        )
-        job = int(swing["experiment"])
-        daemon.wait_until(lambda: abs(daemon.client.status()["current"]) > 0.0, "a current", LONGEST_S)
+    with _swinging(rig) as (daemon, job):
         begun = time.monotonic()
         state = stop_channel.ask(daemon.client.socket_path, "estop", 1.0)
         obeyed = time.monotonic() - begun
@@ -55,16 +57,7 @@ def estop(rig: Rig) -> Result:
         daemon.client.clear()
     figures: dict[str, Any] = {"obeyed_ms": 1e3 * obeyed, "answer": state, "fault": code}
     limit = {"obeyed_ms": 1e3 * STOP_LIMIT_S, "fault": "estop"}
-    picture = None
-    if found.get("run"):
-        t, current, position = _rows(rig, found["run"])
-        last = int(np.flatnonzero(current)[-1])
-        near = slice(max(0, last - 100), last + 200)
-        towards = np.sign(position[last] - position[max(0, last - 5)]) or 1.0
-        figures["rows_at_zero"] = len(t) - last - 1
-        ended = knee(t[near], towards * position[near])
-        figures["zero_by_motion_ms"] = None if ended is None else 1e3 * float(ended - t[last])
-        picture = Picture("s", "A", (line("command", t[near], current[near], "steps"),), {"estop": float(t[last])})
+    picture = _end_of_swing(rig, found, figures)
     if state != "fault" or code != "estop" or obeyed > STOP_LIMIT_S:
         return Result(
             "fail",
@@ -77,6 +70,134 @@ def estop(rig: Rig) -> Result:
             picture=picture,
         )
     return Result("pass", f"zero current within {1e3 * obeyed:.1f} ms of the command", figures, limit, picture=picture)
+
+
+def enable(rig: Rig) -> Result:
+    """The enable let go and held again: its input follows, the current ends, and nothing begins by itself."""
+    if not rig.config.safety.enable:
+        return skipped("safety.enable is false: nobody has to hold anything")
+    with rig.bench() as bench:
+        for held, what in ((False, "Let go of the enable"), (True, "Hold the enable again, and go on holding it")):
+            if not rig.operator.does(f"{what}. It has {HAND_S:g} s from Enter"):
+                return skipped("nobody was there to let go of the enable")
+            if bench.wait_held(held, HAND_S) is None:
+                return Result(
+                    "fail",
+                    f"the enable input reads {'released' if held else 'held'} whatever the hand does",
+                    {"held": not held},
+                    {"held": held},
+                    "a bridge or a broken wire at the switch, or another input than the config says",
+                    "the switch and its wire with a meter; driver.enable_bit on a CAN drive",
+                    dangerous=True,
+                )
+        if bench.hand_is_simulated:
+            return Result(
+                "pass", "the input follows the hand; the simulated one never lets go of a daemon's", {"held": True}
+            )
+    asked = f"The shaft is going to swing: let go of the enable within {LONGEST_S:g} s of Enter, then hold it again"
+    if not rig.operator.does(asked):
+        return skipped("nobody was there to let go of the enable")
+    with _swinging(rig) as (daemon, job):
+        found = daemon.client.wait(job)["result"] or {}
+        fault = (daemon.client.status()["fault"] or {}).get("code")
+        daemon.wait_until(lambda: daemon.client.status()["enable"]["held"], "the enable was held again", HAND_S)
+        seen = [_state_after(daemon)]
+        if fault:
+            daemon.client.clear()
+            seen.append(_state_after(daemon))
+    figures: dict[str, Any] = {"fault": fault, "held_again": seen[0][0], "cleared": seen[-1][0]}
+    limit = {"fault": "enable_released", "held_again": "fault", "cleared": "off"}
+    picture = _end_of_swing(rig, found, figures)
+    figures.pop("zero_by_motion_ms", None)  # a hand lets go at any phase of the swing
+    if (
+        fault != "enable_released"
+        or [state for state, _ in seen] != ["fault", "off"]
+        or any(flows for _, flows in seen)
+    ):
+        return Result(
+            "fail",
+            f"after the release the fault was {fault}; held again, {' then '.join(state for state, _ in seen)}",
+            figures,
+            limit,
+            "nobody let go in time, or the loop went on without the enable",
+            "this step again; the daemon's log",
+            dangerous=True,
+            picture=picture,
+        )
+    return Result(
+        "pass", "released, the current ends; held again, nothing begins by itself", figures, limit, picture=picture
+    )
+
+
+def _state_after(daemon: DaemonProcess) -> tuple[str, bool]:
+    """The state, and whether current flowed, within a time in which something might begin by itself."""
+    flows, end = False, time.monotonic() + REARM_S
+    while time.monotonic() < end:
+        status = daemon.client.status()
+        flows |= status["current"] != 0.0 or status["state"] == "running"
+    return str(status["state"]), flows
+
+
+@contextmanager
+def _swinging(rig: Rig) -> Iterator[tuple[DaemonProcess, int]]:
+    """A daemon and its experiment that swings the shaft, while current pushes it the way it moves already."""
+    with rig.daemon() as daemon, settings_for_a_while(daemon.client, {"spring.stiffness": 0.0}, force=True):
+        daemon.client.origin(force=True)
+        low, high = SWING_HZ
+        amplitude = _current(rig, SWING)
+        swing = daemon.client.excite(
+            "chirp", amplitude=amplitude, duration_s=LONGEST_S, low_hz=low, high_hz=high, force=True
+        )
+
+        def pushed() -> bool:
+            status = daemon.client.status()
+            towards = float(status["velocity"] * np.sign(status["current"]))
+            fast = FEWEST_COUNTS * rig.config.raw_resolution / PUSHED_S
+            return abs(float(status["current"])) > PUSHED * amplitude and towards > fast
+
+        daemon.wait_until(lambda: daemon.client.status()["current"] != 0.0, "a current", LONGEST_S)
+        with suppress(HilError):  # a coarse encoder may never see so much
+            daemon.wait_until(pushed, "the shaft swung", SWUNG_S)
+        yield daemon, int(swing["experiment"])
+
+
+def _end_of_swing(rig: Rig, found: Mapping[str, Any], figures: dict[str, Any]) -> Picture | None:
+    """Add to the figures when the current ended, by the recording and by the motion; its picture."""
+    if not found.get("run"):
+        return None
+    t, current, position = _rows(rig, found["run"])
+    last = int(np.flatnonzero(current)[-1])
+    near = slice(max(0, last - 100), last + 200)
+    # from where the shaft turned: under friction to the other side nothing of this holds
+    turned = np.flatnonzero(np.diff(position[: last + 1]) * current[last] < 0.0)
+    late = _lag(t, current, position, int(turned[-1]) + 1 if len(turned) else 0)
+    figures["rows_at_zero"] = len(t) - last - 1
+    figures["zero_by_motion_ms"] = None if late is None else 1e3 * late
+    return Picture("s", "A", (line("command", t[near], current[near], "steps"),), {"the last current": float(t[last])})
+
+
+def _lag(
+    t: NDArray[np.float64], current: NDArray[np.float64], position: NDArray[np.float64], begin: int
+) -> float | None:
+    """How long after the command the motion follows it, s: x = a + b t + c t² + g ∬ i(t − lag), the lag that fits best.
+
+    Args:
+        t: (n,) s. current: (n,) A, each until the next. position: (n,) rad or m, from row begin on of one direction.
+
+    Returns:
+        None where it moves by too little.
+    """
+    if len(np.flatnonzero(np.diff(position[begin:]))) < FEWEST_COUNTS:
+        return None
+    fine = np.arange(t[begin] - LAGS_S[-1], t[-1], LAGS_S[1])
+    held = current[np.maximum(np.searchsorted(t, fine, "right") - 1, 0)]
+    pushed = np.cumsum(np.cumsum(held)) * LAGS_S[1] ** 2
+    t, position = t[begin:] - t[begin], position[begin:]
+    errors = []
+    for lag in LAGS_S:
+        terms = np.column_stack([np.ones_like(t), t, t * t, np.interp(t - lag, fine - fine[0] - LAGS_S[-1], pushed)])
+        errors.append(np.sum((position - terms @ np.linalg.lstsq(terms, position, rcond=None)[0]) ** 2))
+    return float(LAGS_S[int(np.argmin(errors))])
 
 
 def trips(rig: Rig) -> Result:

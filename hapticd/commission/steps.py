@@ -90,6 +90,13 @@ STEPS: Final = (
         needs=("sign",),
     ),
     Step(
+        "enable",
+        "The enable that a person holds",
+        "Asks you to let go of the enable and to hold it again, first with the amplifier off, then while the shaft swings.",
+        limits.enable,
+        needs=("sign",),
+    ),
+    Step(
         "current_loop",
         "The current loop",
         "Steps a quarter of the rated current to and fro for 20 ms, eight times, and looks at the current that the device "

@@ -37,6 +37,8 @@ class Injection:
     """What else the device's script says: how it starts, what a hand does."""
     refused: bool = False
     """The daemon must refuse to start on such a device."""
+    enable: bool = False
+    """The config asks for the enable that a person holds."""
     clock_jump: bool = False
     """The wall clock jumps; needs a C compiler."""
 
@@ -118,6 +120,13 @@ INJECTIONS: Final = (
             ("amplifier_fault", "the board reports an amplifier fault"),
             ("external_stop", "the board's stop input opens"),
         )
+    ),
+    Injection(
+        "enable_released",
+        "the enable is let go",
+        {"kind": "enable_released"},
+        codes=("enable_released",),
+        enable=True,
     ),
     Injection("encoder_wrap", "the counter wraps around", script={"start": {"counts_offset": 2**32 - 1}}),
     Injection("silent", "the device sends nothing, but still hears", {"kind": "silent"}, codes=_LOST),

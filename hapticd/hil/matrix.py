@@ -14,7 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from hapticd.client import Client, DaemonUnreachable, RequestRefused
-from hapticd.config import Config
+from hapticd.config import Config, apply_settings
 from hapticd.hil.clock import JumpingClock
 from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
@@ -31,6 +31,7 @@ SETTLE_S: Final = 0.8
 """Time after the fault in which everything must have happened."""
 _SIGTERM_S: Final = 1.0
 _CAN_FRAMES: Final = {"reply": "tpdo", "command": "rpdo"}
+ENABLE_BIT: Final = 16
 CRASH_REPORT_S: Final = 5e-3
 """In which a daemon that crashes writes the stacks of its threads. Its loop goes on meanwhile, and the watchdog hears it."""
 
@@ -113,6 +114,14 @@ def _with_current(config: Config) -> Config:
     return config.model_copy(update={"encoder": encoder})
 
 
+def with_enable(config: Config) -> Config:
+    """The config with `safety.enable`, on a drive by the input that the simulated one has."""
+    settings: dict[str, Any] = {"safety.enable": True}
+    if config.driver.name == CANOPEN:
+        settings["driver.enable_bit"] = ENABLE_BIT
+    return apply_settings(config, settings, source="hil")
+
+
 def watchdog_s(config: Config) -> float:
     """The device's watchdog time, s: the driver's option, or its default (20 ms on a serial board, 100 ms on CAN)."""
     default = 20 if config.driver.name == "serial_dac" else 100
@@ -144,7 +153,7 @@ def run_injection(config: Config, injection: Injection, folder: Path, board: str
     Raises:
         HilError: it did so every time.
     """
-    config = _with_current(config)
+    config = _with_current(with_enable(config) if injection.enable else config)
     for attempt in range(ATTEMPTS):
         try:
             return _inject(config, injection, folder / str(attempt), board)

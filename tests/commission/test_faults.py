@@ -78,7 +78,7 @@ def test_a_later_call_goes_on_and_another_config_begins_anew(tmp_path: Path) -> 
     with rig_of(config, config, {}, tmp_path, virtual=True) as rig:
         rig.say = did.append
         results = run.commission(rig, only=("sign",))
-    assert [text.split()[0] for text in did] == ["4/14"]
+    assert [text.split()[0] for text in did] == ["4/15"]
     assert set(results) == {*first, "sign"}
     assert rig.seconds > spent
     with rig_of(config, config, {}, tmp_path, virtual=True) as rig:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from math import pi
 from pathlib import Path
 from typing import Any, Final
@@ -16,6 +16,7 @@ from hapticd.commission.step import Result
 from hapticd.config import Config, apply_settings, parse_config
 from hapticd.hil.cases import FIRMWARE_CONFIG, FIRMWARE_RATE_HZ, slower_rig
 from hapticd.hil.device import Device
+from hapticd.hil.matrix import with_enable
 from hapticd.plant.hand import turning_force
 from tests.firmware.builds import require
 
@@ -42,7 +43,12 @@ def hand(config: Config) -> list[dict[str, Any]]:
 
 
 def results(
-    wire: str, folder: Path, *steps: str, start: Mapping[str, Any] | None = None, plant: Mapping[str, Any] | None = None
+    wire: str,
+    folder: Path,
+    *steps: str,
+    start: Mapping[str, Any] | None = None,
+    plant: Mapping[str, Any] | None = None,
+    faults: Sequence[Mapping[str, Any]] = (),
 ) -> dict[str, Result]:
     """What steps find on a device of that wire; those that come before are taken as passed."""
     board = None
@@ -53,14 +59,23 @@ def results(
         config = slower_rig(testbed, testbed.servo.rate_hz, FIRMWARE_RATE_HZ)
     else:
         config = parse_config({"driver": WIRES[wire]}, wire)
+    if "enable" in steps:
+        config = with_enable(config)
     real = apply_settings(config, dict(plant), source="the device") if plant else config
-    script = {"start": dict(start or {}), **({"hand": hand(real)} if "by_hand" in steps else {})}
+    script = {
+        "start": dict(start or {}),
+        "faults": list(faults),
+        **({"hand": hand(real)} if "by_hand" in steps else {}),
+    }
     with Device(config, folder / "device", plant=real, script=script, board=board) as device:
         device.wait_ready()
         data = config.model_dump()
         data["driver"] |= device.options
         with Rig(parse_config(data, wire), folder, Nobody(), lambda text: None, no_bar, Given()) as rig:
-            passed = {name: Result("pass", "taken as passed") for name in BEFORE if name not in steps}
+            friction = {"friction_A": config.plant.coulomb / config.amplifier.torque_constant}
+            passed = {
+                name: Result("pass", "taken as passed", friction) for name in (*BEFORE, "sign") if name not in steps
+            }
             run.State(folder, rig.config).save(passed, 0.0)
             return run.commission(rig, only=steps)
 
@@ -103,3 +118,23 @@ def test_the_firmwares_watchdog(tmp_path: Path) -> None:
     found = results("firmware", tmp_path, "sign", "watchdog")
     assert found["sign"].result == "pass", found["sign"].finding
     assert found["watchdog"].result == "pass", found["watchdog"].finding
+
+
+@pytest.mark.parametrize("wire", [*WIRES, "firmware"])
+def test_the_enable(wire: str, tmp_path: Path) -> None:
+    """Let go of with the amplifier off, then while the shaft swings."""
+    released = [
+        {"kind": "enable_released", "at_s": 5.0, "from": "start", "duration_s": 3.0},
+        {"kind": "enable_released", "at_s": 2.0, "from": "enabled", "duration_s": 2.0},
+    ]
+    found = results(wire, tmp_path, "enable", faults=released)["enable"]
+    assert found.result == "pass", found
+    assert found.figures["fault"] == "enable_released"
+
+
+@pytest.mark.parametrize("wire", WIRES)
+def test_an_enable_that_nobody_lets_go_of(wire: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hapticd.commission.limits.HAND_S", 1.0)
+    found = results(wire, tmp_path, "enable")["enable"]
+    assert found.dangerous
+    assert "reads held whatever the hand does" in found.finding
