@@ -50,6 +50,7 @@ def export(
         refuse_existing(module_beside(target), force=force, source=source)
     files = write_model(resolved, to, target)
     said = sayings([effect.name for effect in resolved.plant.effects], to)
+    loss = None
     lines = [f"{files[0]}" + "".join(f", and beside it {path}" for path in files[1:])]
     for slug, saying in said.items():
         where = f" in {saying.where}" if saying.where else ""
@@ -57,6 +58,10 @@ def export(
     if to == "fmu":
         lines.append("  the target needs Python 3.9 or later")
     elif to == "urdf":
+        from hapticd.export.loss import loss_of_urdf
+
+        loss = loss_of_urdf(resolved)
+        lines.append(f"  {loss.text}")
         lines.append(
             "  the joint takes a torque or force: torque constant, delay, current loop and converter are left out"
         )
@@ -70,6 +75,8 @@ def export(
         ],
         "needs_python": to in ("fmu", "python") or len(files) > 1,
     }
+    if loss is not None:
+        document["loss"] = {"share_of_travel": loss.share, "current_A": loss.current_A}
     output.emit(document, "\n".join(lines))
     for doubt in doubts(resolved):
         output.warn(f"warning: {doubt}")

@@ -57,7 +57,9 @@ def write_model(config: Config, to: Format, target: Path) -> list[Path]:
         model = mjcf(config, said, module.stem)
         texts = {target: model.xml} | ({module: model.module} if model.module else {})
     elif to == "urdf":
-        texts = {target: urdf(config, said)}
+        from hapticd.export.loss import loss_of_urdf
+
+        texts = {target: urdf(config, [*said, f"All in all: {loss_of_urdf(config).text}."])}
     else:
         texts = {target: module_text(config, "\n".join(["An axis with all that its model says.", "", *said]))}
     for path, text in texts.items():

@@ -69,11 +69,16 @@ def commands() -> NDArray[np.float64]:
     return current
 
 
-def reference(config: Config) -> NDArray[np.float64]:
+def reference(
+    config: Config,
+    currents: NDArray[np.float64] | None = None,
+    position: float = POSITION,
+    velocity: float = VELOCITY,
+) -> NDArray[np.float64]:
     """Positions after each command, as the simulated testbed has them; with an eccentric encoder those it sees."""
-    plant = Plant(kernel.init_plant(config, POSITION, VELOCITY, current_loop=True))
+    plant = Plant(kernel.init_plant(config, position, velocity, current_loop=True))
     positions = []
-    for k, current in enumerate(commands().tolist()):
+    for k, current in enumerate((commands() if currents is None else currents).tolist()):
         plant.command(current, k * PERIOD_S)
         plant.advance((k + 1) * PERIOD_S)
         positions.append(plant.position)

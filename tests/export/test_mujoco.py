@@ -12,6 +12,8 @@ import pytest
 from hapticd.config import Config, load_config, parse_config
 from hapticd.effects.catalogue import OWN_SLUGS
 from hapticd.export import TABLE, write_model
+from hapticd.export.axis_numbers import axis_numbers
+from hapticd.export.loss import excitation, loss_of_urdf
 from tests.export.cases import CASES, PERIOD_S, POSITION, VELOCITY, commands, config_of, loaded, off_by, reference
 
 mujoco = pytest.importorskip("mujoco")
@@ -26,14 +28,16 @@ def _no_callback() -> Iterator[None]:
     mujoco.set_mjcb_passive(None)
 
 
-def moved(model: Any) -> np.ndarray:
+def moved(
+    model: Any, currents: np.ndarray | None = None, position: float = POSITION, velocity: float = VELOCITY
+) -> np.ndarray:
     """Positions after each command."""
     data = mujoco.MjData(model)
-    data.joint("joint").qpos[0], data.joint("joint").qvel[0] = POSITION, VELOCITY
+    data.joint("joint").qpos[0], data.joint("joint").qvel[0] = position, velocity
     steps = round(PERIOD_S / model.opt.timestep)
     model.opt.timestep = PERIOD_S / steps
     positions = []
-    for current in commands().tolist():
+    for current in (commands() if currents is None else currents).tolist():
         data.ctrl[0] = current
         for _ in range(steps):
             mujoco.mj_step(model, data)
@@ -146,6 +150,22 @@ def test_a_urdf_moves_as_the_plant_does(case: str, tmp_path: Path) -> None:
     # MuJoCo's own default friction creeps; the solver is no part of a URDF.
     model.opt.timestep, model.dof_solref[0], model.dof_solimp[0, :2] = 1e-4, (-1.0, -1e4), 0.9999
     assert off_by(moved(model), reference(config)) < 0.01
+
+
+@pytest.mark.parametrize("case", [*IN_URDF, *(slug for slug in OWN_SLUGS if slug not in IN_URDF), "degressive"])
+def test_what_a_urdf_loses_is_what_it_is_off_by_in_mujoco(case: str, tmp_path: Path) -> None:
+    config = config_of(case)
+    (path,) = write_model(config, "urdf", tmp_path / "rig.urdf")
+    spec = mujoco.MjSpec.from_file(str(path))
+    motor = spec.add_actuator(target="joint", trntype=mujoco.mjtTrn.mjTRN_JOINT)
+    motor.gear[0] = axis_numbers(config).torque_constant
+    model = spec.compile()
+    model.opt.timestep, model.dof_solref[0], model.dof_solimp[0, :2] = 1e-4, (-1.0, -1e4), 0.9999
+    commands, said = excitation(config), loss_of_urdf(config)
+    right, near = reference(config, commands, 0.0, 0.0), moved(model, commands, 0.0, 0.0)
+    # Two solvers, each within 1 % of the joint's law.
+    assert said.share == pytest.approx(off_by(near, right), rel=0.05, abs=0.015)
+    assert f"off by up to {100 * said.share:.2g} % of the travel" in path.read_text()
 
 
 def test_a_slide_as_urdf(tmp_path: Path) -> None:
