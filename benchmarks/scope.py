@@ -218,7 +218,7 @@ def stay(minutes: float) -> list[Figure]:
         lost = page.inner_text("#gaps")
     settled = looks[round(WARM_UP * len(looks)) :]
     third = max(1, len(settled) // 3)
-    figures = [Figure("rows lost on the way to the page", float(lost.split()[0]), "rows", GOALS["dropped"])]
+    figures = [Figure("rows lost on the way to the page", float(lost.split()[0]), "rows")]
     for name in ("heap_MiB", "buffers_MiB", "daemon_MiB", "scope_MiB"):
         first, last = (float(np.median([look[name] for look in part])) for part in (settled[:third], settled[-third:]))
         figures += [

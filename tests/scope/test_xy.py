@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import pytest
 from playwright.sync_api import Page, expect
@@ -73,6 +75,29 @@ def test_a_release_over_the_ideal_spring(page: Page, testbed: Testbed) -> None:
     expect(page.locator("#xy-words")).to_have_text("in deg/s over deg")
     release(page, "6")
     expect(page.locator("#xy-canvas")).to_have_attribute("data-before", "1")
+    least, largest, auto = (page.locator(f"#xy {each}") for each in ("#y-least-xy", "#y-largest-xy", ".y-auto"))
+    least.fill("-2000")
+    largest.fill("2000")
+    largest.press("Enter")
+    expect(auto).to_have_attribute("aria-pressed", "false")
+    box = page.locator("#xy-canvas").bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 200, box["y"] + box["height"] / 2)
+    page.mouse.wheel(0, 100)
+    ends = "document.querySelector('#y-largest-xy').value - document.querySelector('#y-least-xy').value"
+    span = partial(page.evaluate, ends)
+    wait_until(lambda: span() == pytest.approx(5000, rel=1e-3), "a range a quarter larger")
+    page.mouse.down()
+    page.mouse.move(box["x"] + 200, box["y"] + box["height"] / 2 + 20, steps=3)
+    page.mouse.up()
+    wait_until(lambda: float(largest.input_value()) > 2550, "a range that was moved")
+    assert span() == pytest.approx(5000, rel=1e-2)
+    page.select_option("#xy-kind", "force")
+    expect(largest).to_have_value("")  # of each plane its own
+    page.select_option("#xy-kind", "phase")
+    expect(largest).not_to_have_value("")
+    page.mouse.dblclick(box["x"] + 200, box["y"] + 40)
+    expect(auto).to_have_attribute("aria-pressed", "true")
     drawn = page.evaluate(
         """() => {
             const canvas = document.querySelector("#xy-canvas");

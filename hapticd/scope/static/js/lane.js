@@ -2,7 +2,7 @@
 // @ts-check
 
 import { make, number } from "./dom.js";
-import { yRange } from "./yrange.js";
+import { Ranged, yRange } from "./yrange.js";
 
 /** @typedef {import("./store.js").Channel} Channel */
 /** @typedef {import("./store.js").Store} Store */
@@ -48,20 +48,14 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => colo
 const steps = uPlot.paths.stepped?.({ align: 1 });
 const lines = uPlot.paths.linear?.();
 
-export class Lane {
+export class Lane extends Ranged {
   /** @param {HTMLElement} place @param {LaneSpec} spec @param {import("./trace.js").Trace} trace @param {boolean} last whether it carries the times of all */
   constructor(place, spec, trace, last) {
+    super(spec, make("div", { class: "lane-head" }));
     this.spec = spec;
     this.trace = trace;
     this.raw = false;
-    /** How many of the shown unit one of the channels' own is. */
-    this.factor = 1;
-    this.low = NaN;
-    this.high = NaN;
-    /** @type {[number, number]} */
-    this.range = [-1, 1];
     this.box = make("section", { class: "lane", "aria-label": spec.title });
-    this.head = make("div", { class: "lane-head" });
     this.empty = make("p", { class: "empty", hidden: "" });
     this.box.append(this.head, this.empty);
     place.append(this.box);
@@ -81,29 +75,6 @@ export class Lane {
     this.head.append(make("output", { class: "lane-note bad", id: `note-${this.spec.id}` }));
     this.head.append(yRange(this));
     this.tellRange();
-  }
-
-  /** Show values between two of the shown unit; null: as the values are. @param {[number, number] | null} range */
-  fix(range) {
-    this.spec.fixed = range && [range[0] / this.factor, range[1] / this.factor];
-    [this.low, this.high] = [NaN, NaN];
-    this.tellRange();
-  }
-
-  /** Zoom about a value, or move by one, of the shown unit. @param {number} factor @param {number} at @param {number} [by] */
-  zoomY(factor, at, by = 0) {
-    const [low, high] = this.range;
-    this.fix([at + (low - at) * factor + by, at + (high - at) * factor + by]);
-  }
-
-  /** What the y range is, where it is typed. */
-  tellRange() {
-    const { fixed } = this.spec;
-    const auto = /** @type {HTMLElement | null} */ (this.head.querySelector(".y-auto"));
-    auto?.setAttribute("aria-pressed", String(!fixed));
-    this.head.querySelectorAll("input").forEach((input, i) => {
-      if (input !== document.activeElement) input.value = fixed ? number(fixed[i] * this.factor, 4) : "";
-    });
   }
 
   /** @param {boolean} last */
@@ -197,7 +168,7 @@ export class Lane {
   fit(low, high) {
     const { fixed } = this.spec;
     if (fixed) {
-      this.range = [fixed[0] * this.factor, fixed[1] * this.factor];
+      /** @type {[number, number]} */ this.range = [fixed[0] * this.factor, fixed[1] * this.factor];
       return;
     }
     if (!(low <= high)) return;
@@ -208,6 +179,6 @@ export class Lane {
     const [bottom, top] = [middle - half - margin, middle + half + margin];
     this.low = bottom < this.low || Number.isNaN(this.low) ? bottom : this.low + (bottom - this.low) * (1 - SHRINK);
     this.high = top > this.high || Number.isNaN(this.high) ? top : this.high + (top - this.high) * (1 - SHRINK);
-    this.range = [this.low, this.high];
+    /** @type {[number, number]} */ this.range = [this.low, this.high];
   }
 }

@@ -6,6 +6,7 @@ import { byId, make, number, say } from "./dom.js";
 import { FLAG } from "./frames.js";
 import { colour } from "./lane.js";
 import { placeUnits, ticksOf } from "./source.js";
+import { Ranged, listen, yRange } from "./yrange.js";
 
 const MOST_POINTS = 4000;
 const KEPT = 3;
@@ -54,17 +55,29 @@ export function idealSpring(config, low, high, scale) {
   return { x: Float64Array.from(x), y: Float64Array.from(x, (place) => (acts(place) ? -stiffness * place * scale : 0)) };
 }
 
-export class XY {
+export class XY extends Ranged {
   /** @param {import("./view.js").View} view */
   constructor(view) {
+    const specs = { force: { id: "xy", title: "X–Y", fixed: null }, phase: { id: "xy", title: "X–Y", fixed: null } };
+    super(specs.force, byId("xy-head"));
     this.view = view;
+    this.head.append(yRange(this));
     this.canvas = /** @type {HTMLCanvasElement} */ (byId("xy-canvas"));
     this.kind = byId("xy-kind", HTMLSelectElement);
     this.unit = byId("xy-unit", HTMLSelectElement);
     /** The releases before, in rad or m. @type {Record<Kind, Curve>[]} */ this.before = [];
     this.drawnAt = 0;
     this.painted = null;
-    this.kind.addEventListener("change", () => (this.drawnAt = 0));
+    this.kind.addEventListener("change", () => {
+      this.spec = specs[/** @type {Kind} */ (this.kind.value)];
+      this.tellRange();
+      this.drawnAt = 0;
+    });
+    listen(this.canvas, this, ({ clientY }) => {
+      const { top, height } = this.canvas.getBoundingClientRect();
+      const [low, high] = this.range;
+      return high - ((clientY - top - TOP) / (height - TOP - BOTTOM)) * (high - low);
+    });
     this.unit.addEventListener("change", () => (this.drawnAt = 0));
   }
 
@@ -93,7 +106,15 @@ export class XY {
     const { begin, end } = this.view.rows();
     const now = curve(source, Math.max(begin, source.store.first), end, kind, scale);
     const old = this.view.isLive ? this.before.slice(0, -1).map((each) => scaled(each[kind], scale, kind)) : [];
-    const [x, y] = [extent([now, ...old], "x"), extent([now, ...old], "y")];
+    const factor = kind === "force" ? 1 : 1 / scale;
+    if (factor !== this.factor) {
+      this.factor = factor;
+      this.tellRange();
+    }
+    const { fixed } = this.spec;
+    const [x, all] = [extent([now, ...old], "x"), extent([now, ...old], "y")];
+    /** @type {[number, number]} */ this.range = fixed ? [fixed[0] * this.factor, fixed[1] * this.factor] : all;
+    const y = this.range;
     const ideal = kind === "force" && source.config ? [idealSpring(source.config, x[0], x[1], scale)] : [];
     const drawn = now.x.reduce((count, value) => count + (Number.isFinite(value) ? 1 : 0), 0);
     const unit = kind === "force" ? source.units.force : `${this.unit.value}/s`;
@@ -152,6 +173,9 @@ export class XY {
       }
       ctx.stroke();
     };
+    ctx.beginPath();
+    ctx.rect(LEFT, TOP, width - LEFT - RIGHT, height - TOP - BOTTOM);
+    ctx.clip();
     for (const each of old) draw(each, colour("--c3"), 0.35, []);
     draw(now, colour("--c1"), 1, []);
     for (const each of ideal) draw(each, colour("--ink"), 0.9, [6, 4]);

@@ -1,12 +1,52 @@
-// The y range of a lane: as the values are, or as it is typed, zoomed with the wheel and dragged on the axis.
+// The y range of a lane, the X–Y lane among them: as the values are, or as it is typed, zoomed with the wheel and dragged.
 // @ts-check
 
-import { make } from "./dom.js";
+import { make, number } from "./dom.js";
 
 const NUMBER = /^[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?$/i;
 const ZOOM = 1.25;
 
-/** The fields in a lane's head. @param {import("./lane.js").Lane} lane */
+/** @typedef {{id: string, title: string, fixed?: [number, number] | null}} Spec fixed: in the values' own unit; null: as the values are */
+
+/** What has a y range. */
+export class Ranged {
+  /** @param {Spec} spec @param {HTMLElement} head where its fields are */
+  constructor(spec, head) {
+    this.spec = spec;
+    this.head = head;
+    /** How many of the shown unit one of the values' own is. */
+    this.factor = 1;
+    this.low = NaN;
+    this.high = NaN;
+    /** @type {[number, number]} */
+    this.range = [-1, 1];
+  }
+
+  /** Show values between two of the shown unit; null: as the values are. @param {[number, number] | null} range */
+  fix(range) {
+    this.spec.fixed = range && [range[0] / this.factor, range[1] / this.factor];
+    [this.low, this.high] = [NaN, NaN];
+    this.tellRange(true);
+  }
+
+  /** Zoom about a value, or move by one, of the shown unit. @param {number} factor @param {number} at @param {number} [by] */
+  zoomY(factor, at, by = 0) {
+    const [low, high] = this.range;
+    this.fix([at + (low - at) * factor + by, at + (high - at) * factor + by]);
+  }
+
+  /** What the y range is, where it is typed. @param {boolean} [all] also in the field that has the focus */
+  tellRange(all = false) {
+    const { fixed } = this.spec;
+    const auto = /** @type {HTMLElement | null} */ (this.head.querySelector(".y-auto"));
+    auto?.setAttribute("aria-pressed", String(!fixed));
+    this.head.querySelectorAll("input").forEach((input, i) => {
+      if (all || input !== document.activeElement) input.value = fixed ? number(fixed[i] * this.factor, 4) : "";
+    });
+  }
+}
+
+/** The fields in a lane's head. @param {Ranged} lane */
 export function yRange(lane) {
   const { id, title } = lane.spec;
   const inputs = ["least", "largest"].map((which) =>
@@ -45,8 +85,11 @@ export function listenToAxis(plot, lane) {
   const axis = /** @type {HTMLElement | undefined} */ (plot.root.querySelectorAll(".u-axis")[1]);
   if (!axis) return;
   axis.classList.add("y-axis");
-  const { over } = plot;
-  const valueAt = (/** @type {PointerEvent | WheelEvent} */ event) => plot.posToVal(event.clientY - over.getBoundingClientRect().top, "y");
+  listen(axis, lane, (event) => plot.posToVal(event.clientY - plot.over.getBoundingClientRect().top, "y"));
+}
+
+/** @param {HTMLElement} axis @param {Ranged} lane @param {(event: PointerEvent | WheelEvent) => number} valueAt */
+export function listen(axis, lane, valueAt) {
   let from = NaN;
   axis.addEventListener(
     "wheel",
