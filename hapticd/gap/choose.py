@@ -7,7 +7,7 @@ fitted along they are laws like the others once no law is left to add: what has 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Literal
 
@@ -85,6 +85,13 @@ def needed_errors(blocks: int, tried: int) -> float:
     return chance.standard_errors(constants.LEVEL / max(tried, 1), blocks)
 
 
+def _key(fit: Fit) -> tuple[object, ...]:
+    """What is the same of two fits of one set of laws: words, and numbers that are chosen and not fitted."""
+    return tuple(
+        sorted((item.slug, tuple((c.name, c.word) for c in item.coordinates), item.fixed) for item in fit.terms)
+    )
+
+
 def _is_near_given(base: Term) -> bool:
     """Whether a base parameter is the given one, as well as anybody knows it."""
     return abs(base.start[0] - base.coordinates[0].centre) < _KNOWN
@@ -123,6 +130,7 @@ class Search:
         self._rivals: dict[str, set[str]] = {}
         self._noise: dict[str, Floats] = {}
         self._others: dict[tuple[str, frozenset[str]], list[LawSet]] = {}
+        self._likeliest: dict[tuple[object, ...], LawSet] = {}
 
     @cached_property
     def given(self) -> LawSet:
@@ -182,8 +190,8 @@ class Search:
             for change in self._revised(present, 0, is_free=False):
                 yield change
                 present = change.chosen
-            if not set(before.laws) & set(BASE_WORDS) - set(present.laws):
-                return
+            if evidence(before, present)[0] < self.least:
+                return  # what no longer is in the set explained no law that might be added now
 
     def settled(self, chosen: LawSet) -> LawSet:
         """The set without the base parameters that have not left their prior."""
@@ -284,6 +292,7 @@ class Search:
         self.known = (*self.known, late_record.along(law))
         self._seen.clear()
         self._others.clear()
+        self._likeliest.clear()
         del self.given
 
     def _askable(self, present: LawSet) -> list[str]:
@@ -496,7 +505,14 @@ class Search:
         """The set without a law, maximised: with the noise that it had before that law, if that is likelier now."""
         fit = self._less(laws, slug).fit
         fit = self._likelier(fit, self._noise.get(slug, self.given.fit.noise))
-        return scored(fit.maximise(tolerance=ROUGH * self.least), laws.penalty)
+        known = self._likeliest.get(_key(fit))
+        if known is None or fit.log_likelihood > known.fit.log_likelihood + ROUGH * self.least:
+            known = scored(fit.maximise(tolerance=ROUGH * self.least), laws.penalty)
+            self._likeliest[_key(fit)] = known
+        if laws.penalty == known.penalty:
+            return known
+        more = (laws.penalty - known.penalty) / known.held_out.size
+        return replace(known, held_out=known.held_out - more, penalty=laws.penalty)
 
     @staticmethod
     def _likelier(fit: Fit, noise: Floats) -> Fit:

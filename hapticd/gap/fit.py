@@ -39,6 +39,8 @@ _HOPELESS = 0.05
 """Share of what it is behind a competitor that an ascent must gain with a step."""
 _SHORTER = 6
 """Attempts to shorten a step that does not ascend."""
+_FLAT = 0.01
+"""Share of the tolerance below which the gain that the slopes predict of a step (half of Newton's decrement) is none."""
 _STRAIGHT = 0.75
 """Share of what the slope predicts of a step beyond which it goes on: at a parabola's top it is a half."""
 _SCANNED = 0.05
@@ -82,11 +84,6 @@ class Fit:
         if self._out is None:
             _, self._out = self.evaluate(self.u)
         return self._out
-
-    def release(self) -> None:
-        """Give back the room of all that another run of the filter finds again: a search keeps many fits."""
-        self._out = None
-        self._forget()
 
     @property
     def noise(self) -> Floats:
@@ -229,7 +226,7 @@ class Fit:
         held = np.zeros(self.u.size, dtype=bool)  # at a bound; asked again where the ascent gains no more
         for _ in range(iterations):
             before, among = self.log_likelihood, self.free() & ~held
-            damping, free = self._step(among, damping)
+            damping, free = self._step(among, damping, _FLAT * tolerance)
             enough = max(tolerance, _HOPELESS * (competitor - self.log_likelihood))
             poor = poor + 1 if self.log_likelihood - before < enough else 0
             held = (held | (among & ~free)) & (poor == 0)
@@ -237,8 +234,11 @@ class Fit:
                 break
         return self
 
-    def _step(self, among: NDArray[np.bool_], damping: float) -> tuple[float, NDArray[np.bool_]]:
-        """One damped step of Fisher's scoring; returns the damping for the next, and which coordinates could move."""
+    def _step(self, among: NDArray[np.bool_], damping: float, least: float = 0.0) -> tuple[float, NDArray[np.bool_]]:
+        """One damped step of Fisher's scoring, if the slopes predict that it gains more than `least`.
+
+        Returns the damping for the next step, and which coordinates could move.
+        """
         self.differentiate(among & self.free())
         precision = self.prior**-2.0
         gradient = self.scores.sum(axis=0) - precision * (self.u - self.centre)
@@ -249,6 +249,9 @@ class Fit:
         diagonal = np.diag(H) + 1e-12 / self.scale**2
         self.error = np.where(free, 1.0 / np.sqrt(diagonal), self.error)
         index = np.ix_(free, free)
+        predicted = 0.5 * float(gradient[free] @ np.linalg.lstsq(H[index], gradient[free], rcond=None)[0])
+        if predicted < least:
+            return damping, free
         for _ in range(_SHORTER):
             step = np.zeros(self.u.size)
             step[free] = np.linalg.solve(H[index] + damping * np.diag(diagonal[free]), gradient[free])
@@ -301,11 +304,18 @@ class Fit:
         """The same hypothesis at the same coordinates with another noise."""
         return self.at(np.concatenate([noise, self.u[_NOISES:]]))
 
-    def with_free_memory(self) -> Fit:
+    def with_free_memory(self, tolerance: float) -> Fit:
         """The same hypothesis, fitted with a disturbance that may remember as long as the recordings can tell."""
         free = self.on(self.problem.with_free_memory())
         held_back = self.u[CORRELATION] >= self.upper[CORRELATION] - 1e-9 and self.noise_values()[DISTURBANCE] > 0.0
-        return free.maximise() if held_back else free
+        if not held_back:
+            return free
+        slow = self.problem.slow_noise
+        if slow:
+            free = max(free, free.with_noise(slow[-1]), key=lambda one: one.log_likelihood)
+        free.maximise(tolerance=tolerance)
+        slow.append(free.noise.copy())
+        return free
 
     def on(self, problem: Problem) -> Fit:
         """The same hypothesis at the same coordinates on other samples."""

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from hapticd.gap.terms import Term
 
 _NOTHING = 1e-300
+_CLOSE = 0.5
+"""Nats to which a fit with a slow disturbance is maximised: it is asked whether a law gains more than ten."""
 OUTLIER_COSTS = -float(np.log(OUTLIER))
 """Most that one sample can cost [nats]: beyond, it is an outlier (`kernel.modes.OUTLIER`)."""
 
@@ -70,7 +72,7 @@ class LawSet:
     @cached_property
     def with_slow_disturbance(self) -> LawSet:
         """The same with a disturbance that may be slow."""
-        slow = scored(self.fit.with_free_memory())
+        slow = scored(self.fit.with_free_memory(_CLOSE))
         return replace(slow, function=self.function, function_numbers=self.function_numbers)
 
     def number(self, slug: str) -> int:

@@ -31,6 +31,7 @@ class Problem:
         begun: frictions that the model has not, and the little that the base has in their place: corrections are factors.
         longest_memory_s: largest correlation time of the disturbance torque [s].
         runs, columns: rows of each run of the filter until now; of those for slopes, which run together, apart.
+        slow_noise: what each fit with a disturbance of free memory found of the noise: the next one begins there.
     """
 
     series: Series
@@ -41,6 +42,7 @@ class Problem:
     longest_memory_s: float = field(default_factory=lambda: constants.SHORT_MEMORY_S)
     runs: list[int] = field(default_factory=list)
     columns: list[int] = field(default_factory=list)
+    slow_noise: list[Floats] = field(default_factory=list)
 
     @property
     def noise_bounds(self) -> tuple[Floats, Floats]:

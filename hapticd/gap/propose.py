@@ -54,7 +54,8 @@ def extensions(present: LawSet, slugs: Sequence[str], least: float) -> list[LawS
         return fit.log_likelihood - present.fit.log_likelihood
 
     # A fault of the record is asked about whatever gains more: laws imitate it.
-    listed = [one for k, one in enumerate(found) if k < _SHORTLIST or late_record.is_late(one.term)]
+    likeliest = list(dict.fromkeys(one.slug for one in found))[:_SHORTLIST]
+    listed = [one for one in found if one.slug in likeliest or late_record.is_late(one.term)]
     near = each(approach, [one for one in listed if one.expected_gain > _HALF * least])
     near = [(one, fit) for one, fit in near if gain(fit) > _HALF * least and keeps_the_drive(fit, present.fit)]
     best_of: dict[str, tuple[Candidate, Fit]] = {}

@@ -167,6 +167,14 @@ def test_rounds_end_when_nothing_is_left(biased: LawSet) -> None:
     assert named.comparison.is_better
 
 
+def test_a_set_of_laws_is_fitted_once(biased: LawSet, corrected: LawSet) -> None:
+    search = Search(biased.fit.problem, ["constant_bias"])
+    first = search.without(corrected, "constant_bias")
+    runs = len(biased.fit.problem.runs)
+    assert search.without(corrected, "constant_bias") is first
+    assert len(biased.fit.problem.runs) - runs <= 3  # where it begins, and no ascent
+
+
 def test_nothing_to_consider_is_the_model_as_given(biased: LawSet) -> None:
     (only,) = Search(biased.fit.problem, []).rounds()
     assert (only.move, only.chosen.laws) == ("begin", ())

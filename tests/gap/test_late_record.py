@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import find_gap, late_record
 from hapticd.gap.recording import Recording
 from hapticd.gap.series import series_of
@@ -129,3 +130,11 @@ def test_a_late_record_stays_near_where_it_was_found() -> None:
         assert item.slug == late_record.SLUG
         assert (own.centre, own.prior) == (law.start[0], law.coordinates[0].scale)
         assert item.start == law.start
+
+
+def test_a_late_record_shows_no_timing_of_its_commands() -> None:
+    (law, *_) = late_record.starts("transport_delay", 1e-3)
+    slugs = ["stribeck", "dropped_samples", "amplifier_lag", "transport_delay", "current_saturation"]
+    timing = {slug for slug in slugs if CATALOGUE[slug].acts_on == "timing"}
+    assert timing >= {"dropped_samples", "transport_delay"}
+    assert late_record.untouched(slugs, law) == [slug for slug in slugs if slug not in timing]
