@@ -19,9 +19,6 @@ from hapticd.cli.options import ConfigArgument, Duration, Quantity, SettingsOpti
 from hapticd.cli.output import number
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from hapticd.config import Config
     from hapticd.record.schema import Rows
 
@@ -76,8 +73,13 @@ def simulate(
 
     if (duration is None) == (replay is None):
         raise UsageError("one of --duration and --replay is needed, and only one")
-    times = None if replay is None else recorded_times(replay)
-    if times is not None:
+    times = None
+    if replay is not None:
+        from hapticd.client import find_run
+        from hapticd.hil.compare import recorded_times
+        from hapticd.record import read_run
+
+        times = recorded_times(read_run(find_run(replay)))
         duration = times.shape[1] * resolved.period
     assert duration is not None
     ticks = None if deflection is None else deflection_ticks(deflection, resolved)
@@ -117,32 +119,6 @@ def simulate(
         output.warn(f"fault {fault['code']} in tick {fault['tick']}: {fault['cause']}")
         return exits.NO
     return exits.DONE
-
-
-def recorded_times(run: Path) -> NDArray[np.int64]:
-    """Numbers and lateness, ns, of the ticks in which a recorded loop rendered its spring, shape (2, n).
-
-    Raises:
-        RunFileError: it has no such rows, or some of them are missing that the loop has not.
-    """
-    import numpy as np
-
-    from hapticd.client import find_run
-    from hapticd.record import RunFileError, read_run
-    from hapticd.record.schema import FLAG_DROPPED, FLAG_MISSED_PERIOD, FLAG_RUNNING
-
-    found = read_run(find_run(run))
-    if missing := [name for name in ("tick", "wake_late_ns", "flags") if name not in found.columns]:
-        raise RunFileError(f"{found.path} has no column {missing[0]}: only a recording of hapticd can be replayed")
-    rendered = np.flatnonzero(found.columns["flags"] & FLAG_RUNNING)
-    if not rendered.size:
-        raise RunFileError(f"{found.path}: the spring is not rendered in it")
-    part = slice(rendered[0], rendered[-1] + 1)
-    tick, late_ns, flags = (found.columns[name][part] for name in ("tick", "wake_late_ns", "flags"))
-    jumped = np.flatnonzero(np.diff(tick) != 1) + 1
-    if (np.diff(tick) < 1).any() or (flags[jumped] & FLAG_MISSED_PERIOD == 0).any() or (flags & FLAG_DROPPED).any():
-        raise RunFileError(f"{found.path}: rows are missing in which the loop has ticked: they cannot be replayed")
-    return np.stack([tick, np.maximum(late_ns, 0)]).astype(np.int64)
 
 
 @contextlib.contextmanager

@@ -156,13 +156,6 @@ class Rig:
             if daemon.running:
                 daemon.client.stop()
 
-    @contextmanager
-    def computing(self) -> Iterator[None]:
-        """Time in which the device only waits for us is not the rig's."""
-        begun = time.monotonic()
-        yield
-        self.seconds -= time.monotonic() - begun
-
     def keep(self, recording: str | Path) -> Path:
         """Copy a recording to those that are kept; its new path."""
         self.runs.mkdir(parents=True, exist_ok=True)

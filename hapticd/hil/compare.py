@@ -2,6 +2,7 @@
 
 The loop is nonlinear and the end of a long release is sensitive to thousandths of a tick, so three things are compared:
 the outcome, where the shaft ended, and the current trace over the first swing, before such differences have grown.
+The simulation ticks when the recorded loop did. Where the plant is uncertain (``plant.uncertainty``), it is an ensemble.
 """
 
 from __future__ import annotations
@@ -12,17 +13,21 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from drivers import declared_latency
 from hapticd.config import Driver
-from hapticd.record import read_run
-from hapticd.record.schema import FLAG_RUNNING
+from hapticd.record import RunFileError, read_run
+from hapticd.record.schema import FLAG_DROPPED, FLAG_MISSED_PERIOD, FLAG_RUNNING
 from hapticd.servo.simulate import simulate
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from hapticd.config import Config
+    from hapticd.record import Run
 
-
+DRAWS: Final = 20
+"""Plants that an uncertain one is taken for."""
+_SEED: Final = 1
 GROWTH: Final = ("over_speed", "excursion", "over_current", "encoder_jump")
 """Faults that end a growing oscillation, as they should."""
 
@@ -52,6 +57,34 @@ class Comparison:
     """RMS difference of the position over the first swing, ticks."""
 
 
+def recorded_times(run: Run, count: int | None = None) -> NDArray[np.int64]:
+    """Numbers and lateness, ns, of the ticks in which a recorded loop rendered its spring, shape (2, n).
+
+    Args:
+        run: of hapticd.
+        count: of periods; where it ended earlier ticks on the grid follow, where later the rest is left out.
+
+    Raises:
+        RunFileError: it has no such rows, or some of them are missing that the loop has not.
+    """
+    if missing := [name for name in ("tick", "wake_late_ns", "flags") if name not in run.columns]:
+        raise RunFileError(f"{run.path} has no column {missing[0]}: only a recording of hapticd can be replayed")
+    rendered = np.flatnonzero(run.columns["flags"] & FLAG_RUNNING)
+    if not rendered.size:
+        raise RunFileError(f"{run.path}: the spring is not rendered in it")
+    part = slice(rendered[0], rendered[-1] + 1)
+    tick, late_ns, flags = (run.columns[name][part] for name in ("tick", "wake_late_ns", "flags"))
+    jumped = np.flatnonzero(np.diff(tick) != 1) + 1
+    if (np.diff(tick) < 1).any() or (flags[jumped] & FLAG_MISSED_PERIOD == 0).any() or (flags & FLAG_DROPPED).any():
+        raise RunFileError(f"{run.path}: rows are missing in which the loop has ticked: they cannot be replayed")
+    times = np.stack([tick, np.maximum(late_ns, 0)]).astype(np.int64)
+    if count is None:
+        return times
+    end = tick[0] + count
+    later = np.arange(tick[-1] + 1, end)
+    return np.hstack([times[:, tick < end], np.stack([later, np.zeros_like(later)])])
+
+
 def measured_trace(path: Path, config: Config) -> Trace:
     """The rendered part of a recording."""
     run = read_run(path)
@@ -69,15 +102,20 @@ def measured_trace(path: Path, config: Config) -> Trace:
 
 
 def simulated_trace(
-    config: Config, duration_s: float, deflection: float, excitation: NDArray[np.float64] | None = None
+    config: Config,
+    duration_s: float,
+    deflection: float,
+    excitation: NDArray[np.float64] | None = None,
+    times: NDArray[np.int64] | None = None,
 ) -> tuple[Trace, dict[str, Any]]:
-    """The same run in virtual time, and the simulation's report."""
+    """The same run in virtual time, at the recorded ``times`` if they are given, and the simulation's report."""
     blocks: list[NDArray[Any]] = []
     report = simulate(
         config,
         duration_s,
         deflection=deflection,
         excitation=excitation,
+        replay=times,
         safety=True,  # as the daemon has: growth ends in a fault, and the current is clamped
         on_rows=lambda rows: blocks.append(rows.copy()),
     )
@@ -88,28 +126,54 @@ def simulated_trace(
     return Trace(rows["time_s"], counts / config.encoder.decimation, rows["current_command_A"]), report
 
 
-def rest_range(config: Config, duration_s: float, deflection: float, latency_s: float) -> tuple[float, float]:
+def possible(config: Config) -> list[Config]:
+    """The config, and where its plant is uncertain `DRAWS` more: inertia and friction log-normal, the delay normal."""
+    plant, declared = config.plant, declared_latency(config)[0]
+    uncertainty = plant.uncertainty
+    found = [config]
+    if not uncertainty.is_known:
+        return found
+    values = {"inertia": plant.inertia, "viscous": plant.viscous, "coulomb": plant.coulomb}
+    deviations = np.array([*(getattr(uncertainty, name) for name in values), uncertainty.delay_s])
+    covariance = np.asarray(uncertainty.matrix) * np.outer(deviations, deviations)
+    random = np.random.default_rng(_SEED)
+    for *errors, late_s in random.multivariate_normal(np.zeros(4), covariance, DRAWS, method="eigh").tolist():
+        moved = {
+            name: value * float(np.exp(error / value)) if value else abs(error)
+            for (name, value), error in zip(values.items(), errors, strict=True)
+        }
+        drawn = config.model_copy(update={"plant": plant.model_copy(update=moved)})
+        found.append(_with_latency(drawn, max(declared + late_s, 0.0)))
+    return found
+
+
+def rest_range(
+    config: Config, duration_s: float, deflection: float, times: NDArray[np.int64] | None = None
+) -> tuple[float, float]:
     """Where the simulation comes to rest, coarse ticks, for all that is not known of a run on hardware.
 
     The delay by a fifth, the deflection by half a raw count: a long release amplifies both into a good part of the band
     in which stiction holds the shaft.
     """
-    half_count = 0.5 / config.encoder.decimation
+    half_count, latency_s = 0.5 / config.encoder.decimation, declared_latency(config)[0]
     ends = []
     for factor in (0.8, 0.9, 1.0, 1.1, 1.2):
-        driver = Driver(**{**config.driver.model_dump(), "latency_s": factor * latency_s})
-        trial = config.model_copy(update={"driver": driver})
+        trial = _with_latency(config, factor * latency_s)
         for offset in (-half_count, 0.0, half_count):
-            trace, _ = simulated_trace(trial, duration_s, deflection + offset)
+            trace, _ = simulated_trace(trial, duration_s, deflection + offset, times=times)
             ends.append(float(trace.ticks[-1]))
     return min(ends), max(ends)
+
+
+def _with_latency(config: Config, latency_s: float) -> Config:
+    return config.model_copy(update={"driver": Driver(**{**config.driver.model_dump(), "latency_s": latency_s})})
 
 
 def compare(measured: Trace, simulated: Trace, span: int | None = None) -> Comparison:
     """Compare two traces.
 
     Args:
-        measured: on the device. simulated: in virtual time, on the same grid.
+        measured: on the device. simulated: in virtual time, at the same ticks.
         span: periods to compare; None: up to the end of the first swing there and back.
     """
     length = min(len(measured.ticks), len(simulated.ticks))

@@ -66,7 +66,7 @@ def test_case_c_stops_as_simulated(transport: str, request: pytest.FixtureReques
     (case,) = result.cases
     assert (tmp_path / "kept" / "device.arrow").exists()
     if case.report["disturbances"]:
-        pytest.skip(f"this machine missed periods in each of {case.report['attempts']} runs: no statement")
+        pytest.skip(f"this machine disturbed each of {case.report['attempts']} runs: no statement")
     assert case.report["outcome"] == "decaying"
     assert abs(case.report["final_ticks"]) <= 1.0  # within the band in which stiction holds: sigma is 1
     assert case.report["achieved_deflection"] == pytest.approx(2.3, abs=0.5 / 217)
@@ -84,7 +84,7 @@ def test_case_d_grows_although_the_guard_would_refuse_it(tmp_path: Path) -> None
     run = read_run(next((tmp_path / "kept" / "runs").glob("*-release.arrow")))
     assert (run.metadata["guard"]["verdict"], run.metadata["guard"]["force"]) == ("forced", True)
     if case.report["disturbances"]:
-        pytest.skip(f"this machine missed periods in each of {case.report['attempts']} runs: no statement")
+        pytest.skip(f"this machine disturbed each of {case.report['attempts']} runs: no statement")
     assert case.report["outcome"] == "growing"
 
 

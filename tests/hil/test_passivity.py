@@ -36,7 +36,7 @@ def test_either_stops_case_d(transport: str, means: str) -> None:
     calm = apply_settings(hil_config(TRANSPORTS[transport]), MEANS[means])
     (case,) = run_suite(calm, cases=[CASE_D], with_excitation=False).cases
     if case.report["disturbances"]:
-        pytest.skip(f"this machine missed periods in each of {case.report['attempts']} runs: no statement")
+        pytest.skip(f"this machine disturbed each of {case.report['attempts']} runs: no statement")
     assert case.report["outcome"] == "decaying"
     assert case.report["simulated_outcome"] in ("decaying", "monotone")
     assert case.report["fault"] is None

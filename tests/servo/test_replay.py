@@ -10,8 +10,8 @@ import pytest
 from numpy.typing import NDArray
 
 from hapticd.cli.main import main
-from hapticd.cli.simulate import recorded_times
 from hapticd.config import Config, apply_settings, load_config
+from hapticd.hil.compare import recorded_times
 from hapticd.record import RunFileError, RunWriter, read_run, run_metadata
 from hapticd.record.schema import FLAG_HELD, FLAG_MISSED_PERIOD
 from hapticd.servo.simulate import simulate
@@ -100,4 +100,4 @@ def test_what_lacks_rows_is_not_replayed(tmp_path: Path) -> None:
     with RunWriter(path, run_metadata(config().model_dump(mode="json"))) as writer:
         writer.write(np.delete(rows, [50]))  # no flag: the loop has ticked
     with pytest.raises(RunFileError, match="rows are missing"):
-        recorded_times(path)
+        recorded_times(read_run(path))
