@@ -19,6 +19,7 @@ from hapticd.hil.device import Device
 from hapticd.hil.matrix import with_enable
 from hapticd.plant.hand import turning_force
 from tests.firmware.builds import require
+from tests.hil.test_other_drive import OtherDrive
 
 WIRES: Final[dict[str, dict[str, Any]]] = {
     "serial": {"name": "serial_dac", "port": "the board's", "baud": 921_600, "watchdog_ms": 60},
@@ -49,6 +50,7 @@ def results(
     start: Mapping[str, Any] | None = None,
     plant: Mapping[str, Any] | None = None,
     faults: Sequence[Mapping[str, Any]] = (),
+    rate_hz: float = 1000.0,
 ) -> dict[str, Result]:
     """What steps find on a device of that wire; those that come before are taken as passed."""
     board = None
@@ -58,7 +60,7 @@ def results(
         testbed = parse_config({**FIRMWARE_CONFIG, "driver": {**FIRMWARE_CONFIG["driver"], "watchdog_ms": 400}}, wire)
         config = slower_rig(testbed, testbed.servo.rate_hz, FIRMWARE_RATE_HZ)
     else:
-        config = parse_config({"driver": WIRES[wire]}, wire)
+        config = parse_config({"driver": WIRES[wire], "servo": {"rate_hz": rate_hz}}, wire)
     if "enable" in steps:
         config = with_enable(config)
     real = apply_settings(config, dict(plant), source="the device") if plant else config
@@ -103,6 +105,15 @@ def test_sign(wire: str, gain: float, said: str, tmp_path: Path) -> None:
     assert found.result == "fail"
     assert found.dangerous
     assert said in found.finding
+
+
+def test_the_sign_on_a_drive_of_other_hands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is plain Python: no faster than in its fault matrix."""
+    monkeypatch.setattr("tests.commission.test_wires.Device", OtherDrive)
+    found = results("can", tmp_path, "sign", start={"current_gain": -1}, rate_hz=200.0)["sign"]
+    assert found.result == "fail"
+    assert found.dangerous
+    assert "backwards" in found.finding
 
 
 @pytest.mark.parametrize("wire", WIRES)

@@ -17,6 +17,8 @@ class Axis:
     viscous: float = 9e-6
     coulomb: float = 2e-3
     torque_constant: float = 0.0292
+    current_gain: float = 1.0
+    """Current in the motor over the drive's; −1: leads exchanged."""
     counts_per_turn: int = 8192
     angle: float = 0.0
     speed: float = 0.0
@@ -33,7 +35,7 @@ class Axis:
         while self.at_ns < now_ns:
             step_ns = min(_STEP_NS, now_ns - self.at_ns)
             h = 1e-9 * step_ns
-            drive = self.torque_constant * self.current + self.hand - self.viscous * self.speed
+            drive = self.torque_constant * self.current_gain * self.current + self.hand - self.viscous * self.speed
             speed = self.speed + h * drive / self.inertia
             brake = h * self.coulomb / self.inertia
             self.speed = math.copysign(max(abs(speed) - brake, 0.0), speed)

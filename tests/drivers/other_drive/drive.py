@@ -59,6 +59,7 @@ class Drive:
         self.asked: list[tuple[str, int, int]] = []
         """Every SDO transfer that was begun: read or write, index, sub-index."""
         self._axis.angle, self._axis.offset = start.get("position", 0.0), start.get("counts_offset", 0)
+        self._axis.current_gain = start.get("current_gain", 1.0)
         self._plan = [dict(fault) for fault in script.get("faults") or ()]
         self._hand = [dict(step) for step in script.get("hand") or ()]
         self._troubles: list[FrameTrouble] = []
