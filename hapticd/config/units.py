@@ -237,7 +237,7 @@ def velocity_ticks(asked: float | str, config: Config) -> float:
     if not slash or time not in times:
         per = ", ".join(times)
         raise UnitError(f"{asked!r} is no velocity: write a place per time, such as 2 rad/s; times are {per}; or rpm")
-    return value * _of_place(place, asked, config) / config.resolution * config.period / times[time]
+    return value * _of_place(place, asked, config, per=time) / config.resolution * config.period / times[time]
 
 
 def seconds(asked: float | str) -> float:
@@ -266,19 +266,23 @@ def amplitude(asked: float | str, config: Config, *, moves_origin: bool) -> floa
     return value * (_of_place(unit, asked, config) if moves_origin else _factor(unit, asked, CURRENT_UNITS))
 
 
-def _of_place(unit: str, asked: str, config: Config) -> float:
-    """A unit of place in rad or m."""
+def _of_place(unit: str, asked: str, config: Config, *, per: str = "") -> float:
+    """A unit of place in rad or m; `per` is the unit of time of a speed, which the message then speaks of."""
     own, other = (LENGTH_UNITS, ANGLE_UNITS) if config.is_linear else (ANGLE_UNITS, LENGTH_UNITS)
+    encoder = dict(zip(_OF_THE_ENCODER, (config.resolution, config.raw_resolution), strict=True))
+    here = {**own, **encoder}
     if unit in other:
         kind, wanted = ("linear", "length") if config.is_linear else ("rotary", "angle")
-        raise UnitError(f"{asked!r}: the device is {kind}; give {wanted}s in {', '.join([*own, *_OF_THE_ENCODER])}")
-    encoder = dict(zip(_OF_THE_ENCODER, (config.resolution, config.raw_resolution), strict=True))
-    return _factor(unit, asked, {**own, **encoder})
+        units = [f"{name}/{per}" for name in here] + ["rpm"] * (not config.is_linear) if per else [*here]
+        raise UnitError(f"{asked!r}: the device is {kind}; give {'speed' if per else wanted}s in {', '.join(units)}")
+    return _factor(unit, asked, here, per=per)
 
 
-def _factor(unit: str, asked: str, units: Mapping[str, float]) -> float:
+def _factor(unit: str, asked: str, units: Mapping[str, float], *, per: str = "") -> float:
     if unit not in units:
         near = nearest_name(unit, units)
-        hint = f"did you mean {near}? " if near else ""
-        raise UnitError(f"{asked!r}: unknown unit {unit!r}; {hint}units here: {', '.join(units)}")
+        time = f"/{per}" if per else ""
+        hint = f"did you mean {near}{time}? " if near else ""
+        listed = ", ".join(f"{name}{time}" for name in units)
+        raise UnitError(f"{asked!r}: unknown unit {unit!r}; {hint}units here: {listed}")
     return units[unit]

@@ -36,6 +36,10 @@ def _serial(machine: Machine, config: Config, port: str) -> Iterator[Finding]:
         fix = "plug it in, and see 'ls -l /dev/serial/by-id' for its name"
         yield Finding("serial port", Level.BAD, f"driver.port = {port!r} does not exist", "no device, no loop", fix)
         return
+    if not path.is_char_device():
+        fix = "ls -l /dev/serial/by-id, and set driver.port to one of these"
+        yield Finding("serial port", Level.BAD, f"driver.port = {port!r} is a file or folder, no serial port", "", fix)
+        return
     if not os.access(path, os.R_OK | os.W_OK):
         owner = path.stat()
         fix = f"adduser {os.environ.get('USER', 'you')} dialout, then log in again"

@@ -122,6 +122,23 @@ def test_a_velocity_is_a_place_per_time(asked: str) -> None:
         velocity_ticks(asked, ROTARY)
 
 
+@pytest.mark.parametrize(
+    ("asked", "config", "said"),
+    [
+        ("0.3m/s", ROTARY, "the device is rotary; give speeds in rad/s, mrad/s, deg/s"),
+        ("0.3m/s", ROTARY, "ticks/s, counts/s, rpm"),
+        ("2deg/ms", LINEAR, "the device is linear; give speeds in m/ms, cm/ms"),
+        ("2rda/s", ROTARY, "unknown unit 'rda'; did you mean rad/s? units here: rad/s, "),
+    ],
+)
+def test_what_is_no_velocity_of_this_device_lists_units_of_speed(asked: str, config: Config, said: str) -> None:
+    with pytest.raises(UnitError) as error:
+        velocity_ticks(asked, config)
+    assert said in str(error.value)
+    assert "angle" not in str(error.value)
+    assert "rad, " not in str(error.value)
+
+
 def test_a_current_is_no_place() -> None:
     with pytest.raises(UnitError, match="unknown unit 'deg'"):
         amplitude("3deg", ROTARY, moves_origin=False)

@@ -108,12 +108,20 @@ def levels(findings: list[Finding]) -> dict[str, Level]:
 
 
 def test_a_latency_timer_of_many_periods_is_unfit(tmp_path: Path) -> None:
-    found = machine(tmp_path, dev__ttyUSB0="", **{"sys__bus__usb-serial__devices__ttyUSB0__latency_timer": "16"})
+    found = machine(tmp_path, **{"sys__bus__usb-serial__devices__null__latency_timer": "16"})
+    (tmp_path / "dev").mkdir()
+    (tmp_path / "dev" / "ttyUSB0").symlink_to("/dev/null")  # a character device that every machine has
     findings = list(device(found, on("serial_dac", port="/dev/ttyUSB0")))
     assert levels(findings) == {"serial port": Level.GOOD, "latency timer": Level.BAD}
     assert "16 periods" in findings[1].matters
     missing = list(device(found, on("serial_dac", port="/dev/ttyUSB7")))
     assert levels(missing) == {"serial port": Level.BAD}
+
+
+@pytest.mark.parametrize("port", ["/home/me/notes.txt", "/home/me"])
+def test_a_file_or_folder_as_port_is_unfit(tmp_path: Path, port: str) -> None:
+    (finding,) = device(machine(tmp_path, **{"home__me__notes.txt": ""}), on("serial_dac", port=port))
+    assert (finding.level, finding.found) == (Level.BAD, f"driver.port = {port!r} is a file or folder, no serial port")
 
 
 def test_a_can_interface_that_is_down_or_not_there(tmp_path: Path) -> None:
