@@ -33,10 +33,10 @@ def reproduce(out: Path, quick: bool = False, only: list[str] | None = None, for
         only (NAME): Only this: table1, table2, fig3 to fig9, fig11 or fig12. Repeatable.
         force: Replace an earlier page in DIR, with its figures.
     """
-    from hapticd.reproduce.build import NUMBERS, PAGE
-
-    check_folder(out, (PAGE, NUMBERS), force=force)
+    from hapticd.reproduce.build import PAGE, names_of_files
     from hapticd.reproduce.build import reproduce as run
+
+    check_folder(out, names_of_files(only or ()), force=force)
 
     try:
         with output.progress_bar("reproducing") as progress:

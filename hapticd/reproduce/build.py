@@ -39,6 +39,12 @@ NUMBERS: Final = "numbers.json"
 _MAKING: Final = 0.6
 
 
+def names_of_files(only: Sequence[str] = ()) -> list[str]:
+    """Names of all files that `reproduce` writes for these items, all of them when `only` is empty."""
+    figures = [name for name in BUILDERS if name.startswith("fig") and (not only or name in only)]
+    return [PAGE, NUMBERS, *(f"{name}.{kind}" for name in figures for kind in ("png", "svg"))]
+
+
 def reproduce(
     folder: Path, *, quick: bool = False, only: Sequence[str] = (), progress: Progress = lambda fraction: None
 ) -> dict[str, Any]:

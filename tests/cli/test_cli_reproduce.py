@@ -34,6 +34,21 @@ def test_the_text_counts_and_lists_what_differs(hapticd: Run, tmp_path: Path) ->
     ]
 
 
+@pytest.mark.parametrize("name", ["fig3.png", "fig3.svg", "numbers.json", "index.html"])
+def test_nothing_is_replaced_unasked(hapticd: Run, tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("my own")
+    outcome = hapticd("reproduce", "-o", str(tmp_path), "--only", "fig3")
+    assert (outcome.code, outcome.out) == (2, "")
+    assert f"{tmp_path / name} exists; give another name, or --force to replace it" in outcome.err
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "my own")]
+
+
+def test_a_figure_of_another_item_is_left_alone(hapticd: Run, tmp_path: Path) -> None:
+    (tmp_path / "fig3.png").write_text("my own")
+    assert hapticd("reproduce", "-o", str(tmp_path), "--only", "table2").code == 0
+    assert (tmp_path / "fig3.png").read_text() == "my own"
+
+
 def test_ctrl_c_leaves_nothing(hapticd: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(quick: bool, progress: Progress) -> Item:
         raise KeyboardInterrupt

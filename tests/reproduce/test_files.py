@@ -56,7 +56,7 @@ def page(made: Made) -> Page:
 
 def test_every_file_is_there_and_nothing_else(made: Made) -> None:
     wanted = {"index.html", "numbers.json"} | {f"{name}.{kind}" for name in FIGURES for kind in ("png", "svg")}
-    assert {path.name for path in made.folder.iterdir()} == wanted
+    assert {path.name for path in made.folder.iterdir()} == wanted == set(build.names_of_files())
     assert [path.name for path in made.folder.parent.iterdir()] == ["paper"]
 
 
