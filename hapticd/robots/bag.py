@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from hapticd.config.nearest import nearest_name
 from hapticd.record import RunFileError, import_run
 from hapticd.record.mcap import TOPIC
-from hapticd.robots.reference import JOINT_STATE, Reference
+from hapticd.robots.reference import JOINT_STATE, AmbiguousJointError, Reference
 
 if TYPE_CHECKING:
     from hapticd.record import Imported
@@ -30,7 +30,8 @@ _SUFFIXES = (".bag", ".db3", ".mcap")
 class _Track:
     """One signal as it was read: instants by the header and by the recorder, in ns, and values."""
 
-    kind: str
+    topic: str
+    has_header: bool = True
     stamp: list[int] = field(default_factory=list)
     log: list[int] = field(default_factory=list)
     values: list[float] = field(default_factory=list)
@@ -88,17 +89,20 @@ def _read(path: Path, references: list[Reference]) -> dict[Reference, _Track]:
             if set(kinds) == {TOPIC}:
                 raise RunFileError(f"{path} describes itself: leave --map out")
             topics = {reference: _topic_of(path, reference, kinds) for reference in references}
-            tracks = {reference: _Track(kinds[topic]) for reference, topic in topics.items()}
+            tracks = {reference: _Track(topic) for reference, topic in topics.items()}
             wanted = [connection for connection in reader.connections if connection.topic in topics.values()]
             for connection, log, raw in reader.messages(connections=wanted):
                 message = reader.deserialize(raw, connection.msgtype)
                 header = getattr(getattr(message, "header", None), "stamp", None)
                 stamp = log if header is None else int(header.sec) * 1_000_000_000 + int(header.nanosec)
                 for reference, track in tracks.items():
-                    if topics[reference] == connection.topic:
+                    if track.topic == connection.topic:
+                        track.has_header = header is not None
                         _keep(track, reference.value(message, connection.msgtype), stamp, log)
     except RunFileError:
         raise
+    except AmbiguousJointError as error:
+        raise RunFileError(f"{path}: {error}") from None
     except Exception as error:  # a bag is anybody's, and rosbags raises what its parts do
         raise RunFileError(f"{path} is not a readable bag: {type(error).__name__}: {error}") from error
     for reference, track in tracks.items():
@@ -120,6 +124,9 @@ def _keep(track: _Track, value: float | None, stamp: int, log: int) -> None:
 
 def _topic_of(path: Path, reference: Reference, kinds: dict[str, str]) -> str:
     listed = ", ".join(f"{topic} ({kind})" for topic, kind in sorted(kinds.items())) or "nothing"
+    head, colon, rest = reference.rest.partition(":")
+    if reference.topic is None and colon and f"/{head}" in kinds:
+        raise RunFileError(f"{path}: {reference.text}: a topic begins with a slash: write /{head}:{rest}")
     states = [topic for topic, kind in kinds.items() if kind == JOINT_STATE]
     topic = reference.topic if reference.topic is not None else states[0] if len(states) == 1 else None
     if topic is None:
@@ -139,33 +146,63 @@ def _topic_of(path: Path, reference: Reference, kinds: dict[str, str]) -> str:
 def _joined(
     path: Path, references: list[Reference], tracks: dict[Reference, _Track], time: str
 ) -> tuple[Any, list[str]]:
-    """One table with a row for every position, and what is to be known of it."""
+    """One table with a row for every position, and what is to be known of it.
+
+    What is on the position's own topic is of the same message; a message without it makes no row.
+    """
     import pandas as pd
 
-    def frame(reference: Reference) -> Any:
-        track = tracks[reference]
-        data = pd.DataFrame({STAMP: track.stamp, LOG_TIME: track.log, reference.text: track.values})
-        return data.sort_values(time, kind="stable").drop_duplicates(time, keep="last")
-
-    first, *others = references
-    table, notes = frame(first), []
+    first, *others = dict.fromkeys(references)
+    table, notes = _frame(tracks[first], first.text, time), []
+    read = len(tracks[first].values)
+    by_log = f"; with time.column: {LOG_TIME} the recorder's clock stamps every message"
+    if len(table) == 1 < read:
+        raise RunFileError(f"{path}: all {read} messages have the {time} {table[time].iloc[0]} ns{by_log}")
     if tracks[first].without:
         notes.append(f"{tracks[first].without} messages are without {first.text}")
-    for reference in dict.fromkeys(others):
-        if reference == first:
-            continue
-        same = tracks[reference].stamp == tracks[first].stamp and tracks[reference].log == tracks[first].log
-        other = frame(reference)[[time, reference.text]]
-        table = pd.merge_asof(table, other, on=time, direction="backward")
+    if len(table) < read:
+        notes.append(f"{read - len(table)} of {read} messages are left out: a later one has the same {time}")
+    for reference in others:
+        track = tracks[reference]
+        is_same = track.topic == tracks[first].topic
+        other = _frame(track, reference.text, time).assign(known=lambda frame: frame[time])
+        if not is_same and len(other) > 1 and not _overlap(table[time], other[time]):
+            raise RunFileError(
+                f"{path}: {reference.text} and {first.text} have no time in common; do their clocks agree?"
+                + by_log * (time == STAMP)
+            )
+        table = pd.merge_asof(table, other, on=time, direction="backward", tolerance=0 if is_same else None)
         missing = int(table[reference.text].isna().sum())
+        table = table.dropna(subset=[reference.text])
         if missing:
-            table = table.dropna(subset=[reference.text])
-            notes.append(f"{missing} rows before the first {reference.text} are left out")
-        if not same:
+            notes.append(
+                f"{missing} messages without {reference.text} are left out"
+                if is_same
+                else f"{missing} rows before the first {reference.text} are left out"
+            )
+        if table.empty:
+            raise RunFileError(
+                f"{path}: no {first.text} comes after the first {reference.text}; do their clocks agree?"
+            )
+        age = int((table[time] - table.pop("known")).max()) * 1e-9
+        if not is_same:
             notes.append(
                 f"{reference.text} has {len(other)} values for {len(table)} positions: each row has the last one that is "
-                "not later"
+                f"not later, {age:.3g} s old at most"
             )
-    if table.empty:
-        raise RunFileError(f"{path}: no position comes after the first command; do their clocks agree?")
+            if time == STAMP and tracks[first].has_header and not track.has_header:
+                notes.append(f"{reference.text} has no {STAMP} of its own: its instants are the recorder's")
     return table, notes
+
+
+def _frame(track: _Track, name: str, time: str) -> Any:
+    """Instants and values in the order of the instants; of several at one instant the last."""
+    import pandas as pd
+
+    data = pd.DataFrame({STAMP: track.stamp, LOG_TIME: track.log, name: track.values})
+    return data[[time, name]].sort_values(time, kind="stable").drop_duplicates(time, keep="last")
+
+
+def _overlap(one: Any, other: Any) -> bool:
+    """Whether two sorted columns of instants have a time in common."""
+    return bool(one.iloc[0] <= other.iloc[-1] and other.iloc[0] <= one.iloc[-1])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import dataclass
 from functools import reduce
@@ -11,6 +12,10 @@ JOINT_STATE = "sensor_msgs/msg/JointState"
 _FIELDS = ("position", "velocity", "effort")
 _REFERENCE = re.compile(r"(?:(?P<topic>/[^:]*):)?(?P<rest>.+)")
 _PLACE = re.compile(r"(?P<path>[A-Za-z_]\w*(?:\.[A-Za-z_]\w*)*)(?:\[(?P<index>\d+)\])?")
+
+
+class AmbiguousJointError(ValueError):
+    """One name for several joints of a message."""
 
 
 @dataclass(frozen=True)
@@ -48,16 +53,27 @@ class Reference:
         )
 
     def value(self, message: Any, kind: str) -> float | None:
-        """Its number in a message; None where the message has no such joint, or no number there."""
+        """Its finite number in a message; None where the message has no such joint, or no number for every joint.
+
+        Raises:
+            AmbiguousJointError: the message has the joint twice.
+        """
         if kind == JOINT_STATE:
             joint, _, field = self.rest.rpartition(".")
             names, values = list(message.name), getattr(message, field)
-            at = names.index(joint) if joint in names else len(values)
-            return float(values[at]) if at < len(values) else None
+            if (times := names.count(joint)) > 1:
+                raise AmbiguousJointError(
+                    f"{self.text}: a message has the joint {joint} {times} times: which one is meant?"
+                )
+            return _finite(values[names.index(joint)]) if times and len(values) == len(names) else None
         place = _PLACE.fullmatch(self.rest)
         assert place is not None  # `problem` was asked
         try:
             found = reduce(getattr, place["path"].split("."), message)
-            return float(found[int(place["index"])] if place["index"] else found)
+            return _finite(found[int(place["index"])] if place["index"] else found)
         except (AttributeError, IndexError, TypeError, ValueError):
             return None
+
+
+def _finite(value: Any) -> float | None:
+    return float(value) if math.isfinite(value) else None

@@ -151,6 +151,120 @@ def test_two_topics_with_joints_need_a_name(tmp_path: Path) -> None:
     assert import_bag(path, asked, tmp_path / "run.arrow").rows == ROWS
 
 
+Message = tuple[str, str, int, Any]
+STAMPED, BY_LOG = {"column": "stamp", "unit": "ns"}, {"column": "log_time", "unit": "ns"}
+
+
+def state(
+    k: int, effort: list[float], *, names: tuple[str, ...] = ("elbow",), topic: str = STATES, stamp: int | None = None
+) -> Message:
+    """A message of joints, of which the first is at `position`; the recorder takes it at its own instant."""
+    types, now = get_typestore(Stores.ROS2_HUMBLE).types, START_NS + k * PERIOD_NS
+    at = now if stamp is None else stamp
+    header = types["std_msgs/msg/Header"](
+        stamp=types["builtin_interfaces/msg/Time"](sec=at // 10**9, nanosec=at % 10**9), frame_id=""
+    )
+    x = np.array([position(k), *(9.0 for _ in names[1:])])
+    kind = "sensor_msgs/msg/JointState"
+    return topic, kind, now, types[kind](header, list(names), x, np.zeros(0), np.array(effort))
+
+
+def sent(k: int, instant_ns: int) -> Message:
+    kind = "std_msgs/msg/Float64"
+    return "/effort", kind, instant_ns, get_typestore(Stores.ROS2_HUMBLE).types[kind](data=command(k))
+
+
+def bag_of(folder: Path, found: list[Message]) -> Path:
+    store, path = get_typestore(Stores.ROS2_HUMBLE), folder / "robot"
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        topics: dict[str, Any] = {}
+        for topic, kind, log, message in sorted(found, key=lambda one: one[2]):
+            if topic not in topics:
+                topics[topic] = writer.add_connection(topic, kind, typestore=store)
+            writer.write(topics[topic], log, store.serialize_cdr(message, kind))
+    return path
+
+
+@pytest.mark.parametrize(
+    ("found", "changed", "rows", "warned"),
+    [
+        (
+            [state(k, [] if k % 5 == 0 else [command(k)]) for k in range(100)],
+            {},
+            80,
+            "20 messages without elbow.effort",
+        ),
+        ([state(k, [np.nan if k % 5 == 0 else 1.0]) for k in range(100)], {}, 80, "20 messages without elbow.effort"),
+        ([state(k, [command(k)] if k < 50 else []) for k in range(100)], {}, 50, "50 messages without elbow.effort"),
+        (
+            [state(k, [1.0], stamp=START_NS + (k - k % 2) * PERIOD_NS) for k in range(100)],
+            {},
+            50,
+            "50 of 100 messages are",
+        ),
+        (
+            [*(state(k, []) for k in range(100)), *(sent(k, START_NS + 10 * k * PERIOD_NS) for k in range(5))],
+            {"time": BY_LOG, "force": {"column": "/effort:data"}},
+            100,
+            "not later, 0.59 s old at most",
+        ),
+        (
+            [*(state(k, []) for k in range(100)), *(sent(k, START_NS + 10 * k * PERIOD_NS) for k in range(5))],
+            {"time": STAMPED, "force": {"column": "/effort:data"}},
+            100,
+            "/effort:data has no stamp of its own",
+        ),
+        (
+            [
+                *(state(k, []) for k in range(100)),
+                sent(3, START_NS - 100 * PERIOD_NS),
+            ],  # one command, which still holds
+            {"time": BY_LOG, "force": {"column": "/effort:data"}},
+            100,
+            "1.99 s old at most",
+        ),
+    ],
+)
+def test_what_a_message_lacks_is_not_made_up(
+    tmp_path: Path, found: list[Message], changed: dict[str, Any], rows: int, warned: str
+) -> None:
+    done = import_bag(bag_of(tmp_path, found), mapping(**changed), tmp_path / "run.arrow")
+    assert done.rows == rows
+    assert any(warned in warning for warning in done.warnings), done.warnings
+
+
+@pytest.mark.parametrize(
+    ("found", "changed", "said"),
+    [
+        ([state(k, [np.nan]) for k in range(20)], {}, "elbow.effort: none of 20 messages on /joint_states has it"),
+        ([state(k, [1.0], names=("elbow", "wrist")) for k in range(20)], {}, "none of 20 messages"),
+        ([state(k, [1.0, 2.0], names=("elbow", "elbow")) for k in range(20)], {}, "has the joint elbow 2 times"),
+        (
+            [state(k, [1.0], stamp=0) for k in range(20)],
+            {},
+            "all 20 messages have the stamp 0 ns; with time.column: log_time",
+        ),
+        (
+            [state(k, [1.0], topic="/arm/joint_states") for k in range(20)],
+            {"position": {"column": "arm/joint_states:elbow.position"}},
+            "a topic begins with a slash: write /arm/joint_states:elbow.position",
+        ),
+        (
+            [m for k in range(20) for m in (state(k, []), state(k, [1.0], topic="/arm", stamp=START_NS - 10**12 + k))],
+            {"position": {"column": f"{STATES}:elbow.position"}, "force": {"column": "/arm:elbow.effort"}},
+            "/arm:elbow.effort and /joint_states:elbow.position have no time in common",
+        ),
+    ],
+)
+def test_what_would_be_made_up_is_refused(
+    tmp_path: Path, found: list[Message], changed: dict[str, Any], said: str
+) -> None:
+    with pytest.raises(RunFileError) as error:
+        import_bag(bag_of(tmp_path, found), mapping(**changed), tmp_path / "run.arrow")
+    assert said in str(error.value)
+    assert not (tmp_path / "run.arrow").exists()
+
+
 def test_what_is_no_bag(tmp_path: Path) -> None:
     (tmp_path / "broken.mcap").write_bytes(b"nothing of the kind")
     with pytest.raises(RunFileError, match="not a readable bag"):
