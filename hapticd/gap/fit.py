@@ -33,6 +33,7 @@ _NOISES = len(NOISE)
 _OFF = (DISTURBANCE, JITTER)
 """Noise that is off at its lower bound."""
 _NEVER = -1e12
+_LEAST_DAMPING = 1e-6
 _POOR = 2
 """Steps in a row that gain nothing before an ascent is over: on a curved ridge a single one may."""
 _HOPELESS = 0.05
@@ -249,7 +250,8 @@ class Fit:
         diagonal = np.diag(H) + 1e-12 / self.scale**2
         self.error = np.where(free, 1.0 / np.sqrt(diagonal), self.error)
         index = np.ix_(free, free)
-        predicted = 0.5 * float(gradient[free] @ np.linalg.lstsq(H[index], gradient[free], rcond=None)[0])
+        whole = H[index] + _LEAST_DAMPING * np.diag(diagonal[free])
+        predicted = 0.5 * float(gradient[free] @ np.linalg.solve(whole, gradient[free]))
         if predicted < least:
             return damping, free
         for _ in range(_SHORTER):
@@ -261,7 +263,7 @@ class Fit:
                 is_straight = self.log_likelihood - before > _STRAIGHT * float(gradient @ step)
                 while is_straight and self.move(self.u + step, _SCANNED):
                     step *= 2.0
-                return max(damping / 10.0, 1e-6), free
+                return max(damping / 10.0, _LEAST_DAMPING), free
             damping = max(damping * 10.0, 1e-3)
         return damping, free
 

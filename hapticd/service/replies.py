@@ -111,7 +111,7 @@ def describe(problem: Mapping[str, Any], fields: list[str]) -> str:
     if not where:
         return "the body must be a JSON object (Content-Type: application/json)"
     message = problem["msg"][:1].lower() + problem["msg"][1:]
-    if kind == "rule" and isinstance(value, dict | list):  # the rule names what in it is wrong
+    if kind == "rule" and isinstance(value, list):  # the rule names what in it is wrong
         return f"{where}: {message}"
     return f"{where}: {message}, got {quote(value)}"
 
