@@ -63,6 +63,24 @@ def test_no_panel_has_a_serious_finding(
         if tab == "settings":
             page.click("#limits summary")
         wrong += [f"{tab}: {each}" for each in findings(page, axe)]
+    page.click("#to-zmap")
+    expect(page.locator("#zmap")).to_be_visible()
+    wrong += [f"map: {each}" for each in findings(page, axe)]
+    page.click("#to-zmap")
+    # the page as it is with refusals, each with its question open
+    refused = "encoder.decimation: 217, servo.rate_hz: 100, deflection: 200deg"
+    page.click("#to-release")
+    page.fill("#sequence-text", f"steps: [{{{refused}}}]")
+    page.click("#sequence-form button")
+    page.click("#sequence-answer button.force")
+    wrong += [f"sequence: {each}" for each in findings(page, axe)]
+    page.click("#to-settings")
+    page.fill("#set-spring-stiffness-entry", "400")
+    page.press("#set-spring-stiffness-entry", "Enter")
+    page.click("#set-spring-stiffness-refusal button.force")
+    wrong += [f"refusal: {each}" for each in findings(page, axe)]
+    page.locator("#lane-xy").set_checked(True)
+    wrong += [f"X-Y: {each}" for each in findings(page, axe)]
     page.click("#help")
     wrong += [f"keys: {each}" for each in findings(page, axe)]
     page.click("#keys button.close")
