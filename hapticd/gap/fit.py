@@ -34,6 +34,7 @@ _OFF = (DISTURBANCE, JITTER)
 """Noise that is off at its lower bound."""
 _NEVER = -1e12
 _LEAST_DAMPING = 1e-6
+"""Of a step, as a share of the information's diagonal: where coordinates cannot be distinguished it is still solvable."""
 _POOR = 2
 """Steps in a row that gain nothing before an ascent is over: on a curved ridge a single one may."""
 _HOPELESS = 0.05

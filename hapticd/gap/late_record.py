@@ -54,8 +54,8 @@ def is_late(law: Term) -> bool:
 def untouched(slugs: Sequence[str], law: Term) -> list[str]:
     """Those laws that data still show where the record is late or filtered.
 
-    What is late is no command that the device was sent, so that nothing is seen of when it was sent. What was filtered is
-    the current itself: all that comes between a command and its current is in the record already. It may be late besides,
+    A late record is of the current and not of the command, so it does not show when commands were sent. Of a filtered one
+    the same holds, and all that comes between a command and its current is in the record already. It may be late besides,
     so the delay that lateness is the opposite of stays, for that alone (`is_opposite_only`).
     """
     if law.coordinates[0].name != RECORD_FILTER:

@@ -31,7 +31,7 @@ class Problem:
         begun: frictions that the model has not, and the little that the base has in their place: corrections are factors.
         longest_memory_s: largest correlation time of the disturbance torque [s].
         runs, columns: rows of each run of the filter until now; of those for slopes, which run together, apart.
-        slow_noise: what each fit with a disturbance of free memory found of the noise: the next one begins there.
+        slow_noise: noise of each fit with a slow disturbance until now; the next one may begin at the last.
     """
 
     series: Series
