@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import pytest
 
-PATIENCE_S = 60.0
+PATIENCE_S = 180.0
 """Longest wait for what must come: only there so that a broken test ends."""
 
 

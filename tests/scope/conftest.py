@@ -31,7 +31,9 @@ SETTINGS = {
     "safety.max_velocity": 400,
 }
 WIDTH, HEIGHT = 1280, 720
-PATIENCE_MS = 30_000
+PATIENCE_MS = 120_000
+SIMULATED_MS = 900_000
+"""For what a process at low priority works out: beside other tests it has a twentieth of a processor."""
 Open = Callable[..., Page]
 
 

@@ -16,7 +16,7 @@ from hapticd.record import read_run
 from tests.polling import wait_until
 
 from .browser import Testbed
-from .conftest import Open
+from .conftest import SIMULATED_MS, Open
 from .waiting import drawn
 
 
@@ -109,7 +109,7 @@ def test_release_with_the_exact_simulation_over_it(page: Page, testbed: Testbed)
     page.fill("#release-duration", "2")
     page.click("#release-form button")
     expect(page.locator("#release-outcome")).to_contain_text("decaying: it came or comes to rest")
-    expect(page.locator("#release-residual")).to_contain_text("ticks RMS over", timeout=120_000)
+    expect(page.locator("#release-residual")).to_contain_text("ticks RMS over", timeout=SIMULATED_MS)
     assert text(page, "#release-answer") == "released from 20.3 ticks, exact to one raw count"
     residual = float(text(page, "#release-residual").split()[1])
     assert residual < 3.0

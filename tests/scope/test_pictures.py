@@ -17,6 +17,7 @@ from hapticd.cli.main import main
 from tests.polling import wait_until
 
 from .browser import Testbed
+from .conftest import SIMULATED_MS
 from .test_page import text
 from .test_round_trip import release
 from .test_views import open_file, save
@@ -41,7 +42,7 @@ def test_a_picture_says_of_what_it_is(page: Page, testbed: Testbed, tmp_path: Pa
     page.emulate_media(color_scheme="dark")
     testbed.client.set({"record.subject": "S07"})
     release(page, "30deg", "0.5")
-    expect(page.locator("#release-residual")).to_contain_text("ticks RMS", timeout=120_000)
+    expect(page.locator("#release-residual")).to_contain_text("ticks RMS", timeout=SIMULATED_MS)
     page.check("#lane-xy")
     expect(page.locator("#xy-words")).to_contain_text("in N m over ticks")
     name = Path(testbed.client.experiment()["result"]["run"]).name

@@ -9,9 +9,12 @@ import time
 import pytest
 from playwright.sync_api import Page, expect
 
+from hapticd.scope import runs
+from hapticd.scope.runs import RunError
 from tests.polling import wait_until
 
 from .browser import Testbed
+from .conftest import SIMULATED_MS
 from .test_page import text
 
 STALLS, STALL_S, BETWEEN_S = 6, 0.006, 0.008
@@ -29,7 +32,9 @@ def test_missed_periods_are_replayed(page: Page, testbed: Testbed) -> None:
         time.sleep(STALL_S)
         os.kill(testbed.daemon.pid, signal.SIGCONT)
         time.sleep(BETWEEN_S)
-    expect(page.locator("#release-residual")).to_contain_text("the simulation ticks when the loop did", timeout=120_000)
+    expect(page.locator("#release-residual")).to_contain_text(
+        "the simulation ticks when the loop did", timeout=SIMULATED_MS
+    )
     found = text(page, "#release-residual").split()
     assert int(text(page, "#release-residual").split(";")[-1].split()[0]) >= STALLS
     assert float(found[1]) < 12.0
@@ -50,6 +55,12 @@ def test_who_cannot_have_a_replay_is_told_so(page: Page, testbed: Testbed, name:
     time.sleep(2 * STALL_S)
     os.kill(testbed.daemon.pid, signal.SIGCONT)
     if name == "replay":
-        expect(page.locator("#release-residual")).to_contain_text("which the simulation kept", timeout=120_000)
+        expect(page.locator("#release-residual")).to_contain_text("which the simulation kept", timeout=SIMULATED_MS)
     else:
-        expect(page.locator("#release-residual")).to_contain_text("the simulation ticks when", timeout=120_000)
+        expect(page.locator("#release-residual")).to_contain_text("the simulation ticks when", timeout=SIMULATED_MS)
+
+
+def test_a_simulation_may_use_the_processor_for_so_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runs, "SIMULATION_CPU_S", 1)
+    with pytest.raises(RunError, match="longer than 1 s of processor time"):
+        runs.simulate_release({"servo": {"rate_hz": 20_000}}, 10, runs.LONGEST_SIMULATION_S)

@@ -17,6 +17,7 @@ from hapticd.record import read_run
 from tests.polling import wait_until
 
 from .browser import Testbed
+from .conftest import SIMULATED_MS
 from .test_page import seen_rows, text
 from .test_views import open_file, save
 
@@ -36,7 +37,7 @@ def test_a_release_round_trip(
     testbed.client.set({"encoder.decimation": 217, "servo.rate_hz": 500})
     expect(page.locator("#set-servo-rate_hz-confirmed")).to_have_text("500")
     release(page, "10.3", "1")
-    expect(page.locator("#release-residual")).to_contain_text("ticks RMS", timeout=120_000)
+    expect(page.locator("#release-residual")).to_contain_text("ticks RMS", timeout=SIMULATED_MS)
     path = save(page, kind, tmp_path / f"seen.{kind}")
     run = read_run(path)
     assert run.metadata["config"]["encoder"]["decimation"] == 217

@@ -8,6 +8,7 @@ from pathlib import Path
 from playwright.sync_api import Page, expect
 
 from .browser import Testbed
+from .conftest import SIMULATED_MS
 from .waiting import drawn
 
 TUTORIAL = Path(__file__).parents[2] / "docs" / "tutorials" / "scope.md"
@@ -45,7 +46,7 @@ def test_the_tutorial(page: Page, testbed: Testbed) -> None:
     expect(page.locator("#region")).to_have_text("D|E")
     release(page, 20.3, 1.5)
     expect(page.locator("#region-here")).to_have_text("E for a release from 20.3 ticks")
-    expect(page.locator("#release-residual")).to_contain_text("ticks RMS", timeout=120_000)
+    expect(page.locator("#release-residual")).to_contain_text("ticks RMS", timeout=SIMULATED_MS)
     picture(page, "scope.png")
 
     # A slower loop, held before it is sent.

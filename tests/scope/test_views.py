@@ -18,6 +18,7 @@ from hapticd.record.schema import FLAG_MISSED_PERIOD
 from tests.polling import wait_until
 
 from .browser import Testbed
+from .conftest import SIMULATED_MS
 from .test_page import seen_rows, text
 from .waiting import captures, drawn
 
@@ -198,7 +199,7 @@ def test_missed_periods_in_a_release_are_told_at_its_residual(page: Page, testbe
     testbed.daemon.send_signal(signal.SIGSTOP)
     time.sleep(0.03)
     testbed.daemon.send_signal(signal.SIGCONT)
-    expect(page.locator("#release-residual")).to_contain_text("missed, which the simulation kept", timeout=120_000)
+    expect(page.locator("#release-residual")).to_contain_text("missed, which the simulation kept", timeout=SIMULATED_MS)
     expect(page.locator("#note-residual")).to_contain_text("on it is of the timing, too")
     told = int(text(page, "#note-residual").split()[0])
     assert told >= 20

@@ -166,12 +166,7 @@ export class Lane extends Ranged {
 
   /** Grow at once, shrink slowly: the scale does not flicker. @param {number} low @param {number} high */
   fit(low, high) {
-    const { fixed } = this.spec;
-    if (fixed) {
-      /** @type {[number, number]} */ this.range = [fixed[0] * this.factor, fixed[1] * this.factor];
-      return;
-    }
-    if (!(low <= high)) return;
+    if (this.spec.fixed || !(low <= high)) return;
     const least = (/** @type {Record<string, number>} */ (MIN_SPAN)[this.spec.id] ?? 1e-6) * this.factor;
     const middle = (low + high) / 2;
     const half = Math.max((high - low) / 2, least / 2);
@@ -179,6 +174,6 @@ export class Lane extends Ranged {
     const [bottom, top] = [middle - half - margin, middle + half + margin];
     this.low = bottom < this.low || Number.isNaN(this.low) ? bottom : this.low + (bottom - this.low) * (1 - SHRINK);
     this.high = top > this.high || Number.isNaN(this.high) ? top : this.high + (top - this.high) * (1 - SHRINK);
-    /** @type {[number, number]} */ this.range = [this.low, this.high];
+    /** @type {[number, number]} */ this.auto = [this.low, this.high];
   }
 }

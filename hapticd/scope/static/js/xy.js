@@ -111,9 +111,8 @@ export class XY extends Ranged {
       this.factor = factor;
       this.tellRange();
     }
-    const { fixed } = this.spec;
-    const [x, all] = [extent([now, ...old], "x"), extent([now, ...old], "y")];
-    /** @type {[number, number]} */ this.range = fixed ? [fixed[0] * this.factor, fixed[1] * this.factor] : all;
+    const x = extent([now, ...old], "x");
+    this.auto = extent([now, ...old], "y");
     const y = this.range;
     const ideal = kind === "force" && source.config ? [idealSpring(source.config, x[0], x[1], scale)] : [];
     const drawn = now.x.reduce((count, value) => count + (Number.isFinite(value) ? 1 : 0), 0);

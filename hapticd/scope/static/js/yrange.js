@@ -18,8 +18,14 @@ export class Ranged {
     this.factor = 1;
     this.low = NaN;
     this.high = NaN;
-    /** @type {[number, number]} */
-    this.range = [-1, 1];
+    /** As the values are. @type {[number, number]} */
+    this.auto = [-1, 1];
+  }
+
+  /** In the shown unit; what was fixed is so at once, before it is drawn. @returns {[number, number]} */
+  get range() {
+    const { fixed } = this.spec;
+    return fixed ? [fixed[0] * this.factor, fixed[1] * this.factor] : this.auto;
   }
 
   /** Show values between two of the shown unit; null: as the values are. @param {[number, number] | null} range */
