@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import csv
 import io
 import itertools
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +17,8 @@ DELIMITERS: Final = ("\t", ";", "|", ",")
 _LOOKED_AT: Final = 1000
 """Lines before the data."""
 _TAIL_BYTES: Final = 1 << 16
+_WORD: Final = re.compile(r'"(?:[^"]|"")*"|\S+')
+csv.field_size_limit(1 << 30)  # an exported run has its metadata in one cell
 
 
 @dataclass(frozen=True)
@@ -48,29 +52,27 @@ def look(path: Path, delimiter: str | None = None, header: bool | None = None, s
     with path.open(encoding="utf-8-sig", errors="replace") as file:
         lines = list(itertools.islice(file, skip_lines, skip_lines + _LOOKED_AT))
     at = next((number for number, line in enumerate(lines) if line.strip() and not line.startswith("#")), len(lines))
-    if header is None and not skip_lines and (table := _table(lines)) is not None:
-        sign, width, begin = table
-        if delimiter in (None, sign) and len(_split(lines[at], sign)) != width:
-            return _below_a_preamble(lines, sign, width, begin)
     rows = [line for line in lines[at : at + 3] if line.strip()]
-    sign = delimiter or _delimiter(rows)
-    fields = [_split(row, sign) for row in rows]
+    sign, width, begin = _table(lines, [delimiter] if delimiter else [*DELIMITERS, " "]) or (None, 0, -1)
+    if sign and header is None and not skip_lines and len(cells(lines[at], sign)) != width:
+        return _below_a_preamble(lines, sign, width, begin)
+    sign = sign or delimiter or _delimiter(rows)
+    fields = [cells(row, sign) for row in rows]
     skip = skip_lines + at
     if not fields:
         return Layout(sign, None, [], skip)
-    named = header if header is not None else not _numeric(fields[0]) or _counted(fields[0])
-    if named:
+    if header if header is not None else _counted(fields[0]) or not (begin == at or _numeric(fields[0])):
         units = fields[1] if len(fields) > 2 and _is_units(fields[1], fields[2]) else []
         return Layout(sign, fields[0], units, skip + 1 + bool(units))
-    comment = _split(lines[at - 1].lstrip("#"), sign) if header is None and at > 0 else []
+    comment = cells(lines[at - 1].lstrip("#"), sign) if header is None and at > 0 else []
     return Layout(sign, comment if len(comment) == len(fields[0]) > 1 else None, [], skip)
 
 
-def _table(lines: Sequence[str]) -> tuple[str, int, int] | None:
+def _table(lines: Sequence[str], signs: Sequence[str]) -> tuple[str, int, int] | None:
     """Delimiter, width and first line of the first three rows that are alike, with two numbers or more in each."""
     for begin in range(len(lines) - 2):
-        for sign in (*DELIMITERS, " "):
-            rows = [_split(line, sign) for line in lines[begin : begin + 3]]
+        for sign in signs:
+            rows = [cells(line, sign) for line in lines[begin : begin + 3]]
             kinds = [[_is_number(text) or not text for text in row] for row in rows]
             if kinds[0] == kinds[1] == kinds[2] and all(sum(map(_is_number, row)) > 1 for row in rows):
                 return sign, len(rows[0]), begin
@@ -80,12 +82,12 @@ def _table(lines: Sequence[str]) -> tuple[str, int, int] | None:
 def _below_a_preamble(lines: Sequence[str], sign: str, width: int, begin: int) -> Layout:
     """The layout where lines of another kind come before the table; names that fit its rows stand right above them."""
     at = next((number for number in range(begin - 1, -1, -1) if lines[number].strip()), 0)
-    names, above, units = _split(lines[at].lstrip("#"), sign), _split(lines[at - 1], sign), []
+    names, above, units = cells(lines[at].lstrip("#"), sign), cells(lines[at - 1], sign), []
     if len(above) == len(names) and any(spelled(text) in UNITS for text in names):
         names, units = above, names
     if len(names) == width + 1 and names[-1] == "Comment":  # of LabVIEW, which few rows have
         names = names[:-1]
-    elif len(names) == width - 1 and not _split(lines[begin], sign)[-1]:
+    elif len(names) == width - 1 and not cells(lines[begin], sign)[-1]:
         names = [*names, ""]
     elif len(names) == width - 1 and '"' in lines[at]:  # of R, whose numbers of rows have no name
         names = ["", *names]
@@ -93,10 +95,17 @@ def _below_a_preamble(lines: Sequence[str], sign: str, width: int, begin: int) -
     return Layout(sign, names if fits else None, units if fits else [], begin)
 
 
+def cells(line: str, delimiter: str) -> list[str]:
+    """What stands in a line; a delimiter between quotes is none."""
+    if delimiter == " ":
+        line, delimiter = _tabbed(line), "\t"
+    return [cell.strip() for cell in next(csv.reader([line], delimiter=delimiter, skipinitialspace=True), [])]
+
+
 def squeezed(path: Path) -> io.BytesIO:
     """The file with one tab for every run of spaces and tabs."""
-    with path.open("rb") as file:
-        return io.BytesIO(b"\n".join(b"\t".join(line.split()) for line in file))
+    with path.open(encoding="utf-8", errors="surrogateescape") as file:
+        return io.BytesIO("\n".join(map(_tabbed, file)).encode(errors="surrogateescape"))
 
 
 def last_line(path: Path, spaced: bool) -> str:
@@ -104,21 +113,20 @@ def last_line(path: Path, spaced: bool) -> str:
     with path.open("rb") as file:
         file.seek(max(0, file.seek(0, io.SEEK_END) - _TAIL_BYTES))
         line = (file.read().decode("utf-8", "replace").splitlines() or [""])[-1]
-    return "\t".join(line.split()) if spaced else line
+    return _tabbed(line) if spaced else line
+
+
+def _tabbed(line: str) -> str:
+    return "\t".join(_WORD.findall(line))
 
 
 def _delimiter(rows: Sequence[str]) -> str:
-    for sign in DELIMITERS:
-        counts = {row.count(sign) for row in rows[-2:]}
-        if len(counts) == 1 and counts != {0}:
+    for sign in (*DELIMITERS, " "):
+        parts = [cells(row, sign) for row in rows[-2:]]
+        widths = {len(part) for part in parts}
+        if len(widths) == 1 and widths.isdisjoint({0, 1}) and (sign != " " or _numeric(parts[-1])):
             return sign
-    counts = {len(row.split()) for row in rows[-2:]}
-    return " " if len(counts) == 1 and counts.isdisjoint({0, 1}) and _numeric(rows[-1].split()) else ","
-
-
-def _split(line: str, delimiter: str) -> list[str]:
-    parts = line.split() if delimiter == " " else line.split(delimiter)
-    return [part.strip().strip('"').strip() for part in parts]
+    return ","
 
 
 def _is_number(text: str) -> bool:

@@ -56,6 +56,7 @@ TEXTS: dict[str, tuple[str, str]] = {
     "a row of units": ("data.csv", "t,q,i\ns,counts,A\n" + lines()),
     "a row of units in brackets": ("data.csv", "t,q,i\n[s],[counts],[A]\n" + lines()),
     "quoted names": ("data.csv", '"t","q","i"\n' + lines()),
+    "quoted values": ("data.csv", "t,q,i\n" + "".join(f'"{T[k]}","{Q[k]}","{I[k]}"\n' for k in range(N))),
     "ISO 8601": ("data.csv", "t,q,i\n" + lines(stamp=lambda k: f"2026-03-29T01:59:59.{975 + k:03d}Z" if k < 25 else
                                             f"2026-03-29T02:00:00.{k - 25:03d}Z")),
     "a time of day": ("data.csv", "t,q,i\n" + lines(stamp=lambda k: f"01:59:58.{k:03d}")),
@@ -72,6 +73,24 @@ def test_a_text_file_is_read_as_it_is(tmp_path: Path, name: str) -> None:
     columns, warnings = bring(tmp_path / file)
     check(columns)
     assert warnings == (("the times of day pass midnight at row 25",) if "midnight" in name else ())
+
+
+@pytest.mark.parametrize("sep", [",", ";", "\t", "|", " "])
+@pytest.mark.parametrize("lead", ["", "Rig 3, left\n\n", "# "])
+@pytest.mark.parametrize("note", ["moves", 'starts, "slowly"; 1|2\tonce'])
+def test_a_delimiter_between_quotes_is_none(tmp_path: Path, sep: str, lead: str, note: str) -> None:
+    names, quoted = ["time, s", 'the "position"; deg', "i (A | rms)", "a note"], note.replace('"', '""')
+    header = sep.join('"' + name.replace('"', '""') + '"' for name in names)
+    rows = "".join(sep.join((f"{T[k]}", f"{Q[k]}", f"{I[k]}", f'"{quoted}"')) + "\n" for k in range(N))
+    (tmp_path / "data.csv").write_text(f"{lead}{header}\n{rows}")
+    keys = {"time": {"column": names[0]}, "position": {"column": names[1], "unit": "count"}}
+    check(bring(tmp_path / "data.csv", **keys, current={"column": names[2]})[0])
+
+
+def test_decimal_commas_between_quotes(tmp_path: Path) -> None:
+    rows = [",".join(f'"{value}"'.replace(".", ",") for value in (T[k], Q[k], I[k])) for k in range(N)]
+    (tmp_path / "data.csv").write_text("\n".join(["t,q,i", *rows]))
+    check(bring(tmp_path / "data.csv", csv={"decimal": ","})[0])
 
 
 @pytest.mark.parametrize("header", ["# t,q,i\n", "t,q,i\n", ""])
