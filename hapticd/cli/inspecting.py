@@ -12,6 +12,7 @@ from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import RunsArgument
 from hapticd.cli.output import number
+from hapticd.config.text import jitter
 
 if TYPE_CHECKING:
     from hapticd.record.inspection import Inspection
@@ -61,7 +62,7 @@ def _text(found: Inspection) -> str:
     lines = [
         found.name,
         f"  stamps      {stamps['rows']} rows, {number(stamps['duration_s'])} s at {number(stamps['rate_hz'], 5)} Hz, "
-        f"jitter {number(1e6 * stamps['jitter_s'])} µs{grid}, {stamps['lost_rows']} rows lost{late}",
+        f"{jitter(stamps['jitter_s'], 1.0 / stamps['rate_hz'])}{grid}, {stamps['lost_rows']} rows lost{late}",
         f"  position    {number(position['span_cells'])} cells of travel, at rest in {number(rest, 3)} % of the samples",
         f"  command     up to {number(found.current['largest'])}, {found.current['values']} values"
         + (", saturated" if found.current["saturated"] else ""),

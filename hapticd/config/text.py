@@ -107,3 +107,13 @@ def _string(value: str) -> str:
         return value
     quoted: str = yaml.safe_dump(value, default_style='"', width=float("inf"), allow_unicode=True)
     return quoted.rstrip("\n")
+
+
+def jitter(seconds: float, period_s: float | None) -> str:
+    """Jitter of time stamps in words: below 0.01 % of a period it is the rounding of a number, and none in time."""
+    if not period_s:
+        return f"jitter {significant(1e6 * seconds)} µs"
+    share = seconds / period_s
+    if share < 1e-4:
+        return "jitter below 0.01 % of a period"
+    return f"jitter {significant(1e6 * seconds)} µs ({significant(100 * share)} % of a period)"

@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
-from hapticd.config.text import significant
+from hapticd.config.text import jitter
 from hapticd.effects.catalogue import CATALOGUE
 from hapticd.figures.style import prefixed
 from hapticd.gap import constants
@@ -109,9 +109,8 @@ def timing(document: Mapping[str, Any]) -> str:
     recording, samples = document["recording"], document["details"].get("samples")
     missed, jitter_s = recording["missed"], float(recording["jitter_s"])
     of = f" of {samples + missed}" if samples else ""
-    text = f"{missed}{of} sample{'' if missed == 1 and not of else 's'} missed, jitter {significant(1e6 * jitter_s)} µs"
-    if period_s := recording.get("period_s"):
-        text = f"{text} ({percent(jitter_s / period_s)} of a period)"
+    of_what = f"{missed}{of} sample{'' if missed == 1 and not of else 's'}"
+    text = f"{of_what} missed, {jitter(jitter_s, recording.get('period_s'))}"
     if late := recording.get("current_late_s"):
         text = f"{text}, its current {1e3 * late['value']:.3g} ms late"
     if filtered := recording.get("current_filter_s"):
