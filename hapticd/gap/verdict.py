@@ -82,11 +82,11 @@ def doubts_about(at_bounds: Mapping[str, Sequence[str]], unnamed: Mapping[str, s
         at_bounds: law to those of its parameters that the data do not distinguish from the end of what they may be.
         unnamed: law that was left out to the coordinate of which an unnamed function is better.
     """
-    return [
+    limits = [
         f"These data do not distinguish {' and '.join(names)} of {law} from a limit: a law at its limit is another law."
         for law, names in at_bounds.items()
-    ] + [
-        f"An unnamed function of the {coordinate} is better than {law}, the nearest law of the catalogue, which is "
-        "therefore not named."
+    ]
+    return limits + [
+        f"{law} is not named: it predicts worse than an unnamed function of the {coordinate}."
         for law, coordinate in unnamed.items()
     ]

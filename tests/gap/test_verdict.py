@@ -85,7 +85,11 @@ def test_what_is_left_is_said() -> None:
     ("at_bounds", "unnamed", "words"),
     [
         ({"gravity": ["theta_0"]}, {}, "do not distinguish theta_0 of gravity from a limit"),
-        ({}, {"gravity": "position"}, "An unnamed function of the position is better than gravity"),
+        (
+            {},
+            {"gravity": "position"},
+            "gravity is not named: it predicts worse than an unnamed function of the position.",
+        ),
     ],
 )
 def test_a_doubt_makes_it_a_part_of_the_answer(
