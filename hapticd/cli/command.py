@@ -12,7 +12,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 import typer
 
-from hapticd.cli import output
+from hapticd.cli import exits, output
 from hapticd.cli.exits import DONE, MEANING, USAGE
 from hapticd.control.endpoints import Endpoint, endpoint_of
 
@@ -82,6 +82,7 @@ def _with_options(function: Command, asked: Endpoint | None, shared: Mapping[str
     def run(**values: Any) -> int | None:
         output.quiet.set(values.pop("quiet"))
         output.as_json.set(values.pop("as_json", False))
+        exits.options.set(frozenset(values))
         return function(**values)
 
     signature = inspect.signature(function, eval_str=True)

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from contextvars import ContextVar
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
@@ -29,6 +30,10 @@ MEANING: Final[dict[int, str]] = {
     FAULT: "the daemon stopped on a fault",
     INTERRUPTED: "interrupted",
 }
+
+
+options: ContextVar[frozenset[str]] = ContextVar("options", default=frozenset())
+"""What the command at hand can be given, without the dashes."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +78,17 @@ def _refused(error: Any) -> Failure:
         exit_code = USAGE
     else:
         exit_code = NO
-    return Failure(exit_code, error.code, error.message, {"problems": error.problems} if error.problems else {})
+    more = {"problems": error.problems} if error.problems else {}
+    return Failure(exit_code, error.code, _words(error), {**more, **error.choice})
+
+
+def _words(error: Any) -> str:
+    """The message; of a refusal that leaves a choice, with the options of the command at hand."""
+    if not error.choice.get("force"):
+        return str(error)
+    from hapticd.control.refusal_text import refusal_text
+
+    return refusal_text(error.choice, lambda name: f"--{name}" if name in options.get() else None)
 
 
 def _config(error: Any) -> Failure:
@@ -91,7 +106,7 @@ _KNOWN: Final[tuple[tuple[str, str, Callable[[Any], Failure]], ...]] = (
     ("hapticd.config.units", "UnitError", _plain(USAGE, "usage")),
     ("hapticd.service.socket", "SocketError", _plain(USAGE, "socket")),
     ("hapticd.service.refusals", "DriverFailure", _plain(DEVICE, "driver")),
-    ("hapticd.service.refusals", "Refused", lambda error: Failure(NO, error.code, error.message)),
+    ("hapticd.service.refusals", "Refused", lambda error: Failure(NO, error.code, _words(error), error.choice)),
     ("drivers", "DriverConfigError", _plain(USAGE, "config")),
     ("drivers", "DriverError", _plain(DEVICE, "driver")),
     ("hapticd.servo.realtime", "RealtimeError", _plain(DEVICE, "realtime")),

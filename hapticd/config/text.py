@@ -10,6 +10,7 @@ import itertools
 import math
 import re
 from collections.abc import Mapping
+from typing import Any
 
 import yaml
 
@@ -48,6 +49,27 @@ def number_or_text(text: str) -> int | float | str:
             if math.isfinite(number := kind(text)):
                 return number
     return text
+
+
+def shortest(value: float) -> str:
+    """A number as it would stand in the config."""
+    return f"{value:.12g}"
+
+
+def plainly(value: float) -> str:
+    """A value as short as it can be said; what was converted from another unit, to 6 digits."""
+    exact, rounded = shortest(value), f"{value:.6g}"
+    return exact if len(exact) <= len(rounded) + 2 else rounded
+
+
+def change_line(name: str, change: Mapping[str, Any]) -> str:
+    """One line of a list of changes.
+
+    Args:
+        name: of what is changed. change: ``before``, ``after``, ``unit``, and ``words`` of why it is enough.
+    """
+    values = f"{plainly(change['before'])} → {plainly(change['after'])} {change['unit']}"
+    return f"  {name:<20} {values:<32} {change['words']}"
 
 
 def bound_text(bound: float) -> str:

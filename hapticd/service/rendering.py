@@ -10,6 +10,7 @@ import logging
 import threading
 from typing import TYPE_CHECKING, Any
 
+from hapticd.control.refusal_text import refusal_text
 from hapticd.record import RecordingError
 from hapticd.service.prediction import motion_of, predict, weigh
 from hapticd.service.refusals import DriverFailure, Refused
@@ -164,17 +165,14 @@ def enforce(judgement: Judgement) -> JsonDict:
         Refused: the guard refuses.
     """
     if judgement.verdict == "refused":
-        raise Refused(
-            "limits" if judgement.trips else "unstable",
-            f"{judgement.reason}; nothing is started or changed\n{judgement.help}\n"
-            "Render it all the same: --force (API: force)",
-            {
-                "reason": f"{judgement.reason}; nothing is started or changed",
-                "remedies": list(judgement.remedies),
-                "help": "" if judgement.remedies else judgement.help,
-                "force": True,
-            },
-        )
+        choice = {
+            "reason": f"{judgement.reason}; nothing is started or changed",
+            "remedies": list(judgement.remedies),
+            "help": judgement.help,
+            "force": True,
+        }
+        code = "limits" if judgement.trips else "unstable"
+        raise Refused(code, refusal_text(choice, lambda name: name), choice)
     if judgement.verdict in ("forced", "warned"):
         log.warning("%s by the stability guard: %s", judgement.verdict, judgement.reason)
     return judgement.document

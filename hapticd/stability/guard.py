@@ -18,7 +18,7 @@ from hapticd.stability.criterion import velocity_limit
 from hapticd.stability.explore import GUARD, Explored, explore
 from hapticd.stability.numbers import Loop, from_config, loop_from_config
 from hapticd.stability.regions import MEANING, region
-from hapticd.stability.report import advice_text, caveat, number, remedies
+from hapticd.stability.report import caveat, number, remedies
 from hapticd.stability.theorems import proof_of
 from hapticd.stability.tuning import Start
 
@@ -37,10 +37,10 @@ class Judgement:
         verdict: ``admitted``: it dies out, or buzzes below one tick; else ``refused``, ``forced`` (asked for all the
             same) or ``warned``, by policy; ``off``: the guard does not look.
         reason: one sentence. region: of Fig. 3 or 5; None where nothing was worked out.
-        help: what would make it stable, as ``hapticd check`` prints it; empty where it is admitted.
+        help: what would make it stable where no single change does; else empty.
         predicted: what the loop would do, for replies and runs; None where it was not run ahead.
         trips: whether it is a trip of its limits there that decides, and not theory.
-        remedies: the changes in ``help``, as data.
+        remedies: the single changes that are enough, as ``hapticd check`` prints them.
     """
 
     verdict: Verdict
@@ -103,9 +103,8 @@ def judge(
     if found.explored is None or found.explored.admissible:
         return Judgement("admitted", reason, found.region)
     changes = [change for change in advise(found) if release or "." in change.key]
-    help_text = advice_text(found, changes) if changes else _NO_HELP
     offered = tuple(remedies(found, changes))
-    return Judgement(_verdict(policy, force), reason, found.region, help_text, remedies=offered)
+    return Judgement(_verdict(policy, force), reason, found.region, "" if offered else _NO_HELP, remedies=offered)
 
 
 def explore_further(

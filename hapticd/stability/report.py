@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Final
 
 from hapticd.config.assumed import assumed
+from hapticd.config.text import change_line, shortest
 from hapticd.stability.advice import Change
 from hapticd.stability.assessment import Assessment, Verdict
 from hapticd.stability.criterion import criterion_margin, lambda_
@@ -139,11 +140,6 @@ def number(value: float | None, digits: int = 3) -> str:
     return f"{value:.{max(0, digits - 1 - math.floor(math.log10(abs(value))))}f}" if value else "0"
 
 
-def shortest(value: float) -> str:
-    """A number as it would stand in the config."""
-    return f"{value:.12g}"
-
-
 def _paragraph(text: str, hanging: str = "") -> str:
     return textwrap.fill(text, _WIDTH, subsequent_indent=hanging, break_long_words=False)
 
@@ -215,13 +211,12 @@ def _damping(found: Assessment, stiffness_unit: str) -> Iterator[str]:
 
 
 def advice_text(found: Assessment, changes: Sequence[Change]) -> str:
-    """The changes that would help, a line each under a heading."""
+    """The changes that would help, a line each under a heading, with the options of ``hapticd check``."""
     every = "" if found.start is not None else " at every speed"
     lines = [f"One of these changes is enough to make it stable{every}:"]
-    for change in changes:
-        what = change.key if "." in change.key else f"--{change.key}"
-        values = f"{_plainly(change.before)} → {_plainly(change.after)} {change.unit}"
-        lines.append(f"{_INDENT}{what:<20} {values:<32} {_words(found, change)}")
+    for each in remedies(found, changes):
+        name = each["key"] if "." in each["key"] else f"--{each['key']}"
+        lines.append(change_line(name, each))
     if found.verdict == "depends":
         lines.append("Or keep below the speed limit; ask about a motion of yours with --velocity or --deflection.")
     return "\n".join(lines)
@@ -256,12 +251,6 @@ def _ends(explored: Explored, period_s: float) -> Iterator[str]:
         shares, amplitudes = zip(*others, strict=True)
         count = f"{len(others)} other{'s' * (len(others) > 1)}"
         yield f"{label:<18}{number(100.0 * sum(shares), 2)} %: {count}, up to {number(max(amplitudes), 2)} ticks"
-
-
-def _plainly(value: float) -> str:
-    """A value as short as it can be said; what was converted from another unit, to 6 digits."""
-    exact, rounded = shortest(value), f"{value:.6g}"
-    return exact if len(exact) <= len(rounded) + 2 else rounded
 
 
 def _table_ii(device: Device) -> Iterator[str]:

@@ -357,5 +357,46 @@ def test_what_the_guard_refuses_exits_1_in_its_words_and_force_is_sent(
     assert control.calls[-1][-1] == "force"
 
 
+CHOICE = {
+    "reason": "region D: too fast; nothing is started or changed",
+    "remedies": [
+        {"key": "spring.stiffness", "before": 0.5, "after": 0.01, "unit": "N m/rad", "words": "a softer spring"},
+        {"key": "deflection", "before": 20.3, "after": 2.5, "unit": "ticks", "words": "a release from less far"},
+    ],
+    "help": "",
+    "force": True,
+}
+
+
+@pytest.mark.parametrize(
+    ("words", "deflection"),
+    [(("release", "--deflection", "20.3"), "--deflection"), (("sequence", "s.yaml"), "deflection")],
+)
+def test_what_helps_is_told_with_the_options_of_the_command_at_hand(
+    daemon: Run,
+    control: FakeControl,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    deflection: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("s.yaml").write_text("steps: [{deflection: 20.3}]")
+    control.fails_with = Refused("unstable", "of the API", CHOICE)
+    assert daemon(*words).err.splitlines() == [
+        f"hapticd: {CHOICE['reason']}",
+        "One of these changes is enough:",
+        "  spring.stiffness     0.5 → 0.01 N m/rad               a softer spring",
+        f"  {deflection:<20} 20.3 → 2.5 ticks                 a release from less far",
+        "Render it all the same: --force",
+    ]
+    assert daemon(*words, "--json").document["error"]["remedies"] == CHOICE["remedies"]
+
+
+def test_a_command_without_force_does_not_name_it(daemon: Run, control: FakeControl) -> None:
+    control.fails_with = Refused("unstable", "of the API", {**CHOICE, "remedies": [], "help": "change two"})
+    assert daemon("clear").err == f"hapticd: {CHOICE['reason']}\nchange two\n"
+
+
 def test_the_guards_sentence_is_under_the_answer(daemon: Run) -> None:
     assert daemon("start").out == "running\nadmitted: region A: globally stable\n"

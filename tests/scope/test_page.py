@@ -17,7 +17,7 @@ from tests.polling import wait_until
 
 from .browser import Testbed
 from .conftest import SIMULATED_MS, Open
-from .waiting import drawn
+from .waiting import captures, drawn
 
 
 def text(page: Page, selector: str) -> str:
@@ -144,6 +144,36 @@ def test_a_fault_freezes_the_trace_and_is_cleared(page: Page, testbed: Testbed) 
     assert testbed.state() == "off"
     page.click("#run")
     expect(page.locator("#hold-why")).to_have_text("")
+
+
+def test_a_click_means_what_the_button_said_when_it_was_pressed(page: Page, testbed: Testbed) -> None:
+    """Somebody else begins a recording while Record is held down: to let it go does not end theirs."""
+    record = page.locator("#record")
+    expect(record).to_have_text("Record")
+    record.hover()
+    page.mouse.down()
+    path = testbed.client.record_start()["path"]
+    expect(page.locator("#h-recorder")).to_contain_text(Path(path).name)  # the page knows
+    expect(record).to_have_text("Record")
+    page.mouse.up()
+    expect(page.locator("#command-answer")).to_contain_text("already")
+    assert testbed.client.status()["recorder"]["path"] == path
+    expect(record).to_have_text("Stop recording")
+    record.click()
+    expect(record).to_have_text("Record")
+
+
+def test_a_slow_double_click_is_one_click(page: Page, testbed: Testbed) -> None:
+    record = page.locator("#record")
+    record.click()
+    expect(record).to_have_text("Stop recording")
+    page.mouse.down(click_count=2)
+    page.mouse.up(click_count=2)
+    captures(page, 500)
+    expect(record).to_have_text("Stop recording")
+    record.click()
+    expect(record).to_have_text("Record")
+    assert testbed.client.status()["recorder"]["path"] is None
 
 
 def test_estop_with_the_stream_cut(open_page: Open, testbed: Testbed) -> None:

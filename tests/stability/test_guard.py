@@ -8,7 +8,7 @@ import pytest
 
 from hapticd.config import Config, parse_config
 from hapticd.servo.simulate import simulate
-from hapticd.stability.guard import judge, same_loop
+from hapticd.stability.guard import Judgement, judge, same_loop
 from hapticd.stability.regions import region
 
 RUNAWAY = {"encoder": {"decimation": 217}, "spring": {"stiffness": 0.5}}
@@ -19,6 +19,10 @@ def config(guard: str = "refuse", **sections: Any) -> Config:
     return parse_config({**sections, "safety": {"guard": guard}}, "test")
 
 
+def keys(found: Judgement) -> list[str]:
+    return [each["key"] for each in found.remedies]
+
+
 def test_the_default_policy_is_to_refuse() -> None:
     assert parse_config({}, "test").safety.guard == "refuse"
 
@@ -27,7 +31,8 @@ def test_a_stiff_coarse_spring_is_refused_with_what_would_help() -> None:
     found = judge(config(**RUNAWAY), 0.0)
     assert (found.verdict, found.region) == ("refused", "C")
     assert "oscillations grow from the smallest motion" in found.reason
-    assert "spring.stiffness     0.5 → 0.0156 N m/rad" in found.help
+    assert (found.remedies[0]["key"], found.remedies[0]["after"]) == ("spring.stiffness", 0.0156)
+    assert found.help == ""
 
 
 @pytest.mark.parametrize(
@@ -42,8 +47,8 @@ def test_the_speed_limit_divides_d_from_e(deflection: float | None, verdict: str
 def test_a_smaller_release_is_advised_only_where_it_can_be_asked_for() -> None:
     fast = {"deflection": 10.3}
     devices = config(**SLOW, plant={"coulomb": 0.0022})
-    assert "--deflection" in judge(devices, 0.0, **fast, release=True).help
-    assert "--deflection" not in judge(devices, 0.0, **fast).help
+    assert "deflection" in keys(judge(devices, 0.0, **fast, release=True))
+    assert "deflection" not in keys(judge(devices, 0.0, **fast))
 
 
 def test_a_buzz_below_one_tick_is_admitted_and_a_larger_one_is_not() -> None:
@@ -110,7 +115,7 @@ def test_with_damping_the_exact_loop_decides() -> None:
     assert "starts moved on: fewer than" in calm.reason
     shaking = judge(config(**SLOW, spring={"damping": 3e-3}), 0.0, deflection=10.3, release=True)
     assert shaking.verdict == "refused"
-    assert "spring.damping       0.003 →" in shaking.help
+    assert "spring.damping" in keys(shaking)
     ideal = {"dac_bits": 0}  # a converter's end would end the growth
     assert (
         simulate(config(**SLOW, amplifier=ideal, spring={"damping": 3e-3}), 1.0, deflection=10.3)["outcome"]
@@ -122,8 +127,8 @@ def test_too_much_damping_is_told_where_the_spring_alone_is_calm() -> None:
     """The grip that the spring alone would need is none at all, and nothing that could be rounded."""
     shaking = judge(config(**SLOW, spring={"damping": 3e-3}), 0.0, deflection=2.3)
     assert (shaking.verdict, shaking.region) == ("refused", "E")
-    assert "spring.damping       0.003 →" in shaking.help
-    assert "hand.damping" not in shaking.help
+    assert "spring.damping" in keys(shaking)
+    assert "hand.damping" not in keys(shaking)
 
 
 def test_damping_without_a_spring_is_looked_at() -> None:

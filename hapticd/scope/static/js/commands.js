@@ -41,26 +41,28 @@ export function bringAbout(remedy) {
 /**
  * The buttons that are one command each.
  * @param {import("./view.js").View} view
- * @param {() => {recording: boolean, mine: boolean}} now
  * @param {(lease: any) => void} showLease
  */
-export function connectCommands(view, now, showLease) {
+export function connectCommands(view, showLease) {
   // A pressed button lets the focus go: the next press on the space bar holds the trace, and moves nothing.
   document.addEventListener("click", (event) => {
     const button = /** @type {HTMLElement} */ (event.target).closest("button:not([role=tab]), input[type=checkbox]");
     if (button && (event.detail > 0 || button.closest(".commands"))) /** @type {HTMLElement} */ (button).blur();
   });
   const click = (/** @type {string} */ id, /** @type {() => void} */ act) => byId(id).addEventListener("click", act);
+  // what the button said, and the second click of a double click says nothing more
+  const meant = (/** @type {string} */ id, /** @type {(value: string) => void} */ act) =>
+    byId(id, HTMLButtonElement).addEventListener("click", ({ detail }) => detail < 2 && act(byId(id, HTMLButtonElement).value));
   click("start", () => {
     view.roll();
     command("start", { force: false }, "command-answer");
   });
   click("clear", () => command("clear", {}, "command-answer"));
-  click("record", () => command("record", { on: !now().recording }, "command-answer"));
+  meant("record", (value) => command("record", { on: value === "start" }, "command-answer"));
   click("origin", () =>
     command("origin", { force: false }, "command-answer", (answer) =>
       say("command-answer", `spring.origin = ${number(answer.applied["spring.origin"], 6)} ${view.live.units.position}, where the shaft is`),
     ),
   );
-  click("take", () => command("lease", { take: !now().mine }, "command-answer", (answer) => showLease({ ...answer, may: true })));
+  meant("take", (value) => command("lease", { take: value === "take" }, "command-answer", (answer) => showLease({ ...answer, may: true })));
 }

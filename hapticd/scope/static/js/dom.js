@@ -48,6 +48,13 @@ export function say(id, text) {
   if (place.textContent !== text) place.textContent = text;
 }
 
+/** Say what a click on a button means now; one that is pressed at this moment keeps what it said. @param {HTMLButtonElement} button @param {string} value @param {string} text */
+export function mean(button, value, text) {
+  if (button.matches(":active")) return;
+  button.value = value;
+  button.textContent = text;
+}
+
 /** A number to so many significant digits. @param {number | null | undefined} value @param {number} digits */
 export function number(value, digits = 4) {
   if (value === null || value === undefined) return "∞";

@@ -6,7 +6,7 @@ import { Capture } from "./capture.js";
 import { connectCommands } from "./commands.js";
 import { Controls } from "./controls.js";
 import { Derived } from "./derived.js";
-import { byId, duration, make, number, say } from "./dom.js";
+import { byId, duration, make, mean, number, say } from "./dom.js";
 import { Excite } from "./excite.js";
 import { connectFiles } from "./files.js";
 import { showHealth, showHistograms } from "./health.js";
@@ -158,7 +158,8 @@ function showState(why) {
   const { experiment } = status;
   const running = experiment && experiment.state === "running";
   say("experiment", running ? `${experiment.kind}${experiment.steps ? ` ${experiment.step} of ${experiment.steps}` : ""}, ${Math.round(100 * experiment.progress)} %` : "");
-  byId("record").textContent = status.recorder.path ? "Stop recording" : "Record";
+  if (status.recorder.path) mean(byId("record", HTMLButtonElement), "stop", "Stop recording");
+  else mean(byId("record", HTMLButtonElement), "start", "Record");
 }
 
 /** @param {{mine: boolean, free: boolean, may: boolean}} lease */
@@ -166,9 +167,10 @@ function showLease(lease) {
   said.mine = lease.mine && lease.may;
   document.body.dataset.control = said.mine ? "mine" : lease.may ? "other" : "view";
   say("lease", said.mine ? "this page has the controls" : lease.may ? (lease.free ? "the controls are free" : "another page has the controls") : "view only");
-  const take = byId("take");
+  const take = byId("take", HTMLButtonElement);
   take.hidden = !lease.may;
-  take.textContent = said.mine ? "Give back" : lease.free ? "Take" : "Take over";
+  if (said.mine) mean(take, "give", "Give back");
+  else mean(take, "take", lease.free ? "Take" : "Take over");
   for (const each of document.querySelectorAll("fieldset.commands")) /** @type {HTMLFieldSetElement} */ (each).disabled = !said.mine;
   for (const each of document.querySelectorAll("fieldset.may")) /** @type {HTMLFieldSetElement} */ (each).disabled = !lease.may;
   for (const id of ["stop", "estop"]) byId(id, HTMLButtonElement).disabled = !lease.may;
@@ -295,7 +297,7 @@ byId("help").addEventListener("click", () => togglePanel("keys"));
 byId("measure-channel").append(...CHANNELS.filter((name) => !DERIVED.includes(name)).map((name) => make("option", { value: name }, LOOK[name].label)));
 for (const id of ["stop", "estop"]) byId(id).addEventListener("click", withdraw);
 window.addEventListener("keydown", (event) => event.key === "Escape" && withdraw(), true);
-connectCommands(view, () => ({ recording: Boolean(said.status?.recorder.path), mine: said.mine }), showLease);
+connectCommands(view, showLease);
 connectFiles(view, release, xy);
 connectKeys(view, bar, () => notes.mark());
 if (narrow.matches) showOnly("position");
