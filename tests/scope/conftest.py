@@ -34,7 +34,16 @@ WIDTH, HEIGHT = 1280, 720
 PATIENCE_MS = 120_000
 SIMULATED_MS = 900_000
 """For what a process at low priority works out: beside other tests it has a twentieth of a processor."""
+TEST_S = 1800
+"""For one test: it ends what hangs, and no page that a busy machine is slow with."""
 Open = Callable[..., Page]
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Give every test of this folder the time that its waits may take."""
+    for item in items:
+        if item.path.is_relative_to(Path(__file__).parent) and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(TEST_S))
 
 
 @dataclass(frozen=True)

@@ -62,6 +62,9 @@ def test_notes_of_all_are_in_the_run_and_in_the_page(
     assert noted(path) == everything
     assert read_run(path).metadata["config"]["record"]["subject"] == "07"
     assert noted(saved) == everything
+    expect(page.locator("#record")).to_have_text("Record")  # the page knows that it is over
+    drawn(page)
+    expect(page.locator("body")).to_have_attribute("data-marks", "5")
     open_file(page, path)
     expect(page.locator("body")).to_have_attribute("data-marks", "5")
     testbed.client.set({"record.subject": None})

@@ -50,6 +50,9 @@ function modelOf(store, begin, end) {
 
 /** What is seen as a picture for a lab book. @param {"png" | "svg"} format @param {import("./view.js").View} view @param {import("./xy.js").XY} xy */
 async function savePicture(format, view, xy) {
+  // as it is now: what was chosen a moment ago may not be drawn yet
+  view.frame();
+  xy.draw();
   const scene = compose(view, xy);
   const blob = format === "svg" ? new Blob([toSvg(scene)], { type: "image/svg+xml" }) : await toPng(scene);
   download(blob, `scope-${stamp()}.${format}`);

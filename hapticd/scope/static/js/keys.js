@@ -7,7 +7,7 @@ import { togglePanel } from "./panels.js";
 /** @param {import("./view.js").View} view @param {import("./triggerbar.js").TriggerBar} bar @param {() => void} mark */
 export function connectKeys(view, bar, mark) {
   const { trace } = view;
-  const middle = () => trace.view[0] + trace.zero + view.windowS / 2;
+  const middle = () => view.left + view.windowS / 2;
   const here = () => (Number.isFinite(trace.hover) ? trace.hover : middle());
   const move = (/** @type {"a" | "b"} */ which, /** @type {number} */ way) => (trace.cursors[which] += (way * view.windowS) / 200);
   /** @type {Record<string, () => void>} */

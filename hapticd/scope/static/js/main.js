@@ -18,7 +18,7 @@ import { Notes } from "./notes.js";
 import { togglePanel } from "./panels.js";
 import { Field, withdrawAll } from "./quantity.js";
 import { withdrawQuestions } from "./refusal.js";
-import { noteRun } from "./picture.js";
+import { nameRun, noteRun } from "./picture.js";
 import { Release } from "./release.js";
 import { channelUnit, makeLanes, makeSource, place, placeUnits, shownIn } from "./source.js";
 import { Sequence } from "./sequence.js";
@@ -70,6 +70,7 @@ const xy = new XY(view);
 const release = new Release(view, fields, (begin, end) => {
   showLane("residual");
   xy.remember(begin, end);
+  nameRun(live, said.status.experiment.result?.run ?? "", begin, end);
 });
 const excite = new Excite(view);
 const sequence = new Sequence(view);

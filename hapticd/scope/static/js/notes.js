@@ -86,11 +86,11 @@ export class Notes {
     }
   }
 
-  /** What the daemon says of the recording; a mark waits for its row. @param {{path: string | null, notes: Noted[]}} recorder */
-  take({ path, notes }) {
+  /** What the daemon says of the recording; a mark waits for its row. @param {{notes: Noted[]}} recorder */
+  take({ notes }) {
     const { store, marks } = this.live;
     for (const noted of notes) {
-      const key = JSON.stringify([path, noted]);
+      const key = JSON.stringify(noted);
       const row = store.rowOfTick(noted.tick);
       if (row < 0 || this.known.has(key)) continue;
       this.known.add(key);

@@ -41,6 +41,13 @@ export function noteRun(live, path) {
   if (live.runs.length > MOST_RUNS) live.runs.shift();
 }
 
+/** A recording of live rows that are known: the state may tell of it when it is over. @param {import("./source.js").Source} live @param {string} path @param {number} begin @param {number} end its rows */
+export function nameRun(live, path, begin, end) {
+  const name = path.split("/").pop() ?? "";
+  live.runs = live.runs.filter((run) => run.name !== name);
+  live.runs.push({ name, begin: live.store.timeAt(begin), end: live.store.timeAt(end - 1) });
+}
+
 /** What these rows are of. @param {import("./view.js").View} view */
 function nameOf({ source, trace }) {
   if (source.name) return source.name;

@@ -22,6 +22,8 @@ export class Field {
     this.unit = unit;
     /** What is in force. */
     this.settled = input.value;
+    /** What is on its way to the daemon, so that it cannot be taken back; null: nothing. @type {string | null} */
+    this.sent = null;
     this.error = error;
     /** Says more about a refusal than its message. @type {((error: unknown) => void) | null} */
     this.explain = null;
@@ -46,7 +48,7 @@ export class Field {
 
   /** Send it; a refusal stands at the field. @param {() => Promise<unknown>} send */
   async try(send) {
-    const said = this.input.value;
+    const said = (this.sent = this.input.value);
     try {
       await send();
       this.settled = said;
@@ -55,6 +57,8 @@ export class Field {
       this.refuse(error instanceof Error ? error.message : String(error));
       this.explain?.(error);
     }
+    this.sent = null;
+    if (document.activeElement !== this.input) this.withdraw();
     this.show();
   }
 
@@ -74,7 +78,7 @@ export class Field {
 
   /** Take back what was not sent. */
   withdraw() {
-    this.input.value = this.settled;
+    this.input.value = this.sent ?? this.settled;
     this.show();
   }
 

@@ -10,7 +10,7 @@ import { showRefusal } from "./refusal.js";
 
 /** @typedef {import("./quantity.js").Field} Field */
 
-/** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, over: boolean, simulated: Promise<void>, missed: number, firstMissedS: number, replayed: boolean}} Running */
+/** @typedef {{deflection: number, durationS: number, experiment: number, from: number, start: number, model: Float32Array | null, overTick: number, over: boolean, simulated: Promise<void>, missed: number, firstMissedS: number, replayed: boolean}} Running */
 
 /** As a person would say it. @param {import("./quantity.js").Quantity} quantity */
 const named = ({ text, unit }) => (/[a-z°]\s*$/i.test(text) ? text.trim() : `${text.trim()} ${unit}`);
@@ -73,7 +73,7 @@ export class Release {
     const reply = await ask("release", { ...asked, force });
     for (const field of Object.values(this.fields)) field.settle(field.input.value);
     say("release-answer", `released from ${number(reply.achieved_deflection)} ticks, exact to one raw count`);
-    this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, over: false, simulated: Promise.resolve(), missed: 0, firstMissedS: NaN, replayed: false };
+    this.running = { deflection: reply.achieved_deflection, durationS: reply.duration_s, experiment: reply.experiment, from, start: -1, model: null, overTick: NaN, over: false, simulated: Promise.resolve(), missed: 0, firstMissedS: NaN, replayed: false };
     this.running.simulated = this.simulate(this.running);
   }
 
@@ -153,6 +153,10 @@ export class Release {
     }
     const { experiment } = status;
     if (running.over || !experiment || experiment.id !== running.experiment || experiment.state === "running") return;
+    // its last rows may come after this: over another connection
+    const { ticks, missed } = status.timing;
+    if (Number.isNaN(running.overTick)) running.overTick = ticks + missed;
+    if (store.head && store.tick[(store.head - 1) & store.mask] < running.overTick) return;
     running.over = true;
     const result = experiment.result ?? {};
     const words = /** @type {Record<string, string>} */ ({

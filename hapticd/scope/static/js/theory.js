@@ -16,6 +16,7 @@ export class Theory {
     this.plane = new Plane();
     this.dragging = false;
     this.asking = false;
+    this.asked = 0;
     this.ends = "";
     /** @type {any} */ this.due = undefined;
     fields.deflection.input.addEventListener("input", () => {
@@ -42,12 +43,15 @@ export class Theory {
   /** The live plane for the release that this page has in mind; the server's own is for another deflection. */
   async ask() {
     const { deflection } = this.fields;
+    const number = ++this.asked;
     try {
-      this.view.live.plane = await ask("preview", { settings: {}, deflection: deflection.said() });
+      const plane = await ask("preview", { settings: {}, deflection: deflection.said() });
+      if (number !== this.asked) return; // the answer to what was asked last is on its way
+      this.view.live.plane = plane;
       deflection.refuse("");
       this.show();
     } catch (error) {
-      refuseAt(error, this.fields);
+      if (number === this.asked) refuseAt(error, this.fields);
     }
   }
 

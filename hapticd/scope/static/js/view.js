@@ -54,10 +54,15 @@ export class View {
     return this.store.head ? this.store.timeAt(this.store.head - 1) : 0;
   }
 
+  /** Left edge: where it is held, drawn yet or not; else as it was drawn last. */
+  get left() {
+    return this.held ? this.from : this.trace.view[0] + this.trace.zero;
+  }
+
   /** The rows in view. */
   rows() {
-    const [left, right] = [this.trace.view[0] + this.trace.zero, this.trace.view[1] + this.trace.zero];
-    return { begin: this.store.rowAt(left), end: this.store.rowAt(right) };
+    const right = this.held ? this.from + this.windowS : this.trace.view[1] + this.trace.zero;
+    return { begin: this.store.rowAt(this.left), end: this.store.rowAt(right) };
   }
 
   /** Look at the present. */
