@@ -17,7 +17,8 @@ import pytest
 import yaml
 from playwright.sync_api import Browser, sync_playwright
 
-from hapticd.client import Client, DaemonUnreachable
+from hapticd.client import Client, DaemonUnreachable, RequestRefused
+from hapticd.control.endpoints import Endpoint, JsonDict
 from tests.installing import one_at_a_time
 from tests.polling import wait_until
 
@@ -70,6 +71,19 @@ def launched() -> Iterator[Browser]:
             browser.close()
 
 
+class PatientClient(Client):
+    """Asks again where a busy machine has come to a motion too late to begin it."""
+
+    def send(self, endpoint: Endpoint, fields: JsonDict) -> Any:
+        """As a person would."""
+        while True:
+            try:
+                return super().send(endpoint, fields)
+            except RequestRefused as refused:
+                if refused.code != "expired":
+                    raise
+
+
 class Testbed:
     """A daemon on the loopback and a scope in front of it, as processes, in a folder of their own.
 
@@ -82,7 +96,7 @@ class Testbed:
     def __init__(self, folder: Path, **config: Any) -> None:
         self.folder = folder
         self.socket = folder / "h.sock"
-        self.client = Client(self.socket)
+        self.client = PatientClient(self.socket)
         self.url = self.view_url = ""
         base: dict[str, Any] = {
             "record": {"directory": str(folder / "runs")},
