@@ -23,7 +23,7 @@ from hapticd.service.api import openapi_document
 INTRODUCTION = """# Command line
 
 Made from the program by `python -m docs.make_pages`; do not edit. Arguments, options and examples of a command are in
-`hapticd COMMAND --help`, in its manual page (`man hapticd-gap`), and below this table on the site that `make site` makes.
+`hapticd COMMAND --help`, in its manual page (`man hapticd-gap`), and below this list on the site that `make site` makes.
 
 Every command that reports takes `--json`: exactly one JSON document on stdout, everything else on stderr. An error is
 then a document too, `{"error": {"code": …, "message": …}}`, with the same exit code. Long work shows a progress bar on a
@@ -38,12 +38,11 @@ _Row = tuple[str, str]
 
 
 def command_line() -> str:
-    """The text of ``cli.md``: what all commands have in common, and each in a line."""
+    """The text of ``cli.md``: exit codes, and each command in a line."""
     found = _commands()
     listed = "\n".join(f"- `{path}`: {plain(command.help).splitlines()[0]}" for path, command in found[1:])
     parts = [
         INTRODUCTION,
-        f"## Common options\n\nA command names those of them that it takes.\n\n{_table(list(_common(found)))}\n",
         f"## Exit codes\n\n```\n{_exit_codes(found[0][1])}\n```\n",
         f"## Commands\n\n{listed}\n",
         f"{SECTIONS}\n",
@@ -52,10 +51,11 @@ def command_line() -> str:
 
 
 def command_sections() -> str:
-    """Every command with its usage, help, options and exit codes: what the site has below the table."""
+    """Every command with its usage, help, options and exit codes: what the site has below the list."""
     found = _commands()
     common = _common(found)
-    return "\n".join(_section(path, command, _rows(path, command), common) for path, command in found)
+    head = f"## Common options\n\nA command names those of them that it takes.\n\n{_table(list(common))}\n"
+    return "\n".join([head, *(_section(path, command, _rows(path, command), common) for path, command in found)])
 
 
 def _commands() -> list[tuple[str, Any]]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 import subprocess
@@ -17,6 +18,11 @@ from hapticd.config.keys import leaf_fields
 
 from .snippets import PAGES, ROOT
 
+SOUGHT = (
+    "aarch64, backlash, calibration, cogging, emergency stop, EtherCAT, jitter, latency, license, max velocity, PID, "
+    "PREEMPT RT, Raspberry Pi, ROS, torque ripple, tune, uninstall, upgrade"
+)
+"""What users type into the search."""
 PROGRAM = dict(commands(typer.main.get_command(build_app()), "hapticd"))
 
 
@@ -33,7 +39,7 @@ def source(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_site_builds_with_every_page_and_loads_nothing_from_elsewhere(tmp_path: Path) -> None:
+def test_site_has_every_page_loads_nothing_from_elsewhere_and_is_found_by_users_words(tmp_path: Path) -> None:
     done = build(ROOT, tmp_path)
     assert done.returncode == 0, done.stderr
     made = {page.relative_to(tmp_path).with_suffix("") for page in tmp_path.rglob("*.html")}
@@ -50,6 +56,12 @@ def test_site_builds_with_every_page_and_loads_nothing_from_elsewhere(tmp_path: 
     html = (tmp_path / "index.html").read_text(encoding="utf-8")
     loaded = re.findall(r'<(?:link|script|img|iframe)\b[^>]*(?:href|src)="(https?:)?//', html)
     assert loaded == []
+    index = json.loads((tmp_path / "search" / "search_index.json").read_text(encoding="utf-8"))
+    separator = index["config"]["separator"]
+    sections = [set(re.split(separator, f"{part['title']} {part['text']}".lower())) for part in index["docs"]]
+    assert [
+        words for words in SOUGHT.split(", ") if not any({*words.lower().split()} <= section for section in sections)
+    ] == []
 
 
 def test_broken_links_and_anchors_and_a_page_outside_the_navigation_are_errors(source: Path) -> None:
