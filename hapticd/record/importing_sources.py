@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from hapticd.config.nearest import nearest_name
 from hapticd.config.opening import open_regular
 from hapticd.config.text import decimal_comma
-from hapticd.record.csv_layout import last_line, look, squeezed
+from hapticd.record.csv_layout import cells, evened, is_comment, last_line, look
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import ImportMap, Reference
 from hapticd.record.matfile import read_mat
@@ -202,34 +202,42 @@ def _csv(path: Path, mapping: ImportMap) -> Source:
         raise RunFileError(f"{path}: csv.delimiter = {asked!r}: must be one character, or \\t for a tab")
     refuse_utf16(path)
     layout = look(path, asked, style.header, style.skip_lines)
-    spaced = layout.delimiter == " "
-    odd: list[Any] = []
+    odd: list[list[str]] = []
 
-    def set_aside(row: Any) -> str:
-        odd.append(row)
-        return "skip"
+    def read(source: Any, delimiter: str, skip: int = 0) -> Any:
+        odd.clear()
 
-    try:
-        table = pacsv.read_csv(
-            squeezed(path) if spaced else path,
-            read_options=pacsv.ReadOptions(skip_rows=layout.skip, autogenerate_column_names=True),
-            parse_options=pacsv.ParseOptions(
-                delimiter="\t" if spaced else layout.delimiter,
-                invalid_row_handler=set_aside,
+        def set_aside(row: Any) -> str:
+            odd.append(cells(row.text, delimiter))
+            return "skip"
+
+        return pacsv.read_csv(
+            source,
+            read_options=pacsv.ReadOptions(
+                skip_rows=skip,
+                column_names=[str(number) for number in range(layout.width)] or None,
+                autogenerate_column_names=not layout.width,
             ),
+            parse_options=pacsv.ParseOptions(delimiter=delimiter, invalid_row_handler=set_aside),
             convert_options=pacsv.ConvertOptions(decimal_point=style.decimal),
         )
+
+    try:
+        if layout.delimiter == " ":
+            table = read(evened(path, layout), "\t")
+        else:
+            table = read(path, layout.delimiter, layout.skip)
+        if odd and layout.width and all(is_comment(values[layout.width :]) for values in odd):
+            table = read(evened(path, layout, layout.width), "\t")
     except pa.ArrowException as error:
         why = str(error).splitlines()[0]
         if layout.names and "Empty CSV" in why:
             return Source(path, layout.names, [np.empty(0)] * len(layout.names))
         raise RunFileError(f"{path} is not a readable CSV file: {why}") from None
-    if odd and not (
-        len(odd) == 1 and odd[0].text == last_line(path, spaced) and odd[0].actual_columns < table.num_columns
-    ):
+    if odd and not (len(odd[0]) < table.num_columns and odd == [cells(last_line(path), layout.delimiter)]):
         raise RunFileError(
             f"{path} is not a readable CSV file: CSV parse error: Expected {table.num_columns} columns, got "
-            f"{odd[0].actual_columns}: {odd[0].text} (csv.delimiter is {layout.delimiter!r}, csv.skip_lines "
+            f"{len(odd[0])}: {layout.delimiter.join(odd[0])} (csv.delimiter is {layout.delimiter!r}, csv.skip_lines "
             f"{style.skip_lines})"
         )
     if layout.names and len(layout.names) != table.num_columns:

@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.io import savemat
 
+from hapticd.record import RunFileError
 from tests.record.test_foreign_layouts import MAP, I, N, Q, T, bring, check
 
 Layout = tuple[Callable[[Path], None], dict[str, Any]]
@@ -22,7 +23,7 @@ Layout = tuple[Callable[[Path], None], dict[str, Any]]
 def text(
     lead: str, row: Callable[[int], str], tail: str = "", end: str = "\n", code: str = "utf-8"
 ) -> Callable[[Path], None]:
-    lines = [*(lead.splitlines()), *(row(k) for k in range(N))]
+    lines = [*lead.split("\n"), *(row(k) for k in range(N))] if lead else [row(k) for k in range(N)]
     return lambda path: path.write_bytes((end.join(lines) + end + tail).encode(code)) and None
 
 
@@ -71,6 +72,72 @@ TEXTS: dict[str, tuple[str, Layout]] = {
     "LabVIEW": (
         "test.lvm",
         (text(LABVIEW, lambda k: f"{T[k]:.6f}\t{Q[k]}\t{I[k]:.6f}", end="\r\n"), {"time": {"column": "X_Value"}}),
+    ),
+    "LabVIEW, with a comment at the first sample": (
+        "test.lvm",
+        (
+            text(LABVIEW, lambda k: f"{T[k]:.6f}\t{Q[k]}\t{I[k]:.6f}" + "\tstart" * (k == 0)),
+            {"time": {"column": "X_Value"}},
+        ),
+    ),
+    "LabVIEW SignalExpress": (
+        "waves.txt",
+        (
+            text(
+                "waveform\t[0]\t[1]\nt0\t29/03/2026 01:59:58\t29/03/2026 01:59:58\ndelta t\t0.001\t0.001\n\nt\tq\ti",
+                lambda k: f"{T[k]:.3f}\t{Q[k]}\t{I[k]:.6f}",
+            ),
+            {},
+        ),
+    ),
+    "dSPACE, with a title as wide as the table": (
+        "rec.csv",
+        (text("Created by ControlDesk;;\nversion;1;\nt;q;i\ns;counts;A", lambda k: f"{T[k]};{Q[k]};{I[k]}"), {}),
+    ),
+    "an oscilloscope's facts beside the samples": (
+        "tek0000.csv",
+        (
+            text(
+                "",
+                lambda k: (
+                    (("Record Length,5e+01,", "Sample Interval,1e-03,", "Trigger,,")[k] if k < 3 else ",,")
+                    + f",{T[k]:.6f},{Q[k]},{I[k]},"
+                ),
+            ),
+            {"time": {"column": 3}, "position": {"column": 4, "unit": "count"}, "current": {"column": 5}},
+        ),
+    ),
+    "an oscilloscope with wider first rows": (
+        "newfile1.csv",
+        (
+            text(
+                "X,CH1,CH2,Start,Increment,\nSequence,Volt,Volt,0.000000e+00,1.000000e-03",
+                lambda k: f"{k},{Q[k]},{I[k]},,",
+            ),
+            {**NUMBERED, "time": {"column": 0, "unit": "ms"}},
+        ),
+    ),
+    "an oscilloscope whose first line is as wide as the table": (
+        "c1.csv",
+        (
+            text(
+                "LECROYWR,12345,Waveform\nSegments,1,SegmentSize,50\nSegment,TrigTime,TimeSinceSegment1\n"
+                "#1,29-Mar-2026 01:59:58,0\nt,q,i",
+                lambda k: f"{T[k]},{Q[k]},{I[k]}",
+            ),
+            {},
+        ),
+    ),
+    "units in brackets above an empty line": (
+        "pico.csv",
+        (
+            text("t,q,i\n(ms),(counts),(A)\n", lambda k: f"{1000 * T[k]:.6f},{Q[k]},{I[k]}"),
+            {"time": {"column": "t", "unit": "ms"}},
+        ),
+    ),
+    "words beside numbers without names": (
+        "log.csv",
+        (text("", lambda k: f"{T[k]},{Q[k]},{I[k]},moves"), NUMBERED),
     ),
     "MATLAB's writetimetable": (
         "tt.csv",
@@ -331,6 +398,12 @@ def test_a_mat_file_of_a_program(tmp_path: Path, name: str) -> None:
     columns["current_command_A"] = np.round(columns["current_command_A"].astype(float), 6)
     check(columns)
     assert warnings == ()
+
+
+def test_a_value_beyond_the_last_column_is_refused(tmp_path: Path) -> None:
+    text("t,q,i", lambda k: f"{T[k]},{Q[k]},{I[k]}" + ",7" * (k == 30))(tmp_path / "log.csv")
+    with pytest.raises(RunFileError, match=r"Expected 3 columns, got 4: 0.03,565,"):
+        bring(tmp_path / "log.csv")
 
 
 def test_the_maps_default_is_what_most_of_them_take() -> None:
