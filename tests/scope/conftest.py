@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
+import yaml
 from playwright.sync_api import Browser, ConsoleMessage, Page, expect
 
 from hapticd.cli.main import main
@@ -158,4 +159,23 @@ def run_file(tmp_path: Path) -> Path:
     path = tmp_path / "sim.arrow"
     settings = ["--set", "servo.rate_hz=2000", "--set", "encoder.decimation=217"]
     assert main(["simulate", "--duration", "0.5", "--deflection", "12", *settings, "-o", str(path)]) == 0
+    return path
+
+
+@pytest.fixture
+def linear_file(tmp_path: Path) -> Path:
+    """A run of a linear device, simulated."""
+    config = tmp_path / "slide.yaml"
+    config.write_text(
+        yaml.safe_dump(
+            {
+                "encoder": {"counts_per_metre": 1e5},
+                "spring": {"stiffness": 300.0},
+                "plant": {"inertia": 0.1, "viscous": 1.0, "coulomb": 0.5},
+                "amplifier": {"torque_constant": 2.0},
+            }
+        )
+    )
+    path = tmp_path / "slide.arrow"
+    assert main(["simulate", str(config), "--duration", "0.4", "--deflection", "50", "-o", str(path)]) == 0
     return path

@@ -136,6 +136,14 @@ def test_there_is_one_lane_and_it_is_large_enough(phone: Page) -> None:
     expect(phone.locator("#lane-position")).not_to_be_checked()
 
 
+def test_a_fault_page_begins_at_its_beginning(phone: Page, testbed: Testbed) -> None:
+    testbed.client.estop()
+    phone.click("#fault-page")
+    page = phone.locator("#page")
+    expect(page).to_be_visible()
+    assert page.evaluate("page => [page.scrollHeight > page.clientHeight, page.scrollTop]") == [True, 0]
+
+
 def test_the_header_leaves_room(phone: Page) -> None:
     box = phone.locator("header").bounding_box()
     assert box is not None

@@ -13,7 +13,7 @@ import pandas as pd
 import pytest
 from playwright.sync_api import Page, expect
 
-from hapticd.cli.main import main
+from hapticd.record import read_run
 from tests.polling import wait_until
 
 from .browser import Testbed
@@ -96,7 +96,7 @@ def test_nothing_covers_the_head_of_a_lane(page: Page) -> None:
     assert all(found)
 
 
-def test_places_in_the_unit_that_is_chosen(page: Page, run_file: Path, tmp_path: Path) -> None:
+def test_places_in_the_unit_that_is_chosen(page: Page, run_file: Path, linear_file: Path, tmp_path: Path) -> None:
     open_file(page, run_file)
     ticks = head_value(page)
     assert ticks != 0
@@ -107,12 +107,13 @@ def test_places_in_the_unit_that_is_chosen(page: Page, run_file: Path, tmp_path:
         assert head_value(page) == pytest.approx(ticks * factor, rel=2e-3)
     page.select_option("#place-unit", "deg")
     assert "Position (deg)" in words(save(page, "svg", tmp_path / "deg.svg"))
-    linear = tmp_path / "linear.arrow"
-    settings = ["--set", "encoder.counts_per_rev=null", "--set", "encoder.counts_per_metre=100000"]
-    assert main(["simulate", "--duration", "0.2", "--deflection", "12", *settings, "-o", str(linear)]) in (0, 2)
-    if linear.exists():
-        open_file(page, linear)
-        assert page.locator("#place-unit option").all_inner_texts() == ["ticks", "m", "mm"]
+    open_file(page, linear_file)
+    assert page.locator("#place-unit option").all_inner_texts() == ["ticks", "m", "mm"]
+    page.select_option("#place-unit", "mm")
+    drawn(page)
+    run = read_run(linear_file)
+    assert head_value(page) == pytest.approx(run.columns["encoder_counts"][-1] / 100, rel=2e-3)  # 1e5 counts in a metre
+    assert "Position (mm)" in words(save(page, "svg", tmp_path / "mm.svg"))
 
 
 def y_range(page: Page) -> tuple[float, float]:

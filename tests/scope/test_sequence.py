@@ -29,6 +29,7 @@ def test_a_sequence_is_played_to_its_end(page: Page, testbed: Testbed) -> None:
     expect(page.locator("#sequence-runs li")).to_have_text(
         ["683 ticks, spring.stiffness = 0.01, decaying", "500 ticks, spring.stiffness = 0.02, decaying"]
     )
+    expect(page.locator("#sequence-answer")).not_to_have_class("refusal")
     assert testbed.client.config()["spring"]["stiffness"] == 0.012
     assert testbed.state() == "off"
 

@@ -9,10 +9,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from playwright.sync_api import Page, expect
 
-from hapticd.cli.main import main
 from hapticd.record import Run, read_run
 from hapticd.record.schema import FLAG_MISSED_PERIOD
 from tests.polling import wait_until
@@ -45,24 +43,6 @@ def lost_ticks(run: Run) -> int:
     skipped = np.diff(run.columns["tick"]) - 1
     missed = (run.columns["flags"][1:] & FLAG_MISSED_PERIOD) != 0
     return int(skipped[~missed].sum())
-
-
-@pytest.fixture
-def linear_file(tmp_path: Path) -> Path:
-    config = tmp_path / "slide.yaml"
-    config.write_text(
-        yaml.safe_dump(
-            {
-                "encoder": {"counts_per_metre": 1e5},
-                "spring": {"stiffness": 300.0},
-                "plant": {"inertia": 0.1, "viscous": 1.0, "coulomb": 0.5},
-                "amplifier": {"torque_constant": 2.0},
-            }
-        )
-    )
-    path = tmp_path / "slide.arrow"
-    assert main(["simulate", str(config), "--duration", "0.4", "--deflection", "50", "-o", str(path)]) == 0
-    return path
 
 
 def held(page: Page, run_file: Path) -> None:

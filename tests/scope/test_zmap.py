@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 from playwright.sync_api import Page, expect
 
 from hapticd.config import load_config
@@ -39,6 +41,10 @@ def test_it_is_of_the_device_and_not_of_its_spring() -> None:
 
 def test_both_are_dragged_at_once(page: Page, testbed: Testbed) -> None:
     box = opened(page)
+    labels = [each.bounding_box() for each in page.locator("#zmap text[text-anchor=middle]:not(.axis)").all()]
+    edges = sorted((each["x"], each["x"] + each["width"]) for each in labels if each)
+    assert len(edges) >= 2
+    assert all(right < left for (_, right), (left, _) in itertools.pairwise(edges))
     expect(page.locator("#zmap-words")).to_have_text("K = 0.012 N m/rad, B = 0 N m s/rad: calm in the worst of hands")
     drag(page, box, 0.35, 0.75)
     expect(page.locator("#zmap-ghost")).to_be_attached()
@@ -53,6 +59,7 @@ def test_both_are_dragged_at_once(page: Page, testbed: Testbed) -> None:
     expect(page.locator("#zmap-ghost")).to_have_count(0)
     page.click("#to-zmap")
     expect(page.locator("#plane")).to_be_visible()
+    expect(page.locator("#zmap-words")).to_have_text("")  # it is told while it is looked at, and no longer
 
 
 def test_a_stop_takes_it_out_of_the_hand(page: Page, testbed: Testbed) -> None:

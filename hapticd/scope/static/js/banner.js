@@ -18,7 +18,7 @@ function show(code, text) {
   say("page-title", code);
   const body = text.replace(/^# .*\n/, "") || "There is no page about this fault.";
   byId("page-text").replaceChildren(...markdown(body, (other) => faultPage(other).then((found) => show(other, found))));
-  byId("page-text").scrollTop = 0;
+  byId("page").scrollTop = 0;
 }
 
 /** @param {{code: string, cause: string} | null} fault @param {string | null} why @param {boolean} known whether a daemon answers */

@@ -9,6 +9,7 @@ export function openPanel(id) {
   const panel = byId(id, HTMLDialogElement);
   if (!panel.open) panel.show();
   /** @type {HTMLElement | null} */ (panel.querySelector("button.close"))?.focus();
+  panel.scrollTop = 0; // its button is at its end
 }
 
 /** @param {string} id */

@@ -151,7 +151,7 @@ export class Plane {
   /** @param {SVGElement} root */
   axes(root) {
     const label = (/** @type {number} */ exponent) => (exponent === 0 ? "1" : exponent === 1 ? "10" : exponent === -1 ? "0.1" : exponent === -2 ? "0.01" : exponent === 2 ? "100" : "1000");
-    for (let e = DECADES.beta[0]; e <= DECADES.beta[1]; e++) root.append(svg("text", { class: "tick", x: this.x(10 ** e), y: HEIGHT - BOTTOM + 13, "text-anchor": "middle" }, label(e)));
+    for (let e = DECADES.beta[0]; e <= DECADES.beta[1]; e++) root.append(svg("text", { class: "tick", x: this.x(10 ** e), y: HEIGHT - BOTTOM + 16, "text-anchor": "middle" }, label(e)));
     for (let e = DECADES.sigma[0]; e <= DECADES.sigma[1]; e++) root.append(svg("text", { class: "tick", x: LEFT - 4, y: this.y(10 ** e) + 4, "text-anchor": "end" }, label(e)));
     root.append(svg("text", { class: "axis", x: (LEFT + WIDTH) / 2, y: HEIGHT - 4, "text-anchor": "middle" }, "β  viscous friction"));
     root.append(svg("text", { class: "axis", "text-anchor": "middle", transform: `translate(11 ${(HEIGHT - BOTTOM) / 2}) rotate(-90)` }, "σ  Coulomb friction"));

@@ -12,6 +12,8 @@ const [WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM] = [380, 224, 52, 8, 8, 32];
 const ROOT = 1 / 3;
 const DIGITS = 3;
 const DECADES = 4;
+/** Room of a number on the axis. */
+const LABEL = 34;
 
 export class ZMap {
   /**
@@ -47,6 +49,8 @@ export class ZMap {
     this.place.hidden = !open;
     byId("plane").hidden = open;
     byId("to-zmap").setAttribute("aria-pressed", String(open));
+    byId("zmap-key").hidden = !open;
+    if (!open) say("zmap-words", "");
     this.show();
   }
 
@@ -174,7 +178,14 @@ export class ZMap {
     const decades = (/** @type {number} */ most) => Array.from({ length: DECADES }, (_, i) => 10 ** (Math.floor(Math.log10(most)) - i));
     if (this.found) {
       for (const K of decades(this.most.K)) root.append(svg("text", { class: "tick", x: LEFT - 4, y: this.y(K) + 4, "text-anchor": "end" }, number(K)));
-      for (const B of decades(this.most.B)) root.append(svg("text", { class: "tick", x: this.x(B), y: HEIGHT - BOTTOM + 13, "text-anchor": "middle" }, number(B)));
+      // the largest first; those near zero would lie over each other
+      let left = Infinity;
+      for (const B of decades(this.most.B)) {
+        const x = this.x(B);
+        if (left - x < LABEL) break;
+        left = x;
+        root.append(svg("text", { class: "tick", x, y: HEIGHT - BOTTOM + 13, "text-anchor": "middle" }, number(B)));
+      }
     }
     root.append(svg("text", { class: "axis", x: (LEFT + WIDTH) / 2, y: HEIGHT - 4, "text-anchor": "middle" }, `B  virtual damping, ${unitB}`));
     root.append(svg("text", { class: "axis", "text-anchor": "middle", transform: `translate(11 ${(HEIGHT - BOTTOM) / 2}) rotate(-90)` }, `K  stiffness, ${unitK}`));
