@@ -1,6 +1,6 @@
 """The reference page of the configuration, generated from the schema.
 
-``python -m docs.make_pages`` writes what the source has of it: rules and sections. The site's build adds the keys.
+``python -m docs.make_pages`` writes what the source has of it: the rules. The site's build adds sections and keys.
 """
 
 from __future__ import annotations
@@ -32,12 +32,12 @@ and a value out of its limits are errors, and all of them are reported at once:
     lab.yaml: servo.rate_hz = 0: must be at least 1 Hz
     lab.yaml: spring.stifness: unknown key; did you mean spring.stiffness?
 
-`version: 1` may stand in the file, and does where hapticd writes one: a hapticd that reads older keys only refuses a newer
-version and says so. A run file's format has a version of its own, which is kept in the same way.
+`version: 1` may be in the file, and is where hapticd writes it: an older hapticd refuses a newer version. Run files have a
+version of their own.
 
 `hapticd config show [CONFIG]` prints a configuration with every default filled in; `hapticd config schema` prints the
-JSON Schema: every key with its meaning, unit, limits and default, for people and for editors. The same stands below on the
-site that `make site` makes.
+JSON Schema: every key with its meaning, unit, limits and default, for editors too. On the site that `make site` makes, all
+sections and keys are below.
 """
 
 SECTIONS = "<!-- On the site the keys follow here, a table for each section: docs/site_hooks.py. -->"
@@ -62,9 +62,7 @@ def reference_page() -> str:
     """The text of ``docs/reference/config.md``."""
     names = ", ".join(f"`{name}`" for name in preset_names())
     presets = f"Presets, taken by every command in place of a file: {names}.\n"
-    listed = "\n".join(f"- `{key}`: {_meaning(model)}" for key, model in section_models().items())
-    sections = f"## Sections\n\n{listed}\n"
-    return "\n".join([_HEAD, presets, sections, _CHECKS, f"{SECTIONS}\n"])
+    return "\n".join([_HEAD, presets, _CHECKS, f"{SECTIONS}\n"])
 
 
 def key_sections() -> str:
