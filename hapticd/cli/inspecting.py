@@ -12,7 +12,6 @@ from hapticd.cli.command import command
 from hapticd.cli.exits import UsageError
 from hapticd.cli.options import RunsArgument
 from hapticd.cli.output import number
-from hapticd.config.text import jitter
 
 if TYPE_CHECKING:
     from hapticd.record.inspection import Inspection
@@ -52,6 +51,8 @@ def first_look(paths: Iterable[Path]) -> None:
 
 
 def _text(found: Inspection) -> str:
+    from hapticd.config.text import jitter
+
     stamps, position, excitation = found.stamps, found.position, found.excitation
     grid = f", on a grid of {number(1e3 * stamps['grid_s'])} ms" if stamps["grid_s"] else ""
     band = excitation["command_band_hz"]
