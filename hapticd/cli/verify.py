@@ -12,7 +12,7 @@ from hapticd.cli import exits, output
 from hapticd.cli.command import command
 
 if TYPE_CHECKING:
-    from hapticd.record import Verdict
+    from hapticd.record.stream import Stream
 
 RunArgument = Annotated[Path, typer.Argument(metavar="RUN", show_default=False, help="Run file (.arrow).")]
 
@@ -30,18 +30,17 @@ def verify(run: RunArgument) -> int:
         "run": run,
         "version": verdict.version,
         "checked": verdict.checked,
-        "intact": verdict.intact,
+        "intact": not verdict.damage_text,
         "rows": verdict.rows,
-        "truncated": verdict.truncated,
+        "truncated": not verdict.whole,
         "damage": [asdict(part) for part in verdict.damage],
         "metadata_damaged": verdict.metadata_damaged,
     }
-    output.emit(document, _text(verdict))
-    return exits.DONE if verdict.intact else exits.NO
+    output.emit(document, _text(output.name(run), verdict))
+    return exits.NO if verdict.damage_text else exits.DONE
 
 
-def _text(verdict: Verdict) -> str:
-    name = output.name(verdict.path)
+def _text(name: str, verdict: Stream) -> str:
     lines = [f"{name} is damaged: {text}" for text in verdict.damage_text]
     if lines:
         lines.append(f"{verdict.rows} rows are left: 'hapticd export {name} --to parquet --salvage' keeps them")
@@ -50,6 +49,6 @@ def _text(verdict: Verdict) -> str:
     else:
         without = f"a file of version {verdict.version} has no checksums"
         lines.append(f"{name}: {verdict.rows} rows can be read; {without}")
-    if verdict.truncated:
+    if not verdict.whole:
         lines.append("the recording was not ended properly; its rows end with the last whole batch")
     return "\n".join(lines)

@@ -6,11 +6,10 @@ from hapticd.record.importing import Imported, import_run
 from hapticd.record.importing_map import ImportMap, load_map, parse_map
 from hapticd.record.importing_mcap import import_mcap
 from hapticd.record.metadata import host_facts, run_metadata, versions
-from hapticd.record.reader import read_run
+from hapticd.record.reader import read_run, verify
 from hapticd.record.recorder import Recorder
 from hapticd.record.run import Run
 from hapticd.record.schema import FLAG_MISSED_EXCHANGE, ROW
-from hapticd.record.verify import Verdict, verify
 from hapticd.record.writer import RunWriter
 
 __all__ = [
@@ -23,7 +22,6 @@ __all__ = [
     "Run",
     "RunFileError",
     "RunWriter",
-    "Verdict",
     "export",
     "host_facts",
     "import_mcap",

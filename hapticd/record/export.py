@@ -19,7 +19,7 @@ import numpy as np
 from hapticd.figures.files import refuse_existing
 from hapticd.record.errors import RunFileError
 from hapticd.record.files import written
-from hapticd.record.mcap import write_mcap
+from hapticd.record.mcap import distinct, write_mcap
 from hapticd.record.metadata import encode_metadata, to_plain
 from hapticd.record.reader import CSV_METADATA_COLUMN
 from hapticd.record.run import Run
@@ -110,16 +110,12 @@ def _write_mcap(run: Run, file: BinaryIO) -> None:
 
 def _legal_names(names: list[str]) -> dict[str, str]:
     """MATLAB names (a letter, then letters, digits, ``_``; at most 63) for the given ones, all different."""
-    legal: dict[str, str] = {}
-    for name in sorted(names, key=lambda name: name != "hapticd"):
+
+    def spelled(name: str) -> str:
         base = re.sub(r"\W", "_", name, flags=re.ASCII)
-        base = (base if re.match(r"[A-Za-z]", base) else f"x{base}")[:_MATLAB_NAME_LENGTH]
-        choice, number = base, 2
-        while choice in legal.values():
-            ending = f"_{number}"
-            choice, number = base[: _MATLAB_NAME_LENGTH - len(ending)] + ending, number + 1
-        legal[name] = choice
-    return legal
+        return base if re.match(r"[A-Za-z]", base) else f"x{base}"
+
+    return distinct(sorted(names, key=lambda name: name != "hapticd"), spelled, _MATLAB_NAME_LENGTH)
 
 
 def _matlab(value: Any) -> Any:

@@ -20,7 +20,7 @@ from hapticd.figures.files import refuse_existing
 from hapticd.record.errors import RunFileError
 from hapticd.record.files import written
 from hapticd.record.importing_map import COUNT, ImportMap, Signal
-from hapticd.record.importing_sources import Source, read_source
+from hapticd.record.importing_sources import Source, read_source, refuse_missing
 from hapticd.record.metadata import run_metadata
 from hapticd.record.run import median_period, time_warnings
 from hapticd.record.schema import FLAG_RUNNING, Rows, empty_rows
@@ -244,7 +244,7 @@ def _time(source: Source, mapping: ImportMap, samples: int) -> tuple[FloatArray,
     if mapping.time.column is None:
         assert mapping.time.rate_hz is not None  # the map was checked
         time_s = np.arange(samples) / mapping.time.rate_hz
-        _check_finite(source.path, f"time.rate_hz = {mapping.time.rate_hz:g}", time_s)
+        refuse_missing(f"{source.path}: time.rate_hz = {mapping.time.rate_hz:g}", time_s)
         return time_s, 0.0, []
     return read_stamps(source, mapping.time, mapping.time.column)
 
@@ -284,13 +284,8 @@ def _values(source: Source, signal: Signal, key: str) -> FloatArray:
 
 def _finite(source: Source, signal: Signal, key: str) -> FloatArray:
     values = _values(source, signal, key)
-    _check_finite(source.path, key, values)
+    refuse_missing(f"{source.path}: {key}", values)
     return values
-
-
-def _check_finite(path: Path, key: str, values: FloatArray) -> None:
-    if (bad := np.flatnonzero(~np.isfinite(values))).size:
-        raise RunFileError(f"{path}: {key}: {bad.size} value(s) are missing or not finite, first in row {bad[0]}")
 
 
 def _metadata(

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, StrictBool, StrictInt, StrictStr, ValidationError
+from pydantic_core import ErrorDetails, PydanticCustomError
 
 from hapticd.config.explain import key_path
 from hapticd.config.fields import Number, quantity
@@ -24,9 +25,16 @@ from hapticd.config.units import (
     spelled,
 )
 
-Reference = StrictStr | StrictInt
-
 COUNT = "count"
+
+
+def _reference(column: object) -> object:
+    if isinstance(column, bool) or not isinstance(column, str | int):
+        raise PydanticCustomError("no_column", "must be a column's name or its number from 0")
+    return column
+
+
+Reference = Annotated[str | int, BeforeValidator(_reference)]
 
 
 def _spelled(unit: object) -> object:
@@ -169,8 +177,7 @@ def parse_map(data: object, source: str) -> ImportMap:
     try:
         parsed = ImportMap.model_validate(data)
     except ValidationError as error:
-        details = error.errors(include_url=False)
-        raise ConfigError([_problem(dict(item), source) for item in _one_a_key(details)]) from None
+        raise ConfigError([_problem(item, source) for item in error.errors(include_url=False)]) from None
     problems = list(_contradictions(parsed, source))
     if problems:
         raise ConfigError(problems)
@@ -192,17 +199,7 @@ def _keys(part: type[BaseModel], prefix: str) -> Iterable[str]:
             yield from _keys(inner, f"{prefix}{name}.")
 
 
-def _one_a_key(details: Iterable[Any]) -> Iterable[Any]:
-    """A union of types reports one error a member; the first is enough."""
-    seen = set()
-    for item in details:
-        key = tuple(part for part in item["loc"] if part not in ("str", "int"))
-        if key not in seen:
-            seen.add(key)
-            yield {**item, "loc": key}
-
-
-def _problem(details: Mapping[str, Any], source: str) -> Problem:
+def _problem(details: ErrorDetails, source: str) -> Problem:
     key, kind = key_path(details["loc"]), details["type"]
     context = details.get("ctx", {})
     if kind == "missing":
@@ -221,8 +218,6 @@ def _problem(details: Mapping[str, Any], source: str) -> Problem:
         return Problem(source, key, value, f"must be {text} {context[bound]:g}", context[bound])
     if kind == "literal_error":
         return Problem(source, key, value, f"must be {context['expected']}")
-    if kind in ("string_type", "int_type") and details["loc"][-1] == "column":
-        return Problem(source, key, value, "must be a column's name or its number from 0")
     text = str(details["msg"])
     return Problem(source, key, value, text[:1].lower() + text[1:])
 

@@ -10,7 +10,6 @@ from hapticd.record.errors import RunFileError
 from hapticd.record.files import written
 from hapticd.record.importing import Imported, imported
 from hapticd.record.reader import read_run
-from hapticd.record.run import Run
 from hapticd.record.schema import ROW, empty_rows
 from hapticd.record.writer import RunWriter
 
@@ -33,24 +32,14 @@ def import_mcap(source: str | Path, out: str | Path, *, force: bool = False) -> 
         raise RunFileError(f"{source} has no column {', '.join(missing)}: it was not exported from a native run")
     if run.rows < 2:
         raise RunFileError(f"{source} has {run.rows} sample(s); a run needs at least 2")
-    with written(target) as part:
-        _write(run, part)
-    stored = run.metadata.get("config")
-    resolution = parse_config(stored, f"config of {run.path.name}").raw_resolution if stored else float("nan")
-    return imported(target, run.columns, resolution, is_linear=bool(run.metadata.get("linear")), is_force=False)
-
-
-def _write(run: Run, path: Path) -> None:
     rows = empty_rows(run.rows)
     for name in ROW.names or ():
         rows[name] = run.columns[name]
-    with RunWriter(path, run.metadata) as writer:
-        written = 0
+    with written(target) as part, RunWriter(part, run.metadata) as writer:
         for event in run.events:
-            row = event.get("row")
-            until = min(max(row, written), rows.size) if isinstance(row, int) else written
-            writer.write(rows[written:until])
-            written = until
-            writer.annotate({key: value for key, value in event.items() if key != "row"})
-        writer.write(rows[written:])
+            writer.annotate(event)
+        writer.write(rows)
         writer.close(complete=not run.truncated)
+    stored = run.metadata.get("config")
+    resolution = parse_config(stored, f"config of {run.path.name}").raw_resolution if stored else float("nan")
+    return imported(target, run.columns, resolution, is_linear=bool(run.metadata.get("linear")), is_force=False)

@@ -139,6 +139,17 @@ class Source:
         return delimiter_hint(self.names) or hint
 
 
+def refuse_missing(where: str, values: NDArray[Any]) -> None:
+    """Refuse values of which some are none.
+
+    Raises:
+        RunFileError: with the row of the first.
+    """
+    missing = np.isnat(values) if values.dtype.kind in "mM" else ~np.isfinite(values)
+    if (bad := np.flatnonzero(missing)).size:
+        raise RunFileError(f"{where}: {bad.size} value(s) are missing or not finite, first in row {bad[0]}")
+
+
 def _index(matlab: str | None, numpy: str | None) -> int | None:
     return int(matlab) - 1 if matlab is not None else int(numpy) if numpy is not None else None
 

@@ -5,6 +5,7 @@ A run file tells its rows only batch by batch, so counting them reads every batc
 
 from __future__ import annotations
 
+import bisect
 import re
 import struct
 from collections.abc import Iterable, Sequence
@@ -145,25 +146,32 @@ def _described(source: Any) -> dict[str, Any]:
     reader, view = pa.BufferReader(data), memoryview(data).cast("B")
     stream = pa.ipc.open_stream(reader)
     metadata = decode_metadata(stream.schema.metadata)
-    rows, first, last, whole = 0, None, None, False
-    waiting: list[dict[str, Any]] = []
+    rows, whole = 0, False
+    begins: list[int] = []
+    stamps: list[Any] = []
     notes: list[dict[str, Any]] = []
     try:
         while True:
             refuse_compressed(view, reader.tell())
             batch, said = stream.read_next_batch_with_custom_metadata()
-            waiting += [event for event in events_of(dict(said or {})) if event.get("event") in _NOTED]
+            notes += [event for event in events_of(dict(said or {})) if event.get("event") in _NOTED]
             if batch.num_rows:
-                time_s = batch.column("time_s")
-                first = time_s[0].as_py() if first is None else first
-                notes += _placed(waiting, rows, time_s, first)
+                stamps.append(batch.column("time_s"))
+                begins.append(rows)
                 rows += batch.num_rows
-                last = time_s[-1].as_py()
     except StopIteration:
         whole = view[-len(END_OF_STREAM) :] == END_OF_STREAM
     except (pa.ArrowException, OSError, KeyError, ValueError, struct.error):
         pass  # cut short, or being written: what came before counts
-    notes += [{**event, "after_s": _duration(first, last)} for event in waiting]
+
+    def after_s(row: Any) -> float | None:
+        """From the first row to another, or the last."""
+        if not begins:
+            return None
+        row = min(max(row, 0), rows - 1) if isinstance(row, int) else 0
+        at = bisect.bisect_right(begins, row) - 1
+        return _duration(stamps[0][0].as_py(), stamps[at][row - begins[at]].as_py())
+
     sequence = metadata.get("sequence")
     named = (metadata.get("config") or {}).get("record")
     named = named if isinstance(named, dict) else {}
@@ -171,27 +179,13 @@ def _described(source: Any) -> dict[str, Any]:
         "kind": _text(metadata.get("kind") or metadata.get("source")),
         "label": _text(metadata.get("label")),
         "rows": rows,
-        "duration_s": _duration(first, last),
+        "duration_s": after_s(rows),
         "whole": whole,
         "subject": _text(named.get("subject")),
         "condition": _text(named.get("condition")),
         "sequence": _text(sequence.get("name")) if isinstance(sequence, dict) else None,
-        "notes": tuple(notes),
+        "notes": tuple({**event, "after_s": after_s(event.get("row"))} for event in notes),
     }
-
-
-def _placed(waiting: list[dict[str, Any]], rows: int, time_s: Any, first: Any) -> list[dict[str, Any]]:
-    """Take those before a row of this batch out of the list, each with the time of that row since the first one."""
-    placed, later = [], []
-    for event in waiting:
-        row = event.get("row")
-        at = row - rows if isinstance(row, int) else 0
-        if at >= len(time_s):
-            later.append(event)
-        else:
-            placed.append({**event, "after_s": _duration(first, time_s[max(at, 0)].as_py())})
-    waiting[:] = later
-    return placed
 
 
 def _duration(first: Any, last: Any) -> float | None:

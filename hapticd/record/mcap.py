@@ -11,7 +11,7 @@ from __future__ import annotations
 import io
 import re
 import struct
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import datetime
 from pathlib import Path
 from typing import Any, BinaryIO, Final
@@ -38,15 +38,24 @@ _DESCRIPTIONS: Final = {column.name: column.description for column in COLUMNS}
 
 def field_names(columns: Mapping[str, Any]) -> dict[str, str]:
     """ROS field names (lower case, a letter first, single ``_``), all different, for the run's columns."""
-    fields: dict[str, str] = {}
-    for column in columns:
+
+    def spelled(column: str) -> str:
         name = re.sub(r"_+", "_", re.sub(r"[^a-z0-9]", "_", column.lower())).strip("_")
-        base = name if re.match(r"[a-z]", name) else f"x{name}"
-        choice, number = base, 2
-        while choice in fields.values():
-            choice, number = f"{base}_{number}", number + 1
-        fields[column] = choice
-    return fields
+        return name if re.match(r"[a-z]", name) else f"x{name}"
+
+    return distinct(columns, spelled)
+
+
+def distinct(names: Iterable[str], spelled: Callable[[str], str], longest: int = 255) -> dict[str, str]:
+    """Names as another format spells them, all different, no longer than it takes."""
+    found: dict[str, str] = {}
+    for name in names:
+        base = choice = spelled(name)[:longest]
+        number = 2
+        while choice in found.values():
+            choice, number = base[: longest - len(ending := f"_{number}")] + ending, number + 1
+        found[name] = choice
+    return found
 
 
 def definition(columns: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> str:

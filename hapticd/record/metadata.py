@@ -74,24 +74,16 @@ def utc_now() -> datetime:
     return datetime.now(UTC)
 
 
-def run_metadata(
-    config: Mapping[str, Any], *, model: Mapping[str, Any] | None = None, linear: bool | None = None, **extra: Any
-) -> dict[str, Any]:
-    """Metadata of a run: everything needed to repeat it.
+def run_metadata(config: Mapping[str, Any] | None = None, **more: Any) -> dict[str, Any]:
+    """Metadata of a run: everything needed to repeat it; what is left out, or None, is filled in.
 
     Args:
         config: the resolved config in JSON form (``Config.model_dump(mode="json")``).
-        model: the model of the device; without one, the sections of the config that describe it.
-        linear: metres and newtons, not radians and newton metres; without it, ``encoder.counts_per_metre`` tells.
-        extra: further keys, e.g. ``config_digest``.
+        more: further keys, e.g. ``config_digest``. ``model``: of the device; without it, the sections of the config that
+            describe one. ``linear``: metres and newtons; without it, ``encoder.counts_per_metre`` tells.
     """
-    return complete_metadata({"config": config, "model": model, "linear": linear, **extra})
-
-
-def complete_metadata(metadata: Mapping[str, Any]) -> dict[str, Any]:
-    """Fill in what every run file carries and the caller left out: format, model, versions, host, time of creation."""
-    known = {key: value for key, value in metadata.items() if value is not None}
-    config = known.setdefault("config", {})
+    config = config or {}
+    known = {"config": config} | {key: value for key, value in more.items() if value is not None}
     known.setdefault("model", {name: config[name] for name in _MODEL_SECTIONS if name in config})
     encoder = config.get("encoder")
     known.setdefault("linear", isinstance(encoder, Mapping) and bool(encoder.get("counts_per_metre")))

@@ -62,9 +62,9 @@ def read_run(path: str | Path, *, salvage: bool = False) -> Run:
     if path.suffix.lower() in _TABLES:
         table, events, whole = _TABLES[path.suffix.lower()](path), [], True
     else:
-        stream = native_stream(path)
+        stream = verify(path)
         table, events, whole, damage = _table(path, stream), stream.events, stream.whole, tuple(stream.damage)
-        damaged = damage_text(stream)
+        damaged = stream.damage_text
     if damaged and not salvage:
         raise RunFileError(
             f"{path} is damaged: {'; '.join(damaged)}; 'hapticd export {path} --to parquet --salvage' keeps the rest"
@@ -89,24 +89,19 @@ def read_run(path: str | Path, *, salvage: bool = False) -> Run:
     return Run(path, columns, metadata, units or exported_units, events, truncated, tuple(warnings), damage)
 
 
-def native_stream(path: Path) -> Stream:
-    """The batches of a native run file.
+def verify(path: str | Path) -> Stream:
+    """The batches of a native run file, every checksum compared.
 
     Raises:
-        RunFileError: it cannot be read, or is none.
+        RunFileError: it cannot be read, or is no native run file.
     """
+    path = Path(path)
+    if path.suffix.lower() in _TABLES:
+        raise RunFileError(f"{path} has no checksums; only native run files (.arrow) have")
     try:
         return read_stream(path, path.read_bytes())
     except OSError as error:
         raise RunFileError(f"cannot read {path}: {error.strerror}") from error
-
-
-def damage_text(stream: Stream) -> list[str]:
-    """What is damaged, in words; nothing for a file that is as it was written, or cut at its end."""
-    text = [f"{damage} do not match their checksum" for damage in stream.damage]
-    if stream.metadata_damaged:
-        text.append("its description (config, units, names) does not match its checksum")
-    return text
 
 
 def column_names(path: Path, table: Any) -> list[str]:

@@ -14,7 +14,7 @@ from hapticd.config.text import decimal_comma
 from hapticd.config.units import TIME_UNITS, spelled
 from hapticd.record.errors import RunFileError
 from hapticd.record.importing_map import Reference, Time
-from hapticd.record.importing_sources import Source
+from hapticd.record.importing_sources import Source, refuse_missing
 
 FloatArray = NDArray[np.float64]
 
@@ -49,8 +49,7 @@ def read_stamps(source: Source, time: Time, reference: Reference) -> tuple[Float
         origin = float(stamps[0])
         stamps = stamps - stamps[0]
     values = np.asarray(stamps, dtype=np.float64)
-    if (bad := np.flatnonzero(~np.isfinite(values))).size:
-        raise RunFileError(f"{where}: {bad.size} value(s) are missing or not finite, first in row {bad[0]}")
+    refuse_missing(where, values)
     if time.wrap is not None:
         raw, values = values, np.unwrap(values, period=time.wrap)
         if np.array_equal(raw, values):
@@ -62,8 +61,7 @@ def read_stamps(source: Source, time: Time, reference: Reference) -> tuple[Float
 def _instants(stamps: NDArray[Any], where: str) -> tuple[NDArray[Any], float, list[str]]:
     """Whole nanoseconds, or seconds of the day; the unit in s; what is to be known of them."""
     if stamps.dtype.kind in "Mm":
-        if (bad := np.flatnonzero(np.isnat(stamps))).size:
-            raise RunFileError(f"{where}: {bad.size} value(s) are missing, first in row {bad[0]}")
+        refuse_missing(where, stamps)
         return stamps.astype(f"{stamps.dtype.kind}8[ns]").astype(np.int64), 1e-9, []
     texts = [str(stamp).strip() for stamp in stamps]
     if (found := _LASTED.fullmatch(texts[0])) and spelled(found[2]) in TIME_UNITS:

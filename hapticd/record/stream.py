@@ -69,6 +69,23 @@ class Stream:
     damage: list[Damage] = field(default_factory=list)
     metadata_damaged: bool = False
 
+    @property
+    def rows(self) -> int:
+        """Rows that can be read."""
+        return sum(batch.num_rows for batch in self.batches)
+
+    @property
+    def checked(self) -> bool:
+        """Whether there are checksums."""
+        return self.version >= CHECKED_VERSION
+
+    @property
+    def damage_text(self) -> list[str]:
+        """What contradicts what was written, in words; nothing for a file that is as it was, or cut at its end."""
+        text = [f"{damage} do not match their checksum" for damage in self.damage]
+        metadata = "its description (config, units, names) does not match its checksum"
+        return [*text, metadata] if self.metadata_damaged else text
+
 
 def checksum(notes: Mapping[bytes, bytes], columns: Iterable[NDArray[Any]]) -> bytes:
     """CRC-32 of a batch as text: its other notes in the order of their names, then its columns one after the other."""

@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hapticd.record.errors import RecordingError, RunExistsError
-from hapticd.record.metadata import complete_metadata, encode_metadata, to_plain
+from hapticd.record.metadata import encode_metadata, run_metadata, to_plain
 from hapticd.record.schema import COLUMNS, ROW, Rows, check_rows, empty_rows
 from hapticd.record.stream import (
     CHECK,
@@ -62,7 +62,7 @@ class RunWriter:
     def __init__(self, path: str | Path, metadata: Mapping[str, Any]) -> None:
         self.path = Path(path)
         self.rows_written = 0
-        self._schema = arrow_schema(complete_metadata(metadata))
+        self._schema = arrow_schema(run_metadata(**metadata))
         self._pending: list[Rows] = []
         self._pending_rows = 0
         self._events: list[Any] = []
@@ -262,7 +262,7 @@ def arrow_schema(metadata: Mapping[str, Any]) -> Any:
     """``pyarrow.Schema`` of a run file: every field with ``unit`` and ``description``, the run's metadata beside them.
 
     Args:
-        metadata: completed metadata (`metadata.complete_metadata`); its ``linear`` decides the unit of forces.
+        metadata: as `metadata.run_metadata` gives it; its ``linear`` decides the unit of forces.
     """
     import pyarrow as pa
 

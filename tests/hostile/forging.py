@@ -15,7 +15,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 from scipy.io import savemat
 
-from hapticd.record.metadata import complete_metadata
+from hapticd.record.metadata import run_metadata
 from hapticd.record.stream import (
     CHECK,
     END_OF_STREAM,
@@ -130,7 +130,7 @@ def run_file(chance: random.Random) -> bytes:
 
 
 def _checked_run(chance: random.Random) -> bytes:
-    schema = arrow_schema(complete_metadata({}))
+    schema = arrow_schema(run_metadata())
     stored = {**schema.metadata, **{key.encode(): text.encode() for key, text in _described(chance).items()}}
     schema = schema.with_metadata({key: value for key, value in stored.items() if key != METADATA_CHECK})
     schema = schema.with_metadata({**schema.metadata, METADATA_CHECK: metadata_checksum(schema)})

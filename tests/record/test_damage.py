@@ -40,7 +40,7 @@ def flip(path: Path, at: int, bit: int = 0) -> None:
 
 def test_a_whole_file_verifies(run: Path) -> None:
     verdict = verify(run)
-    assert (verdict.version, verdict.rows, verdict.intact, verdict.truncated) == (2, ROWS, True, False)
+    assert (verdict.version, verdict.rows, verdict.damage_text, verdict.whole) == (2, ROWS, [], True)
     assert main(["verify", str(run)]) == 0
 
 
@@ -109,7 +109,7 @@ def test_a_flip_in_the_description_is_named(run: Path) -> None:
 
 def test_the_last_rows_count_too(run: Path) -> None:
     flip(run, value_at(run.read_bytes(), ROWS - 2))
-    assert verify(run).damage == (Damage(ROWS - BATCH, ROWS),)
+    assert verify(run).damage == [Damage(ROWS - BATCH, ROWS)]
 
 
 @pytest.mark.parametrize("seed", range(20))

@@ -33,4 +33,4 @@ def test_an_old_run_has_the_values_it_was_written_with(version: int) -> None:
     config = parse_config(about["config"], str(path))
     assert (config.encoder.decimation, config.spring.stiffness) == (217, 0.2)
     verdict = verify(path)
-    assert (verdict.version, verdict.checked, verdict.rows, verdict.damage) == (version, version > 1, run.rows, ())
+    assert (verdict.version, verdict.checked, verdict.rows, verdict.damage) == (version, version > 1, run.rows, [])
