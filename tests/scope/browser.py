@@ -122,7 +122,7 @@ class Testbed:
         output = self.folder / "scope.txt"
         self.scope = self._launch("scope", "scope", "--socket", str(self.socket), "--port", "0", "--json", *options)
         scope = self.scope
-        wait_until(lambda: scope.poll() is not None or "pid" in output.read_text(), "the scope's URL", 60)
+        wait_until(lambda: scope.poll() is not None or "pid" in output.read_text(), "the scope's URL", 250)
         assert scope.poll() is None, output.read_text()
         document = json.loads(output.read_text())
         self.url, self.view_url = document["url"], document["view_url"]

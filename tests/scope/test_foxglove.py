@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import struct
 import subprocess
 import sys
-import time
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from hapticd.cli.main import main
 from hapticd.record.frames import Context
 from hapticd.record.mcap import MESSAGE, TOPIC
 from hapticd.record.schema import Rows, empty_rows
+from tests.polling import PATIENCE_S, wait_until
 
 from .browser import Testbed
 
@@ -52,7 +53,7 @@ def subscribe(connection: ClientConnection) -> tuple[dict[str, Any], dict[str, A
 def message(connection: ClientConnection) -> tuple[int, bytes]:
     """Time in ns and payload of the next message."""
     while True:
-        data = connection.recv(10)
+        data = connection.recv(PATIENCE_S)
         if isinstance(data, bytes) and data[0] == MESSAGE_DATA:
             _, stamp = struct.unpack_from("<IQ", data, 1)
             return stamp, data[13:]
@@ -73,9 +74,14 @@ def test_rows_come_as_they_are_and_nothing_can_be_asked() -> None:
                 "ros2msg",
             )
             assert "float64 current_command_a  # A" in channel["schema"]
-            time.sleep(0.3)  # the subscription is on its way
+            heard = False
+            while not heard:  # the subscription is on its way
+                server.log(rows(1, 0), Context(0, 0, 1, 1e-3, 0, 1_600_000_000.0))
+                with contextlib.suppress(TimeoutError):
+                    heard = bool(connection.recv(0.1))
             server.log(rows(3, 100), Context(100, 0, 1, 1e-3, 0, 1_700_000_000.5))
-            found = [message(connection) for _ in range(3)]
+            first = next(each for each in iter(lambda: message(connection), None) if each[0] > 1_650_000_000 * 10**9)
+            found = [first, message(connection), message(connection)]
             assert [stamp for stamp, _ in found] == pytest.approx(
                 [1_700_000_000_498_000_000, 1_700_000_000_499_000_000, 1_700_000_000_500_000_000], abs=1000
             )
@@ -100,9 +106,7 @@ def test_the_command_serves_the_daemons_rows(shared: Testbed, tmp_path: Path) ->
     with (tmp_path / "out").open("w") as out:
         process = subprocess.Popen([sys.executable, "-m", "hapticd.cli", *words], stdout=out, env=environment)
     try:
-        deadline = time.monotonic() + 60
-        while "pid" not in (tmp_path / "out").read_text() and time.monotonic() < deadline:
-            time.sleep(0.1)
+        wait_until(lambda: "pid" in (tmp_path / "out").read_text(), "the scope's URLs")
         url = json.loads((tmp_path / "out").read_text())["foxglove"]
         with connect(url, subprotocols=[SUBPROTOCOL]) as connection:
             subscribe(connection)

@@ -48,7 +48,7 @@ def test_start_and_the_trace_runs(page: Page, testbed: Testbed) -> None:
     assert testbed.state() == "running"
     wait_until(lambda: seen_rows(page) > 1900, "two seconds of rows in view")
     expect(page.locator("#value-position")).to_contain_text(" rad")
-    assert age_s(page) < 1
+    wait_until(lambda: age_s(page) < 1, "a young trace")
     assert text(page, "#gaps").endswith("0 rows lost on the way")
     page.keyboard.press("Escape")
     expect(page.locator("#stop-answer")).to_have_text("Stop: the daemon says off")
@@ -202,8 +202,8 @@ def test_stop_with_the_page_half_loaded(open_page: Open, testbed: Testbed) -> No
     assert testbed.state() == "off"
     page.wait_for_timeout(1100)
     testbed.client.start()
-    page.keyboard.press("Escape")
-    page.keyboard.press("Escape")
+    # within a second of the page's, however long a key press takes to get there
+    page.evaluate("for (const key of ['Escape', 'Escape']) window.dispatchEvent(new KeyboardEvent('keydown', { key }))")
     expect(page.locator("#stop-answer")).to_have_text("E-stop: the daemon says fault")
     assert testbed.state() == "fault"
 

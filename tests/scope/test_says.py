@@ -153,7 +153,7 @@ def test_esc_stops_with_a_panel_open_and_the_stops_stay_within_reach(page: Page,
     wait_until(lambda: testbed.state() == "off", "a stop by Esc")
     expect(panel).to_be_visible()
     testbed.client.start()
-    page.click("#stop", timeout=3000)  # not behind the panel, and not inert
+    page.click("#stop")  # not behind the panel, and not inert
     wait_until(lambda: testbed.state() == "off", "a stop by its button")
     panel.locator("button.close").click()
     expect(panel).to_be_hidden()
