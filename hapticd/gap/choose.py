@@ -275,11 +275,21 @@ class Search:
     def _with_base(self, present: LawSet) -> LawSet:
         """The set with all base parameters fitted along, from where they are."""
         fit = present.fit
-        for slug in self._base:
+        for slug in (slug for slug in self._base if slug not in present.laws):
             law = self._base_law(slug, float(fit.device()[index_of(BASE_WORDS[slug])]))
             known = [number for number, item in enumerate(fit.terms) if item.slug == BASE_WORDS[slug]]
             fit = fit.replaced(known[0], law) if known else fit.extended(law)
         return scored(fit.maximise(), present.penalty)
+
+    def _is_not_base(self, one: LawSet, poorer: LawSet) -> bool:
+        """Whether the newest law gains beside base parameters that are fitted along: their small errors look like it."""
+        law = one.laws[-1]
+        alike = {law, *CATALOGUE[law].near}
+        if law in _CORRECTIONS or alike.isdisjoint(
+            other for slug in self._base for other in (slug, *CATALOGUE[slug].near)
+        ):
+            return True
+        return is_better(self._with_base(one), self._with_base(poorer), self.needed).is_better
 
     def _take_late(self, fit: Fit) -> None:
         """From now on fit a late record along, in a search that begins anew."""
@@ -318,7 +328,11 @@ class Search:
             not self.is_asked
         ):  # a grip has six numbers: it is asked about where nothing simpler explains what is missing
             sets.sort(key=lambda one: one.laws[-1] == grip.SLUG)
-        best = next((one for one in sets if is_better(one, present, self.needed).is_better), None)
+
+        def is_named(one: LawSet) -> bool:
+            return is_better(one, present, self.needed).is_better and (is_free or self._is_not_base(one, present))
+
+        best = next(filter(is_named, sets), None)
         best = best or next((one for one in sets if self._is_fault(one, present)), None)
         if best is None:
             return None
@@ -370,14 +384,14 @@ class Search:
                 yield Round("drop", law, poorer, present, comparison)
                 present, number = poorer, len(poorer.laws) - 2
                 continue
-            swapped = self._swapped(present, poorer, law)
+            swapped = self._swapped(present, poorer, law, is_free=is_free)
             if swapped is not None:
                 yield swapped
                 present, number = swapped.chosen, len(swapped.chosen.laws) - 2
                 continue
             number -= 1
 
-    def _swapped(self, present: LawSet, poorer: LawSet, law: str) -> Round | None:
+    def _swapped(self, present: LawSet, poorer: LawSet, law: str, *, is_free: bool) -> Round | None:
         """The set with another law in the place of one, if that is better."""
         for other in self._in_place(present, poorer, law):
             if frozenset(other.laws) in self._seen or not is_better(other, present, self.needed).is_better:
@@ -386,6 +400,7 @@ class Search:
             comparison = is_better(top, present, self.needed)
             is_as_close = self._closes_as_much(top, present)
             is_closer = is_as_close and keeps_the_drive(top.fit, present.fit)
+            is_closer = is_closer and (is_free or self._is_not_base(top, poorer))
             if comparison.is_better and is_closer and is_better(top, poorer, self.needed).is_better:
                 self._rivals.setdefault(top.laws[-1], set()).add(law)
                 self._noise[top.laws[-1]] = poorer.fit.noise

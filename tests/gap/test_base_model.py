@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 
+from benchmarks.gap.disturbance import Coloured
 from hapticd.config import Config
 from hapticd.gap import find_gap
 from hapticd.gap.base_model import balanced, base_law, known_terms, problem_of
@@ -30,6 +31,17 @@ def test_a_wrong_base_hides_no_effect_and_is_named(hidden: Callable[..., Any]) -
     assert plant.viscous == pytest.approx(0.6 * VISCOUS, rel=0.02)
     assert plant.coulomb == pytest.approx(1.1 * COULOMB, rel=0.01)
     assert result.base["inertia"].value == pytest.approx(plant.inertia)
+
+
+def test_base_parameters_that_are_a_little_wrong_are_no_friction_law(hidden: Callable[..., Any]) -> None:
+    """Viscous friction wrong by 5 % and Coulomb friction by 2 %, each unsure by itself, had been named Stribeck friction."""
+    ripple = {"name": "torque_ripple", "orders": [7.0], "amplitudes": [8e-4], "phases": [0.3]}
+    wrong = [{"name": "viscous_friction", "r": 0.05}, {"name": "coulomb_friction", "r": -0.02}]
+    recording, model = hidden([ripple, *wrong], 3, 6.0, Coloured(0.05, 0.05))
+    slugs = ["torque_ripple", "stribeck", "quadratic_drag", "viscous_friction", "coulomb_friction", "inertia_error"]
+    result = find_gap([recording], model, candidates=slugs, design=False)
+    assert "torque_ripple" in result.effects
+    assert {"stribeck", "quadratic_drag"}.isdisjoint(result.effects), result.statement
 
 
 @pytest.mark.parametrize("times", [1.0 / 15.0, 15.0, 1.0 / 50.0, 50.0])
