@@ -24,7 +24,7 @@ RigArgument = Annotated[
     typer.Argument(metavar="CONFIG", show_default=False, autocompletion=complete_config, help="The rig's YAML file."),
 ]
 _GRAVITY = 9.80665
-_SIGNS = {"pass": "ok  ", "fail": "BAD ", "skipped": "--  "}
+_SIGNS = {"pass": "ok  ", "fail": "BAD ", "skipped": "--  ", "disturbed": "??  "}
 
 
 @command(
@@ -57,8 +57,8 @@ def commission(
     A step that finds what makes motion dangerous (a wrong sign, ten times the current, a dead watchdog) ends all that
     moves. No daemon may run on the rig: the steps hold the driver themselves, then start a daemon of their own.
 
-    DIR keeps the state: Ctrl-C leaves zero current, and the same command goes on with what has not passed. A changed config
-    begins anew. In the end DIR holds commission.html, commission.json and identified.yaml.
+    DIR keeps the state: Ctrl-C leaves zero current, and the same command goes on with what has not passed. Results of
+    another config are replaced with --force alone. In the end DIR has commission.html, commission.json and identified.yaml.
 
     Args:
         out (-o, --output DIR): Folder of state, recordings, page and certificate.
@@ -69,7 +69,7 @@ def commission(
         torque (N_M): Torque (or force) of a drawn spring in place of a weight.
         inertia (KG_M2): Inertia, where you know it: then identify says which torque constant it needs.
         yes: Ask nothing: nobody is at the terminal, or the rig is simulated.
-        force: Replace results in DIR of which it holds no state.
+        force: Replace results in DIR of another config, or of which it holds no state.
     """
     if not yes and not sys.stdin.isatty():
         raise UsageError("nobody is at a terminal to be asked; --yes if the rig may move without a question")
@@ -78,13 +78,13 @@ def commission(
     from hapticd.commission.certificate import certificate
     from hapticd.commission.page import PAGE, write_page
     from hapticd.commission.rig import IDENTIFIED, Given, Rig
-    from hapticd.commission.run import STATE
+    from hapticd.commission.run import STATE, State
     from hapticd.commission.run import commission as run
     from hapticd.commission.steps import NAMES
     from hapticd.figures.files import write_text
 
-    own = (out / STATE).exists()
-    check_folder(out, () if own else (PAGE, CERTIFICATE, IDENTIFIED), force=force)
+    own = (out / STATE).exists() and not State(out, resolved).forgotten
+    check_folder(out, () if own else (STATE, PAGE, CERTIFICATE, IDENTIFIED), force=force)
     for name in (*(again or ()), *(only or ())):
         if name not in NAMES:
             raise UsageError(f"{name}: no such step (known: {', '.join(NAMES)})")
@@ -142,5 +142,6 @@ def _terminal() -> Operator:
 
 def _tell(step: Step, result: Result) -> None:
     output.note(f"{_SIGNS[result.result]}{step.name}: {result.finding}")
-    if result.result == "fail":
-        output.note(f"    likely: {result.cause}\n    to do: {result.remedy}")
+    for word, text in (("likely", result.cause), ("to do", result.remedy)):
+        if text:
+            output.note(f"    {word}: {text}")

@@ -106,6 +106,8 @@ class Bench:
         self.period = max(config.period, 1.0 / FASTEST_HZ)
         self.seconds = 0.0
         """How long the device has been in our hands."""
+        self.failed = 0
+        """Exchanges without a fresh sample."""
         self._virtual = virtual
         self._now_ns = 0
         self._words = x.new_exchange()
@@ -162,7 +164,7 @@ class Bench:
                 last = self._clock()
                 if hand is not None:
                     self.push(hand(t))
-                code = self._call(self._read)
+                code = self._read_sample()
                 counts = int(self._words[x.X_COUNTS]) * self._sign
                 on = bool(self._words[x.X_STATUS] & x.STATUS_ENABLED)
                 self._held()
@@ -253,7 +255,7 @@ class Bench:
         begun, asked = self._clock(), 0
         while (self._clock() - begun) / _NS < self.config.safety.enable_timeout_s:
             last = self._clock()
-            code = self._call(self._read)
+            code = self._read_sample()
             if code in (x.LOST, x.ERROR):
                 raise StepError(f"the device is lost: {self.driver.error or 'it does not answer any more'}")
             if code == x.OK:
@@ -290,6 +292,11 @@ class Bench:
         self._floats[x.X_CURRENT], self._words[x.X_CODE] = quantise_current(current, step, largest)
         self._words[x.X_ENABLE] = enable
         self._call(self._write)
+
+    def _read_sample(self) -> int:
+        code = self._call(self._read)
+        self.failed += code != x.OK
+        return code
 
     def _call(self, function: Any) -> int:
         self._words[x.X_TIME_NS] = self._clock()

@@ -42,9 +42,11 @@ def certificate(rig: Rig) -> dict[str, Any]:
     optional = OPTIONAL if rig.config.safety.enable else (*OPTIONAL, "enable")
     left = [each["name"] for each in steps if each["result"] == "skipped"]
     failed = [each["name"] for each in steps if each["result"] == "fail"]
+    disturbed = [each["name"] for each in steps if each["result"] == "disturbed"]
     return {
-        "passed": not failed and all(name in optional for name in left),
+        "passed": not failed and not disturbed and all(name in optional for name in left),
         "failed": failed,
+        "disturbed": disturbed,
         "skipped": left,
         "steps": steps,
         "rig_s": round(rig.seconds, 1),

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hapticd.client import settings_for_a_while, stop_channel
-from hapticd.commission.step import Picture, Result, StepError, line, skipped
+from hapticd.commission.step import DisturbedError, Picture, Result, StepError, line, skipped
 from hapticd.hil.errors import HilError
 from hapticd.record import read_run
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from hapticd.commission.rig import Rig
     from hapticd.hil.daemon import DaemonProcess
 
+LOST: Final = ("missed_exchanges", "device_fault", "driver_lost", "overrun")
+"""Faults of the way to the device, which end a motion before what was asked for can."""
 STOP_LIMIT_S: Final = 0.05
 """From the command to the servo loop's answer that the current is zero; a machine without real time included."""
 ZERO_PERIODS: Final = 3
@@ -49,15 +51,20 @@ FEWEST_COUNTS: Final = 12
 def estop(rig: Rig) -> Result:
     """`estop` while current flows: when does the loop say zero, and when does the motion."""
     with _swinging(rig) as (daemon, job):
-        begun = time.monotonic()
+        begun, begun_ns = time.monotonic(), time.monotonic_ns()
         state = stop_channel.ask(daemon.client.socket_path, "estop", 1.0)
         obeyed = time.monotonic() - begun
         found = daemon.client.wait(job)["result"] or {}
-        code = (daemon.client.status()["fault"] or {}).get("code")
+        code = _fault(daemon)
+        late_s = rig.late_s(begun_ns)
         daemon.client.clear()
     figures: dict[str, Any] = {"obeyed_ms": 1e3 * obeyed, "answer": state, "fault": code}
     limit = {"obeyed_ms": 1e3 * STOP_LIMIT_S, "fault": "estop"}
     picture = _end_of_swing(rig, found, figures)
+    if code == "estop" and STOP_LIMIT_S < obeyed < STOP_LIMIT_S + late_s:
+        raise DisturbedError(
+            f"the answer to estop took {1e3 * obeyed:.0f} ms, and programs waited for {1e3 * late_s:.0f} ms"
+        )
     if state != "fault" or code != "estop" or obeyed > STOP_LIMIT_S:
         return Result(
             "fail",
@@ -99,7 +106,7 @@ def enable(rig: Rig) -> Result:
         return skipped("nobody was there to let go of the enable")
     with _swinging(rig) as (daemon, job):
         found = daemon.client.wait(job)["result"] or {}
-        fault = (daemon.client.status()["fault"] or {}).get("code")
+        fault = _fault(daemon)
         daemon.wait_until(lambda: daemon.client.status()["enable"]["held"], "the enable was held again", HAND_S)
         seen = [_state_after(daemon)]
         if fault:
@@ -127,6 +134,18 @@ def enable(rig: Rig) -> Result:
     return Result(
         "pass", "released, the current ends; held again, nothing begins by itself", figures, limit, picture=picture
     )
+
+
+def _fault(daemon: DaemonProcess) -> str | None:
+    """The code of the fault that is latched.
+
+    Raises:
+        StepError: it is one of the way to the device.
+    """
+    fault = daemon.client.status()["fault"] or {}
+    if fault.get("code") in LOST:
+        raise StepError(f"{fault['code']} ended the motion first: {fault['cause']}")
+    return fault.get("code")
 
 
 def _state_after(daemon: DaemonProcess) -> tuple[str, bool]:
@@ -219,7 +238,7 @@ def trips(rig: Rig) -> Result:
             daemon.client.origin(force=True)
             with settings_for_a_while(daemon.client, {key: value, "spring.stiffness": 0.0}, force=True):
                 found = daemon.client.wait(_steps(daemon, rig))["result"] or {}
-                fault = daemon.client.status()["fault"] or {}
+                fault = _fault(daemon)
                 if fault:
                     daemon.client.clear()
             t, current, position = _rows(rig, found["run"])
@@ -229,10 +248,10 @@ def trips(rig: Rig) -> Result:
             shown = speed if code == "over_speed" else np.abs(position)
             beyond = np.flatnonzero(shown > CLEARLY * value)
             late = ended + 1 - int(beyond[0]) if len(beyond) else 0
-            figures |= {f"{code}_fault": fault.get("code"), f"{code}_periods_to_zero": late}
+            figures |= {f"{code}_fault": fault, f"{code}_periods_to_zero": late}
             limit[f"{code}_fault"], limit[key] = code, value
-            if fault.get("code") != code:
-                problems.append(f"{key} = {value:.3g} was passed with the fault {fault.get('code')}")
+            if fault != code:
+                problems.append(f"{key} = {value:.3g} was passed with the fault {fault}")
             elif late > ZERO_PERIODS:
                 problems.append(f"{key} = {value:.3g} was passed {late} periods before the current was zero")
             near = slice(max(0, ended - 200), ended + 200)

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 PAGE: Final = "commission.html"
 _INKS: Final = (BLUE, ORANGE, GREEN, GREY)
-_WORDS: Final = {"pass": "passed", "fail": "FAILED", "skipped": "skipped"}
+_WORDS: Final = {"pass": "passed", "fail": "FAILED", "skipped": "skipped", "disturbed": "disturbed"}
 _MORE: Final = """
 .step { display: grid; grid-template-columns: minmax(18rem, 1fr) minmax(20rem, 1.1fr); gap: 0 2rem; align-items: start;
   break-inside: avoid; }
@@ -79,9 +79,10 @@ def _section(rig: Rig, step: dict[str, Any]) -> str:
     result = rig.results.get(step["name"])
     picture = _drawn(result.picture) if result is not None and result.picture is not None else ""
     trap = ""
-    if step["result"] == "fail":
+    if step.get("remedy"):
+        likely = f"<p>Likely: {escape(step['cause'])}.</p>" if step["cause"] else ""
         trap = (
-            f'<div class="trap wide"><p><b>{escape(_said(step).rstrip("."))}.</b></p><p>Likely: {escape(step["cause"])}.</p>'
+            f'<div class="trap wide"><p><b>{escape(_said(step).rstrip("."))}.</b></p>{likely}'
             f"<p>To do: {escape(step['remedy'])}.</p></div>"
         )
     said = f"<p>{escape(_said(step).rstrip('.'))}.</p>" if not trap and _said(step) else ""

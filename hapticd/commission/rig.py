@@ -11,11 +11,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from drivers import declared_latency
+from drivers import DriverError, declared_latency
 from hapticd.commission import bench
 from hapticd.commission.step import Result, StepError
 from hapticd.hil.daemon import DaemonProcess
+from hapticd.hil.errors import HilError
 from hapticd.hil.suite import patient
+from hapticd.hil.witness import Witness
 
 if TYPE_CHECKING:
     from hapticd.commission.bench import Bench
@@ -72,6 +74,9 @@ class Rig:
         self.results: dict[str, Result] = {}
         self.seconds = 0.0
         """How long the device has been used."""
+        self.failed_exchanges = 0
+        """With the device; a driver that cannot be opened and a daemon that does not come up count as one."""
+        self._witness: Witness | None = None
         self._daemon: DaemonProcess | None = None
         self._wanted = config
         self._open = ExitStack()
@@ -81,6 +86,9 @@ class Rig:
 
     def __exit__(self, *exception: object) -> None:
         self.release()
+        if self._witness is not None:
+            self._witness.__exit__()
+            self._witness = None
 
     @property
     def rated(self) -> float:
@@ -121,11 +129,18 @@ class Rig:
             DriverError: the device cannot be opened. StepError: it does not do what it must.
         """
         self.release()
-        with bench.opened(self.config, virtual=self.virtual) as opened:
-            try:
-                yield opened
-            finally:
-                self.seconds += opened.seconds
+        if not self.virtual:
+            self._watch()
+        try:
+            with bench.opened(self.config, virtual=self.virtual) as opened:
+                try:
+                    yield opened
+                finally:
+                    self.seconds += opened.seconds
+                    self.failed_exchanges += opened.failed
+        except DriverError:
+            self.failed_exchanges += 1
+            raise
 
     @contextmanager
     def daemon(self, config: Config | None = None) -> Iterator[DaemonProcess]:
@@ -142,19 +157,32 @@ class Rig:
             self.release()
             # A socket's name is short: the folder that is kept may be anywhere.
             scratch = Path(self._open.enter_context(tempfile.TemporaryDirectory(prefix="hapticd-commission-")))
+            self._watch()
             self._daemon = self._open.enter_context(DaemonProcess(config, scratch, {}))
             self._wanted = config
-            self._daemon.wait_ready()
+            try:
+                self._daemon.wait_ready()
+            except HilError:
+                self.failed_exchanges += 1
+                raise
         begun = time.monotonic()
         daemon = self._daemon
+        before = daemon.client.status()
         try:
-            if daemon.client.status()["fault"]:
+            if before["fault"]:
                 daemon.client.clear()
             yield daemon
         finally:
             self.seconds += time.monotonic() - begun
             if daemon.running:
-                daemon.client.stop()
+                self.failed_exchanges += daemon.client.stop()["exchanges_missed"] - before["exchanges_missed"]
+
+    def late_s(self, begin_ns: int) -> float:
+        """The most that ordinary threads of this machine waited since then, s; 0 where nothing depended on them."""
+        return self._witness.latest_s(begin_ns, time.monotonic_ns()) if self._witness is not None else 0.0
+
+    def _watch(self) -> None:
+        self._witness = self._witness or Witness().__enter__()
 
     def keep(self, recording: str | Path) -> Path:
         """Copy a recording to those that are kept; its new path."""

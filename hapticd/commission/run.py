@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Callable, Collection
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -24,6 +25,11 @@ if TYPE_CHECKING:
 
 STATE: Final = "state.json"
 ATTEMPTS: Final = 3
+LATE_S: Final = 0.01
+"""A machine whose ordinary threads wait longer is what loses exchanges."""
+_REMEDY: Final = (
+    "end what else runs on this machine (hapticd doctor; tune it for real time), then the same command again"
+)
 _ENDS: Final = (StepError, DriverError, DaemonUnreachable, RequestRefused, HilError, RunFileError, ValueError)
 """How a step may end without an answer; the text says why."""
 
@@ -118,17 +124,30 @@ def _one(rig: Rig, step: Step) -> Result:
             return skipped(f"it needs {name}, which {said}")
     if step.moves and not rig.operator.agrees(f"{step.title}: go on?"):
         return skipped("you said no")
+    for _ in range(ATTEMPTS):
+        begun_ns, failed = time.monotonic_ns(), rig.failed_exchanges
+        result, disturbance = _tried(rig, step)
+        if not disturbance and result.result == "fail" and not result.dangerous and rig.failed_exchanges > failed:
+            late_s = rig.late_s(begun_ns)
+            if late_s > LATE_S:
+                disturbance = (
+                    f"{result.finding}; {rig.failed_exchanges - failed} exchanges failed, and programs waited for "
+                )
+                disturbance += f"{1e3 * late_s:.0f} ms"
+        if not disturbance:
+            return result
+    return replace(
+        result, result="disturbed", finding=f"this machine is too busy, {ATTEMPTS} times: {disturbance}", remedy=_REMEDY
+    )
+
+
+def _tried(rig: Rig, step: Step) -> tuple[Result, str]:
+    """What a step finds, and what disturbed it, if it says so itself."""
     try:
-        for _ in range(ATTEMPTS):
-            try:
-                return step.run(rig)
-            except DisturbedError as error:
-                disturbance = str(error)
-            except RequestRefused as refusal:
-                if refusal.code != "expired":
-                    raise
-                disturbance = refusal.message
-        return skipped(f"this machine is too busy, {ATTEMPTS} times: {disturbance}")
+        result = step.run(rig)
+        return result, result.finding if result.result == "disturbed" else ""
     except _ENDS as error:
+        disturbed = isinstance(error, DisturbedError) or getattr(error, "code", "") == "expired"
         rig.release()
-        return Result("fail", str(error), cause="the step could not be finished", remedy="hapticd help FAULT; the log")
+        found = Result("fail", str(error), cause="the step could not be finished", remedy="hapticd help FAULT; the log")
+        return found, found.finding if disturbed else ""

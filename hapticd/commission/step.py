@@ -11,7 +11,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
-Verdict = Literal["pass", "fail", "skipped"]
+Verdict = Literal["pass", "fail", "skipped", "disturbed"]
+"""``disturbed``: this machine was too busy for an answer; the same command tries again."""
 _POINTS: Final = 600
 """A picture has no use for more points in a line."""
 

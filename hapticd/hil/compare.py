@@ -2,7 +2,8 @@
 
 The loop is nonlinear and the end of a long release is sensitive to thousandths of a tick, so three things are compared:
 the outcome, where the shaft ended, and the current trace over the first swing, before such differences have grown.
-The simulation ticks when the recorded loop did. Where the plant is uncertain (``plant.uncertainty``), it is an ensemble.
+The simulation ticks when the recorded loop did. It is an ensemble: of places in the raw count where the shaft may have
+begun, and where the plant is uncertain (``plant.uncertainty``), of plants.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from hapticd.config import Driver
 from hapticd.record import RunFileError, read_run
 from hapticd.record.schema import FLAG_DROPPED, FLAG_MISSED_PERIOD, FLAG_RUNNING
 from hapticd.servo.simulate import simulate
+from hapticd.stability.draws import deviations, moved, normals
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -25,9 +27,9 @@ if TYPE_CHECKING:
     from hapticd.config import Config
     from hapticd.record import Run
 
-DRAWS: Final = 20
-"""Plants that an uncertain one is taken for."""
-_SEED: Final = 1
+LOG2_DRAWS: Final = 5
+_GOLDEN: Final = 0.5 * (5.0**0.5 - 1.0)
+"""Its multiples, modulo 1, fill the unit interval evenly at any number of them."""
 GROWTH: Final = ("over_speed", "excursion", "over_current", "encoder_jump")
 """Faults that end a growing oscillation, as they should."""
 
@@ -126,25 +128,26 @@ def simulated_trace(
     return Trace(rows["time_s"], counts / config.encoder.decimation, rows["current_command_A"]), report
 
 
-def possible(config: Config) -> list[Config]:
-    """The config, and where its plant is uncertain `DRAWS` more: inertia and friction log-normal, the delay normal."""
+def possible(config: Config) -> list[tuple[Config, float]]:
+    """What a release may have been: a plant, and where in its raw count the shaft stood, coarse ticks above the count.
+
+    The encoder tells no more than the count, and a release that grows or goes on forgets no start. The plant is the config's
+    first, then one of `2**LOG2_DRAWS` that its uncertainty leaves possible.
+    """
     plant, declared = config.plant, declared_latency(config)[0]
-    uncertainty = plant.uncertainty
-    found = [config]
-    if not uncertainty.is_known:
-        return found
-    values = {"inertia": plant.inertia, "viscous": plant.viscous, "coulomb": plant.coulomb}
-    deviations = np.array([*(getattr(uncertainty, name) for name in values), uncertainty.delay_s])
-    covariance = np.asarray(uncertainty.matrix) * np.outer(deviations, deviations)
-    random = np.random.default_rng(_SEED)
-    for *errors, late_s in random.multivariate_normal(np.zeros(4), covariance, DRAWS, method="eigh").tolist():
-        moved = {
-            name: value * float(np.exp(error / value)) if value else abs(error)
-            for (name, value), error in zip(values.items(), errors, strict=True)
-        }
-        drawn = config.model_copy(update={"plant": plant.model_copy(update=moved)})
-        found.append(_with_latency(drawn, max(declared + late_s, 0.0)))
-    return found
+    plants = [config]
+    if plant.uncertainty.is_known:
+        errors = normals(plant.uncertainty, LOG2_DRAWS) * deviations(plant.uncertainty)
+        for inertia, viscous, coulomb, late_s in errors.tolist():
+            drawn = {
+                "inertia": moved(plant.inertia, inertia),
+                "viscous": moved(plant.viscous, viscous),
+                "coulomb": moved(plant.coulomb, coulomb),
+            }
+            trial = config.model_copy(update={"plant": plant.model_copy(update=drawn)})
+            plants.append(_with_latency(trial, max(declared + late_s, 0.0)))
+    starts = np.mod(0.5 + _GOLDEN * np.arange(1 + 2**LOG2_DRAWS), 1.0) / config.encoder.decimation
+    return [(plants[n % len(plants)], float(start)) for n, start in enumerate(starts)]
 
 
 def rest_range(
@@ -152,14 +155,14 @@ def rest_range(
 ) -> tuple[float, float]:
     """Where the simulation comes to rest, coarse ticks, for all that is not known of a run on hardware.
 
-    The delay by a fifth, the deflection by half a raw count: a long release amplifies both into a good part of the band
-    in which stiction holds the shaft.
+    The delay by a fifth, the start by its raw count: a long release amplifies both into a good part of the band in which
+    stiction holds the shaft.
     """
-    half_count, latency_s = 0.5 / config.encoder.decimation, declared_latency(config)[0]
+    count, latency_s = 1.0 / config.encoder.decimation, declared_latency(config)[0]
     ends = []
     for factor in (0.8, 0.9, 1.0, 1.1, 1.2):
         trial = _with_latency(config, factor * latency_s)
-        for offset in (-half_count, 0.0, half_count):
+        for offset in (0.0, 0.5 * count, count):
             trace, _ = simulated_trace(trial, duration_s, deflection + offset, times=times)
             ends.append(float(trace.ticks[-1]))
     return min(ends), max(ends)

@@ -180,9 +180,9 @@ def _inject(config: Config, injection: Injection, folder: Path, board: str | Non
             daemon.wait_ready()
             _start(daemon)
             time.sleep(0.7 * AT_S)
-            before = daemon.client.status()
-            if before["state"] != "running":
-                raise _DisturbedError(f"fault {(before['fault'] or {}).get('code')} before anything was injected")
+            before, before_ns = daemon.client.status(), time.monotonic_ns()
+            if before["state"] != "running" and not injection.fault:
+                raise _too_early(before)
             time.sleep(0.3 * AT_S)
             struck_ns = time.monotonic_ns()
             if injection.act is not None:
@@ -199,6 +199,8 @@ def _inject(config: Config, injection: Injection, folder: Path, board: str | Non
     injected = log.injected_ns()
     if injected is not None:
         struck_ns = injected
+    if before["state"] != "running" and before_ns < struck_ns:  # else we looked late, and it had struck by then
+        raise _too_early(before)
     missed = int(before["exchanges_missed"])
     return _judge(config, injection, daemon, log, status, struck_ns, looked_ns, missed)
 
@@ -213,12 +215,16 @@ def _script(config: Config, injection: Injection) -> dict[str, Any]:
     return {"faults": [fault] if injection.fault else [], **injection.script}
 
 
+def _too_early(status: dict[str, Any]) -> _DisturbedError:
+    return _DisturbedError(f"fault {(status['fault'] or {}).get('code')} before anything was injected")
+
+
 def _start(daemon: DaemonProcess) -> None:
     try:
         if daemon.client.status()["fault"]:
             daemon.client.clear()
         daemon.client.start()
-        daemon.wait_state("running", timeout_s=3.0)
+        daemon.wait_state("running", "fault")  # the injected one may be faster than we look
     except (RequestRefused, HilError) as error:
         raise _DisturbedError(str(error)) from error
 

@@ -212,8 +212,7 @@ def release(daemon: DaemonProcess, case: Case) -> Released:
 def judged(released: Released) -> CaseResult:
     """A release beside its simulations, at the times of its own ticks.
 
-    The outcome must be that of one plant that the config leaves possible, the current near that of one, and the place of
-    rest within what they give.
+    The outcome must be that of one of them, the current near that of one, and the place of rest within what they give.
 
     Raises:
         RunFileError: the recording is gone, or lacks rows.
@@ -224,7 +223,9 @@ def judged(released: Released) -> CaseResult:
     times = (
         recorded_times(read_run(path), round(case.duration_s * config.servo.rate_hz)) if len(measured.ticks) else None
     )
-    simulated = [simulated_trace(plant, case.duration_s, achieved, times=times) for plant in possible(config)]
+    simulated = [
+        simulated_trace(plant, case.duration_s, achieved + start, times=times) for plant, start in possible(config)
+    ]
     comparison = min((compare(measured, trace) for trace, _ in simulated), key=lambda each: each.current_rms_error)
     outcomes = [report["outcome"] for _, report in simulated]
     expected = {"decaying" if outcome == "monotone" else outcome for outcome in outcomes}

@@ -1,7 +1,6 @@
 """How sure is a verdict? The criterion under the uncertainty of inertia, friction and delay (``plant.uncertainty``).
 
-Inertia and frictions are drawn log-normal, the delay normal, correlated as the config says, from a scrambled Sobol sequence
-with a fixed seed: the same config gives the same answer. Every draw is judged as the config itself is.
+Every draw (`hapticd.stability.draws`) is judged as the config itself is: the same config gives the same answer.
 The torque constant has no part in it: μ, β and σ are ratios of what it scales (`hapticd.identify.workflow`).
 
 K_max at 95 % is the largest stiffness that at most 5 % of the draws do not admit. For one device the margin has one change
@@ -17,11 +16,11 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
-from scipy.special import ndtri
 
 from hapticd.stability.assessment import CALM, Assessment
 from hapticd.stability.criterion import criterion_margin
 from hapticd.stability.damped import damped
+from hapticd.stability.draws import PARAMETERS, deviations, moved, normals
 from hapticd.stability.explore import DRAW, explore
 from hapticd.stability.numbers import Loop
 from hapticd.stability.regions import region
@@ -35,12 +34,10 @@ if TYPE_CHECKING:
 
     Floats = NDArray[np.float64]
 
-PARAMETERS: Final = ("inertia", "viscous", "coulomb", "delay")
 LEVEL: Final = 0.95
 _LOG2_DRAWS: Final = 10
 _LOG2_DRAWS_DAMPED: Final = 7
 """Each of them runs the exact loop."""
-_SEED: Final = 1
 #: Regions in which a draw that no theorem proves is worth exploring.
 _HOPEFUL: Final = CALM | {"F2"}
 _LEAST_SHARE: Final = 0.02
@@ -107,12 +104,11 @@ def confidence(found: Assessment) -> Confidence | None:
     uncertainty = found.config.plant.uncertainty
     if not uncertainty.is_known or found.loop.stiffness == 0.0:
         return None
-    deviations = np.array([uncertainty.inertia, uncertainty.viscous, uncertainty.coulomb, uncertainty.delay_s])
-    draws = _LOG2_DRAWS if found.damped is None else _LOG2_DRAWS_DAMPED
-    normal = _normals(np.asarray(uncertainty.matrix), draws)
-    loops = [_moved(found, errors) for errors in normal * deviations]
+    spread = deviations(uncertainty)
+    normal = normals(uncertainty, _LOG2_DRAWS if found.damped is None else _LOG2_DRAWS_DAMPED)
+    loops = [_moved(found, errors) for errors in normal * spread]
     judged = _of_spring(found, loops) if found.damped is None else _with_damping(found, loops)
-    varying = deviations > 0.0
+    varying = spread > 0.0
     shares = {
         name: float(np.corrcoef(judged.margins, errors)[0, 1] ** 2) if vary and np.ptp(judged.margins) > 0.0 else 0.0
         for name, errors, vary in zip(PARAMETERS, normal.T, varying, strict=True)
@@ -166,30 +162,16 @@ def _with_damping(found: Assessment, loops: Sequence[Loop]) -> _Judged:
     return _Judged(stable, passive, open_answer.astype(float), None)
 
 
-def _normals(correlation: Floats, log2_draws: int) -> Floats:
-    """Correlated standard normal draws, shape (2^log2_draws, 4)."""
-    from scipy.stats import qmc  # half a second, which a config without uncertainty does not wait for
-
-    uniform = qmc.Sobol(len(PARAMETERS), seed=_SEED).random_base2(log2_draws)
-    values, vectors = np.linalg.eigh(correlation)
-    root = vectors * np.sqrt(np.clip(values, 0.0, None))
-    return np.asarray(ndtri(np.clip(uniform, 1e-9, 1.0 - 1e-9)) @ root.T)
-
-
 def _moved(found: Assessment, errors: Floats) -> Loop:
     """The loop of one draw. What the hand and the effects add to the plant stays as it is."""
     loop, plant = found.loop, found.config.plant
     inertia, viscous, coulomb, delay = errors.tolist()
 
-    def scaled(value: float, own: float, error: float) -> float:
-        # log-normal: a friction never becomes negative; one that is 0 has only one side to go to
-        return value - own + own * float(np.exp(error / own)) if own > 0.0 else value + abs(error)
-
     return replace(
         loop,
-        inertia=scaled(loop.inertia, plant.inertia, inertia),
-        viscous=scaled(loop.viscous, plant.viscous, viscous),
-        coulomb=max(scaled(loop.coulomb, plant.coulomb, coulomb), 0.0),
+        inertia=loop.inertia - plant.inertia + moved(plant.inertia, inertia),
+        viscous=loop.viscous - plant.viscous + moved(plant.viscous, viscous),
+        coulomb=max(loop.coulomb - plant.coulomb + moved(plant.coulomb, coulomb), 0.0),
         delay=max(loop.delay + delay, 0.0),
     )
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from hapticd.commission.rig import Rig
 from hapticd.commission.step import Result
 from hapticd.config import Config, apply_settings, config_to_yaml, parse_config
 from hapticd.hil.cases import FIG_8, Case
-from hapticd.hil.compare import DRAWS, possible, recorded_times
+from hapticd.hil.compare import LOG2_DRAWS, possible, recorded_times
 from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.suite import CaseResult, Released, judged
 from hapticd.record import Run, RunWriter, run_metadata
@@ -92,7 +93,9 @@ def released(model: Config, device: Config, case: Case, path: Path) -> Released:
         for rows in blocks:
             writer.write(rows)
     outcome = "decaying" if report["outcome"] == "monotone" else report["outcome"]
-    result = {"achieved_deflection": case.deflection, "outcome": outcome, "run": str(path)}
+    # as the daemon reads it: the shaft stands somewhere within its count
+    achieved = np.floor(case.deflection * case.decimation) / case.decimation
+    result = {"achieved_deflection": achieved, "outcome": outcome, "run": str(path)}
     return Released(case, model, result, {"attempts": 1, "disturbances": 0})
 
 
@@ -120,18 +123,34 @@ def test_an_uncertain_plant_is_not_called_wrong(tmp_path: Path) -> None:
     assert problems["sure"] != ()
 
 
-def test_the_plants_that_are_possible() -> None:
+@pytest.mark.parametrize("within", [0.02, 0.34, 0.66, 0.98])
+def test_where_the_shaft_stands_within_its_count_is_not_known(within: float, tmp_path: Path) -> None:
+    """Case c turns on it: a count sooner over the edge of a tick, another current follows."""
+    case = next(case for case in FIG_8 if case.name == "c")
+    counts = np.floor(case.deflection * case.decimation)
+    moved = replace(case, deflection=(counts + within) / case.decimation)
+    found = judged(released(config(), config(), moved, tmp_path / "run.arrow"))
+    assert found.problems == ()
+    assert found.report["achieved_deflection"] == counts / case.decimation
+
+
+def test_what_a_release_may_have_been() -> None:
     sure = parse_config({}, "RE35")
-    assert possible(sure) == [sure]
+    assert all(plant == sure for plant, _ in possible(sure))
+    starts = np.sort([start * sure.encoder.decimation for _, start in possible(sure)])
+    assert starts[0] > 0.0
+    assert starts[-1] < 1.0
+    assert np.diff(starts).max() < 3.0 / len(starts)
     correlated = apply_settings(config(), {"plant.uncertainty.correlation.inertia_coulomb": 0.99}, source="test")
-    own, *drawn = possible(correlated)
+    (own, middle), *drawn = possible(correlated)
     assert own == correlated
-    assert len(drawn) == DRAWS
+    assert middle == 0.5 / correlated.encoder.decimation
+    assert len(drawn) == 2**LOG2_DRAWS
     assert drawn == possible(correlated)[1:]
-    inertia, coulomb = (np.log([getattr(each.plant, name) for each in drawn]) for name in ("inertia", "coulomb"))
+    inertia, coulomb = (np.log([getattr(each.plant, name) for each, _ in drawn]) for name in ("inertia", "coulomb"))
     assert np.corrcoef(inertia, coulomb)[0, 1] > 0.9
     assert 0.5 < inertia.std() / (4e-7 / 6.28e-6) < 1.6
-    assert np.std([declared_latency(each)[0] for each in drawn]) < 6e-5
+    assert np.std([declared_latency(each)[0] for each, _ in drawn]) < 6e-5
 
 
 def test_a_recording_that_ended_early_goes_on_on_the_grid() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from math import pi
 from pathlib import Path
@@ -28,6 +29,7 @@ WIRES: Final[dict[str, dict[str, Any]]] = {
 FIRMWARE: Final = "mps2-an385"
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked")]
 BEFORE: Final = ("doctor", "zero_current", "by_hand")
+RELEASED_S: Final = 8.0
 TURNED_AT_S: Final = (1.5, 7.0)
 
 
@@ -51,6 +53,7 @@ def results(
     plant: Mapping[str, Any] | None = None,
     faults: Sequence[Mapping[str, Any]] = (),
     rate_hz: float = 1000.0,
+    operator: Nobody | None = None,
 ) -> dict[str, Result]:
     """What steps find on a device of that wire; those that come before are taken as passed."""
     board = None
@@ -73,13 +76,16 @@ def results(
         device.wait_ready()
         data = config.model_dump()
         data["driver"] |= device.options
-        with Rig(parse_config(data, wire), folder, Nobody(), lambda text: None, no_bar, Given()) as rig:
+        with Rig(parse_config(data, wire), folder, operator or Nobody(), lambda text: None, no_bar, Given()) as rig:
             friction = {"friction_A": config.plant.coulomb / config.amplifier.torque_constant}
             passed = {
                 name: Result("pass", "taken as passed", friction) for name in (*BEFORE, "sign") if name not in steps
             }
             run.State(folder, rig.config).save(passed, 0.0)
-            return run.commission(rig, only=steps)
+            found = run.commission(rig, only=steps)
+    if disturbed := [result.finding for result in found.values() if result.result == "disturbed"]:
+        pytest.skip(disturbed[0])
+    return found
 
 
 @pytest.mark.parametrize("wire", WIRES)
@@ -133,12 +139,20 @@ def test_the_firmwares_watchdog(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("wire", [*WIRES, "firmware"])
 def test_the_enable(wire: str, tmp_path: Path) -> None:
-    """Let go of with the amplifier off, then while the shaft swings."""
+    """Let go of with the amplifier off, from the device's start until it is asked for; then while the shaft swings."""
+    begun = time.monotonic()
+
+    class InTime(Nobody):
+        def does(self, request: str) -> bool:
+            if request.startswith("Let go") and time.monotonic() - begun > RELEASED_S:
+                pytest.skip("this machine is too slow: the hand holds the enable again before the step begins")
+            return True
+
     released = [
-        {"kind": "enable_released", "at_s": 5.0, "from": "start", "duration_s": 3.0},
-        {"kind": "enable_released", "at_s": 2.0, "from": "enabled", "duration_s": 2.0},
+        {"kind": "enable_released", "at_s": 0.0, "from": "start", "duration_s": RELEASED_S + 2.0},
+        {"kind": "enable_released", "at_s": 4.0, "from": "enabled", "duration_s": 2.0},
     ]
-    found = results(wire, tmp_path, "enable", faults=released)["enable"]
+    found = results(wire, tmp_path, "enable", faults=released, operator=InTime())["enable"]
     assert found.result == "pass", found
     assert found.figures["fault"] == "enable_released"
 

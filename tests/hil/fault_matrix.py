@@ -2,10 +2,10 @@
 
 ``python -m tests.hil.fault_matrix [--trials 20] [--device serial|canopen|firmware] [--only FAULT] [--markdown FILE]``.
 
-A trial counts when the machine was not busy around it. The witnesses are threads of ordinary priority, as the kernel's
-carriers of a pseudo-terminal's bytes are, one on each processor, which sleep a millisecond and look how late they wake:
-where one was once later than half the time in which a fault must be seen, the trial is none, whatever came of it, and
-is repeated. How many is said.
+A trial counts when the machine was not busy around it: where the `Witness` was once later than half the time in which a
+fault must be seen, the trial is none, whatever came of it, and is repeated. How many is said.
+
+A page keeps the rows that did not run: each that is of another commit than the table's head says which.
 
 Daemons and devices are forked from a server that has loaded all code, so that a trial takes two seconds in place of
 six; where the host's clock jumps they are started as programs, for the library that moves their clock has to be loaded
@@ -15,17 +15,17 @@ first.
 from __future__ import annotations
 
 import argparse
-import os
+import re
 import subprocess
 import sys
 import tempfile
-import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from textwrap import wrap
 
 import pytest
 
@@ -34,47 +34,14 @@ from hapticd.hil.cases import FIRMWARE_CONFIG, FIRMWARE_RATE_HZ, slower_rig
 from hapticd.hil.errors import HilError
 from hapticd.hil.injections import INJECTIONS, Injection
 from hapticd.hil.matrix import SETTLE_S, Row, detection_s, limit_s, run_injection
+from hapticd.hil.witness import Witness
 from tests.forked import fork_what_hil_starts
 
 ROOT = Path(__file__).parents[2]
 DEVICES = ("serial", "canopen", "firmware")
-_LOOK_S = 1e-3
 _BEFORE_S = 0.1
 _MOST_REPEATS = 3
 """Trials for each valid one that is asked for, before a fault is given up."""
-
-
-class Witness:
-    """Notes every time at which a thread of ordinary priority woke late, on any processor."""
-
-    def __init__(self) -> None:
-        self._late: list[tuple[int, int]] = []
-        self._end = threading.Event()
-        processors = sorted(os.sched_getaffinity(0))
-        self._threads = [threading.Thread(target=self._watch, args=(one,), daemon=True) for one in processors]
-
-    def __enter__(self) -> Witness:
-        for thread in self._threads:
-            thread.start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._end.set()
-        for thread in self._threads:
-            thread.join()
-
-    def _watch(self, processor: int) -> None:
-        os.sched_setaffinity(0, {processor})  # of this thread alone
-        while not self._end.is_set():
-            due = time.monotonic_ns() + round(_LOOK_S * 1e9)
-            time.sleep(_LOOK_S)
-            late = time.monotonic_ns() - due
-            if late > 1e9 * _LOOK_S:
-                self._late.append((due, late))
-
-    def latest_s(self, begin_ns: int, end_ns: int) -> float:
-        """The most that it was late in a span of time, s."""
-        return max((late for due, late in self._late if due + late > begin_ns and due < end_ns), default=0) * 1e-9
 
 
 @dataclass
@@ -172,23 +139,59 @@ def tally(device: str, injection: Injection, trials: int, witness: Witness) -> T
 
 
 HEADER = ("injected", "raised", "worst, ms", "limit, ms", "as it must be")
+_GOES_ON = "The loop goes on, or refuses to start, in every trial: "
+_OF_COMMIT = re.compile(r" \([0-9a-f]{7,}(-dirty)?\)$")
 
 
-def markdown(tallies: Sequence[Tally], trials: int) -> str:
-    """The table of a device, and in one sentence what goes on."""
+def markdown(tallies: Sequence[Tally], trials: int, before: str = "") -> str:
+    """The table of a device, and in one sentence what goes on.
+
+    Args:
+        before: the table until now, whose rows stay where they are not run again; its head stays while there are any.
+    """
     asked = ["git", "describe", "--always", "--dirty"]
-    commit = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False)
-    date = time.strftime("%Y-%m-%d", time.gmtime())
-    repeated = sum(one.disturbed for one in tallies)
-    head = f"Undisturbed trials of each fault: {trials}; commit {commit.stdout.strip() or 'unknown'}, {date}"
-    lines = [f"{head}. Disturbed and repeated: {repeated}."]
-    stops = [one for one in tallies if not one.goes_on]
-    if stops:
+    said = subprocess.run(asked, cwd=ROOT, capture_output=True, text=True, check=False)
+    commit, date = said.stdout.strip() or "unknown", time.strftime("%Y-%m-%d", time.gmtime())
+    head, rows, unmoved = _parsed(before)
+    for one in tallies:
+        rows.pop(one.injection.what, None)
+        unmoved.discard(one.injection.what)
+    if not rows and not unmoved:
+        repeated = sum(one.disturbed for one in tallies)
+        head = (
+            f"Undisturbed trials of each fault: {trials}; commit {commit}, {date}. Disturbed and repeated: {repeated}."
+        )
+    for one in tallies:
+        if one.goes_on:
+            unmoved.add(one.injection.what)
+            continue
+        what, *cells = (cell.replace("|", "\\|") for cell in one.cells())
+        rows[one.injection.what] = [what if f"commit {commit}," in head else f"{what} ({commit})", *cells]
+    order = [one.what for one in INJECTIONS]
+    lines = [head]
+    if kept := [rows[what] for what in order if what in rows]:
         lines += ["", "| " + " | ".join(HEADER) + " |", "|" + "---|" * len(HEADER)]
-        lines += ["| " + " | ".join(cell.replace("|", "\\|") for cell in one.cells()) + " |" for one in stops]
-    if unmoved := [one.injection.what for one in tallies if one.goes_on]:
-        lines += ["", f"The loop goes on, or refuses to start, in every trial: {'; '.join(unmoved)}."]
+        lines += ["| " + " | ".join(cells) + " |" for cells in kept]
+    if going := [what for what in order if what in unmoved]:
+        lines += ["", *wrap(f"{_GOES_ON}{'; '.join(going)}.", 125, break_long_words=False)]
     return "\n".join(lines) + "\n"
+
+
+def _parsed(table: str) -> tuple[str, dict[str, list[str]], set[str]]:
+    """Head, rows by what was injected, and what goes on, of a table that `markdown` has made."""
+    head: list[str] = []
+    rows: dict[str, list[str]] = {}
+    unmoved: set[str] = set()
+    for block in table.strip().split("\n\n"):
+        if block.startswith("| "):
+            for line in block.splitlines()[2:]:
+                cells = re.split(r"(?<!\\) \| ", line.removeprefix("| ").removesuffix(" |"))
+                rows[_OF_COMMIT.sub("", cells[0])] = cells
+        elif block.startswith(_GOES_ON):
+            unmoved |= set(" ".join(block.split()).removeprefix(_GOES_ON).removesuffix(".").split("; "))
+        else:
+            head.append(block)
+    return "\n\n".join(head), rows, unmoved
 
 
 def marks(device: str) -> tuple[str, str]:
@@ -199,19 +202,18 @@ def marks(device: str) -> tuple[str, str]:
     )
 
 
-def replace_table(page: Path, device: str, text: str) -> None:
-    """Put the table of a device between its marks in a page.
+def replace_rows(page: Path, device: str, tallies: Sequence[Tally], trials: int) -> None:
+    """Put what was run into the table of a device between its marks in a page.
 
     Raises:
         ValueError: the page has no such marks.
     """
     first, last = marks(device)
-    whole = page.read_text(encoding="utf-8")
-    before, begin, rest = whole.partition(first)
-    _, end, after = rest.partition(last)
+    before, begin, rest = page.read_text(encoding="utf-8").partition(first)
+    table, end, after = rest.partition(last)
     if not begin or not end:
         raise ValueError(f"{page} has no lines {first} and {last}")
-    page.write_text(f"{before}{begin}\n\n{text}\n{end}{after}", encoding="utf-8")
+    page.write_text(f"{before}{begin}\n\n{markdown(tallies, trials, table)}\n{end}{after}", encoding="utf-8")
 
 
 def main() -> int:
@@ -221,7 +223,10 @@ def main() -> int:
     parser.add_argument("--device", action="append", choices=DEVICES, help="repeatable; default: all")
     parser.add_argument("--only", action="append", metavar="FAULT", help="repeatable; 'hapticd hil --json' names them")
     parser.add_argument(
-        "--markdown", type=Path, metavar="FILE", help="replace the devices' tables between the marks of this page"
+        "--markdown",
+        type=Path,
+        metavar="FILE",
+        help="put what was run into the devices' tables between the marks of this page",
     )
     options = parser.parse_args()
     if unknown := set(options.only or ()) - {one.name for one in INJECTIONS}:
@@ -237,7 +242,7 @@ def main() -> int:
                 of_device.append(tally(device, injection, options.trials, witness))
                 print(" | ".join([device, *of_device[-1].cells()]), file=sys.stderr, flush=True)
                 if options.markdown:  # an interrupted run leaves what it has
-                    replace_table(options.markdown, device, markdown(of_device, options.trials))
+                    replace_rows(options.markdown, device, of_device, options.trials)
             tallies += of_device
             if of_device:
                 print(f"### {device}\n\n{markdown(of_device, options.trials)}")
