@@ -155,16 +155,17 @@ def rest_range(
 ) -> tuple[float, float]:
     """Where the simulation comes to rest, coarse ticks, for all that is not known of a run on hardware.
 
-    The delay by a fifth, the start by its raw count: a long release amplifies both into a good part of the band in which
-    stiction holds the shaft.
+    Here the delay, by a fifth: a long release amplifies it into a good part of the band in which stiction holds the shaft.
+
+    Args:
+        deflection: in the middle of its raw count.
     """
-    count, latency_s = 1.0 / config.encoder.decimation, declared_latency(config)[0]
+    latency_s = declared_latency(config)[0]
     ends = []
     for factor in (0.8, 0.9, 1.0, 1.1, 1.2):
         trial = _with_latency(config, factor * latency_s)
-        for offset in (0.0, 0.5 * count, count):
-            trace, _ = simulated_trace(trial, duration_s, deflection + offset, times=times)
-            ends.append(float(trace.ticks[-1]))
+        trace, _ = simulated_trace(trial, duration_s, deflection, times=times)
+        ends.append(float(trace.ticks[-1]))
     return min(ends), max(ends)
 
 

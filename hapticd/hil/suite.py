@@ -39,6 +39,7 @@ from hapticd.hil.daemon import DaemonProcess
 from hapticd.hil.device import Device
 from hapticd.record import FLAG_MISSED_EXCHANGE, read_run
 from hapticd.record.schema import FLAG_MISSED_PERIOD, FLAG_RUNNING
+from hapticd.service.jobs import shown_outcome
 from hapticd.servo import excitation
 
 ATTEMPTS: Final = 4
@@ -48,6 +49,8 @@ PATIENCE_S: Final = 0.02
 The default of two tolerated exchanges in a row would end most runs there; how many there were is in the report."""
 CURRENT_TOLERANCE: Final = 0.10
 """Largest RMS difference of the current over the first swing, of its RMS."""
+_FEWEST: Final = 4
+"""Periods of which an outcome can be told."""
 REST_TOLERANCE_TICKS: Final = 0.1
 """By how much the place of rest may be outside the range that the simulation gives for an uncertain delay."""
 
@@ -220,37 +223,43 @@ def judged(released: Released) -> CaseResult:
     case, config, result, tries = released.case, released.config, released.result, released.tries
     achieved, path = float(result["achieved_deflection"]), Path(result["run"])
     measured = measured_trace(path, config)
-    times = (
-        recorded_times(read_run(path), round(case.duration_s * config.servo.rate_hz)) if len(measured.ticks) else None
-    )
+    count = round(case.duration_s * config.servo.rate_hz)
+    times = recorded_times(read_run(path), count) if len(measured.ticks) else None
     simulated = [
         simulated_trace(plant, case.duration_s, achieved + start, times=times) for plant, start in possible(config)
     ]
     comparison = min((compare(measured, trace) for trace, _ in simulated), key=lambda each: each.current_rms_error)
-    outcomes = [report["outcome"] for _, report in simulated]
-    expected = {"decaying" if outcome == "monotone" else outcome for outcome in outcomes}
-    said = ", ".join(dict.fromkeys(str(outcome) for outcome in outcomes))
+    # The recording goes on for some periods after the release's time, and so does a motion that has not ended by then.
+    outcome, end = result["outcome"], None
+    if not result.get("fault") and len(measured.ticks) >= _FEWEST:
+        outcome, _, rests = shown_outcome(measured.ticks[:count], measured.time_s[:count])
+        end = float(measured.ticks[:count][-1]) if rests else None
+    shown = [shown_outcome(trace.ticks, trace.time_s) for trace, _ in simulated]
+    expected = {
+        str(report["outcome"]) if report["fault"] else seen
+        for (seen, *_), (_, report) in zip(shown, simulated, strict=True)
+    }
     found: dict[str, Any] = {
         "achieved_deflection": achieved,
-        "outcome": result["outcome"],
-        "simulated_outcome": said,
+        "outcome": outcome,
+        "simulated_outcome": ", ".join(sorted(expected)),
         "paper": case.paper,
-        "final_ticks": float(measured.ticks[-1]) if len(measured.ticks) else None,
+        "final_ticks": float(measured.ticks[:count][-1]) if len(measured.ticks) else None,
         "simulated_final_ticks": float(simulated[0][0].ticks[-1]),
         "fault": result.get("fault"),
         **tries,
         "run": result["run"],
     }
     problems = _trace_problems(comparison)
-    if result["outcome"] not in expected:
-        problems.append(f"outcome {result['outcome']}, simulated {said}")
-    if "decaying" in expected and result["outcome"] == "decaying":
-        ends = [float(trace.ticks[-1]) for trace, _ in simulated]
-        ends += rest_range(config, case.duration_s, achieved, times)
+    if outcome not in expected:
+        problems.append(f"outcome {outcome}, simulated {found['simulated_outcome']}")
+    ends = [float(trace.ticks[-1]) for (*_, rests), (trace, _) in zip(shown, simulated, strict=True) if rests]
+    if end is not None and ends:
+        ends += rest_range(config, case.duration_s, achieved + 0.5 / case.decimation, times)
         low, high = min(ends), max(ends)
         found["simulated_rest_range_ticks"] = [low, high]
-        if not low - REST_TOLERANCE_TICKS <= found["final_ticks"] <= high + REST_TOLERANCE_TICKS:
-            problems.append(f"came to rest at {found['final_ticks']:.3g}, simulated {low:.3g} to {high:.3g} ticks")
+        if not low - REST_TOLERANCE_TICKS <= end <= high + REST_TOLERANCE_TICKS:
+            problems.append(f"came to rest at {end:.3g}, simulated {low:.3g} to {high:.3g} ticks")
     if problems and tries["disturbances"]:
         problems.append(f"this machine disturbed each of {tries['attempts']} tries")
     return CaseResult(case.name, f"release at {case.deflection:g} ticks", comparison, found, tuple(problems))

@@ -14,7 +14,7 @@ from hapticd.record import read_run
 from hapticd.record.schema import FLAG_RUNNING
 from hapticd.service.refusals import Refused
 from hapticd.servo import faults, layout
-from hapticd.stability.outcome import STRETCHES, decide
+from hapticd.stability.outcome import STRETCHES, Outcome, decide
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -135,33 +135,42 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     if len(counts) < 4:
         return {"outcome": None, "held_by_friction": None, "final": None, "rest": None, "oscillation": None}
     xi = (counts - origin_counts + 0.5) / decimation
-    moving = np.flatnonzero(np.diff(counts) != 0)
-    last_move = int(moving[-1]) + 1 if len(moving) else 0
-    at_rest = time_s[-1] - time_s[last_move] >= max(REST_S, 0.1 * (time_s[-1] - time_s[0]))
+    shown, last_move, at_rest = shown_outcome(counts, time_s)
     tail = counts[-(len(counts) // 4) :]
-    outcome: str | None
+    outcome: str | None = shown
     if fault_number in _RUNAWAY:
         # It began at rest: farther out than that, by more than a reading's error, it has gained energy.
         away = np.abs(counts - origin_counts)
         outcome = "growing" if away.max() > away[0] + 1 else None
-    else:
-        # The rules of `simulate`, on the squared swing of each stretch in place of its energy. What the encoder shows
-        # cannot tell a monotone fall of energy from one with rises.
-        stretches = np.array_split(counts[len(counts) // 2 :], STRETCHES)
-        outcome = decide(True, np.array([_swing(part) ** 2 for part in stretches]), at_rest, False)
     rest = None
     if at_rest:
         rest = {"after_periods": int(tick[last_move] - tick[0]), "after_s": float(time_s[last_move] - time_s[0])}
     return {
         "outcome": outcome,
-        "held_by_friction": len(moving) == 0,
+        "held_by_friction": last_move == 0,
         "final": {"position_ticks": float(xi[-1])},
         "rest": rest,
         "oscillation": None if at_rest else _oscillation(tail, time_s[-len(tail) :], _swing(tail), decimation),
     }
 
 
-def _swing(counts: NDArray[np.int64]) -> float:
+def shown_outcome(counts: NDArray[Any], time_s: NDArray[np.float64]) -> tuple[Outcome, int, bool]:
+    """What an encoder shows of a release that no trip has ended: outcome, the row of the last move, whether it is at rest.
+
+    The rules of `simulate`, on the squared swing of each stretch in place of its energy. It cannot tell a monotone fall of
+    energy from one with rises.
+
+    Args:
+        counts: (n,) of any unit, 4 at least. time_s: (n,) s.
+    """
+    moving = np.flatnonzero(np.diff(counts) != 0)
+    last_move = int(moving[-1]) + 1 if len(moving) else 0
+    at_rest = bool(time_s[-1] - time_s[last_move] >= max(REST_S, 0.1 * (time_s[-1] - time_s[0])))
+    stretches = np.array_split(counts[len(counts) // 2 :], STRETCHES)
+    return decide(True, np.array([_swing(part) ** 2 for part in stretches]), at_rest, False), last_move, at_rest
+
+
+def _swing(counts: NDArray[Any]) -> float:
     """Typical peak to peak: the median over eight stretches, so that one late tick does not make a verdict."""
     return float(np.median([np.ptp(part) for part in np.array_split(counts, 8) if len(part)]))
 
