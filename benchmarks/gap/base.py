@@ -45,7 +45,7 @@ def fitted(case: Case) -> list[Fitted]:
     with tempfile.TemporaryDirectory(prefix="gap-") as folder:
         write_files(Path(folder), files)
         recording, model = tasks.loaded(Path(folder))
-    problem = problem_of([recording], model).with_free_memory()
+    problem = problem_of([recording], model).with_slow_disturbance()
     fit = nominal_fit(problem, [base_law(problem, slug) for slug in BASE_WORDS])
     fit.held_out()
     reach = float(student.isf(0.025, problem.series.blocks - 1))

@@ -72,8 +72,8 @@ def known(files: Files, effects: Sequence[dict[str, Any]]) -> tuple[list[Known],
     whole = scored(fit.maximise(_STEPS))
     found = []
     for number, effect in enumerate(effects):
-        poorer = fit.without(number, nominal.noise)
-        less = scored(poorer.maximise(_STEPS))
+        reduced = fit.without(number, nominal.noise)
+        less = scored(reduced.maximise(_STEPS))
 
         def shows(more: LawSet, less: LawSet) -> tuple[float, float]:
             return evidence(more, less)[1], 1.0 - missing_power(more.fit) / missing_power(less.fit)

@@ -134,13 +134,13 @@ def gap(
         return result
 
     if live:
-        from hapticd.gap.live import close_the_circle
+        from hapticd.gap.live import find_gap_live
 
         experiment = experiment_named(excite or "all")
         client = connect(socket)
         config = check(model_of_daemon(client, model, assignments))
         of_daemon = partial(analyse, config, loaded(test, config) if test else None)
-        result = close_the_circle(client, config, experiment, of_daemon, output.note, output.progress_bar)[0]
+        result = find_gap_live(client, config, experiment, of_daemon, output.note, output.progress_bar)[0]
     else:
         paths = [find_run(run) for run in runs or ()]
         first_look(paths)

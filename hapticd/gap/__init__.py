@@ -1,4 +1,4 @@
-"""The gap workflow: where simulation and measurement disagree, which missing effect explains it, and how sure that is.
+"""The gap workflow: where simulation and measurement disagree, which missing effect explains it, and with what evidence.
 
     Recording → Series → base fit → propose → choose → judge → report
 

@@ -1,4 +1,4 @@
-"""From what a search found to what is reported of it: names with intervals, missing force before and after, what is left."""
+"""The result of a search: named effects with intervals, the missing force before and after, and the remainder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from hapticd.gap import chance, grip, late_record, missing
 from hapticd.gap.base_model import at_the_end
 from hapticd.gap.covariance import covariance_of
 from hapticd.gap.kernel.ticks import NOISE
-from hapticd.gap.law_set import is_quiet
+from hapticd.gap.law_set import is_at_noise_level
 from hapticd.gap.missing import Missing, missing_force
 from hapticd.gap.model_file import BASE_KEYS
 from hapticd.gap.prediction import predicted, prediction_errors
@@ -48,18 +48,19 @@ def answer(
     unnamed: Mapping[str, str],
     validation: Recording | None = None,
 ) -> GapResult:
-    """What a search found, judged with a disturbance that may be slow.
+    """The result, computed with a disturbance that may be slow.
 
     Args:
-        recordings: what was searched. model: the nominal model. search: it.
-        chosen: the set of laws. named: its laws, in the order in which they are said.
-        are_all: whether the whole catalogue was considered. unnamed: laws left out, each for a function of a coordinate.
-        validation: a recording that was not searched.
+        recordings: the fitted recordings. model: the nominal model. search: the search.
+        chosen: the set of laws. named: its laws, in the order of the report.
+        are_all: whether the whole catalogue was considered. unnamed: law that was dropped to the coordinate of the unnamed
+            function that replaced it.
+        validation: a recording that was not fitted.
     """
     freed = [one.with_slow_disturbance for one in path(search, chosen, named)]
     after = missing.held_out_rms(freed[-1].fit)
     torque = missing.own_torque(freed[-1].fit)
-    if named and after > torque:  # a model of another device names nothing
+    if named and after > torque:  # the model is of another device
         named, freed = (), freed[:1]
         after, torque = missing.held_out_rms(freed[0].fit), missing.own_torque(freed[0].fit)
     first, last = freed[0], freed[-1]
@@ -70,7 +71,7 @@ def answer(
     numbers = GapNumbers(found[0].rms, found[-1].rms, before, after, missing.noise_floor(last.fit), unit)
     possible = max(missing.explainable(first.fit, found[0]) * power[0], power[0] - power[-1], 1e-300)
     covariance = covariance_of(last.fit)
-    variance, reach = np.diag(covariance), _reach(last.fit.problem.series.blocks)
+    variance, coverage = np.diag(covariance), _coverage_factor(last.fit.problem.series.blocks)
     edges = {
         at: ends
         for one in named
@@ -83,19 +84,19 @@ def answer(
     )
     effects = tuple(step.effect for step in steps)
     remainder = remainder_of(last.fit, found[-1], power[0])
-    series, half = first.fit.problem.series, reach * np.sqrt(variance)
+    series, half = first.fit.problem.series, coverage * np.sqrt(variance)
     at_bounds = {
         one.law: names
         for one in named
         if (names := _at_bounds(last, one.law, half, edges)) and one.law not in BASE_WORDS
     }
-    late = late_record.described(last.fit, variance, reach)
+    late = late_record.described(last.fit, variance, coverage)
     timing = _timing(recordings)
-    begun = first.fit.problem.begun
+    assumed_friction = first.fit.problem.assumed_friction
     warnings = [
         *timing["warnings"],
         *late["warnings"],
-        *_relative_to(begun, effects, model.is_linear),
+        *_relative_to(assumed_friction, effects, model.is_linear),
         *([_held(search, model.is_linear)] if search.is_held else []),
     ]
     timing = {**timing, **late, "warnings": warnings}
@@ -116,8 +117,8 @@ def answer(
             {"coordinate": entry.coordinate, "range": list(entry.ends), "share": entry.share}
             for entry in missing.dependences(first.fit, found[0])
         ),
-        base=_base_estimates(last, effects, variance, reach, model.is_linear),
-        begun=begun,
+        base=_base_estimates(last, effects, variance, coverage, model.is_linear),
+        assumed_friction=assumed_friction,
         prediction=prediction_errors(predicted(first.fit), predicted(last.fit), model.is_linear),
         validation=validate(first.fit, last.fit, validation) if validation else None,
         recording=timing,
@@ -130,7 +131,7 @@ def answer(
             "explainable_share": min(possible / power[0], 1.0) if power[0] > 0.0 else 0.0,
             "at_bounds": at_bounds,
             "predicted_better_by": dict(unnamed),
-            "is_quiet": not named and is_quiet(chosen.fit),
+            "is_quiet": not named and is_at_noise_level(chosen.fit),
             "filter_runs": round(sum(first.fit.problem.runs) / series.size),
             "filter_runs_of_columns": round(sum(first.fit.problem.columns) / series.size),
         },
@@ -139,17 +140,17 @@ def answer(
 
 
 def _held(search: Search, is_linear: bool) -> str:
-    """That the inertia is the one of a balance of forces."""
+    """Warning: the inertia was kept in the range that the balance of forces gives."""
     unit, held = unit_of("plant.inertia", is_linear), search.balance.inertia
     between = f"between {held.low:.3g} and {held.high:.3g} {unit}" if held else ""
     return (
-        f"inertia: held {between}, as least squares on the balance of forces have it; another inertia predicts better one "
-        "step ahead, but leaves more force missing. Faster motion would decide"
+        f"inertia: kept {between}, the range that least squares on the balance of forces gives. Another inertia predicts "
+        "better one step ahead, but leaves more force missing. Record a faster motion to decide"
     )
 
 
 def path(search: Search, chosen: LawSet, named: Sequence[Named]) -> list[LawSet]:
-    """The model as given, and with one law of the set after the other."""
+    """The model as given, then with one more law of the set each."""
     sets = [chosen]
     for one in reversed(named[1:]):
         sets.insert(0, search.without(sets[0], one.law))
@@ -157,7 +158,7 @@ def path(search: Search, chosen: LawSet, named: Sequence[Named]) -> list[LawSet]
 
 
 def _at_bounds(laws: LawSet, slug: str, half: Floats, edges: Mapping[int, tuple[float, float]]) -> list[str]:
-    """Parameters that are not distinguished from the end of their range; of a grip's edges that is the recording's."""
+    """Parameters whose 95 % interval reaches the end of their range; for the edges of a grip, the end of the recording."""
     fit, number = laws.fit, laws.number(slug)
     law, own = fit.terms[number], fit.columns(number)
     names = law.at_bounds(fit.u[own], half[own])
@@ -169,10 +170,10 @@ def _at_bounds(laws: LawSet, slug: str, half: Floats, edges: Mapping[int, tuple[
     ]
 
 
-def _relative_to(begun: Mapping[str, float], effects: Sequence[str], is_linear: bool) -> list[str]:
-    """What corrections of frictions that the model has not are relative to."""
+def _relative_to(assumed_friction: Mapping[str, float], effects: Sequence[str], is_linear: bool) -> list[str]:
+    """Warnings: the reference value of each relative correction of a friction that is 0 in the model."""
     keys = {slug: ".".join(BASE_KEYS[slug]) for slug in effects if slug in BASE_KEYS}
-    sizes = {f"plant.{name}": size for name, size in begun.items()}
+    sizes = {f"plant.{name}": size for name, size in assumed_friction.items()}
     return [
         f"{key} of the model is 0: r of {slug} is relative to {sizes[key]:.3g} {unit_of(key, is_linear)}"
         for slug, key in keys.items()
@@ -213,8 +214,8 @@ def _step(
     )
 
 
-def _reach(blocks: int) -> float:
-    """Standard errors to the ends of a 95 % interval."""
+def _coverage_factor(blocks: int) -> float:
+    """Coverage factor of a 95 % interval: its half width in standard errors (Student's distribution)."""
     return chance.standard_errors(0.025, blocks)
 
 
@@ -224,13 +225,13 @@ def estimates_of(
     """Parameters of a term with their 95 % intervals.
 
     Args:
-        term: the law. u: (k,) its coordinates. variance: (k,) of these.
-        blocks: of the recordings. is_linear: metres and newtons.
+        term: the law. u: (k,) its coordinates. variance: (k,) their variances.
+        blocks: number of blocks. is_linear: metres and newtons.
     """
-    reach = _reach(blocks)
+    coverage = _coverage_factor(blocks)
     if term.slug in BASE_WORDS:
         (own,) = term.coordinates
-        ends = _ends(own, float(u[0]), reach * float(np.sqrt(variance[0])))
+        ends = _ends(own, float(u[0]), coverage * float(np.sqrt(variance[0])))
         value, low, high = (math.expm1(end - own.centre) for end in (float(u[0]), *ends))
         return {"r": Estimate(value, (low, high), "")}
     units = {p.name: p.unit_linear if is_linear else p.unit for p in CATALOGUE[term.slug].parameters}
@@ -241,7 +242,7 @@ def estimates_of(
     accuracy = CATALOGUE[term.slug].accuracy
     for coordinate, value, own in zip(term.coordinates, u, variance, strict=True):
         model = accuracy if coordinate.is_log else accuracy * abs(value)
-        half = reach * math.hypot(float(np.sqrt(own)), model)
+        half = coverage * math.hypot(float(np.sqrt(own)), model)
         name = coordinate.name.partition("[")[0]
         estimate = _estimate(coordinate, value, half, units[name])
         turns = whole_turns(term.slug, name, estimate.value)
@@ -251,29 +252,29 @@ def estimates_of(
 
 
 def _estimate(coordinate: Coordinate, value: float, half: float, unit: str) -> Estimate:
-    """The estimate whose coordinate is `value`, give or take `half`, within its bounds."""
+    """The estimate with coordinate `value` ± `half`, limited to its bounds."""
     ends = _ends(coordinate, value, half)
     found, low, high = (float(np.exp(v)) if coordinate.is_log else float(v) for v in (value, *ends))
     return Estimate(found, (low, high), unit)
 
 
 def _ends(coordinate: Coordinate, value: float, half: float) -> tuple[float, float]:
-    # The logarithm of a magnitude that is next to nothing says nothing of its upper end: its value does.
+    # Near zero the interval of the logarithm has no useful upper end: the interval of the value has.
     further = math.log1p(half) if coordinate.is_log and value <= coordinate.lower else half
     low, high = (min(max(end, coordinate.lower), coordinate.upper) for end in (value - half, value + further))
     return low, high
 
 
 def _base_estimates(
-    last: LawSet, effects: Sequence[str], variance: Floats, reach: float, is_linear: bool
+    last: LawSet, effects: Sequence[str], variance: Floats, coverage: float, is_linear: bool
 ) -> dict[str, Estimate]:
-    """Base parameters that have left their prior, in the units of the model."""
+    """Base parameters outside their prior, in the units of the model."""
     found = {}
     for slug in effects:
         if slug in BASE_WORDS:
             name, number = BASE_WORDS[slug], last.number(slug)
             at = last.fit.columns(number).start
-            half, unit = reach * float(np.sqrt(variance[at])), unit_of(f"plant.{name}", is_linear)
+            half, unit = coverage * float(np.sqrt(variance[at])), unit_of(f"plant.{name}", is_linear)
             coordinate = last.fit.terms[number].coordinates[0]
             found[name] = _estimate(coordinate, float(last.fit.u[at]), half, unit)
     return found

@@ -1,4 +1,4 @@
-"""What arrays of the workflow hold."""
+"""Array types of the workflow."""
 
 import numpy as np
 from numpy.typing import NDArray

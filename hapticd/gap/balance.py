@@ -1,11 +1,11 @@
-"""A first look at a device without any model of it: least squares on the balance of forces.
+"""Inertia and friction without a model: least squares on the balance of forces.
 
     K_t i(t − T_D) = J a + b v + c sgn v − τ₀
 
 Positions are smoothed by a zero-phase Butterworth filter and differentiated, currents go through the same filter, and
 samples at rest are left out, where stiction takes any value (the inverse dynamic model of Gautier 1997, as in Janot, Gautier
-and Brunot, CEP 2019). Encoder steps and the filter bias the result by some per cent; as a start for the likelihood it is
-good from any model, however wrong.
+and Brunot, CEP 2019). Quantisation and the filter bias the result by some per cent. It does not depend on the model, so it
+is a start for the likelihood even where the model is wrong.
 """
 
 from __future__ import annotations
@@ -26,30 +26,30 @@ if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
 
 LEAST_START = 0.05
-"""A base parameter whose torque is a smaller part of all starts at that part: zero is no start for a logarithm."""
+"""Least share of the torque from which a base parameter starts: the logarithm of zero does not exist."""
 CUTOFF_HZ = 40.0
-"""Corner of the filter; lower where the record is slow."""
+"""Cut-off frequency of the filter [Hz]; lower where the sampling rate is low."""
 MOVING = 4.0
-"""Speed, in cells per filter time, above which a shaft is taken to move."""
+"""Speed, in encoder cells per filter time constant, above which the shaft counts as moving."""
 _LONGEST_DELAY_S = 0.01
-"""Largest delay that is looked for, or this many periods:"""
+"""Largest delay that is tried [s], or this many periods, whichever is more:"""
 _LONGEST_DELAY_PERIODS = 6.0
 _FEWEST_ROWS = 100
-AS_LITTLE = 1.1
-"""RMS left over the least at any delay, up to which a shorter one is as good."""
+NEAR_LEAST = 1.1
+"""A delay is as good as the best one up to this ratio of their residual RMS."""
 _ROWS_PER_CUTOFF = 5.0
-"""Rows a period of the corner frequency: more of them say the same twice."""
+"""Rows used per period of the cut-off frequency: more rows add no information."""
 
 
 @dataclass(frozen=True)
 class Solution:
-    """What the balance of forces gives at one delay and sign of the encoder.
+    """Estimates from the balance of forces at one delay and one sign of the encoder.
 
     Attributes:
-        inertia: J in kg m² or kg, > 0. viscous: b. coulomb: c. bias: τ₀, by the corrected sign of the encoder.
+        inertia: J in kg m² or kg, > 0. viscous: b. coulomb: c. bias: τ₀, with the corrected sign of the encoder.
         delay_s: from sample to current.
         sign: 1, or −1 where the encoder counts against the torque.
-        explained: fraction of the driving torque's power, at most 1. left: RMS of what is left of it, N m or N.
+        explained: explained fraction of the driving torque's power, at most 1. left: RMS of the residual, N m or N.
     """
 
     inertia: float
@@ -64,11 +64,11 @@ class Solution:
 
 @dataclass(frozen=True)
 class Balance(Solution):
-    """The best of all delays and both signs.
+    """The best solution over all delays and both signs.
 
     Attributes:
         explained_other_sign: `explained` with the other sign.
-        at_delays: (m, 5) inertia, viscous, coulomb, bias and delay_s of the balance at every delay that was tried.
+        at_delays: (m, 5) inertia, viscous, coulomb, bias and delay_s at every delay that was tried.
     """
 
     explained_other_sign: float
@@ -77,11 +77,11 @@ class Balance(Solution):
 
 @dataclass(frozen=True)
 class Smoothed:
-    """A recording as the balance of forces takes it, on a grid of its periods; all (n,).
+    """A filtered recording on a regular time grid, for the balance of forces; all arrays (n,).
 
     Attributes:
         time_s: the grid. position, velocity, acceleration: filtered. direction: sign of the velocity, filtered.
-        torque: of the recorded current. moves: where the shaft moves. period_s: of the record. cutoff_hz: of the filter.
+        torque: of the recorded current. moves: whether the shaft moves. period_s: of the grid. cutoff_hz: of the filter.
     """
 
     time_s: Floats
@@ -96,17 +96,17 @@ class Smoothed:
 
     @property
     def taken(self) -> NDArray[np.int64]:
-        """Rows that are compared."""
+        """Rows that enter the least squares."""
         every = max(1, round(1.0 / (_ROWS_PER_CUTOFF * self.cutoff_hz * self.period_s)))
         return np.flatnonzero(self.moves)[::every]
 
     def torque_at(self, delay_s: float) -> Floats:
-        """Torque with a delay from sample to current; a command, held for a period, is half a period late."""
+        """Torque with a delay from sample to current; the zero-order hold adds half a period."""
         return np.interp(self.time_s - delay_s - 0.5 * self.period_s, self.time_s, self.torque)
 
 
 def delays(period_s: float) -> Floats:
-    """Delays from sample to current that are tried, s."""
+    """The delays from sample to current to try [s]."""
     longest = max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period_s)
     return np.arange(0.0, longest, max(0.25 * period_s, 2.5e-4))
 
@@ -116,15 +116,15 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
 
     Args:
         recordings: of one device.
-        torque_constant: K_t, N m/A or N/A, taken as known.
+        torque_constant: K_t, N m/A or N/A, assumed known.
 
     Raises:
-        RecordingError: the shaft hardly moves, or no current drives it.
+        RecordingError: the shaft hardly moves, or the current is zero while it moves.
     """
     parts = [smoothed(recording, torque_constant) for recording in recordings]
     if sum(int(part.moves.sum()) for part in parts) < _FEWEST_ROWS:
         names = ", ".join(recording.name for recording in recordings)
-        raise RecordingError(f"{names}: the shaft moves in too few samples to identify it; make it move more")
+        raise RecordingError(f"{names}: the shaft moves in too few samples for an identification; record more motion")
     period = parts[0].period_s
     found = [[_solve(parts, delay, sign) for delay in delays(period)] for sign in (1, -1)]
     tried, others = sorted(found, key=lambda of_sign: -max(one.explained for one in of_sign))
@@ -132,7 +132,7 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
     drive = float(np.sqrt(np.mean(np.concatenate([part.torque[part.moves] for part in parts]) ** 2)))
     if drive == 0.0:
         names = ", ".join(recording.name for recording in recordings)
-        raise RecordingError(f"{names}: no current flows while the shaft moves; nothing tells its inertia")
+        raise RecordingError(f"{names}: the current is 0 A while the shaft moves; its inertia is not identifiable")
     columns = np.concatenate([np.stack([p.acceleration, p.velocity])[:, p.moves] for p in parts], axis=1)
     size = np.sqrt(np.mean(columns**2, axis=1))
     at_delays = np.array([[one.inertia, one.viscous, one.coulomb, one.bias, one.delay_s] for one in tried])
@@ -143,13 +143,13 @@ def balance(recordings: Sequence[Recording], torque_constant: float) -> Balance:
 
 
 def _with_the_least_delay(of_sign: Sequence[Solution]) -> Solution:
-    """The balance with the shortest delay that leaves about as little as the best: in a loop, delay and inertia trade."""
+    """The solution with the shortest delay that is as good as the best: in closed loop, delay and inertia are correlated."""
     least = min(one.left for one in of_sign)
-    return next(one for one in of_sign if one.left <= AS_LITTLE * least)
+    return next(one for one in of_sign if one.left <= NEAR_LEAST * least)
 
 
 def smoothed(recording: Recording, torque_constant: float) -> Smoothed:
-    """Position, its derivatives and torque behind the same zero-phase filter."""
+    """Position, its derivatives and torque after the same zero-phase filter."""
     from scipy.signal import butter, sosfiltfilt
 
     T, time_s = recording.period_s, recording.time_s

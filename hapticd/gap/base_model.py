@@ -1,7 +1,7 @@
-"""The problem that a model and recordings make, and its base parameters: inertia, viscous and Coulomb friction.
+"""The fitting problem of a model and recordings, and its base parameters: inertia, viscous and Coulomb friction.
 
-They are fitted first, from the model's values and from those of a balance of forces by least squares. What the model says of
-one, within its uncertainty, is a law less than another value: which of the two it is, the selection asks as of any law.
+Base parameters are fitted first. They start from the model's values and from a least-squares balance of forces. A value
+outside the model's uncertainty counts as a law, and the selection decides on it as on any law.
 """
 
 from __future__ import annotations
@@ -36,21 +36,21 @@ if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
 
 FARTHEST = {"inertia_error": 10.0, "viscous_friction": 100.0, "coulomb_friction": 100.0}
-"""Factor by which a base parameter may leave what model and balance say. A shaft heavier than that ignores the current."""
+"""Largest factor between a base parameter and the values of model and balance. A heavier shaft would not move."""
 _MOST_WORK = 1.5
-"""Work against a friction over what the shaft gets: beyond, friction holds it, and a disturbance moves it."""
+"""Largest ratio of friction work to the energy put into the shaft. Beyond it, only the disturbance would move the shaft."""
 _PARTED = 1.25
-"""Factor beyond the range of a balance from which an inertia is another one."""
+"""An inertia contradicts the range of a balance if it is outside by more than this factor."""
 _ACCURACY = 0.03
-"""How well a balance knows an inertia at best: its filter and the encoder's steps change it by some per cent."""
+"""Best relative accuracy of an inertia from a balance: the filter and quantisation bias it by some per cent."""
 _STEP_S = 0.05
-"""Steps over which a way is summed [s]."""
+"""Time step over which the distance travelled is summed [s]."""
 NOTHING = 1e-6
-"""What a friction that the model has not is instead, over the device's torques: nothing that shows."""
+"""Friction assumed where the model has none, relative to the device's torques: too small to have an effect."""
 
 
 def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
-    """What is fitted.
+    """The fitting problem.
 
     Raises:
         ValueError: no recording.
@@ -59,32 +59,32 @@ def problem_of(recordings: Sequence[Recording], model: Config) -> Problem:
     vector = device_vector(model, declared_latency(model)[0])
     drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(series.command**2)))
     way = series.resolution * float(np.ptp(series.cell))
-    slowed = model.plant.inertia * way / series.duration_s**2  # all there is where a shaft without friction coasts
+    slowed = model.plant.inertia * way / series.duration_s**2  # for a shaft that coasts without friction or current
     torque = model.plant.coulomb + drive or slowed
     speed = series.resolution * float(np.abs(np.diff(series.cell)).sum()) / series.duration_s
     zero = [name for name in ("viscous", "coulomb") if vector[index_of(name)] == 0.0]
-    begun = {name: NOTHING * torque / (speed if name == "viscous" else 1.0) for name in zero}
-    for name, size in begun.items():
+    assumed_friction = {name: NOTHING * torque / (speed if name == "viscous" else 1.0) for name in zero}
+    for name, size in assumed_friction.items():
         vector[index_of(name)] = size
-    return Problem(series, vector, torque, model.is_linear, begun)
+    return Problem(series, vector, torque, model.is_linear, assumed_friction)
 
 
 @dataclass(frozen=True)
 class Balanced:
-    """What a balance of forces says of the base parameters.
+    """Base parameters from a balance of forces.
 
     Attributes:
-        values: by law; empty where the shaft hardly moves, or against the current.
-        inertia: its range; None where the balance does not know it.
+        values: slug of the law to value; empty where the shaft hardly moves, or moves against the current.
+        inertia: its range; None where it is not identifiable.
     """
 
     values: Mapping[str, float]
     inertia: InertiaRange | None = None
 
     def contradicts(self, fit: Fit) -> bool:
-        """Whether a fitted inertia is out of range although the balance leaves less force.
+        """Whether a fitted inertia is out of range although the balance has a smaller residual.
 
-        What is predicted best one step ahead need not be the device: a shaft too heavy, beside a disturbance too large,
+        The best prediction one step ahead may have a wrong inertia: a too large inertia with a too large disturbance
         predicts slow motion as well.
         """
         if self.inertia is None or missing_power(fit) <= self.inertia.left**2:
@@ -116,15 +116,15 @@ def base_law(
     balanced: float | None = None,
     held: InertiaRange | None = None,
 ) -> Term:
-    """The law that a base parameter has another value, as its logarithm, with a wide prior.
+    """The law that a base parameter differs from the model. Its coordinate is the logarithm, with a wide prior.
 
-    It may be `FARTHEST` from what model and balance say; frictions at most `most_friction`, or what the model says if that
-    is more.
+    The range is `FARTHEST` around the values of model and balance; a friction is at most `most_friction`, or the model's
+    value if that is larger.
 
     Args:
-        problem: what is fitted. slug: one of `BASE_WORDS`. value: where it starts; as given by default.
-        filter_s: time constant of a filter before the record of the current; 0 for none.
-        balanced: what a balance of forces says, if it says something. held: the range in which an inertia stays, if any.
+        problem: what is fitted. slug: one of `BASE_WORDS`. value: start; by default the model's value.
+        filter_s: time constant of a filter between the current and its record; 0 for none.
+        balanced: value from a balance of forces, if any. held: range to which an inertia is limited, if any.
     """
     index = index_of(BASE_WORDS[slug])
     given = float(problem.base[index])
@@ -139,17 +139,17 @@ def base_law(
         least = max(least, min(held.low, middle / (1.0 + _ACCURACY)))
         most = min(most, max(held.high, middle * (1.0 + _ACCURACY)))
     centre, begin, low, high = (math.log(size) for size in (given, start, least, most))
-    neutral = math.nan if slug == "inertia_error" else low  # next to no friction is none
+    neutral = math.nan if slug == "inertia_error" else low  # the least friction counts as none
     coordinate = Coordinate("r", index, True, low, high, 0.3, constants.BASE_PRIOR, centre, neutral)
     return Term(slug, (coordinate,), (min(max(begin, low), high),))
 
 
 def known_terms(problem: Problem, model: Config) -> tuple[Term, ...]:
-    """Base parameters of which the model says how well it knows them: fitted within that, which is no law."""
+    """Base parameters with an uncertainty in the model: they are fitted with it as prior, and do not count as laws."""
     found = []
     for slug, name in BASE_WORDS.items():
         deviation = float(getattr(model.plant.uncertainty, name))
-        if deviation > 0.0 and name not in problem.begun:
+        if deviation > 0.0 and name not in problem.assumed_friction:
             (own,) = (law := base_law(problem, slug)).coordinates
             prior = deviation / float(problem.base[own.word])
             found.append(replace(law, slug=name, coordinates=(replace(own, name=name, prior=prior),)))
@@ -157,10 +157,10 @@ def known_terms(problem: Problem, model: Config) -> tuple[Term, ...]:
 
 
 def most_friction(problem: Problem, filter_s: float = 0.0) -> tuple[float, float]:
-    """Coulomb and viscous friction that each take `_MOST_WORK` times what the shaft gets.
+    """Upper bounds of Coulomb and viscous friction: each dissipates `_MOST_WORK` times the energy put into the shaft.
 
-    That is the current's work, of a current that acts up to `LATEST` periods before or after its record where that is more,
-    and the energy with which each stretch begins, of a shaft as heavy as it may be.
+    That energy is the work of the current, shifted by up to `LATEST` periods where that gives more, and the kinetic energy
+    at the start of each stretch, for the largest inertia.
     """
     series, p = problem.series, problem.base
     duration, current, _ = series.currents(p, filter_s)
@@ -171,12 +171,12 @@ def most_friction(problem: Problem, filter_s: float = 0.0) -> tuple[float, float
         x, period_s = series.resolution * series.cell[rows], series.periods_s[series.recording[rows[0]]]
         every = max(round(_STEP_S / period_s), 1)
         steps = np.diff(x[::every])
-        way += float(np.maximum(np.abs(steps) - series.resolution, 0.0).sum())  # an encoder's noise is no way
+        way += float(np.maximum(np.abs(steps) - series.resolution, 0.0).sum())  # quantisation is not motion
         square += float(np.maximum(steps**2 - series.resolution**2, 0.0).sum()) / (every * period_s)
         if steps.size:
             energy += 0.5 * inertia * float(steps[0] / (every * period_s)) ** 2
         moved, n = np.diff(x), x.size - 1
-        reach = min(LATEST, n - 1)  # a stretch between two gaps may be shorter
+        reach = min(LATEST, n - 1)  # a stretch may be shorter
         for k in range(-reach, reach + 1):
             late, early = max(k, 0), max(-k, 0)
             work[k + LATEST] += torque[rows][early : n - late] @ moved[late : n - early]
@@ -185,14 +185,14 @@ def most_friction(problem: Problem, filter_s: float = 0.0) -> tuple[float, float
 
 
 def at_the_end(fit: Fit, half: Floats, *, is_held: bool = False) -> list[str]:
-    """Base parameters that the data do not distinguish from an end of the fitted range; not an inertia that is held."""
+    """Doubts: base parameters that the data do not distinguish from an end of their range, except a kept inertia."""
     asked = [slug for slug in BASE_WORDS if not (is_held and slug == "inertia_error")]
     own = [(term, fit.columns(number)) for number, term in enumerate(fit.terms) if term.slug in asked]
     open_ended = [BASE_WORDS[term.slug] for term, columns in own if term.at_bounds(fit.u[columns], half[columns])]
     if not open_ended:
         return []
     return [
-        f"These data do not distinguish {' and '.join(open_ended)} from the end of the range that is fitted: the model is "
-        "of another device, or the motion does not follow from the current, as where a controller makes the current follow "
-        "the motion. What is named depends on that."
+        f"These data do not distinguish {' and '.join(open_ended)} from the end of the fitted range. Either the model is of "
+        "another device, or the current does not cause the motion, as where a controller makes the current follow "
+        "the motion. The named effects depend on that."
     ]

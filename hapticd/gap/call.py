@@ -34,32 +34,32 @@ def find_gap(
     force: bool = False,
     progress: Callable[[float, str], None] | None = None,
 ) -> GapResult:
-    """Find where model and measurement disagree, name what is missing, and show the gap shrink.
+    """Find where model and measurement disagree, name the missing effects, and measure the gap with them.
 
     Args:
-        runs: one recording or several of one device: a file, ``"@last"``, a `hapticd.Run`.
-        model: the nominal model, as for `hapticd.check`; by default the config that the first recording carries.
+        runs: one or several recordings of one device: a file, ``"@last"``, a `hapticd.Run`.
+        model: the nominal model, as for `hapticd.check`; by default the config in the first recording.
         settings: dotted key to value, applied to the model.
         refit_base: fit inertia and friction of the model as well.
         effects: consider only these effects of the catalogue.
-        nominal: your own simulator as a function ``torque(x, v, i, t)``, or its name as ``module:function``: position,
-            velocity, motor current and time to the torque of all there is, the motor's among it. What is found is added to
-            it; inertia, amplifier and encoder are the model's.
-        validate: another recording of that device, which is not fitted: the answer's ``validation`` says how the model as
-            given and the improved one predict it.
-        out: folder for report.html, model.yaml and gap.json, made if missing.
-        force: replace an earlier answer in it.
-        progress: called with the fraction done and what is being done.
+        nominal: your own simulator as a function ``torque(x, v, i, t)``, or its name as ``module:function``. It returns the
+            total torque, the motor's included, for a position, velocity, motor current and time. Effects are added to it;
+            inertia, amplifier and encoder are the model's.
+        validate: another recording of the device, which is not fitted: ``validation`` of the result has the errors
+            of the given and the improved model's predictions of it.
+        out: folder for report.html, model.yaml and gap.json, created if missing.
+        force: replace an earlier result in it.
+        progress: called with the fraction done and the present step.
 
     Returns:
-        ``verdict``, ``statement``, ``steps`` (the effects named, in order, with intervals), and the gap in numbers.
+        ``verdict``, ``statement``, ``steps`` (the named effects, in order, with intervals), and the gap in numbers.
 
     Raises:
         RunFileError: a recording cannot be read.
-        RecordingError: nothing can be concluded from one, or one is there twice.
-        ConfigError: no model, or anything wrong in it.
-        ValueError: no recording, a simulator that fails, an unknown effect, or none that can be considered.
-        FileExistsError: an answer is in ``out`` already, without ``force``, or one would take the place of what is read.
+        RecordingError: a recording is unusable, or given twice.
+        ConfigError: there is no model, or it is invalid.
+        ValueError: no recording, a simulator that fails, an unknown effect, or no effect to consider.
+        FileExistsError: ``out`` has a result and ``force`` is not given, or an output file would overwrite an input file.
     """
     recorded = runs_of(runs)
     config = config_of(model if model is not None else own_model(recorded[0]), settings)
@@ -102,10 +102,10 @@ def runs_of(runs: Recorded | Sequence[Recorded]) -> list[Run]:
 
 
 def own_model(run: Run) -> ConfigSource:
-    """The config that a recording carries.
+    """The config in a recording.
 
     Raises:
-        ConfigError: it carries none.
+        ConfigError: it has none.
     """
     stored = run.metadata.get("config")
     if not stored:

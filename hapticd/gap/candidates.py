@@ -1,8 +1,8 @@
-"""The first stage: which effects, from which starts, are expected to gain most. One run of the filter for each start.
+"""Which effects, from which starts, are expected to gain most. Each start costs one run of the filter.
 
-The difference that a start makes to the predictions is a direction; along it the likelihood is a parabola whose top is the
-expected gain of that start (a score test, Rao 1948). Where the effect is linear in one of its parameters the top says how
-large it should be. Orders of a ripple and the time of a grip come out of torques through the linearised filter.
+A start changes the predictions along a direction. Along it the likelihood is approximated by a parabola, whose maximum is
+the expected gain of that start (score test, Rao 1948). Where the effect is linear in a parameter, the maximum also gives
+its value. Orders of a ripple and the interval of a grip are found with the linearised filter.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import SENSOR
 from hapticd.gap.missing import moving
-from hapticd.gap.parallel import each
+from hapticd.gap.parallel import parallel_map
 from hapticd.gap.score import Candidate, Score
 from hapticd.gap.terms import BASE_WORDS, Term, term
 from hapticd.plant.effect_terms import torque_constant
@@ -32,20 +32,20 @@ if TYPE_CHECKING:
 
     from hapticd.gap.arrays import Floats
 
-_CLIMBS = 4
+_MOST_STARTS = 4
 _BASIN = 0.4
 """Difference of the logarithms of two starts that lead to the same maximum."""
 FOLLOWED_SHARE = 0.02
-"""Share of the best start's expected gain that one needs to be followed further."""
+"""A start is dropped below this share of the best start's expected gain,"""
 HALF_WAY = 0.5
-"""The same of what an effect must gain."""
+"""and below this share of the gain that an effect needs."""
 HALVINGS, _TRIAL_HALVINGS = 6, 2
 _COLUMNS = 16
 _INPUTS_TRIED = 6
 
 
 def scale_of(fit: Fit) -> Scale:
-    """What the recordings are of the order of."""
+    """Orders of magnitude of the recordings."""
     problem, out = fit.problem, fit.out
     series = problem.series
 
@@ -71,16 +71,16 @@ def scale_of(fit: Fit) -> Scale:
 
 
 def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candidate]:
-    """The best start of every effect on top of a model, of either sign; `needed`: what one must gain [nats]."""
+    """The best start of each effect and sign, added to a model; `needed`: gain that an effect needs [nats]."""
     scale = scale_of(present)
     space = Score(present)
-    look = present.on(present.problem.first_look())
+    look = present.on(present.problem.subsample())
     look.differentiate()
     part = Score(look, look.out.size / present.out.size)
     found: list[Candidate] = []
     for number, slug in enumerate(slugs):
         if set(CATALOGUE[slug].equivalent_to) & set(slugs[number:]):
-            continue  # the same law in other words: the last of them stands for all
+            continue  # of equivalent laws only the last is tried
         if slug == ripple.SLUG:
             found += ripple.first_orders(space, scale)
         elif slug == grip.SLUG:
@@ -93,19 +93,20 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
                 starts += both_signs(_started(present, slug, values, scale) for values in CATALOGUE[slug].starts(scale))
             remembers = CATALOGUE[slug].acts_on == "memory"
             tried = sorted(
-                each((part if remembers else space).along, starts), key=lambda candidate: -candidate.expected_gain
+                parallel_map((part if remembers else space).along, starts),
+                key=lambda candidate: -candidate.expected_gain,
             )
             if remembers:
                 closest = sorted(tried, key=lambda candidate: candidate.left)
-                found += _apart([*_apart(tried, _CLIMBS // 2), *closest], _CLIMBS)
+                found += _distinct([*_distinct(tried, _MOST_STARTS // 2), *closest], _MOST_STARTS)
             else:
                 found += _of_each_sign(tried)
     least = max(FOLLOWED_SHARE * max((c.expected_gain for c in found), default=0.0), HALF_WAY * needed)
-    hopeful = each(
-        lambda c: _gripped(space, c, scale) if c.slug == grip.SLUG else space.stretched(c),
+    hopeful = parallel_map(
+        lambda c: _gripped(space, c, scale) if c.slug == grip.SLUG else space.doubled(c),
         (c for c in found if c.expected_gain > least or c.left < 1.0 - constants.STRUCTURE_SHARE),
     )
-    followed = _followed(space, part, hopeful)
+    followed = _improved(space, part, hopeful)
     best_of: dict[tuple[str, bool], Candidate] = {}
     for candidate in sorted(followed, key=lambda candidate: -candidate.expected_gain):
         best_of.setdefault((candidate.slug, _is_negative(candidate)), candidate)
@@ -113,7 +114,7 @@ def candidates(present: Fit, slugs: Sequence[str], needed: float) -> list[Candid
 
 
 def keeps_the_drive(fit: Fit, present: Fit) -> bool:
-    """Whether a law leaves current and motion their part: one that cancels the drive fits anything."""
+    """Whether a model keeps enough driving torque and motion: a law that cancels the drive would fit any recording."""
     drives = []
     for model in (fit, present):
         p = model.device()
@@ -125,7 +126,7 @@ def keeps_the_drive(fit: Fit, present: Fit) -> bool:
 
 
 def _started(present: Fit, slug: str, values: Values, scale: Scale) -> Term:
-    """A law at a start; that of a base parameter which is next to nothing reaches as far as the device's torques do."""
+    """A law at a start; a base parameter near zero may grow to the size of the device's torques."""
     if slug not in BASE_WORDS:
         return term(slug, values, (), 0.1 * scale.travel)
     effect, law = CATALOGUE[slug], base_law(present.problem, slug, None, present.filter_s())
@@ -134,7 +135,7 @@ def _started(present: Fit, slug: str, values: Values, scale: Scale) -> Term:
 
 
 def both_signs(starts: Iterable[Term]) -> list[Term]:
-    """Starts, and those with the opposite sign: friction holds a shaft one way and lets it go the other."""
+    """Starts with both signs: the sign of a friction changes whether the shaft sticks, so no start reaches the other one."""
     found = list(starts)
     signed = [item for item in found if CATALOGUE[item.slug].amplitude and item.is_signed]
     return found + [item.scaled(CATALOGUE[item.slug].amplitude, -1.0) for item in signed]
@@ -143,15 +144,15 @@ def both_signs(starts: Iterable[Term]) -> list[Term]:
 def _gripped(space: Score, candidate: Candidate, scale: Scale) -> Candidate:
     fit = space.present.extended(candidate.term)
     fit.scan_power()
-    fit = grip.settled(fit, len(fit.terms) - 1, scale)
+    fit = grip.refined(fit, len(fit.terms) - 1, scale)
     expected_gain = fit.log_likelihood - space.present.log_likelihood
     return replace(candidate, term=fit.terms[-1].moved(fit.u[space.present.u.size :]), expected_gain=expected_gain)
 
 
-def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[Candidate]:
-    """Candidates, those maximised whose likelihood is too rough for slopes; of several starts the best goes on.
+def _improved(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[Candidate]:
+    """Candidates, those with a non-smooth likelihood maximised by a compass search; of several starts the best is kept.
 
-    They are maximised in a part of the record, and their expected gain is that in the whole.
+    The search runs on a subsample; the expected gain is that on the whole record.
     """
     rough = [c for c in hopeful if CATALOGUE[c.slug].acts_on == "memory"]
     found = [c for c in hopeful if c not in rough]
@@ -159,10 +160,10 @@ def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[C
     def follow(slug: str) -> Candidate | None:
         tried = [candidate for candidate in rough if candidate.slug == slug]
         ascents = [Ascent(part.present.extended(candidate.term), -1) for candidate in tried]
-        each(lambda ascent: ascent.go(_TRIAL_HALVINGS), ascents)
+        parallel_map(lambda ascent: ascent.go(_TRIAL_HALVINGS), ascents)
         k = int(np.argmax([ascent.fit.log_likelihood for ascent in ascents]))
         if ascents[k].fit.log_likelihood < part.present.log_likelihood:
-            return None  # smaller steps turn no loss into a gain
+            return None  # smaller steps will not gain either
         ascents[k].go(HALVINGS - _TRIAL_HALVINGS)
         item = tried[k].term.moved(ascents[k].fit.u[ascents[k].own])
         whole = space.present.extended(item)
@@ -172,7 +173,7 @@ def _followed(space: Score, part: Score, hopeful: Sequence[Candidate]) -> list[C
             replace(tried[k], term=item, expected_gain=expected_gain) if keeps_the_drive(whole, space.present) else None
         )
 
-    followed = each(follow, dict.fromkeys(c.slug for c in rough))
+    followed = parallel_map(follow, dict.fromkeys(c.slug for c in rough))
     return found + [candidate for candidate in followed if candidate is not None]
 
 
@@ -181,15 +182,15 @@ def _is_negative(candidate: Candidate) -> bool:
 
 
 def _of_each_sign(tried: Sequence[Candidate]) -> list[Candidate]:
-    """The best start, and that of the other sign: friction that rises here is near one that falls there."""
+    """The best start of each sign."""
     best: dict[bool, Candidate] = {}
     for candidate in tried:
         best.setdefault(_is_negative(candidate), candidate)
     return list(best.values())
 
 
-def _apart(tried: Sequence[Candidate], most: int) -> list[Candidate]:
-    """The best starts that do not lie in each other's basin."""
+def _distinct(tried: Sequence[Candidate], most: int) -> list[Candidate]:
+    """The best starts, no two of which lead to the same maximum."""
     chosen: list[Candidate] = []
     for candidate in tried:
         near = (np.abs(np.subtract(candidate.term.start[:1], other.term.start[:1])) < _BASIN for other in chosen)
@@ -199,7 +200,7 @@ def _apart(tried: Sequence[Candidate], most: int) -> list[Candidate]:
 
 
 class Ascent:
-    """A compass search for one term, the noise following: with impacts the likelihood is too rough for slopes."""
+    """A compass search for one term, with the noise rescaled: with impacts the likelihood is not smooth."""
 
     def __init__(self, fit: Fit, number: int, part: float = 1.0) -> None:
         self.fit, self.own = fit, fit.columns(number)
@@ -207,7 +208,7 @@ class Ascent:
         fit.scan_power()
 
     def go(self, halvings: int) -> None:
-        """Try a step along each coordinate, both ways; then smaller ones."""
+        """Try a step along each coordinate in both directions; then repeat with smaller steps."""
         fit = self.fit
         for _ in range(halvings):
             for k in range(self.size.size):
@@ -221,9 +222,9 @@ class Ascent:
 
 
 def _input(space: Score, slug: str, scale: Scale) -> list[Candidate]:
-    """An effect on the current is a known torque for each of its starts: many starts, one linear pass.
+    """Candidates of an effect on the current: each start is a known torque, so one pass of the linearised filter tests all.
 
-    It is looked for in the whole record: a current may reach its limit but once.
+    The whole record is used: a current may saturate only once.
     """
     starts = [term(slug, values, (), 0.1 * scale.travel) for values in CATALOGUE[slug].starts(scale)]
     if not starts:
@@ -236,18 +237,18 @@ def _input(space: Score, slug: str, scale: Scale) -> list[Candidate]:
 
 
 def _best_input(space: Score, starts: Sequence[Term]) -> tuple[float, Term]:
-    """The largest expected or real gain of these starts, and which has it.
+    """The largest gain of these starts, and its term.
 
-    The best are tried: where a current meets its limit but once the filter is lost there, and slopes say little.
+    The best starts are also evaluated exactly: where a current saturates only once, the linearisation is poor there.
     """
     parts = [starts[k : k + _COLUMNS] for k in range(0, len(starts), _COLUMNS)]
-    expected = np.concatenate(each(lambda some: _input_gains(space, some), parts))
+    expected = np.concatenate(parallel_map(lambda some: _input_gains(space, some), parts))
     tried = np.argsort(expected)[-_INPUTS_TRIED:].tolist()
 
     def gain(k: int) -> float:
         return float(max(space.present.extended(starts[k]).log_likelihood - space.present.log_likelihood, expected[k]))
 
-    gains = each(gain, tried)
+    gains = parallel_map(gain, tried)
     best = int(np.argmax(gains))
     return gains[best], starts[tried[best]]
 

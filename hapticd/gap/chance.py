@@ -1,4 +1,4 @@
-"""Student's distribution: what chance does to a statistic that blocks of the recordings tell."""
+"""Student's distribution, for statistics estimated from blocks."""
 
 from __future__ import annotations
 
@@ -6,10 +6,10 @@ from scipy.special import stdtr, stdtrit
 
 
 def standard_errors(probability: float, blocks: int) -> float:
-    """Standard errors that chance exceeds with a probability."""
+    """The number of standard errors that is exceeded by chance with this probability."""
     return -float(stdtrit(blocks - 1, probability))
 
 
 def exceeding(errors: float, blocks: int) -> float:
-    """Probability with which chance exceeds a number of standard errors."""
+    """Probability to exceed this number of standard errors by chance."""
     return float(stdtr(blocks - 1, -errors))

@@ -1,7 +1,7 @@
-"""Is a recording what it says, and can anything be concluded from it? Errors end the workflow, warnings go with its result.
+"""Checks of a recording before anything is fitted. Errors end the workflow; warnings are part of its result.
 
-An error is what makes every further number meaningless: no samples, no motion, a clock that runs backwards, values that
-are not numbers, units wrong by a thousand, counts that wrapped. A warning is what limits the conclusions.
+An error makes every result meaningless: no samples, no motion, time that decreases, values that are not finite, units wrong
+by a factor of a thousand, an encoder counter that wrapped. A warning limits the conclusions.
 """
 
 from __future__ import annotations
@@ -32,18 +32,18 @@ _PEAK_FACTOR = 30.0
 _BALANCE = 30.0
 _FEWEST_STRIDES = 5
 _AGAINST = 0.5
-"""Cosine between what the model needs and the command, below which, the other way round, a sign is wrong."""
+"""A sign is wrong if the cosine between the force that the model needs and the commanded one is below minus this."""
 _NEEDED = 200.0
-"""No effect of the catalogue makes a device move that should need so many times the commanded force."""
+"""Ratio of needed to commanded force that no effect of the catalogue explains."""
 _WRAPS = tuple(2.0**bits for bits in (8, 12, 14, 16, 20, 24, 32))
 _WRAP_TOLERANCE = 0.1
 
 
 def check_samples(name: str, time_s: Floats, position: Floats, current: Floats) -> None:
-    """Refuse samples that are no samples: too few, not numbers, or not in the order of time.
+    """Refuse unusable samples: too few, not finite, or not in order of time.
 
     Raises:
-        RecordingError: with all that is wrong, a line each.
+        RecordingError: all errors, one per line.
     """
     problems = list(_sample_problems(time_s, position, current))
     if problems:
@@ -54,7 +54,7 @@ def check_recording(recording: Recording, model: Config) -> tuple[str, ...]:
     """Warnings about a recording whose samples passed `check_samples`.
 
     Raises:
-        RecordingError: with all that is wrong, a line each.
+        RecordingError: all errors, one per line.
     """
     problems = [*_unit_errors(recording, model), *_wraps(recording, model), *_motionless(recording)]
     problems = problems or list(_undriven(recording, model))
@@ -64,10 +64,10 @@ def check_recording(recording: Recording, model: Config) -> tuple[str, ...]:
 
 
 def check_together(recordings: Sequence[Recording]) -> None:
-    """Refuse a recording that is there twice: it would count as twice the evidence.
+    """Refuse a recording that is given twice: it would count twice as evidence.
 
     Raises:
-        RecordingError: with the names of both.
+        RecordingError: two recordings are the same.
     """
     for one, other in combinations(recordings, 2):
         if np.array_equal(one.position, other.position) and np.array_equal(one.current, other.current):
@@ -111,7 +111,7 @@ def _unit_errors(recording: Recording, model: Config) -> Iterator[str]:
 
 
 def _wraps(recording: Recording, model: Config) -> Iterator[str]:
-    """One sample's step that is a counter's range, which all positions lie in, among steps that are far from it."""
+    """A counter overflow: one step as large as the counter's range, in which all positions lie, among much smaller steps."""
     if recording.resolution <= 0.0:
         return
     steps = np.diff(recording.position) / recording.resolution
@@ -143,7 +143,7 @@ def _motionless(recording: Recording) -> Iterator[str]:
 
 
 def _undriven(recording: Recording, model: Config) -> Iterator[str]:
-    """Motion that the command cannot have made, by orders of magnitude: a wrong column or unit, no missing physics."""
+    """Motion that the command cannot cause, by orders of magnitude: a wrong column or unit, not a missing effect."""
     largest = float(np.abs(recording.current).max())
     ratio = _needed_over_commanded(recording, model)
     if largest == 0.0 and not _one_way(recording):
@@ -161,7 +161,7 @@ def _undriven(recording: Recording, model: Config) -> Iterator[str]:
 
 
 def _one_way(recording: Recording) -> str:
-    """The direction of nearly all motion, or nothing."""
+    """The direction of nearly all motion; empty if the shaft moves in both."""
     steps = np.diff(recording.position)
     forward, backward = float(steps[steps > 0.0].sum()), float(-steps[steps < 0.0].sum())
     if max(forward, backward) > _ONE_WAY * (forward + backward):
@@ -200,7 +200,7 @@ def _gaps(recording: Recording) -> Iterator[str]:
 
 
 def _balance(recording: Recording, model: Config) -> Iterator[str]:
-    """Forces of the model along the motion against the commanded ones: a factor in the tens is a unit, not friction."""
+    """Compare the force that the model needs with the commanded one: a factor of tens is a wrong unit, not friction."""
     ratio = _needed_over_commanded(recording, model)
     if ratio > _BALANCE:
         yield (
@@ -228,7 +228,7 @@ def _sign(recording: Recording, model: Config) -> Iterator[str]:
 
 
 def _needed_over_commanded(recording: Recording, model: Config) -> float:
-    """Force that the model needs for the motion over the commanded one, RMS each; 1 where there is none."""
+    """RMS of the force that the model needs for the motion, over the RMS of the commanded force; 1 without a command."""
     needed = _needed(recording, model)
     drive = model.amplifier.torque_constant * float(np.sqrt(np.mean(recording.current**2)))
     return max(float(np.sqrt(np.mean(needed**2))) / drive, 1e-9) if drive > 0.0 and needed.size else 1.0
@@ -239,10 +239,9 @@ def _stride(recording: Recording) -> int:
 
 
 def _needed(recording: Recording, model: Config) -> Floats:
-    """Force that the model needs for the motion, every hundredth of a second; nothing where that is too seldom.
+    """Force that the model needs for the motion, every 10 ms; empty if the sampling rate is too low for that.
 
-    Positions a hundredth of a second apart are far beyond noise for any motion that matters, and slow enough for all
-    forces to be of one size; so the comparison is of orders of magnitude only.
+    Over 10 ms the motion is well above the encoder's noise. The result is right to an order of magnitude only.
     """
     stride = _stride(recording)
     position, time_s = recording.position[::stride], recording.time_s[::stride]

@@ -1,7 +1,7 @@
-"""Choose a set of laws: add one, drop one, put one in another's place, as long as the set gets better (`is_better`).
+"""Choose a set of laws: add, drop or replace one, as long as the set gets better (`is_better`).
 
-The search begins with the base parameters fitted along, or as the model has them where that is no worse. Where they are
-fitted along they are laws like the others once no law is left to add: what has not left its prior is dropped.
+The search starts with the base parameters free, or with the model's values where those are as good. Free base parameters
+are judged when no law can be added any more: each one that is still within its prior is dropped.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from hapticd.effects.catalogue import CATALOGUE
 from hapticd.gap import chance, constants, grip, late_record
 from hapticd.gap.base_model import Balanced, base_law
 from hapticd.gap.candidates import keeps_the_drive
-from hapticd.gap.law_set import Comparison, LawSet, evidence, is_better, is_quiet, scored
-from hapticd.gap.lines import along
+from hapticd.gap.law_set import Comparison, LawSet, evidence, is_at_noise_level, is_better, scored
+from hapticd.gap.lines import line_term
 from hapticd.gap.nominal import likeliest_fit, nominal_fit
-from hapticd.gap.parallel import each
+from hapticd.gap.parallel import parallel_map
 from hapticd.gap.propose import ROUGH, extensions, finished
 from hapticd.gap.terms import BASE_WORDS, LINE, term
 from hapticd.gap.unnamed import with_function
@@ -37,22 +37,22 @@ if TYPE_CHECKING:
 
 _FACTOR, _INERTIA = "torque_constant_error", "inertia_error"
 _CORRECTIONS = frozenset((*BASE_WORDS, _FACTOR))
-"""Errors of the numbers of eq. 1: all four by one factor are none, so that any three say what any others do."""
+"""Errors of the coefficients of eq. 1. A common factor of all four changes nothing, so three of them are enough."""
 _KNOWN = 0.01
-"""Share of a base parameter by which nobody knows it better: less is no error, where what it leaves matters little."""
+"""Relative accuracy of any base parameter: a smaller deviation is not named where it hardly changes the missing force."""
 _FAR_BEHIND = 12.0
-"""Standard errors behind another set beyond which none catches up as more is known."""
+"""Standard errors behind another set, from which a set is not tried any more."""
 
 
 @dataclass(frozen=True)
 class Round:
-    """One move.
+    """One move of the search.
 
     Attributes:
-        move: what was done. law: with which law.
-        chosen: the set afterwards. other: that with which it was compared; None of the first.
+        move: begin, add, drop or swap. law: the law that is added, dropped or replaced.
+        chosen: the set after the move. other: the set it was compared with; None for the first.
         comparison: why. rivals: sets with another law instead, the best first.
-        function: coordinate of the unnamed function that took the law's place in a swap; empty for none.
+        function: coordinate of the unnamed function that replaced the law in a swap; empty for none.
     """
 
     move: Literal["begin", "add", "drop", "swap"]
@@ -69,9 +69,9 @@ class Named:
     """A law of the chosen set.
 
     Attributes:
-        law: its slug. comparison: of the set with the set without it.
-        ties: sets with another law in its place that these data do not distinguish from the chosen set.
-        ranked: law, gain and standard errors over the set without it, and standard errors behind the chosen set, of each.
+        law: its slug. comparison: of the sets with and without it.
+        ties: sets with another law instead that these data do not distinguish from the chosen set.
+        ranked: for each rival: law, gain and standard errors over the set without it, standard errors behind the chosen set.
     """
 
     law: str
@@ -81,35 +81,35 @@ class Named:
 
 
 def needed_errors(blocks: int, tried: int) -> float:
-    """Standard errors that a law needs when `tried` of them compete."""
+    """Standard errors that a law needs if `tried` laws compete (Bonferroni)."""
     return chance.standard_errors(constants.LEVEL / max(tried, 1), blocks)
 
 
 def _key(fit: Fit) -> tuple[object, ...]:
-    """What is the same of two fits of one set of laws: words, and numbers that are chosen and not fitted."""
+    """Identity of a fit's model: its laws, free parameters, and values that are chosen instead of fitted."""
     return tuple(
         sorted((item.slug, tuple((c.name, c.word) for c in item.coordinates), item.fixed) for item in fit.terms)
     )
 
 
 def _is_near_given(base: Term) -> bool:
-    """Whether a base parameter is the given one, as well as anybody knows it."""
+    """Whether a base parameter equals the given one within `_KNOWN`."""
     return abs(base.start[0] - base.coordinates[0].centre) < _KNOWN
 
 
 def _is_near(one: LawSet, best: LawSet) -> bool:
-    """Whether a set may yet turn out to be as good as the best: no late record, and not far behind."""
+    """Whether a set may still become as good as the best: it has no late record, and is not far behind."""
     return not late_record.is_late(one.fit.terms[-1]) and evidence(best, one)[1] < _FAR_BEHIND
 
 
 class Search:
-    """What the rounds of one search have in common.
+    """The search for a set of laws.
 
     Attributes:
         problem: what is fitted. slugs: laws that may be added.
-        known: terms that are fitted along and are no laws: base parameters within what the model says, a late record.
-        balance: what least squares say of the base parameters. is_held: whether the inertia stays where they have it, as
-            what predicts best leaves more force. is_asked: whether the laws were asked for by name.
+        known: fitted terms that do not count as laws: base parameters with the model's uncertainty as prior, a late record.
+        balance: base parameters by least squares. is_held: whether the inertia is kept in the range of that balance,
+            because the best prediction leaves more force. is_asked: whether the user named the laws to consider.
     """
 
     def __init__(
@@ -134,9 +134,9 @@ class Search:
 
     @cached_property
     def given(self) -> LawSet:
-        """The model as it is given, with the lines that it leaves where these are sure."""
+        """The given model, with spectral lines where their evidence is sufficient."""
         plain = scored(nominal_fit(self.problem, self.known))
-        line = None if any(item.slug == LINE for item in self.known) else along(plain.fit)
+        line = None if any(item.slug == LINE for item in self.known) else line_term(plain.fit)
         if line is None:
             return plain
         with_lines = scored(plain.fit.extended(line).maximise())
@@ -146,7 +146,7 @@ class Search:
         return with_lines
 
     def rounds(self) -> Iterator[Round]:
-        """The moves, one by one; the last one's set is the choice."""
+        """The moves, one by one; the set of the last one is the result."""
         present = self.given
         for move in self._moves():
             yield move
@@ -166,7 +166,7 @@ class Search:
                     yield Round("begin", late_record.SLUG, present)
                     continue
                 if added.law in _CORRECTIONS and not (is_free or self._was_free):
-                    # One number that is wrong, or all by a factor, is asked beside each by itself.
+                    # One wrong parameter, or a common factor: compared with all base parameters free.
                     self._was_free, freed = True, self._with_base(present)
                     if is_better(freed, added.chosen, self.needed).is_better:
                         present, is_free = freed, True
@@ -191,47 +191,47 @@ class Search:
                 yield change
                 present = change.chosen
             if evidence(before, present)[0] < self.least:
-                return  # what no longer is in the set explained no law that might be added now
+                return  # the dropped laws explained nothing, so no new law can be needed
 
     def settled(self, chosen: LawSet) -> LawSet:
-        """The set without the base parameters that have not left their prior."""
+        """The set without the base parameters that are within their prior."""
         for change in self._in_prior(chosen):
             chosen = change.chosen
         return chosen
 
     def named(self, chosen: LawSet) -> list[Named]:
-        """The laws of a set, the one that gains most first, and which sets cannot be distinguished from it."""
+        """The laws of a set, by descending gain, each with the sets that these data do not distinguish from it."""
         found = []
         for slug in chosen.laws:
-            poorer = self.without(chosen, slug)
-            rivals = self._in_place(chosen, poorer, slug)
+            reduced = self.without(chosen, slug)
+            rivals = self._in_place(chosen, reduced, slug)
             far = -2.0 * constants.INDISTINGUISHABLE
             near = [one for one in rivals if evidence(one, chosen)[1] > far and self._closes_as_much(one, chosen)]
             maximised = {id(one): finished(one) for one in near}
             rivals = sorted((maximised.get(id(one), one) for one in rivals), key=lambda one: -one.total)
-            ties = [one for one in rivals if self._is_tied(one, chosen, poorer)]
-            ranked = [(one.laws[-1], *evidence(one, poorer), max(evidence(chosen, one)[1], 0.0)) for one in rivals]
-            found.append(Named(slug, is_better(chosen, poorer, self.needed), tuple(ties), tuple(ranked)))
+            ties = [one for one in rivals if self._is_tied(one, chosen, reduced)]
+            ranked = [(one.laws[-1], *evidence(one, reduced), max(evidence(chosen, one)[1], 0.0)) for one in rivals]
+            found.append(Named(slug, is_better(chosen, reduced, self.needed), tuple(ties), tuple(ranked)))
         return sorted(found, key=lambda one: -one.comparison.gain)
 
-    def _is_tied(self, one: LawSet, chosen: LawSet, poorer: LawSet) -> bool:
-        """Whether a set with another law may be right instead: better than the one with neither, and near the chosen."""
-        law = next(slug for slug in chosen.laws if slug not in poorer.laws)
+    def _is_tied(self, one: LawSet, chosen: LawSet, reduced: LawSet) -> bool:
+        """Whether a set with another law is tied: better than the set with neither law, and near the chosen set."""
+        law = next(slug for slug in chosen.laws if slug not in reduced.laws)
         gain, errors = evidence(one, chosen)
-        is_beaten = gain < -self.least and is_quiet(chosen.fit) and not is_quiet(one.fit)
+        is_beaten = gain < -self.least and is_at_noise_level(chosen.fit) and not is_at_noise_level(one.fit)
         is_limit = law in CATALOGUE[one.laws[-1]].contains and chosen.numbers < one.numbers
         if is_limit or is_beaten or errors < -constants.INDISTINGUISHABLE:
-            return False  # what a law is a limit of is always as good
-        return self._closes_as_much(one, chosen) and is_better(one, poorer, self.needed).is_better
+            return False  # a law is never worse than its own limit
+        return self._closes_as_much(one, chosen) and is_better(one, reduced, self.needed).is_better
 
     def _closes_as_much(self, one: LawSet, other: LawSet) -> bool:
-        """Whether as little force is missing with one set as with another, but for a share that does not matter."""
+        """Whether one set leaves as little missing force as another, up to a negligible share."""
         return one.power < other.power + constants.SHARE * self.given.power
 
     def _first(self) -> tuple[LawSet, bool]:
-        """The set to begin with, and whether the base is fitted along in it."""
+        """The first set, and whether its base parameters are free."""
         base = self._base
-        if not base or is_quiet(self.given.fit):
+        if not base or is_at_noise_level(self.given.fit):
             return self.given, False
         said = self.balance.values
 
@@ -242,19 +242,19 @@ class Search:
 
         noise = self.given.fit.noise
         free = scored(likeliest_fit(self.problem, [start({}), start(said)] if said else [start({})], noise))
-        # A late record looks like another base: it is asked beside the given one too.
-        slugs = [slug for slug in self._askable(self.given) if slug in late_record.OPPOSITES]
+        # A late record has the same signature as wrong base parameters: it is also tried with the given ones.
+        slugs = [slug for slug in self._admissible(self.given) if slug in late_record.OPPOSITES]
         late = [one for one in extensions(self.given, slugs, self.least) if late_record.is_late(one.fit.terms[-1])]
         for one in sorted([free, *late], key=lambda one: -one.total):
             if one is free and evidence(one, self.given)[0] >= self.least:
-                break  # how sure that is, and how much force is missing, is asked when laws are known
+                break  # evidence and missing force are judged later, with laws in the set
             if one is not free and is_better(one, self.given, self.needed).is_better:
                 self._take_late(one.fit)
                 return self._first()
         else:
             free = self.given
         self.is_held = self.balance.contradicts(free.fit) and _INERTIA in base
-        if self.is_held:  # by a balance of a record that is not late
+        if self.is_held:  # the balance assumes a record that is not late
             held = scored(likeliest_fit(self.problem, [start(said, self.balance.inertia)], noise))
             less = held.power < constants.CLOSED * self.given.power
             self.is_held = less or evidence(held, self.given)[0] >= self.least
@@ -263,17 +263,17 @@ class Search:
 
     @property
     def _base(self) -> list[str]:
-        """Base parameters that may be fitted along."""
+        """Base parameters that may be free."""
         return [slug for slug in BASE_WORDS if slug in self.slugs]
 
     def _base_law(self, slug: str, value: float | None = None, inertia: InertiaRange | None = None) -> Term:
-        """The law of a base parameter, from a value; an inertia in a range, if there is one."""
+        """The law of a base parameter, started from a value; an inertia is limited to a range, if there is one."""
         held = inertia if slug == _INERTIA else None
         filter_s, said = self.given.fit.filter_s(), self.balance.values.get(slug)
         return base_law(self.problem, slug, value, filter_s, said, held)
 
     def _with_base(self, present: LawSet) -> LawSet:
-        """The set with all base parameters fitted along, from where they are."""
+        """The set with all base parameters free, started from their values in it."""
         fit = present.fit
         for slug in (slug for slug in self._base if slug not in present.laws):
             law = self._base_law(slug, float(fit.device()[index_of(BASE_WORDS[slug])]))
@@ -281,32 +281,32 @@ class Search:
             fit = fit.replaced(known[0], law) if known else fit.extended(law)
         return scored(fit.maximise(), present.penalty)
 
-    def _is_not_base(self, one: LawSet, poorer: LawSet) -> bool:
-        """Whether the newest law gains beside base parameters that are fitted along: their small errors look like it."""
+    def _is_not_base(self, one: LawSet, reduced: LawSet) -> bool:
+        """Whether the newest law also gains with free base parameters, whose small errors may have the same signature."""
         law = one.laws[-1]
         alike = {law, *CATALOGUE[law].near}
         if law in _CORRECTIONS or alike.isdisjoint(
             other for slug in self._base for other in (slug, *CATALOGUE[slug].near)
         ):
             return True
-        return is_better(self._with_base(one), self._with_base(poorer), self.needed).is_better
+        return is_better(self._with_base(one), self._with_base(reduced), self.needed).is_better
 
     def _take_late(self, fit: Fit) -> None:
-        """From now on fit a late record along, in a search that begins anew."""
+        """Include a late record in every further fit, and restart the search."""
         number = len(fit.terms) - 1
         law = fit.terms[number].moved(fit.u[fit.columns(number)])
-        self.slugs = tuple(late_record.untouched(self.slugs, law))
-        # Beside the late record the base may go as far again from here; the balance of forces does not know of it.
+        self.slugs = tuple(late_record.identifiable(self.slugs, law))
+        # The balance of forces assumed a record that is not late: its values are replaced by the fitted ones.
         base = {item.slug: fit.u[fit.columns(k).start] for k, item in enumerate(fit.terms) if item.slug in BASE_WORDS}
         self.balance = Balanced({**self.balance.values, **{slug: math.exp(u) for slug, u in base.items()}})
-        self.known = (*self.known, late_record.along(law))
+        self.known = (*self.known, late_record.record_term(law))
         self._seen.clear()
         self._others.clear()
         self._likeliest.clear()
         del self.given
 
-    def _askable(self, present: LawSet) -> list[str]:
-        """Laws that may join a set: not those in it, those that are the same, or that a device cannot have besides."""
+    def _admissible(self, present: LawSet) -> list[str]:
+        """Laws that may be added to a set: not in it, not equivalent to one in it, not excluded by one."""
         laws = set(present.laws)
         laws |= {
             other for slug in present.laws for other in (*CATALOGUE[slug].equivalent_to, *CATALOGUE[slug].excludes)
@@ -316,11 +316,11 @@ class Search:
         return [slug for slug in self.slugs if slug not in laws]
 
     def _added(self, present: LawSet, *, is_free: bool) -> Round | None:
-        """The best set with one law more, if it is better."""
+        """The best set with one more law, if it is better."""
         others = [slug for slug in present.laws if not (is_free and slug in BASE_WORDS)]
-        if len(others) >= constants.MOST_EFFECTS or is_quiet(present.fit):
+        if len(others) >= constants.MOST_EFFECTS or is_at_noise_level(present.fit):
             return None
-        slugs = self._askable(present)
+        slugs = self._admissible(present)
         if is_free:
             slugs = [slug for slug in slugs if slug not in _CORRECTIONS]
         sets = extensions(present, slugs, self.least)
@@ -347,7 +347,7 @@ class Search:
         self._rivals[law] = {one.laws[-1] for one in rivals}
         top = finished(best)
         if is_free and CATALOGUE[law].acts_on == "memory":
-            # Without the law the base took its place, and a rough likelihood does not let it back.
+            # Without the law the base parameters compensated it; a non-smooth likelihood would keep them there.
             top = max(top, finished(self._from_the_model(best)), key=lambda one: one.total)
         comparison = is_better(top, present, self.needed)
         if not (comparison.is_better and keeps_the_drive(top.fit, present.fit)):
@@ -357,7 +357,7 @@ class Search:
         return Round("add", law, top, present, comparison, tuple(rivals))
 
     def _from_the_model(self, laws: LawSet) -> LawSet:
-        """The set with base parameters and noise as the model has them, or with its own noise if that is likelier."""
+        """The set with the model's base parameters, and with the model's noise or its own, whichever is likelier."""
         fit, u = laws.fit, laws.fit.u.copy()
         for number, item in enumerate(fit.terms):
             if item.slug in BASE_WORDS:
@@ -366,79 +366,79 @@ class Search:
         return LawSet(self._likelier(fit.at(u), self.given.fit.noise), laws.held_out, laws.penalty)
 
     def _is_fault(self, one: LawSet, present: LawSet) -> bool:
-        """Whether a set has a late record more that gains and closes twice the share of a name: it need not be sure."""
+        """Whether a set adds a late record that closes twice the share that a law must, whatever its evidence."""
         gain, left = evidence(one, present)[0], one.power / present.power
         return late_record.is_late(one.fit.terms[-1]) and gain >= self.least and left < 1.0 - 2.0 * constants.SHARE
 
     def _revised(self, present: LawSet, newest: int, *, is_free: bool) -> Iterator[Round]:
-        """Drop what is no longer needed, and swap what another law now does better; the newest were just asked."""
+        """Drop laws that are no longer needed, and swap laws for better ones, except the `newest` ones, just tested."""
         number = len(present.laws) - 1 - newest
         while number >= 0:
             law = present.laws[number]
             if (is_free and law in BASE_WORDS) or self._stays(present, law):
                 number -= 1
                 continue
-            poorer = self.without(present, law)
-            comparison = is_better(present, poorer, self.needed)
+            reduced = self.without(present, law)
+            comparison = is_better(present, reduced, self.needed)
             if not comparison.is_better:
-                yield Round("drop", law, poorer, present, comparison)
-                present, number = poorer, len(poorer.laws) - 2
+                yield Round("drop", law, reduced, present, comparison)
+                present, number = reduced, len(reduced.laws) - 2
                 continue
-            swapped = self._swapped(present, poorer, law, is_free=is_free)
+            swapped = self._swapped(present, reduced, law, is_free=is_free)
             if swapped is not None:
                 yield swapped
                 present, number = swapped.chosen, len(swapped.chosen.laws) - 2
                 continue
             number -= 1
 
-    def _swapped(self, present: LawSet, poorer: LawSet, law: str, *, is_free: bool) -> Round | None:
-        """The set with another law in the place of one, if that is better."""
-        for other in self._in_place(present, poorer, law):
+    def _swapped(self, present: LawSet, reduced: LawSet, law: str, *, is_free: bool) -> Round | None:
+        """The set with one law replaced by another, if that is better."""
+        for other in self._in_place(present, reduced, law):
             if frozenset(other.laws) in self._seen or not is_better(other, present, self.needed).is_better:
                 continue
             top = finished(other)
             comparison = is_better(top, present, self.needed)
             is_as_close = self._closes_as_much(top, present)
             is_closer = is_as_close and keeps_the_drive(top.fit, present.fit)
-            is_closer = is_closer and (is_free or self._is_not_base(top, poorer))
-            if comparison.is_better and is_closer and is_better(top, poorer, self.needed).is_better:
+            is_closer = is_closer and (is_free or self._is_not_base(top, reduced))
+            if comparison.is_better and is_closer and is_better(top, reduced, self.needed).is_better:
                 self._rivals.setdefault(top.laws[-1], set()).add(law)
-                self._noise[top.laws[-1]] = poorer.fit.noise
+                self._noise[top.laws[-1]] = reduced.fit.noise
                 self._seen.add(frozenset(top.laws))
                 return Round("swap", law, top, present, comparison)
         return None
 
     def _unnamed(self, present: LawSet) -> Iterator[Round]:
-        """Leave out laws in whose place an unnamed function of one coordinate is better and leaves less, the last first.
+        """Drop each law that an unnamed function of one coordinate replaces better and with less missing force.
 
-        They are compared with a slow disturbance: with a short one a function of the time may take its place.
+        The comparison is with a slow disturbance: otherwise a function of time could model the disturbance.
         """
         for law in reversed([slug for slug in present.laws if slug not in BASE_WORDS]):
-            if is_quiet(present.fit):
+            if is_at_noise_level(present.fit):
                 return
-            poorer = self.without(present, law)
-            other = with_function(poorer.with_slow_disturbance, ROUGH * self.least)
+            reduced = self.without(present, law)
+            other = with_function(reduced.with_slow_disturbance, ROUGH * self.least)
             comparison = is_better(other, present.with_slow_disturbance, self.needed) if other else None
             if other and comparison and comparison.is_better and comparison.left < 1.0:
-                yield Round("swap", law, poorer, present, comparison, function=other.function)
-                present = poorer
+                yield Round("swap", law, reduced, present, comparison, function=other.function)
+                present = reduced
 
-    def _in_place(self, present: LawSet, poorer: LawSet, law: str) -> list[LawSet]:
-        """Sets with another law in the place of one: its limits, and what competed with it."""
-        key = law, frozenset(poorer.laws)
+    def _in_place(self, present: LawSet, reduced: LawSet, law: str) -> list[LawSet]:
+        """Sets with one law replaced by another: by its limits, and by laws that competed with it."""
+        key = law, frozenset(reduced.laws)
         if key not in self._others:
             others = self._rivals.get(law, set()) | set(CATALOGUE[law].contains)
             if law in _CORRECTIONS:
                 others |= {*_CORRECTIONS, *CATALOGUE[law].near}
-            if len(_CORRECTIONS.intersection(poorer.laws)) > 1:
+            if len(_CORRECTIONS.intersection(reduced.laws)) > 1:
                 others -= _CORRECTIONS
-            asked = [slug for slug in self._askable(poorer) if slug in others - {law}]
-            sets = extensions(poorer, asked, self.least) if asked else []
+            asked = [slug for slug in self._admissible(reduced) if slug in others - {law}]
+            sets = extensions(reduced, asked, self.least) if asked else []
             self._others[key] = [one for one in sets if not late_record.is_late(one.fit.terms[-1])]
         return [one for one in self._others[key] if one.laws[-1] not in present.laws]
 
     def _in_prior(self, free: LawSet) -> Iterator[Round]:
-        """Drop base parameters that have not left their prior; tell three that are wrong by one factor as the fourth."""
+        """Drop base parameters within their prior; replace those that differ by a common factor by the torque constant."""
         present = free
         while members := [slug for slug in present.laws if slug in BASE_WORDS and not self._stays(present, slug)]:
             if present is free and not any(self._stays(present, slug) for slug in present.laws):
@@ -450,22 +450,24 @@ class Search:
                 if not comparison.is_better:
                     yield Round("drop", members[0], bare, present, comparison)
                     return
-            poorer = [self.without(present, slug) for slug in members]
-            asked = [is_better(present, one, self.needed) for one in poorer]
+            reduced = [self.without(present, slug) for slug in members]
+            asked = [is_better(present, one, self.needed) for one in reduced]
             least = constants.MATTERS * self.given.power
-            is_small = [poorer[k].power < least and _is_near_given(present.law(slug)) for k, slug in enumerate(members)]
+            is_small = [
+                reduced[k].power < least and _is_near_given(present.law(slug)) for k, slug in enumerate(members)
+            ]
             dropped = [k for k, one in enumerate(asked) if not one.is_better or is_small[k]]
             if not dropped:
                 break
             k = min(dropped, key=lambda k: asked[k].gain)
-            yield Round("drop", members[k], poorer[k], present, asked[k])
-            present = poorer[k]
+            yield Round("drop", members[k], reduced[k], present, asked[k])
+            present = reduced[k]
         fewer = self._by_a_factor(present)
         if fewer is not None:
             yield fewer
 
     def _by_a_factor(self, present: LawSet) -> Round | None:
-        """The set with a torque constant in the place of base parameters that are all wrong by one factor, if as good."""
+        """The set with the torque constant instead of base parameters that are wrong by a common factor, if as good."""
         members = [slug for slug in present.laws if slug in BASE_WORDS]
         if self.is_held or len(members) < 2 or _FACTOR not in self.slugs:
             return None
@@ -484,8 +486,10 @@ class Search:
             fit = self._likelier(fit.extended(term(_FACTOR, {"r": factor - 1.0}, (), 1.0)), self.given.fit.noise)
             return scored(fit.maximise(), present.penalty)
 
-        for one in each(tried, kept):
-            if one.total > present.total + self.least:  # they contain it: from there they are as good, at least
+        for one in parallel_map(tried, kept):
+            if (
+                one.total > present.total + self.least
+            ):  # the free base parameters contain this case: restart them from it
                 present = max(present, self._of_factor(one, present), key=lambda laws: laws.total)
             comparison = is_better(one, present, self.needed)
             if comparison.is_better and self._closes_as_much(one, present):
@@ -493,7 +497,7 @@ class Search:
         return Round("begin", "", present) if present is not before else None
 
     def _of_factor(self, one: LawSet, present: LawSet) -> LawSet:
-        """The set with base parameters, from what another set makes of them with a factor."""
+        """The set with base parameters started from the values of a set with the torque constant."""
         fit = present.fit.with_noise(one.fit.noise)
         u, factor = fit.u.copy(), 1.0 + float(one.law(_FACTOR).start[0])
         for slug in BASE_WORDS:
@@ -503,21 +507,21 @@ class Search:
         return scored(fit.at(np.clip(u, fit.lower, fit.upper)).maximise(), present.penalty)
 
     def _stays(self, laws: LawSet, slug: str) -> bool:
-        """Whether an inertia is held where the model's is not: no likelihood is asked about it."""
+        """Whether an inertia is kept in a range that excludes the model's: it is not tested by likelihood."""
         if not (self.is_held and slug == _INERTIA):
             return False
         (own,) = laws.law(slug).coordinates
         return not own.lower <= own.centre <= own.upper
 
     def _less(self, laws: LawSet, slug: str) -> LawSet:
-        """The set without a law, at the same coordinates; of a base parameter remains what the model knows of it."""
+        """The set without a law, at the same coordinates; a base parameter keeps the prior of the model, if there is one."""
         number = laws.number(slug)
         known = [item for item in self.known if item.slug == BASE_WORDS.get(slug)]
         fit = laws.fit.replaced(number, known[0]) if known else laws.fit.without(number)
         return LawSet(fit, laws.held_out, laws.penalty)
 
     def without(self, laws: LawSet, slug: str) -> LawSet:
-        """The set without a law, maximised: with the noise that it had before that law, if that is likelier now."""
+        """The set without a law, maximised from its noise or the noise before that law was added, whichever is likelier."""
         fit = self._less(laws, slug).fit
         fit = self._likelier(fit, self._noise.get(slug, self.given.fit.noise))
         known = self._likeliest.get(_key(fit))
@@ -531,5 +535,5 @@ class Search:
 
     @staticmethod
     def _likelier(fit: Fit, noise: Floats) -> Fit:
-        """The fit with its own noise or another, whichever is likelier: from too little noise no ascent gets away."""
+        """The fit with its own noise or another, whichever is likelier: with too little noise no ascent converges."""
         return max(fit, fit.with_noise(noise), key=lambda one: one.log_likelihood)

@@ -1,4 +1,4 @@
-"""What the improved model changes: operating point, region, largest stiffness, limit cycle, before and after."""
+"""Effect of the improved model on the loop: operating point, region, largest stiffness, limit cycle, before and after."""
 
 from __future__ import annotations
 
@@ -11,18 +11,18 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 _DEFLECTION_TICKS: Final = 20.0
-"""A release that is asked about where the run does not name one."""
+"""Deflection of the release for which both models are checked [coarse ticks]."""
 
 
 def consequences(before: Config, after: Config, latency_s: float = 0.0) -> dict[str, Any]:
-    """What ``hapticd check`` says of both models.
+    """Results of ``hapticd check`` for both models.
 
     Args:
-        before: the model as given. after: the improved one.
+        before: the given model. after: the improved one.
         latency_s: the driver's declared latency.
 
     Returns:
-        ``before`` and ``after``: the keys of ``check``; ``words``: what changed, a sentence each.
+        ``before`` and ``after``: the keys of ``check``; ``words``: the changes, one sentence each.
     """
     documents = [
         assess(model, deflection=_DEFLECTION_TICKS, latency_s=latency_s, effort=GUARD).document

@@ -1,4 +1,4 @@
-"""Covariance of a fitted hypothesis."""
+"""Covariance of fitted parameters."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from hapticd.gap import constants
 from hapticd.gap.imitation import imitated
 from hapticd.gap.kernel.ticks import NOISE
-from hapticd.gap.parallel import each
+from hapticd.gap.parallel import parallel_map
 
 if TYPE_CHECKING:
     from hapticd.gap.arrays import Floats
@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 def covariance_of(fit: Fit) -> Floats:
     """Covariance of the coordinates, shape (k, k).
 
-    A jackknife over blocks (Miller, Biometrika 61, 1974), each estimate a step of Fisher's scoring away from the whole one:
-    robust to what the model has wrong about single samples and their dependence. No variance is less than what the model by
-    itself says, nor less than what recordings that it makes tell. A parameter at its bound is as uncertain as any other; the
-    noise there is off.
+    A jackknife over blocks (Miller, Biometrika 61, 1974); each estimate is one scoring step from the full one. It is
+    robust to wrong noise models and to dependent samples. Lower bounds of each variance: the inverse information, and the
+    spread over simulated recordings (parametric bootstrap). A parameter at its bound is treated like any other, except
+    noise, which is off there.
     """
     fit.differentiate()
     free = fit.free(fit.scores.sum(axis=0)) | (np.arange(fit.u.size) >= len(NOISE))
@@ -52,9 +52,9 @@ def covariance_of(fit: Fit) -> Floats:
 
 
 def _moved_by_imitations(fit: Fit) -> Floats:
-    """Where a step of scoring goes on recordings that the model makes itself, shape (imitations, k).
+    """Steps of scoring on simulated recordings (parametric bootstrap), shape (imitations, k).
 
-    Near standstill the filter is not exact, and its estimates vary by more than the information says.
+    Near standstill the filter is approximate, and its estimates vary by more than the inverse information.
     """
 
     def moved_by(seed: int) -> Floats:
@@ -62,4 +62,4 @@ def _moved_by_imitations(fit: Fit) -> Floats:
         other.error = fit.error
         return other.approach(len(NOISE), 1).u - fit.u
 
-    return np.array(each(moved_by, range(constants.IMITATIONS)))
+    return np.array(parallel_map(moved_by, range(constants.IMITATIONS)))

@@ -1,8 +1,7 @@
-"""What the gap workflow reads: one recorded run as arrays in SI units, whatever file it came from.
+"""Reads one recorded run, of any file format, as arrays in SI units.
 
-Positions are centres of quantisation cells: an encoder that counts by flooring says of the shaft no more than
-counts·Δ ≤ θ < (counts + 1)·Δ. Times are the instants at which the samples were really taken: due time plus lateness, or
-what stamps on a grid say of them (`hapticd.record.stamp_grid`).
+Positions are centres of quantisation cells: the encoder floors, so counts·Δ ≤ θ < (counts + 1)·Δ. Times are the sampling
+instants: due time plus lateness, or an estimate from stamps on a grid (`hapticd.record.stamp_grid`).
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def load_recording(path: str | Path, model: Config) -> Recording:
-    """Read a run, native or ``.csv`` or ``.parquet``, as the workflow needs it.
+    """Read a run, native or ``.csv`` or ``.parquet``.
 
     Args:
         path: run file with ``time_s``; ``encoder_counts`` or ``position``; ``current_command_A`` or ``force``.
@@ -37,22 +36,22 @@ def load_recording(path: str | Path, model: Config) -> Recording:
     Raises:
         RunFileError: the file cannot be read.
         ConfigError: the config inside a native run is not valid.
-        RecordingError: nothing can be concluded from the samples; see `hapticd.gap.checks`.
+        RecordingError: the samples are unusable; see `hapticd.gap.checks`.
     """
     return recording_of(read_run(path), model)
 
 
 def recording_of(run: Run, model: Config) -> Recording:
-    """The recording in a run that has been read; arguments and errors as in `load_recording`."""
+    """The recording of a run that is already read; arguments and errors as in `load_recording`."""
     recording = unchecked(run, model)
     return replace(recording, warnings=(*recording.warnings, *check_recording(recording, model)))
 
 
 def unchecked(run: Run, model: Config) -> Recording:
-    """The same, not yet compared with the model's plant.
+    """The same without the comparison with the model's plant.
 
-    Positions are as the model's `encoder.invert` counts them: counts of a file without a config are an encoder's as it is,
-    and positions, or what was imported, are taken as they are.
+    Positions have the sign of the model's `encoder.invert`. Counts of a file without a config are not inverted yet;
+    positions, and imported runs, keep their sign.
     """
     stored = run.metadata.get("config")
     config = parse_config(stored, f"config of {run.path.name}") if stored else None
@@ -92,14 +91,14 @@ def unchecked(run: Run, model: Config) -> Recording:
 
 
 def _is_turned(run: Run, config: Config | None, model: Config) -> bool:
-    """Whether the encoder was read the other way than the model does; the map of an import has said which way is which."""
+    """Whether the encoder counts with the opposite sign of the model's; never for an import, whose map has set the sign."""
     if "imported" in run.metadata or (config is None and "encoder_counts" not in run.columns):
         return False
     return model.encoder.invert != (config is not None and config.encoder.invert)
 
 
 def _instants(columns: dict[str, NDArray[Any]]) -> tuple[Floats, float]:
-    """When samples were taken, and the grid on which their stamps lie [s]; 0 for none."""
+    """The sampling instants, and the grid on which their stamps lie [s]; 0 for none."""
     due = np.asarray(columns["time_s"], dtype=np.float64)
     late = columns.get("wake_late_ns")
     if late is not None and np.any(late):  # an imported run has the column, and zeros in it
@@ -114,7 +113,7 @@ def _positions(columns: dict[str, NDArray[Any]], resolution: float) -> tuple[Flo
     counts = np.asarray(columns["encoder_counts"], dtype=np.float64)
     position = (counts + 0.5) * resolution
     if "flags" in columns:
-        # A failed exchange repeats the last counts, which says nothing of where the shaft was.
+        # A failed exchange repeats the last counts: it is no measurement.
         known = columns["flags"] & FLAG_MISSED_EXCHANGE == 0
         if known.any() and not known.all():
             row = np.arange(counts.size)
@@ -123,9 +122,9 @@ def _positions(columns: dict[str, NDArray[Any]], resolution: float) -> tuple[Flo
 
 
 def step_of(position: Floats, nominal: float) -> float:
-    """Width of the quantisation cells that positions show: the nominal one if they lie on its grid.
+    """Width of the quantisation cells of positions: the nominal one if they lie on its grid.
 
-    Otherwise the smallest step of which all steps are whole multiples (to 2 %); 0 where there is none.
+    Otherwise the smallest step of which all steps are whole multiples (to 2 %); 0 if there is none.
     """
     steps = np.unique(np.abs(np.diff(position)))
     steps = steps[steps > 1e-9 * max(float(np.abs(position).max(initial=0.0)), 1e-300)]
@@ -136,7 +135,7 @@ def step_of(position: Floats, nominal: float) -> float:
 
 
 def _resolution(run: Run, config: Config) -> float:
-    """One count in rad or m; an imported run without a config says so in its model."""
+    """One count in rad or m, from the config; for an imported run without a config, from its model."""
     encoder = (run.metadata.get("model") or {}).get("encoder") or {}
     return Encoder(**encoder).raw_resolution if encoder else config.raw_resolution
 
@@ -146,7 +145,7 @@ def _current(run: Run, model: Config) -> Floats:
     if "force" in run.columns and "current_command_A" not in run.columns:
         force = run.columns["force"]
     elif imported.get("command") == "force":
-        # What was recorded is the force; the current beside it was made with the torque constant of the import's map.
+        # The force was recorded; the current column was computed from it with the torque constant of the import map.
         force = run.columns["force_command"]
     else:
         return np.asarray(run.columns["current_command_A"], dtype=np.float64)

@@ -1,9 +1,8 @@
-"""The experiment that tells apart what the data at hand cannot.
+"""Designs the experiment that distinguishes laws which the present data do not.
 
-Optimal design for discrimination between competing models (Atkinson and Fedorov 1975): of all experiments that may be run,
-take the one in which the model that fits the other's data best still fits them worst. Here the experiments are few enough to
-be tried one by one in simulation, safety trips and quantisation included (`trial.py`), and the measure is the one by which
-the recorded data will be judged: standard errors of the log-likelihood.
+Optimal design for discrimination between competing models (Atkinson and Fedorov 1975): choose the experiment that maximises
+the smallest misfit of a wrong model to the data of the true one. All experiments are simulated, with safety trips and
+quantisation (`trial.py`). The criterion is the one for recorded data: standard errors of the log-likelihood.
 """
 
 from __future__ import annotations
@@ -25,19 +24,19 @@ if TYPE_CHECKING:
 
 FILE = "next_experiment.yaml"
 MOST_MODELS = 3
-"""Laws of one round that an experiment should set apart: the one that was taken and the next best."""
+"""Laws that one experiment should distinguish: the chosen one and the next best."""
 _WANTED = 2.0 * constants.INDISTINGUISHABLE
 _HOPELESS = 1.0
-"""Expected standard errors below which an experiment is a waste of time."""
+"""Expected standard errors below which an experiment is not proposed."""
 _SHORTEST_S, _LONGEST_S = 4.0, 30.0
 _BEST = 2
 _WORTH_IT = 1.15
-"""Factor by which another setting must help to be asked for."""
+"""Factor by which other live settings must improve the separation to be proposed."""
 
 
 @dataclass(frozen=True)
 class Scored:
-    """An experiment and the standard errors by which it separates, in the worst case."""
+    """An experiment and its worst-case separation in standard errors."""
 
     experiment: Experiment
     expected: float
@@ -46,15 +45,15 @@ class Scored:
 def next_experiment(
     model: Config, chosen: LawSet, named: Sequence[Named], progress: Callable[[float, str], None]
 ) -> dict[str, Any] | None:
-    """Design the experiment that separates best what a choice left open.
+    """Design the experiment that best separates tied laws.
 
     Args:
         model: loop, limits and nominal device.
-        chosen: the set of laws. named: its laws, with what ties with each.
-        progress: called with the fraction done and what is being done.
+        chosen: the set of laws. named: its laws, with the ties of each.
+        progress: called with the fraction done and the present step.
 
     Returns:
-        ``next_experiment`` of gap.json; None where nothing is left open.
+        ``next_experiment`` of gap.json; None if no law is tied.
     """
     ambiguous = [one for one in named if one.ties]
     if not ambiguous:
@@ -68,55 +67,55 @@ def next_experiment(
     found = design(model, [pair for group in groups for pair in pairs(group)], progress)
     simpler = f"prefer the simpler law, {' and '.join(_simplest(chosen, one) for one in ambiguous)}."
     if found is None:
-        sentence = f"No experiment that the limits admit tells {listed} apart on this device; {simpler}"
+        sentence = f"No experiment within the limits distinguishes {listed} on this device; {simpler}"
         return {"words": sentence, "expected": None, **nothing}
     if found.expected < _HOPELESS:
-        sentence = (
-            f"With the values that fit, {listed} are one device to every experiment that the limits admit; {simpler}"
-        )
+        sentence = f"With the fitted values, no experiment within the limits distinguishes {listed}; {simpler}"
         return {"words": sentence, "expected": found.expected, **nothing}
     sentence = (
         f"Play {found.experiment.describe(model.is_linear)}: expected separation of {listed}: {found.expected:.1f} "
         f"standard errors (these data: {now:.1f}; {constants.INDISTINGUISHABLE:g} are needed)."
     )
     if found.expected < constants.INDISTINGUISHABLE:
-        sentence += f" It is the best that the limits of the config admit, and may not be enough: until then {simpler}"
+        sentence += (
+            f" It is the best experiment within the limits of the config, and may not suffice: until then {simpler}"
+        )
     if grip.SLUG in separates:
-        sentence += " Nobody may hold the handle."
+        sentence += " Nobody may hold the handle during the experiment."
     plan = {"experiment": found.experiment.document(), "file": FILE}
     return {"words": sentence, "separates": separates, "expected": found.expected, "now": now, **plan}
 
 
 def _competing_models(model: Config, chosen: LawSet, one: Named) -> list[CompetingModel]:
-    """The chosen set and those that the data do not distinguish from it, as far as a device can have their laws."""
+    """The chosen set and its ties, except sets whose laws exclude each other."""
     sets = (chosen, *one.ties[: MOST_MODELS - 1])
     found = [competing_model(model, laws.fit) for laws in sets]
     return [each for each in found if each is not None]
 
 
 def _now(chosen: LawSet, one: Named) -> float:
-    """Standard errors by which the data at hand separate what is open."""
+    """Standard errors by which the present data separate the tied laws."""
     return max(min(float(evidence(chosen, tie)[1]) for tie in one.ties), 0.0)
 
 
 def _simplest(chosen: LawSet, one: Named) -> str:
-    """Of the laws that are open the one with the fewest numbers."""
+    """Of the tied laws the one with the fewest parameters."""
     fewest = min(one.ties, key=lambda tie: tie.numbers)
     return fewest.laws[-1] if fewest.numbers < chosen.numbers else one.law
 
 
 def pairs(models: Sequence[CompetingModel]) -> list[tuple[CompetingModel, CompetingModel]]:
-    """(what is true, what else is claimed): the first model against each other one, and the other way round."""
+    """Pairs (true model, claimed model): the first model against each other one, both ways."""
     return [pair for other in models[1:] for pair in ((models[0], other), (other, models[0]))]
 
 
 def design(
     model: Config, tests: Sequence[tuple[CompetingModel, CompetingModel]], progress: Callable[[float, str], None]
 ) -> Scored | None:
-    """The experiment that separates all pairs best in the worst case; None where none may be run at all.
+    """The experiment with the best worst-case separation of all pairs; None if no experiment is within the limits.
 
     Args:
-        model: loop and limits. tests: (what is true, what is claimed). progress: as in `next_experiment`.
+        model: loop and limits. tests: pairs (true model, claimed model). progress: as in `next_experiment`.
     """
     if not tests:
         return None
@@ -125,7 +124,7 @@ def design(
     done = 0
 
     def score(experiments: Sequence[Experiment], enough: int) -> list[Scored]:
-        """The best ones; what is worse than `enough` others is not simulated to its end."""
+        """The scored experiments, the best first; one that is worse than `enough` others is not simulated to its end."""
         nonlocal done
         results: list[Scored] = []
         for experiment in experiments:
@@ -145,7 +144,7 @@ def design(
     best = plain[0]
     if changed and changed[0].expected > _WORTH_IT * best.expected:
         best = changed[0]
-    # Standard errors grow with the root of the time.
+    # Standard errors grow with the square root of the duration.
     needed = options.TRIAL_S * (_WANTED / max(best.expected, 0.1)) ** 2
     duration_s = float(round(min(max(needed, _SHORTEST_S), _LONGEST_S)))
     longer = score([replace(best.experiment, duration_s=duration_s)], 1)

@@ -1,4 +1,4 @@
-"""The figures of the gap report: the missing force before and after, against time and against what it may depend on."""
+"""The figures of the gap report: the missing force before and after, over time and over the coordinates."""
 
 from __future__ import annotations
 
@@ -27,22 +27,22 @@ Floats = NDArray[np.float64]
 
 _WIDTH: Final = 9.0
 _COLUMNS: Final = 700
-"""Points of a line over time: what a figure of this width can show."""
+"""Points of a line over time: the resolution of a figure of this width."""
 _BINS: Final = 18
-"""Of equal width, and as many again of equal numbers of samples."""
+"""Bins of equal width, and as many with equal numbers of samples."""
 _CLOSE: Final = 0.03
-"""Share of the highest speed at which a label would run into that of 0."""
+"""Share of the highest speed below which a label would overlap the label of 0."""
 _FLOORS: Final = 3.0
 _FEWEST: Final = 10
-"""Samples that a bin needs."""
+"""Least number of samples in a bin."""
 _PREFIXES: Final = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"))
 
 
 def _prefix(values: Sequence[Floats], unit: str, floor: float) -> tuple[float, str]:
-    """Factor and unit with which values have few digits before the point and few zeros behind it.
+    """Scale factor and prefixed unit in which values are easy to read.
 
     Args:
-        values: to be shown. unit: theirs. floor: the noise floor, which is shown in any case.
+        values: to be shown. unit: their unit. floor: the noise floor, which is always shown.
     """
     known = [part[np.isfinite(part)] for part in values]
     largest = max((float(np.abs(part).max()) for part in known if part.size), default=0.0)
@@ -53,15 +53,15 @@ def _prefix(values: Sequence[Floats], unit: str, floor: float) -> tuple[float, s
 
 
 def _with_floor(axis: Axes, floor: float) -> None:
-    """Show at least a few times the noise floor: less is nothing."""
+    """Let the axis span at least a few times the noise floor."""
     low, high = axis.get_ylim()
     axis.set_ylim(min(low, -_FLOORS * floor), max(high, _FLOORS * floor))
 
 
 def over_time(profiles: Sequence[Profile], unit: str, floor: float) -> Figure:
-    """The missing force of every recording sample by sample, with ± one standard deviation of what is left.
+    """The missing force of each recording over time, with ± one standard deviation of the remainder.
 
-    No line where the shaft rests, nor across a hole in the record.
+    No line is drawn where the shaft rests, nor across missing samples.
     """
     figure = new_figure(_WIDTH, 0.3 + 2.6 * len(profiles))
     axes = figure.subplots(len(profiles), 1, squeeze=False)[:, 0]
@@ -83,34 +83,34 @@ def over_time(profiles: Sequence[Profile], unit: str, floor: float) -> Figure:
         axis.set_title(f"{profile.name}: missing force")
         axis.set_ylabel(label)
         axis.set_xlabel("s")
-    # above all titles: a recording's name may be as long as the figure is wide
+    # above the titles: a recording's name may be as long as the figure is wide
     figure.legend(*axes[0].get_legend_handles_labels(), ncols=3, loc="outside upper right")
     return figure
 
 
 def _parts(time_s: Floats) -> list[NDArray[np.intp]]:
-    """Rows of each point of a line over time; none, which breaks the line, at a hole that the figure can show."""
+    """Rows of each point of a line over time; an empty part breaks the line where samples are missing."""
     waits = np.diff(time_s)
     hole = max(GAP_PERIODS * float(np.median(waits)), float(np.ptp(time_s)) / _COLUMNS)
     parts: list[NDArray[np.intp]] = []
     for stretch in np.split(np.arange(time_s.size), np.flatnonzero(waits > hole) + 1):
-        points = max(2, _COLUMNS * stretch.size // time_s.size)  # of one point no line is drawn
+        points = max(2, _COLUMNS * stretch.size // time_s.size)  # a line needs two points
         parts += [*np.array_split(stretch, min(points, stretch.size)), np.empty(0, dtype=np.intp)]
     return parts[:-1]
 
 
 def _thinned(values: Floats, moves: NDArray[np.bool_], parts: Sequence[NDArray[np.intp]]) -> Floats:
-    """Mean of each part's moving samples; not a number where it rests, and at a hole."""
+    """Mean of the moving samples of each part; NaN where the shaft rests, or samples are missing."""
     return np.array([values[part][moves[part]].mean() if moves[part].any() else np.nan for part in parts])
 
 
 @dataclass(frozen=True)
 class _Axis:
-    """What a missing force is laid over.
+    """A horizontal axis for the missing force.
 
     Attributes:
-        name: coordinate. values: of a recording, shape (n,). against: whether the force is counted along the motion, so that
-            friction reads the same both ways. scale: of the axis; "root" shows low speeds and the fastest motion.
+        name: coordinate. values: of a recording, shape (n,). against: whether the force is multiplied by the direction of
+            motion, so that friction has the same sign both ways. scale: of the axis; "root" shows low and high speeds.
     """
 
     name: str
@@ -150,11 +150,11 @@ def _within_a_turn(profile: Profile) -> Floats:
 
 
 def laws(profiles: Sequence[Profile], unit: str, floor: float, *, in_angle: bool = False) -> Figure:
-    """The missing force against position, velocity and current: the law that was missing, and that it is gone.
+    """The missing force over position, velocity and current, before and after.
 
     Args:
         profiles: of all recordings. unit: of the force. floor: the noise floor.
-        in_angle: whether a law was found that repeats itself with every turn, so that all turns are one.
+        in_angle: whether a law is periodic in the angle, so that all turns are overlaid.
     """
     figure = new_figure(_WIDTH, 3.0)
     axes = figure.subplots(1, len(_SHOWN), sharey=True)
@@ -174,7 +174,7 @@ def laws(profiles: Sequence[Profile], unit: str, floor: float, *, in_angle: bool
 
 
 def left(profiles: Sequence[Profile], coordinate: str, unit: str, floor: float) -> Figure:
-    """What is left against the coordinate that it depends on most."""
+    """The remainder over the coordinate that it depends on most."""
     axis = _AXES[coordinate]
     figure = new_figure(_WIDTH, 3.0)
     panel = figure.subplots()
@@ -194,14 +194,14 @@ def _labelled(name: str, unit: str) -> str:
 
 
 def _pooled(profiles: Sequence[Profile], of: Callable[[Profile], Floats]) -> Floats:
-    """Values of all samples that move."""
+    """Values of all moving samples."""
     return np.concatenate([of(profile)[profile.moves] for profile in profiles])
 
 
 def _band(
     panel: Axes, profiles: Sequence[Profile], axis: _Axis, part: str, factor: float, colour: str, words: str
 ) -> None:
-    """Mean over bins of a coordinate, and the spread of single samples about it."""
+    """Mean over bins of a coordinate, and the standard deviation of single samples."""
     centre, mean, spread = _binned(profiles, axis, part)
     panel.fill_between(centre, factor * (mean - spread), factor * (mean + spread), color=colour, alpha=0.22, lw=0)
     panel.plot(centre, factor * mean, "o-", color=colour, lw=1.2, ms=2.5, label=words)
@@ -232,7 +232,7 @@ def _binned(profiles: Sequence[Profile], axis: _Axis, part: str) -> tuple[Floats
     grid = np.linspace(0.0, 1.0, _BINS + 1)
     edges = np.concatenate([np.quantile(z, grid), z.min() + grid * np.ptp(z)])
     if axis.scale == "root" and not axis.against:
-        edges = np.append(edges, 0.0)  # where friction jumps
+        edges = np.append(edges, 0.0)  # friction is discontinuous at 0
     edges = np.unique(edges)
     place = np.clip(np.searchsorted(edges, z, side="right") - 1, 0, max(edges.size - 2, 0))
     groups = [group for k in range(max(edges.size - 1, 1)) if (group := place == k).sum() >= _FEWEST]
@@ -247,7 +247,7 @@ _SCALES: Final[dict[str, Callable[[Floats], Floats]]] = {"linear": np.asarray, "
 
 
 def ranking(step: Step) -> Figure:
-    """The candidates of one round: held-out gain of each, and its evidence."""
+    """The candidates of one round: held-out gain and evidence of each."""
     shown = sorted(step.ranking, key=lambda one: one.gain)
     figure = new_figure(_WIDTH, 0.8 + 0.28 * len(shown))
     axis = figure.subplots()
@@ -265,7 +265,7 @@ def ranking(step: Step) -> Figure:
 def measured_and_predicted(validation: Validation) -> Figure:
     """Measured and predicted position of a recording that was not fitted, and the errors of the predictions.
 
-    No line where a prediction is off by more than the whole motion, nor across a hole in the record.
+    No line is drawn where a prediction is wrong by more than the range of the motion, nor across missing samples.
     """
     before, after = validation.before, validation.after
     time_s, measured, span = before.time_s, before.measured, float(np.ptp(before.measured))

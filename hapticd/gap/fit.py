@@ -1,8 +1,8 @@
-"""Maximum likelihood of a hypothesis, and its held-out score.
+"""Maximum likelihood fit of a hypothesis, and its held-out score.
 
-Coordinates: the logarithms of the noise parameters (torques over the ratio of torque constant to nominal one), then those of
-every term. Steps are those of Fisher's scoring, with the expected information of means and variances; finite differences of
-the filter give their slopes.
+Coordinates: the logarithms of the noise parameters (torques over the ratio of torque constant to nominal one), then
+those of each term. A step is Fisher's scoring, with the expected information of means and variances; derivatives are finite
+differences of the filter.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from hapticd.gap import constants
 from hapticd.gap.kernel.filter import run_filter
 from hapticd.gap.kernel.linear import sensitivities
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, NOISE, TICK, WHITE
-from hapticd.gap.parallel import each, go_on
+from hapticd.gap.parallel import check_cancelled, parallel_map
 from hapticd.gap.terms import LINE, RECORD_FILTER, line_torques, torque_slopes
 from hapticd.plant.effect_terms import torque_constant
 
@@ -34,32 +34,32 @@ _OFF = (DISTURBANCE, JITTER)
 """Noise that is off at its lower bound."""
 _NEVER = -1e12
 _LEAST_DAMPING = 1e-6
-"""Of a step, as a share of the information's diagonal: where coordinates cannot be distinguished it is still solvable."""
+"""Least damping of a step, as a share of the information's diagonal: keeps a system regular that is not identifiable."""
 _POOR = 2
-"""Steps in a row that gain nothing before an ascent is over: on a curved ridge a single one may."""
+"""An ascent ends after this many steps in a row without gain: on a curved ridge a single step may fail."""
 _HOPELESS = 0.05
-"""Share of what it is behind a competitor that an ascent must gain with a step."""
+"""Share of its distance to a competitor's likelihood that an ascent must gain in a step."""
 _SHORTER = 6
-"""Attempts to shorten a step that does not ascend."""
+"""Attempts with a shorter step if the likelihood does not rise."""
 _FLAT = 0.01
-"""Share of the tolerance below which the gain that the slopes predict of a step (half of Newton's decrement) is none."""
+"""A step is not tried if its predicted gain (half of Newton's decrement) is below this share of the tolerance."""
 _STRAIGHT = 0.75
-"""Share of what the slope predicts of a step beyond which it goes on: at a parabola's top it is a half."""
+"""A step is doubled if it gains more than this share of its linear prediction: at a parabola's maximum it is a half."""
 _SCANNED = 0.05
-"""Nats that a longer step must gain."""
+"""Least gain of a doubled step [nats]."""
 
 
 class Fit:
-    """A hypothesis and the coordinates that fit it.
+    """A hypothesis and its coordinates.
 
     Attributes:
         problem: what is fitted.
         terms: effects, in the order in which they were added.
         u: (k,) coordinates, the noise first.
-        log_likelihood: with the priors of base parameters and of a late record, in nats.
-        scores: (n, k) derivative of each sample's log probability, after `differentiate`; `held_out` drops it again.
+        log_likelihood: with the priors on base parameters and a late record, in nats.
+        scores: (n, k) derivative of each sample's log probability, after `differentiate` and until `held_out`.
         slopes: (n, k) derivative of each sample's predicted measurement.
-        spreads: (n, k) derivative of the logarithm of its variance; as `scores`.
+        spreads: (n, k) derivative of the logarithm of its variance, as long as `scores`.
     """
 
     def __init__(self, problem: Problem, terms: Sequence[Term], u: Floats) -> None:
@@ -95,8 +95,8 @@ class Fit:
     def noise_values(self, u: Floats | None = None) -> Floats:
         """Noise parameters in SI units; those that are off are 0.
 
-        Their coordinates are those of a current times the nominal torque constant: torques that are all wrong by one factor
-        are a current that is, and what is the same device has the same likelihood.
+        The coordinates of noise torques are currents times the nominal torque constant. So a common factor of all torques
+        and a factor of the torque constant have the same likelihood.
         """
         u = self.u if u is None else u
         values = np.exp(u[:_NOISES])
@@ -108,14 +108,14 @@ class Fit:
 
     @property
     def own_slopes(self) -> Floats:
-        """(n, j) slopes of the predictions by the coordinates of the terms that were differentiated."""
-        if not self.slopes.size:  # given back
+        """(n, j) derivatives of the predictions by those coordinates of the terms that were differentiated."""
+        if not self.slopes.size:  # dropped
             self.differentiate()
         own = self.slopes[:, _NOISES:]
         return own[:, np.any(own != 0.0, axis=0)]
 
     def columns(self, number: int) -> slice:
-        """Where the coordinates of a term are in `u`, and their slopes among the columns."""
+        """Slice of a term's coordinates in `u`, and of its columns in the derivatives."""
         first = _NOISES + sum(len(item.coordinates) for item in self.terms[:number])
         return slice(first, first + len(self.terms[number].coordinates))
 
@@ -127,8 +127,8 @@ class Fit:
         return p
 
     def evaluate(self, u: Floats, *, is_column: bool = False) -> tuple[float, NDArray[Any]]:
-        """Log-likelihood and ticks at coordinates; `is_column`: one of several that run together for slopes."""
-        go_on()
+        """Log-likelihood and ticks at coordinates; `is_column`: one of several parallel runs for derivatives."""
+        check_cancelled()
         series = self.problem.series
         p = self.device(u)
         out = np.empty(series.size, TICK)
@@ -158,7 +158,7 @@ class Fit:
         return duration, current, spread
 
     def free(self, gradient: Floats | None = None) -> NDArray[np.bool_]:
-        """(k,) which coordinates may move; with the gradient, not those that it pushes against their bounds."""
+        """(k,) which coordinates may change; with a gradient, not those that it pushes against a bound."""
         free = np.ones(self.u.size, dtype=bool)
         off = self.u[DISTURBANCE] <= self.lower[DISTURBANCE] + 1e-9
         free[DISTURBANCE] = free[CORRELATION] = not off
@@ -168,7 +168,7 @@ class Fit:
         return free
 
     def differentiate(self, only: NDArray[np.bool_] | None = None) -> None:
-        """Find scores and slopes at the present coordinates."""
+        """Compute scores and slopes at the present coordinates."""
         free = (self.free() if only is None else only).copy()
         self.scores, self.slopes, self.spreads = (np.zeros((self.out.size, self.u.size), order="F") for _ in range(3))
         for number, item in enumerate(self.terms):
@@ -188,26 +188,27 @@ class Fit:
             if value > _NEVER:
                 self._set_slopes(j, out, self.out, float(steps[j]))
 
-        each(differentiate_by, np.flatnonzero(free).tolist())
+        parallel_map(differentiate_by, np.flatnonzero(free).tolist())
         self.problem.runs.append(self.problem.series.size)
 
     def information(self, rows: slice = slice(None)) -> Floats:
-        """Expected information on the coordinates that were differentiated, shape (k, k): of means and of variances."""
+        """Expected information of means and variances on the differentiated coordinates, shape (k, k)."""
         slopes, spreads, out = self.slopes[rows], self.spreads[rows], self.out[rows]
         of_means: Floats = slopes.T @ (slopes * out["information"][:, None])
         of_variances: Floats = 0.5 * spreads.T @ (spreads * out["share"][:, None] ** 2)
         return of_means + of_variances
 
     def approach(self, first: int, rounds: int) -> Fit:
-        """Ascend towards the maximum in the coordinates from `first` on, the noise following as a whole; returns itself.
+        """Ascend in the coordinates from `first` on, with all noise scaled together; returns itself.
 
-        With the noise of a poorer model the likelihood is broad, and the noise shrinks as the fit improves: a homotopy.
+        It starts with the noise of the smaller model, where the likelihood is broad; the noise shrinks as the fit improves
+        (homotopy).
         """
         self._follow([np.arange(self.u.size) >= first], rounds)
         return self
 
     def in_turn(self, rounds: int) -> None:
-        """Ascend in each term by itself: a term with a jagged likelihood holds the others up in a common step."""
+        """Ascend in each term separately: in a common step, a term with a non-smooth likelihood would stop the others."""
         at = np.arange(self.u.size)
         own = [self.columns(number) for number in range(len(self.terms))]
         self._follow([(columns.start <= at) & (at < columns.stop) for columns in own], rounds)
@@ -223,9 +224,9 @@ class Fit:
         self._forget()
 
     def maximise(self, iterations: int = 25, tolerance: float = 0.05, competitor: float = -np.inf) -> Fit:
-        """Ascend to the maximum, and less closely the farther it stays behind a competitor's likelihood; returns itself."""
+        """Ascend to the maximum, with a coarser tolerance the farther it is below a competitor; returns itself."""
         damping, poor = 1e-2, 0
-        held = np.zeros(self.u.size, dtype=bool)  # at a bound; asked again where the ascent gains no more
+        held = np.zeros(self.u.size, dtype=bool)  # at a bound; released when the ascent gains no more
         for _ in range(iterations):
             before, among = self.log_likelihood, self.free() & ~held
             damping, free = self._step(among, damping, _FLAT * tolerance)
@@ -237,9 +238,9 @@ class Fit:
         return self
 
     def _step(self, among: NDArray[np.bool_], damping: float, least: float = 0.0) -> tuple[float, NDArray[np.bool_]]:
-        """One damped step of Fisher's scoring, if the slopes predict that it gains more than `least`.
+        """One damped step of Fisher's scoring, if its predicted gain is more than `least`.
 
-        Returns the damping for the next step, and which coordinates could move.
+        Returns the damping for the next step, and which coordinates were free.
         """
         self.differentiate(among & self.free())
         precision = self.prior**-2.0
@@ -269,7 +270,7 @@ class Fit:
         return damping, free
 
     def move(self, u: Floats, least: float = 0.0) -> bool:
-        """Go to coordinates if that gains more than `least`; returns whether it did."""
+        """Move to coordinates if that gains more than `least`; returns whether it moved."""
         u = np.clip(u, self.lower, self.upper)
         value, out = self.evaluate(u)
         if not value > self.log_likelihood + least:
@@ -283,18 +284,18 @@ class Fit:
         return cls(problem, terms, np.concatenate([noise, *[np.asarray(item.start) for item in terms]]))
 
     def extended(self, item: Term) -> Fit:
-        """The same hypothesis at the same coordinates with one more term, at its start."""
+        """This hypothesis at the same coordinates with one more term, at its start."""
         return Fit(self.problem, (*self.terms, item), np.concatenate([self.u, item.start]))
 
     def without(self, number: int, noise: Floats | None = None) -> Fit:
-        """The same hypothesis at the same coordinates with one term less, and another noise if one is given."""
+        """This hypothesis at the same coordinates without a term; with another noise if one is given."""
         u = np.delete(self.u, np.arange(self.u.size)[self.columns(number)])
         if noise is not None:
             u[:_NOISES] = noise
         return Fit(self.problem, (*self.terms[:number], *self.terms[number + 1 :]), u)
 
     def replaced(self, number: int, item: Term) -> Fit:
-        """The same hypothesis with one of its terms started anew, the rest at the same coordinates."""
+        """This hypothesis with one term replaced and at its start, the rest at the same coordinates."""
         own = self.columns(number)
         terms = (*self.terms[:number], item, *self.terms[number + 1 :])
         return Fit(self.problem, terms, np.concatenate([self.u[: own.start], item.start, self.u[own.stop :]]))
@@ -307,9 +308,9 @@ class Fit:
         """The same hypothesis at the same coordinates with another noise."""
         return self.at(np.concatenate([noise, self.u[_NOISES:]]))
 
-    def with_free_memory(self, tolerance: float) -> Fit:
-        """The same hypothesis, fitted with a disturbance that may remember as long as the recordings can tell."""
-        free = self.on(self.problem.with_free_memory())
+    def with_slow_disturbance(self, tolerance: float) -> Fit:
+        """The same hypothesis, fitted with the larger bound of the disturbance's correlation time."""
+        free = self.on(self.problem.with_slow_disturbance())
         held_back = self.u[CORRELATION] >= self.upper[CORRELATION] - 1e-9 and self.noise_values()[DISTURBANCE] > 0.0
         if not held_back:
             return free
@@ -324,23 +325,23 @@ class Fit:
         """The same hypothesis at the same coordinates on other samples."""
         return Fit(problem, self.terms, self.u)
 
-    def under(self, torque: Floats) -> Fit:
-        """The same hypothesis under a torque besides that is known, shape (n,), N m or N."""
+    def with_torque(self, torque: Floats) -> Fit:
+        """The same hypothesis with a known additional torque, shape (n,), N m or N."""
         series = self.problem.series
         added = series.added + torque / torque_constant(self.device())
         return self.on(replace(self.problem, series=replace(series, added=added)))
 
     def scan_power(self) -> None:
-        """Line search towards less process noise, all of it together: its curvature is the least quadratic of all."""
+        """Line search that scales all process noise down together: there the likelihood is least like a parabola."""
         step = np.where(np.isin(np.arange(self.u.size), (WHITE, DISTURBANCE)), -0.7, 0.0)
         while self.move(self.u + step, _SCANNED):
             step *= 1.5
 
     def held_out(self) -> Floats:
-        """Log-likelihood of each block under the estimate without its fold, shape (blocks,).
+        """Log-likelihood of each block with parameters estimated without its fold, shape (blocks,).
 
-        One scoring step away from the whole estimate, in the effects alone: the noise is a nuisance that all folds share.
-        The step is shortened until it does not harm the folds that it was made from.
+        That estimate is one scoring step from the full one, in the effects only: all folds share the noise parameters.
+        The step is shortened until it does not lower the likelihood of the folds that it was computed from.
         """
         self.differentiate()
         series = self.problem.series
@@ -364,7 +365,7 @@ class Fit:
                         return trial, series.per_block(ticks)
             return self.u, series.per_block(log_p)
 
-        found = each(without, range(constants.FOLDS))
+        found = parallel_map(without, range(constants.FOLDS))
         self.fold_u = [u for u, _ in found]
         total = np.choose(series.fold, [held_out for _, held_out in found])
         slopes = self.slopes
@@ -377,7 +378,7 @@ class Fit:
         self.scores = self.slopes = self.spreads = np.zeros((0, 0))
 
     def _set_slopes(self, j: int, above: NDArray[Any], below: NDArray[Any], step: float) -> None:
-        """Set what one coordinate changes, from the ticks of two runs that are `step` apart in it."""
+        """Set the derivatives by one coordinate, from the ticks of two runs that are `step` apart in it."""
         self.scores[:, j] = (above["log_p"] - below["log_p"]) / step
         self.slopes[:, j] = (above["mean"] - below["mean"]) / step
         self.spreads[:, j] = np.log(above["variance"] / below["variance"]) / step

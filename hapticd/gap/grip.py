@@ -1,8 +1,8 @@
-"""A hand's grip as a candidate: inertia, damper and spring, and the interval in which they hold on.
+"""A hand's grip as a candidate: inertia, damper and spring, and the time interval of the grip.
 
-The first guess comes out of torques through the linearised filter, for all intervals at once. Then the sizes are fitted, and
-the interval is read off two runs of the filter, one with the hand throughout and one without it: a count that the hand
-explains better speaks for the hand at that instant, and the best interval is the one with the largest sum.
+The start comes from the linearised filter, for all intervals at once. Then inertia, damping and stiffness are fitted. The
+interval is the one with the largest sum of log-likelihood ratios, from two runs of the filter: with the hand throughout, and
+without it.
 """
 
 from __future__ import annotations
@@ -28,26 +28,26 @@ if TYPE_CHECKING:
 SLUG = "hand_impedance"
 _PIECES = 100
 _LONGEST = 0.75
-"""Largest part of time and of travel that a grip lasts."""
+"""Largest share of the time, and of the distance travelled, in a grip."""
 _SMALL = 0.02
-"""Share of the device's own inertia, damping and stiffness from which a size that shows as negative starts."""
+"""A parameter whose estimate is negative starts from this share of the device's inertia, damping or stiffness."""
 _NEAR = 2
-"""Pieces by which an ascent may move an edge."""
+"""Pieces by which an ascent may move an edge of the interval."""
 _EDGES = ("on_s", "off_s")
 _PARAMETERS = ("m_h", "b_h", "k_h", *_EDGES, "rest")
 _SHIFTS_S = (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001)
 """Changes of an edge that are tried [s]."""
 _FALL = 2.0
-"""Nats by which an edge that is no worse than the best may be worse."""
+"""An edge is as good as the best one up to this loss [nats]."""
 _ROUNDS = 10
 _SHARES = (1.0, 0.3, 0.1)
 
 
 def first_grip(space: Score, scale: Scale) -> list[Candidate]:
-    """The interval in which inertia, damping and stiffness, added, explain most: sums over all intervals at once."""
+    """The interval in which added inertia, damping and stiffness explain most, from cumulative sums over all intervals."""
     out, series = space.present.out, space.present.problem.series
     if int(series.recording[-1]) > 0:
-        return []  # the plant's time starts anew with each recording, and so would the grip
+        return []  # time starts at 0 in each recording, so the grip would repeat in each
     D = sensitivities(out, _torques(space.present))
     pieces = np.minimum((series.time_s / series.duration_s * _PIECES).astype(np.int64), _PIECES - 1)
     weighted = D * out["information"][:, None]
@@ -62,9 +62,9 @@ def first_grip(space: Score, scale: Scale) -> list[Candidate]:
     curves = curves + 1e-6 * np.einsum("kij,ij->kij", curves, np.eye(4)) + 1e-30 * np.eye(4)
     sizes = np.linalg.solve(curves, sums[:, :, None])[:, :, 0]
     expected_gain = 0.5 * np.einsum("ki,ki->k", sums, sizes)
-    expected_gain[(sizes[:, 1:] < 0.0).sum(axis=1) > 1] = 0.0  # a hand gives no energy; noise may turn one of three
+    expected_gain[(sizes[:, 1:] < 0.0).sum(axis=1) > 1] = 0.0  # a hand is passive; noise may make one of three negative
     way = np.concatenate([[0.0], np.cumsum(np.bincount(pieces, np.abs(out["v"]), _PIECES))])
-    # A hand that never lets go, or only of a shaft at rest, is inertia, friction and a spring.
+    # A grip over the whole record, or all of its motion, is not identifiable from inertia, friction and a spring.
     expected_gain[(last - first > _LONGEST * _PIECES) | (way[last] - way[first] > _LONGEST * way[-1])] = 0.0
     k = int(np.argmax(expected_gain))
     begin, end = (float(edge) / _PIECES * series.duration_s for edge in (first[k], last[k]))
@@ -73,12 +73,12 @@ def first_grip(space: Score, scale: Scale) -> list[Candidate]:
 
 
 def _shortest(fit: Fit) -> int:
-    """Fewest pieces in which a grip is looked for: an ascent may take some off again at either edge."""
+    """Fewest pieces of a grip: the ascent may shorten it at both edges."""
     return math.ceil(constants.GRIP_BLOCKS * _PIECES / fit.problem.series.blocks) + 2 * _NEAR
 
 
-def settled(fit: Fit, number: int, scale: Scale) -> Fit:
-    """The fit with the sizes and the interval of its grip, term `number`, fitted in turn, as long as that gains."""
+def refined(fit: Fit, number: int, scale: Scale) -> Fit:
+    """The fit with parameters and interval of its grip, term `number`, fitted alternately as long as that gains."""
     for _ in range(_ROUNDS):
         before = fit.log_likelihood
         fit = _on_best_interval(_resized(fit, number, scale), number, scale)
@@ -89,13 +89,13 @@ def settled(fit: Fit, number: int, scale: Scale) -> Fit:
 
 
 def maximised(fit: Fit, number: int, scale: Scale) -> Fit:
-    """The fit with its grip, term `number`, looked for again, and all else maximised, in turn, as long as that gains.
+    """The fit with its grip, term `number`, searched again and all else maximised, alternately, as long as that gains.
 
-    Beside edges that are off, all else moves to where they seem right: from there a few of the last bits decide which way.
+    With wrong edges the other parameters adapt to them, and rounding decides where a single ascent ends.
     """
     for _ in range(_ROUNDS):
         before = fit.log_likelihood
-        fit = with_close_edges(settled(fit, number, scale), number).maximise()
+        fit = with_close_edges(refined(fit, number, scale), number).maximise()
         if fit.log_likelihood < before + 1.0:
             break
     return fit
@@ -114,13 +114,13 @@ def with_close_edges(fit: Fit, number: int) -> Fit:
 
 
 def _coordinate(fit: Fit, number: int, name: str) -> int:
-    """Where a parameter of term `number` is among the coordinates."""
+    """Index of a parameter of term `number` among the coordinates."""
     names = [coordinate.name for coordinate in fit.terms[number].coordinates]
     return int(fit.columns(number).start) + names.index(name)
 
 
 def _torques(fit: Fit) -> Floats:
-    """Torques of a unit of push, stiffness, damping and inertia, shape (n, 4)."""
+    """Torque per unit of constant force, stiffness, damping and inertia, shape (n, 4)."""
     x, v = fit.out["x"], fit.out["v"]
     a = np.gradient(v, fit.problem.series.time_s)
     return np.stack([np.ones(v.size), -(x - x.mean()), -v, -a], axis=1)
@@ -138,7 +138,7 @@ def _term(sizes: Floats, begin: float, end: float, middle: float, scale: Scale) 
         "rest": middle + float(np.clip(push / stiffness, -scale.travel, scale.travel)),
     }
     item = term(SLUG, values, (), 0.1 * scale.travel)
-    # An ascent moves an edge but little: what wants to grow on and on is no grip.
+    # The range of an edge is narrow: an interval that grows without end is not a grip.
     near = _NEAR * scale.duration_s / _PIECES
     held = (
         replace(c, lower=values[c.name] - near, upper=values[c.name] + near) if c.name in _EDGES else c
@@ -148,14 +148,14 @@ def _term(sizes: Floats, begin: float, end: float, middle: float, scale: Scale) 
 
 
 def _interval_and_sizes(fit: Fit) -> tuple[float, float, Floats]:
-    """Begin and end [s], and push, stiffness, damping and inertia."""
+    """Begin and end [s], and constant force, stiffness, damping and inertia."""
     p = fit.device()
     m, b, k, begin, end, rest = (float(p[index_of(f"{SLUG}.{name}")]) for name in _PARAMETERS)
     return begin, end, np.array([k * (rest - float(fit.out["x"].mean())), k, b, m])
 
 
 def _resized(fit: Fit, number: int, scale: Scale) -> Fit:
-    """The fit after a Gauss–Newton step in push, stiffness, damping and inertia, in which the hand's torque is linear."""
+    """The fit after a Gauss–Newton step in constant force, stiffness, damping and inertia (the torque is linear in them)."""
     begin, end, sizes = _interval_and_sizes(fit)
     out, time_s = fit.out, fit.problem.series.time_s
     D = sensitivities(out, _torques(fit) * ((time_s >= begin) & (time_s < end))[:, None])
@@ -169,7 +169,7 @@ def _resized(fit: Fit, number: int, scale: Scale) -> Fit:
 
 
 def _on_best_interval(fit: Fit, number: int, scale: Scale) -> Fit:
-    """The fit with the interval in which the counts speak most for the hand, unless it would hardly let go."""
+    """The fit with the interval of the largest log-likelihood ratio, unless that is nearly the whole record."""
     _, _, sizes = _interval_and_sizes(fit)
     series, middle = fit.problem.series, float(fit.out["x"].mean())
     total = _in_favour(fit, number)
@@ -185,7 +185,7 @@ def _on_best_interval(fit: Fit, number: int, scale: Scale) -> Fit:
 
 
 def _in_favour(fit: Fit, number: int) -> Floats:
-    """Log-likelihood ratio of the hand against no hand, summed up to each of the n counts, shape (n + 1,)."""
+    """Log-likelihood ratio of hand to no hand, cumulative over the n counts, shape (n + 1,)."""
     u = fit.u.copy()
     u[[_coordinate(fit, number, name) for name in _EDGES]] = 0.0, 2.0 * fit.problem.series.duration_s
     _, throughout = fit.evaluate(u)
@@ -193,9 +193,9 @@ def _in_favour(fit: Fit, number: int) -> Floats:
 
 
 def edge_ranges(fit: Fit, number: int) -> dict[int, tuple[float, float]]:
-    """Earliest and latest begin and end of the grip [s] that the counts hardly tell from the estimate, by coordinate.
+    """Earliest and latest begin and end of the grip [s] that are as likely as the estimate, by coordinate.
 
-    A hand that takes hold of a shaft at rest shows only when it moves.
+    A grip of a shaft at rest has no effect before the shaft moves.
     """
     found = {}
     for name in _EDGES:

@@ -1,7 +1,7 @@
-"""Recordings that a model would make, along the path of the real ones.
+"""Simulated recordings along the path of the real ones (parametric bootstrap).
 
-The filter is not exact: near standstill, and within a cell of the encoder, it takes as normal what is not. Imitations of the
-recording show how far an estimate goes by that.
+The filter is approximate: near standstill, and within an encoder cell, it assumes normal distributions. Estimates from
+simulated recordings show the error of that.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from hapticd.gap.problem import Problem
 
 _NEAR = 0.1
-"""Share of the travel that the shaft may be off the recorded path under the device's torque."""
+"""Largest deviation from the recorded path under the device's torque, as a share of the travel."""
 _STIFFEST = 0.1
-"""Square of the radians by which the drive that keeps it there may swing in a period."""
+"""Square of the natural frequency, in radians per period, of the controller that keeps the shaft on the path; at most."""
 
 
 def imitated(fit: Fit, seed: int) -> Problem:
-    """The problem with a recording that the model makes in place of the real one, under nearly the same current."""
+    """The problem with a simulated recording instead of the real one, under nearly the same current."""
     problem = fit.problem
     series, p = problem.series, fit.device()
     duration, current, spread = fit.currents()

@@ -1,10 +1,10 @@
-"""Between which values an inertia is, whatever friction, gravity and cogging the device has.
+"""Bounds of the inertia, for any friction, gravity and cogging.
 
     K_t i(t − T_D) = J a + g(v) + f(x) + e
 
-Any functions of speed and position are taken out of torque and acceleration alike (Robinson 1988, Econometrica 56). What is
-left of the two is proportional but for other forces e. These make the slope of torque over acceleration too small, and the
-inverse slope of acceleration over torque too large: J is between the two (Frisch 1934; Klepper and Leamer 1984).
+Functions of speed and position are regressed out of both torque and acceleration (Robinson 1988, Econometrica 56). The two
+residuals are proportional, up to other forces e. These make the slope of torque over acceleration too small, and the inverse
+slope of acceleration over torque too large: J is between the two (Frisch 1934; Klepper and Leamer 1984).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hapticd.gap.balance import AS_LITTLE, delays, smoothed
+from hapticd.gap.balance import NEAR_LEAST, delays, smoothed
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -25,19 +25,19 @@ if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
 
 _SPEEDS, _PLACES, _ANGLES = 6, 24, 121
-"""Knots of the functions of speed, each way, of position, and of the angle in a turn."""
+"""Numbers of knots of the functions of speed (per direction), of position, and of the angle within a turn."""
 _RIDGE = 1e-4
 _EARLIEST_PERIODS = 4.0
-"""How late a record of the current may be."""
+"""Largest lateness of a record of the current that is tried [periods]."""
 
 
 @dataclass(frozen=True)
 class InertiaRange:
-    """What a recording says of an inertia, kg m² or kg.
+    """Bounds of an inertia, kg m² or kg.
 
     Attributes:
-        low: least value; 0 where acceleration says nothing. high: largest; infinite where the torque says nothing.
-        left: RMS of the force that neither inertia nor friction nor place explain, N m or N.
+        low: least value; 0 where acceleration has no information. high: largest; infinite where torque has none.
+        left: RMS of the residual force, N m or N.
     """
 
     low: float
@@ -46,7 +46,7 @@ class InertiaRange:
 
 
 def inertia_range(recordings: Sequence[Recording], torque_constant: float) -> InertiaRange:
-    """The range of the inertia; that with functions of the speed alone narrows it where the two overlap.
+    """The range of the inertia, narrowed by the range with functions of speed only where the two overlap.
 
     Args:
         recordings: of one device, in which the shaft moves. torque_constant: K_t, N m/A or N/A.
@@ -78,7 +78,7 @@ def _hats(values: Floats, knots: Floats) -> Floats:
 
 
 def _bounds(parts: Sequence[Smoothed], functions: Floats) -> InertiaRange:
-    """The two slopes, over the delays that leave about as little as the best."""
+    """The two slopes, over all delays that are about as good as the best."""
     period_s = parts[0].period_s
     tried = np.concatenate([-np.arange(period_s, _EARLIEST_PERIODS * period_s, 0.5 * period_s), delays(period_s)])
     torque = np.concatenate(
@@ -95,6 +95,6 @@ def _bounds(parts: Sequence[Smoothed], functions: Floats) -> InertiaRange:
     both, square = a @ y, float(a @ a)
     low = both / square
     left = np.sqrt(np.mean((y - a[:, None] * low) ** 2, axis=0))
-    as_little = left <= AS_LITTLE * left.min()
+    as_little = left <= NEAR_LEAST * left.min()
     high = np.where(both > 0.0, np.sum(y**2, axis=0) / np.where(both > 0.0, both, 1.0), np.inf)
     return InertiaRange(max(float(low[as_little].min()), 0.0), float(high[as_little].max()), float(left.min()))

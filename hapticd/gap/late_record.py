@@ -1,8 +1,8 @@
-"""A record of the current that is late or filtered: the motor had each current before the record says so.
+"""A late or filtered record of the current: the current acted on the motor before its time stamp.
 
-That is a delay, or a lag, below zero. It competes with the laws, since it acts like friction where a spring is rendered;
-but it belongs to the record and not to the device, so once it is chosen, every set of laws is fitted with it. A device that
-answers sooner than its model says, or both at once, cannot be distinguished.
+It is a negative delay, or a negative lag. It competes with the laws, because it acts like friction where a spring is
+rendered. It is a fault of the record and not of the device, so once chosen, it is in every further fit. A device with less
+delay than its model is not identifiable from it.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ if TYPE_CHECKING:
 
 SLUG = "late_record"
 _DELAY, _LAG = "transport_delay", "amplifier_lag"
-"""The effects of the catalogue that it is the opposite of: data show no more than the difference of the two."""
+"""The effects with the opposite sign: only the difference of the two is identifiable."""
 OPPOSITES = (_DELAY, _LAG)
 _PERIODS = (0.1, 0.3, 1.0, 2.0, 4.0, 8.0)
 LATEST = 20
-"""Longest that a record may be late, in periods."""
+"""Largest lateness of a record, in periods."""
 _FILTERS = (1.0, 3.0, 10.0, 30.0, 100.0)
 _LEAST_FILTER, _MOST_FILTER = 0.1, 1e3
-"""Time constants of a filter, in periods."""
+"""Least and largest time constant of a filter, in periods."""
 
 
 def starts(slug: str, period_s: float) -> list[Term]:
-    """Terms of an effect that mean a late or filtered record, its opposite; none of most effects."""
+    """Terms of a late or filtered record, as the opposite of an effect; empty for most effects."""
     if slug == _DELAY:
         delay = Coordinate("t_d", index_of(f"{_DELAY}.t_d"), False, -LATEST * period_s, 0.0, period_s)
         return [Term(slug, (delay,), (-periods * period_s,)) for periods in _PERIODS]
@@ -45,18 +45,18 @@ def starts(slug: str, period_s: float) -> list[Term]:
 
 
 def is_late(law: Term) -> bool:
-    """Whether a law that was found is a late or filtered record."""
+    """Whether a law is a late or filtered record."""
     if law.slug == _DELAY:
         return not law.coordinates[0].is_log  # a delay of the device is a positive magnitude
     return law.slug == _LAG and law.coordinates[0].name == RECORD_FILTER
 
 
-def untouched(slugs: Sequence[str], law: Term) -> list[str]:
-    """Those laws that data still show where the record is late or filtered.
+def identifiable(slugs: Sequence[str], law: Term) -> list[str]:
+    """The laws that remain identifiable with a late or filtered record.
 
-    A late record is of the current and not of the command, so it does not show when commands were sent. Of a filtered one
-    the same holds, and all that comes between a command and its current is in the record already. It may be late besides,
-    so the delay that lateness is the opposite of stays, for that alone (`is_opposite_only`).
+    Such a record is of the current, not of the command, so it does not contain the times of commands. A filtered record
+    already contains all effects between command and current. It may also be late, so the delay stays, with negative
+    sign only (`is_opposite_only`).
     """
     if law.coordinates[0].name != RECORD_FILTER:
         return [slug for slug in slugs if CATALOGUE[slug].acts_on != "timing"]
@@ -64,40 +64,39 @@ def untouched(slugs: Sequence[str], law: Term) -> list[str]:
 
 
 def not_considered(slugs: Sequence[str], left: Sequence[str]) -> list[str]:
-    """A sentence for each effect that was asked for and can no longer be considered."""
+    """A sentence for each requested effect that can no longer be considered."""
     gone = [slug for slug in slugs if slug not in left]
     return [
-        f"{slug} cannot be considered: the record is not of the command, but of a late or filtered current"
-        for slug in gone
+        f"{slug} cannot be considered: the recorded current is late or filtered, and not the command" for slug in gone
     ]
 
 
 def is_opposite_only(slug: str, fit: Fit) -> bool:
-    """Whether of an effect only the opposite may be found: of a delay, where the record is filtered."""
+    """Whether only the opposite of an effect is identifiable: of a delay, if the record is filtered."""
     return slug == _DELAY and fit.filter_s() > 0.0
 
 
-def along(law: Term) -> Term:
-    """The term that fits a late record along with everything else.
+def record_term(law: Term) -> Term:
+    """The term of a late record in every further fit.
 
-    It stays near where it was found, with laws that a poorer model has not: there it would run anywhere.
+    Its prior keeps it near the estimate: with more laws it could drift anywhere.
     """
     (own,), (found,) = law.coordinates, law.start
     return Term(SLUG, (replace(own, prior=own.scale, centre=found),), law.start)
 
 
-def described(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
-    """``current_late_s`` and ``current_filter_s``, and a warning of each, where a record is surely late or filtered.
+def described(fit: Fit, variance: Any, coverage: float) -> dict[str, Any]:
+    """``current_late_s`` and ``current_filter_s``, each with a warning, if the record is significantly late or filtered.
 
     Args:
-        fit: the last model. variance: (k,) of its coordinates. reach: standard errors to the ends of a 95 % interval.
+        fit: the final model. variance: (k,) of its coordinates. coverage: coverage factor of a 95 % interval.
     """
     found: dict[str, Any] = {"warnings": []}
     for number, item in enumerate(fit.terms):
         if item.slug != SLUG:
             continue
         at = fit.columns(number).start
-        half = reach * float(variance[at]) ** 0.5
+        half = coverage * float(variance[at]) ** 0.5
         if item.coordinates[0].name == RECORD_FILTER:
             if item.at_bounds(fit.u[fit.columns(number)], half):
                 continue
@@ -105,8 +104,8 @@ def described(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
             found["current_filter_s"] = {"value": filter_s, "ci95": [low, high]}
             found["warnings"].append(
                 f"the current was filtered before it was recorded, with a time constant of {1e3 * filter_s:.3g} ms "
-                f"({1e3 * low:.3g} to {1e3 * high:.3g} ms), or the motor's current is ahead of its record by so much "
-                "for another reason. It is fitted too."
+                f"({1e3 * low:.3g} to {1e3 * high:.3g} ms), or its record lags by as much for another reason. It is in the "
+                "fit."
             )
             continue
         late_s = -float(fit.u[at])
@@ -114,8 +113,8 @@ def described(fit: Fit, variance: Any, reach: float) -> dict[str, Any]:
         if low > 0.0:
             found["current_late_s"] = {"value": late_s, "ci95": [low, high]}
             found["warnings"].append(
-                f"the current is recorded {1e3 * late_s:.3g} ms late ({1e3 * low:.3g} to {1e3 * high:.3g} ms), or it is "
-                "a sample of a current that changes in between, or the device answers by so much sooner than the model "
-                "says: these data do not distinguish them. It is fitted too."
+                f"the current is recorded {1e3 * late_s:.3g} ms late ({1e3 * low:.3g} to {1e3 * high:.3g} ms), or the "
+                "current changes between samples, or the device has so much less delay than the model: these data do not "
+                "distinguish them. It is in the fit."
             )
     return found

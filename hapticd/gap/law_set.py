@@ -1,6 +1,6 @@
-"""A set of laws, fitted and scored where it was not fitted; and the one question that is asked of two of them.
+"""A set of laws with its fit and held-out score, and the comparison of two sets.
 
-`is_better` decides what is added, kept, put in another's place, and what these data cannot distinguish.
+`is_better` decides which laws are added, kept or replaced, and which are tied.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 _NOTHING = 1e-300
 _CLOSE = 0.5
-"""Nats to which a fit with a slow disturbance is maximised: it is asked whether a law gains more than ten."""
+"""Tolerance of a fit with a slow disturbance [nats]: the gains that it decides on are above ten."""
 OUTLIER_COSTS = -float(np.log(OUTLIER))
-"""Most that one sample can cost [nats]: beyond, it is an outlier (`kernel.modes.OUTLIER`)."""
+"""Largest loss of one sample [nats]: beyond it, the sample is an outlier (`kernel.modes.OUTLIER`)."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +36,10 @@ class LawSet:
 
     Attributes:
         fit: maximum of the likelihood.
-        held_out: (blocks,) log-likelihood of each block under the estimate without its fold, less `penalty`.
-        penalty: logarithm of the number of discrete choices that were made for all of its laws, nats.
-        function: coordinate of a flexible function in the set, which has no name; empty for none.
-        function_numbers: how many numbers that function has.
+        held_out: (blocks,) log-likelihood of each block with parameters estimated without its fold, minus `penalty`.
+        penalty: logarithm of the number of discrete choices for all of its laws, nats.
+        function: coordinate of an unnamed function in the set; empty for none.
+        function_numbers: number of parameters of that function.
     """
 
     fit: Fit
@@ -50,13 +50,13 @@ class LawSet:
 
     @cached_property
     def laws(self) -> tuple[str, ...]:
-        """Slugs of the laws, in the order in which they were added; faults of the record are none."""
+        """Slugs of the laws, in the order in which they were added; without faults of the record."""
         named = tuple(item.slug for item in self.fit.terms if item.slug in CATALOGUE)
         return (*named, f"unnamed function of the {self.function}") if self.function else named
 
     @property
     def numbers(self) -> int:
-        """How many numbers were fitted."""
+        """Number of fitted parameters."""
         return int(self.fit.u.size) + self.function_numbers
 
     @property
@@ -71,32 +71,32 @@ class LawSet:
 
     @cached_property
     def with_slow_disturbance(self) -> LawSet:
-        """The same with a disturbance that may be slow."""
-        slow = scored(self.fit.with_free_memory(_CLOSE))
+        """The same set, fitted with a disturbance that may be slow."""
+        slow = scored(self.fit.with_slow_disturbance(_CLOSE))
         return replace(slow, function=self.function, function_numbers=self.function_numbers)
 
     def number(self, slug: str) -> int:
-        """Where a law is among the terms of the fit."""
+        """Index of a law among the terms of the fit."""
         return [item.slug for item in self.fit.terms].index(slug)
 
     def law(self, slug: str) -> Term:
-        """A law at its estimate."""
+        """A law, started at its estimate."""
         number = self.number(slug)
         return self.fit.terms[number].moved(self.fit.u[self.fit.columns(number)])
 
 
 def scored(fit: Fit, penalty: float = 0.0) -> LawSet:
-    """Score a fit on blocks that it was not fitted to, one scoring step away (`Fit.held_out`)."""
+    """A set with the held-out score of a fit (`Fit.held_out`)."""
     held_out = fit.held_out()
     return LawSet(fit, held_out - penalty / held_out.size, penalty)
 
 
 def evidence(one: LawSet, other: LawSet) -> tuple[float, float]:
-    """Held-out gain of one set over another, nats, and the same in standard errors.
+    """Held-out gain of one set over another, in nats and in standard errors.
 
-    No law gains more where it was not fitted than where it was: more than that is another one's rough likelihood. What the
-    better one leaves counts by the other one's variance, as in the ratio of the two likelihoods. To that an encoder's cell
-    adds a twelfth of its square (Sheppard 1898): within a cell nothing is seen of how sure a model is.
+    The held-out gain is limited to the gain on the fitted data: a larger one comes from a non-smooth likelihood. The
+    residuals of the better set are weighted with the variance of the other, as in the likelihood ratio. Quantisation adds a
+    twelfth of the squared cell to both variances (Sheppard 1898).
     """
     gain = one.total - other.total
     fitted = one.fit.log_likelihood - one.penalty - other.fit.log_likelihood + other.penalty
@@ -108,24 +108,24 @@ def evidence(one: LawSet, other: LawSet) -> tuple[float, float]:
     return gain, series.standard_errors(gain, np.clip(noise, -OUTLIER_COSTS, OUTLIER_COSTS))
 
 
-def is_quiet(fit: Fit) -> bool:
-    """Whether the missing force is about what the least noise makes that a device has: nothing is missing then.
+def is_at_noise_level(fit: Fit) -> bool:
+    """Whether the missing force is near the least noise of any device: then nothing is missing.
 
-    The noise that is fitted does not say it: it is the same all over the record, and what a motion meets but once is not.
+    The fitted noise is an average over the record, so it cannot show a force that acts only once. The missing force does.
     """
     least = float(np.exp(fit.lower[WHITE]))
     least *= torque_constant(fit.device()) / torque_constant(fit.problem.base)  # as of `Fit.noise_values`
-    return missing_power(fit) * constants.LASTING_S < (constants.QUIET * least) ** 2
+    return missing_power(fit) * constants.LASTING_S < (constants.NOISE_FACTOR * least) ** 2
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What `is_better` says, and why.
+    """Result of `is_better`.
 
     Attributes:
-        is_better: yes or no. why: in words.
-        gain: on held-out blocks, nats. errors: the same in standard errors, over blocks.
-        left: share of the other one's missing power.
+        is_better: whether the first set is better. why: the reason, in words.
+        gain: held-out gain, nats. errors: the same in standard errors.
+        left: missing power over that of the other set.
     """
 
     is_better: bool
@@ -136,33 +136,34 @@ class Comparison:
 
 
 def is_better(one: LawSet, other: LawSet, needed: float) -> Comparison:
-    """Whether a set of laws goes before another one.
+    """Whether one set of laws is better than another.
 
-    One that has laws more must gain `needed` standard errors on held-out blocks and close a share of the missing power that
-    matters, with a disturbance of short memory and with one that may be slow: no law is named that a slow torque
-    replaces, unless that leaves twice as much force. Or it leaves nothing. Of two that have laws instead of each other's
-    the one with fewer numbers, or which is a limit of the other, is better unless it predicts worse by more than chance.
+    A set with more laws must gain `needed` standard errors on held-out blocks and remove a relevant share of the missing
+    power, both with a fast and with a slow disturbance; with the slow one, to remove half of the power is enough. So no law
+    is named that a slow torque explains as well. A set that leaves nothing missing is also better. Of two sets with
+    different laws, the one with fewer parameters, or whose law is a limit of the other's, is better unless its prediction
+    is worse by more than chance.
     """
     compared = _compared(one, other)
     if not set(other.laws) < set(one.laws):
-        if compared.gain <= -0.5 * needed**2 and is_quiet(other.fit) and not is_quiet(one.fit):
+        if compared.gain <= -0.5 * needed**2 and is_at_noise_level(other.fit) and not is_at_noise_level(one.fit):
             return _answer(compared, False, "nothing is missing with the other")
         least = -constants.INDISTINGUISHABLE if _is_simpler(one, other) else constants.INDISTINGUISHABLE
-        return _answer(compared, compared.errors > least, "of two that are as good the simpler one")
-    if is_quiet(other.fit):
+        return _answer(compared, compared.errors > least, "of two equally good sets the simpler one is taken")
+    if is_at_noise_level(other.fit):
         return _answer(compared, False, "nothing is missing without it")
-    if compared.gain >= 0.5 * needed**2 and is_quiet(one.fit):
-        # What a record meets but once has no evidence over blocks, and where it leaves nothing it needs none.
+    if compared.gain >= 0.5 * needed**2 and is_at_noise_level(one.fit):
+        # An event that occurs once has no evidence over blocks; a law that leaves nothing missing needs none.
         return _answer(compared, True, "nothing is missing with it")
     if compared.errors < needed:
-        return _answer(compared, False, "it is not sure")
+        return _answer(compared, False, "the evidence is not sufficient")
     if compared.left >= 1.0 - constants.SHARE:
-        return _answer(compared, False, "as much force is missing")
+        return _answer(compared, False, "as much force is missing as without it")
     slow = _compared(one.with_slow_disturbance, other.with_slow_disturbance)
     is_sure = slow.errors >= needed and slow.left < 1.0 - constants.SHARE
     if is_sure or slow.left < 1.0 - constants.CLOSED:
-        return _answer(compared, True, "it is sure, and less force is missing")
-    return _answer(compared, False, "a slow torque explains as much")
+        return _answer(compared, True, "the evidence is sufficient, and less force is missing")
+    return _answer(compared, False, "a slow disturbance explains as much")
 
 
 def _compared(one: LawSet, other: LawSet) -> Comparison:

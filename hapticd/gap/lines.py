@@ -1,7 +1,7 @@
-"""Lines: torques that swing in time at a frequency of their own, as mains, a fan or a machine next door leave them.
+"""Spectral lines: sinusoidal torques in time, as from mains, a fan or another machine.
 
-What was known before such a torque acted says its phase, through the current too where a controller answers: it looks like
-structure in the motion, or like lost commands. So those that the model as given leaves are fitted along, as sines of time.
+Past motion predicts the phase of such a torque, and so does the current where a controller reacts to it. So a line looks
+like structure in the motion, or like lost commands. So lines that the given model leaves are fitted, as sines of time.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
 _LISTED = 3
 _SEGMENTS, _LONGEST_SEGMENT = 8, 4096
 _AROUND = 50
-"""Frequencies to either side that are a line's neighbourhood."""
+"""Neighbouring frequencies on each side with which a line is compared."""
 _LOWEST_HZ = 5.0
 _FINER = 6
-"""Steps of a frequency in which a sine gains or loses a turn over the record."""
+"""Steps of the frequency search per resolution of the record (one over its duration)."""
 
 
 def lines(fit: Fit) -> list[float]:
-    """Frequencies [Hz] at which the innovations of a model have a line in one of the recordings, the strongest first."""
+    """Frequencies [Hz] of lines in the innovations of any recording, the strongest first."""
     series, innovation = fit.problem.series, _innovation(fit)
     found = [
         line
@@ -45,7 +45,7 @@ def lines(fit: Fit) -> list[float]:
 
 
 def _lines_of(innovation: Floats, period_s: float) -> list[tuple[float, float, float]]:
-    """Power of each line of one recording over that of its neighbourhood, its frequency [Hz], and how far it reaches."""
+    """Lines of one recording: power over that of the neighbours, frequency [Hz], and half width [Hz]."""
     length = min(2 ** int(math.log2(2 * innovation.size / _SEGMENTS)), _LONGEST_SEGMENT)
     segments = sliding_window_view(innovation, length)[:: length // 2]
     power = np.mean(np.abs(np.fft.rfft(np.hanning(length) * segments)) ** 2, axis=0)  # Welch 1967
@@ -65,11 +65,8 @@ def _innovation(fit: Fit) -> Floats:
     return np.asarray(np.clip(fit.out["moved"] / deviation, -5.0, 5.0))
 
 
-def along(fit: Fit) -> Term | None:
-    """The term that fits the lines of a model along, in each recording with a phase and a strength of their own.
-
-    None where there are no lines.
-    """
+def line_term(fit: Fit) -> Term | None:
+    """The term of all lines, with a separate amplitude and phase in each recording; None if there are no lines."""
     series, innovations = fit.problem.series, _innovation(fit)
     found: list[tuple[int, float]] = []
     for number, period_s in enumerate(series.periods_s):
@@ -84,7 +81,7 @@ def along(fit: Fit) -> Term | None:
         found += [(number, frequency) for frequency in own]
     if not found:
         return None
-    # Positions that a clock of its own samples swing too: as a torque at their frequency that is any number of times more.
+    # A line may be in the position itself (sampled with another clock): as a torque it then has a large amplitude.
     most, scale = 1e4 * fit.problem.torque, 0.01 * fit.problem.torque
     coordinates = [
         Coordinate(f"{part} of {frequency:.6g} Hz", -1, False, -most, most, scale)
@@ -96,7 +93,7 @@ def along(fit: Fit) -> Term | None:
 
 
 def _strongest(innovation: Floats, time_s: Floats, coarse: float, reach: float) -> float:
-    """The frequency [Hz] near a coarse one of which a record has most."""
+    """The frequency [Hz] of the largest amplitude near a coarse one."""
     step = 1.0 / (_FINER * float(time_s[-1]))
     turned, turn = (np.exp(-2j * np.pi * one * time_s) for one in (coarse - reach, step))
     turned *= innovation
@@ -108,7 +105,7 @@ def _strongest(innovation: Floats, time_s: Floats, coarse: float, reach: float) 
 
 
 def frequencies(fit: Fit) -> list[float]:
-    """Lines [Hz] that a model has, and those that it leaves elsewhere: no frequency is quite constant."""
+    """Frequencies [Hz] of the fitted lines, and of lines that remain elsewhere: a frequency may drift."""
     series = fit.problem.series
     shortest_s = min(float(series.time_s[series.recording == number][-1]) for number in range(len(series.periods_s)))
     found: list[float] = []

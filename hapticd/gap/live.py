@@ -1,4 +1,4 @@
-"""The circle closed on a running daemon: excite, record, compare, and where the answer is open the designed experiment."""
+"""The gap workflow on a running daemon: excite, record, compare; if laws are tied, also run the designed experiment."""
 
 from __future__ import annotations
 
@@ -23,26 +23,26 @@ if TYPE_CHECKING:
 
 
 class LiveError(Exception):
-    """An experiment ended before its time, so that there is nothing to compare; the text says why."""
+    """An experiment ended early, so there is nothing to compare; the text says why."""
 
 
-def close_the_circle(
+def find_gap_live(
     client: Client, model: Config, experiment: Experiment, analyse: Analyse, say: Callable[[str], None], bar: Bar
 ) -> tuple[GapResult, list[Recording]]:
-    """Excite, record, compare; if the answer is ambiguous, play the designed experiment and compare with both recordings.
+    """Excite, record, compare; if the verdict is ambiguous, run the designed experiment and compare both recordings.
 
     Args:
-        client: the daemon. It gets a stop when a moving shaft is interrupted.
+        client: of the daemon. On an interrupt while the shaft moves, it sends a stop.
         model: the nominal model.
         experiment: the first one.
-        analyse: from recordings to a result; it writes the outputs too, so that nothing is lost with the second experiment.
-        say: called with every step.
+        analyse: from recordings to a result; it also writes the outputs, so that a failed second experiment loses nothing.
+        say: called with a text for each step.
         bar: progress bar with a label.
 
     Raises:
-        LiveError: an experiment ended on a fault or was stopped by somebody else.
-        RequestRefused: the daemon does not admit an experiment.
-        RecordingError: nothing can be concluded from a recording.
+        LiveError: an experiment ended on a fault, or another client stopped it.
+        RequestRefused: the daemon refuses an experiment.
+        RecordingError: a recording is unusable.
     """
     recordings = [_record(client, model, experiment, say, bar)]
     say("searching for what the model lacks")
@@ -64,10 +64,10 @@ def _record(client: Client, model: Config, experiment: Experiment, say: Callable
 
 
 def play(client: Client, model: Config, experiment: Experiment, say: Callable[[str], None], bar: Bar) -> Path:
-    """Have the daemon play an experiment under its settings, wait for the end, and return the recording.
+    """Run an experiment on the daemon with the experiment's settings, wait for its end, and return the recording.
 
     Raises:
-        LiveError: it ended on a fault or was stopped by somebody else.
+        LiveError: it ended on a fault, or another client stopped it.
     """
     say(f"playing {experiment.describe(model.is_linear)}")
     with settings_for_a_while(client, experiment.settings), stop_on_interrupt(client, say):

@@ -1,4 +1,4 @@
-"""The missing force or torque: what the disturbance must have been, sample by sample, and what of it can be explained."""
+"""The missing force or torque: the estimated disturbance at each sample, and how much of it can be explained."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter1d
 from hapticd.gap import constants
 from hapticd.gap.kernel.linear import sensitivities, smoothed
 from hapticd.gap.kernel.ticks import WHITE
-from hapticd.gap.parallel import each
+from hapticd.gap.parallel import parallel_map
 from hapticd.plant.effect_terms import torque_constant
 from hapticd.plant.numeric import edited_base
 
@@ -29,7 +29,7 @@ EVERYWHERE = "everywhere"
 _PROBES = 64
 _PERIODS = 10
 _HATS, _RANGES = 8, 12
-"""Numbers that a flexible function of a coordinate has, and ranges of it for which the missing force is reported."""
+"""Parameters of a flexible function of a coordinate, and bins of it in which the missing force is reported."""
 
 
 @dataclass(frozen=True)
@@ -37,9 +37,9 @@ class Missing:
     """The missing force at n samples, N m or N.
 
     Attributes:
-        force: (n,) mean given all samples. variance: (n,) of it.
+        force: (n,) mean given all samples. variance: (n,) its variance.
         velocity: (n,) smoothed, rad/s or m/s. position: (n,) filtered, rad or m.
-        moves: (n,) whether the shaft moves, so that a force shows.
+        moves: (n,) whether the shaft moves, so that a force has a visible effect.
     """
 
     force: Floats
@@ -50,12 +50,12 @@ class Missing:
 
     @property
     def power(self) -> Floats:
-        """(n,) expected square, 0 where the shaft rests."""
+        """(n,) expected square of the force, 0 where the shaft rests."""
         return np.where(self.moves, self.force**2 + self.variance, 0.0)
 
     @property
     def rms(self) -> float:
-        """Root mean square while the shaft moves, mean and variance together."""
+        """Root mean square while the shaft moves, of mean and variance together."""
         return float(np.sqrt(self.power.sum() / max(int(self.moves.sum()), 1)))
 
 
@@ -69,16 +69,16 @@ def _smoothed(fit: Fit, u: Floats, out: NDArray[Any]) -> Missing:
     p = fit.device(u)
     duration, _, spread = fit.currents(u)
     period = duration.sum(axis=1)
-    # Commands that may have been lost push as a white force does.
+    # Possibly lost commands count as a white force.
     lost = np.sum((torque_constant(p) * spread * duration) ** 2, axis=1) / period**2
     found = smoothed(out, float(fit.noise_values(u)[WHITE]) ** 2 / period + lost)
-    # Of the white force only the part that lasts is a force that is missing: its mean over a window.
+    # Of the white force only its mean over a window counts as missing.
     lasting = uniform_filter1d(found[:, 3], max(int(constants.LASTING_S / series.period_s), 1), mode="nearest")
     return Missing(found[:, 1] + lasting, found[:, 2], found[:, 0], out["x"].copy(), moving(fit, u, out))
 
 
 def moving(fit: Fit, u: Floats | None = None, out: NDArray[Any] | None = None) -> NDArray[np.bool_]:
-    """(n,) whether the shaft moves during the period after each sample, with coordinates `u` and their ticks."""
+    """(n,) whether the shaft moves in the period after each sample; `u`, `out`: coordinates and their ticks."""
     p = fit.device(u)
     inertia, viscous, *_ = edited_base(p)
     period = fit.problem.series.currents(p)[0].sum(axis=1)
@@ -87,13 +87,13 @@ def moving(fit: Fit, u: Floats | None = None, out: NDArray[Any] | None = None) -
 
 
 def missing_power(fit: Fit) -> float:
-    """Mean square of the missing force, (N m)² or N²; infinite of a model by which nothing moves: it explains nothing."""
+    """Mean square of the missing force, (N m)² or N²; infinite if the shaft never moves in the model."""
     found = missing_force(fit)
     return found.rms**2 if found.moves.any() else math.inf
 
 
 def held_out_rms(fit: Fit) -> float:
-    """RMS of the missing force, each block's by the estimate without its fold; call `Fit.held_out` before."""
+    """Held-out RMS of the missing force, each block by parameters without its fold; call `Fit.held_out` before."""
     series = fit.problem.series
 
     def of_fold(fold: int) -> tuple[float, int]:
@@ -102,12 +102,12 @@ def held_out_rms(fit: Fit) -> float:
         inside = series.fold[series.block] == fold
         return float(found.power[inside].sum()), int(found.moves[inside].sum())
 
-    power, count = map(sum, zip(*each(of_fold, range(constants.FOLDS)), strict=True))
+    power, count = map(sum, zip(*parallel_map(of_fold, range(constants.FOLDS)), strict=True))
     return float(np.sqrt(power / max(count, 1)))
 
 
 def own_torque(fit: Fit) -> float:
-    """What friction and current of a model make together, root mean squares, N m or N."""
+    """RMS of the torques of friction and current in a model, N m or N."""
     _, viscous, coulomb, *_ = edited_base(fit.device())
     duration, current, _ = fit.currents()
     drive = torque_constant(fit.device()) * np.sqrt(np.sum(duration * current**2) / np.sum(duration))
@@ -115,7 +115,7 @@ def own_torque(fit: Fit) -> float:
 
 
 def noise_floor(fit: Fit) -> float:
-    """Standard error of a force that is constant for some periods, `constants.WINDOW_S` at least, N m or N: noise alone."""
+    """Standard error of a force that is constant over `constants.WINDOW_S`, and some periods at least, N m or N."""
     series = fit.problem.series
     rows = max(int(constants.WINDOW_S / series.period_s), _PERIODS)
     first = np.linspace(0, max(series.size - 4 * rows, 0), _PROBES).astype(np.int64)
@@ -130,7 +130,7 @@ def noise_floor(fit: Fit) -> float:
 
 
 def hats(values: Floats, among: NDArray[np.bool_]) -> Floats | None:
-    """Piecewise linear functions of a coordinate on its quantiles, shape (n, k); None where it hardly varies."""
+    """Hat functions (piecewise linear) of a coordinate at its quantiles, shape (n, k); None if it hardly varies."""
     edges = np.unique(np.quantile(values[among], np.linspace(0.01, 0.99, _HATS)))
     if edges.size < 3:
         return None
@@ -138,14 +138,14 @@ def hats(values: Floats, among: NDArray[np.bool_]) -> Floats | None:
 
 
 def _last(values: Floats) -> Floats:
-    """Values at each sample and at those before it, shape (n, `_HATS`)."""
+    """Values at each sample and at the samples before it, shape (n, `_HATS`)."""
     return np.stack([np.concatenate([np.zeros(k), values[: values.size - k]]) for k in range(_HATS)], axis=1)
 
 
 def since_reversal(
     velocity: Floats, position: Floats, moves: NDArray[np.bool_], begins: NDArray[np.bool_] | bool = False
 ) -> Floats:
-    """(n,) way since the velocity last changed its sign, or a record begins, rad or m."""
+    """(n,) distance since the velocity last changed its sign, or since the start of the record, rad or m."""
     sign = np.where(moves, np.sign(velocity), 0.0)
     turned = np.flatnonzero((np.diff(sign, prepend=sign[0]) != 0.0) | begins)
     last = np.zeros(sign.size, dtype=np.int64)
@@ -154,10 +154,10 @@ def since_reversal(
 
 
 def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | None]]:
-    """Coordinates that a missing force may depend on, and with which sign: (n,) values, and (n,) factor or None.
+    """Coordinates that a missing force may depend on: (n,) values, and a (n,) sign factor or None.
 
-    Motion and current are what was known before the force acted: what is known afterwards is what the force has made of
-    them, of the current too where a controller answers.
+    Motion and current are predictions from before the force acted: afterwards they contain the effect of the force
+    itself, in closed loop also the current.
     """
     series = fit.problem.series
     velocity = fit.out["v"]
@@ -182,7 +182,7 @@ def coordinates(fit: Fit, found: Missing) -> dict[str, tuple[Floats, Floats | No
 def explainable(fit: Fit, found: Missing) -> float:
     """Share of the missing force's power that flexible functions of the coordinates predict on other blocks.
 
-    Of all coordinates together, or of the one that does best: many functions at once may fit what they were not shown badly.
+    Of all coordinates together, or of the best one alone: many functions at once may overfit.
     """
     among = found.moves
     columns = [shape[among] for _, shape in _functions(fit, found)]
@@ -192,7 +192,7 @@ def explainable(fit: Fit, found: Missing) -> float:
 
 
 def _predicted(design: Floats, target: Floats, fold: NDArray[np.int64]) -> float:
-    """Share of a force's power that columns predict on folds that they were not fitted to, at least 0."""
+    """Share of a force's power that columns predict on held-out folds, at least 0."""
     total = float(np.sum(target**2))
     if total == 0.0:
         return 0.0
@@ -201,7 +201,7 @@ def _predicted(design: Floats, target: Floats, fold: NDArray[np.int64]) -> float
     left = 0.0
     for k in range(constants.FOLDS):
         H, g = sum(gram) - gram[k], sum(cross) - cross[k]
-        if not np.any(H):  # the shaft moved in this fold alone: nothing to learn from
+        if not np.any(H):  # the shaft moves only in this fold: nothing to fit
             left += float(np.sum(target[fold == k] ** 2))
             continue
         H = H + 1e-3 * np.diag(np.diag(H)) + 1e-12 * np.trace(H) * np.eye(H.shape[0])
@@ -211,11 +211,11 @@ def _predicted(design: Floats, target: Floats, fold: NDArray[np.int64]) -> float
 
 @dataclass(frozen=True)
 class Dependence:
-    """How much of a missing force is a function of one coordinate, or the same everywhere.
+    """How much of a missing force is a function of one coordinate, or constant.
 
     Attributes:
-        coordinate: of what. share: of the missing force's power. errors: held-out gain in standard errors.
-        ends: of the range that holds most of it; of a constant force, its size twice.
+        coordinate: its name. share: of the missing force's power. errors: held-out gain in standard errors.
+        ends: of the range that contains most of it; for a constant force, its value twice.
     """
 
     coordinate: str
@@ -225,7 +225,7 @@ class Dependence:
 
 
 def dependences(fit: Fit, found: Missing) -> list[Dependence]:
-    """What the missing force of a model, held out, depends on, the most telling first."""
+    """The coordinates on which a model's missing force depends, held out, by descending evidence."""
     tested = {function.coordinate: function for function in structure(fit, found)}
     total = float(found.power.sum())
     if not tested or total <= 0.0:
@@ -237,7 +237,7 @@ def dependences(fit: Fit, found: Missing) -> list[Dependence]:
     places = coordinates(fit, found)
     for name, function in tested.items():
         values, factor = places[name]
-        # What is the same everywhere would show along every coordinate.
+        # A constant force would appear as a function of every coordinate.
         force = function.force[moves] - constant
         share = min(float(force @ force) / total, 1.0)
         ends = _range(values[moves], force * (1.0 if factor is None else factor[moves]))
@@ -248,7 +248,7 @@ def dependences(fit: Fit, found: Missing) -> list[Dependence]:
 
 
 def _range(values: Floats, force: Floats) -> tuple[float, float]:
-    """Ends of the range of a coordinate that holds most of a force."""
+    """Ends of the range of a coordinate that contains most of a force."""
     edges = np.unique(np.quantile(values, np.linspace(0.0, 1.0, _RANGES + 1)))
     if edges.size < 2:
         return float(values.min()), float(values.max())
@@ -260,7 +260,7 @@ def _range(values: Floats, force: Floats) -> tuple[float, float]:
 
 
 def _densest(power: Floats) -> tuple[int, int]:
-    """First and last bin of the shortest run that holds most of the power."""
+    """First and last bin of the shortest range that contains most of the power."""
     size = power.size
     for length in range(1, size + 1):
         sums = [float(power[k : k + length].sum()) for k in range(size - length + 1)]
@@ -271,7 +271,7 @@ def _densest(power: Floats) -> tuple[int, int]:
 
 
 def structure(fit: Fit, found: Missing) -> list[Structure]:
-    """What the innovations of a model depend on: held-out gain of flexible functions, through the linearised filter."""
+    """Structure of the innovations: held-out gain of flexible functions, by the linearised filter."""
     fold, own = fit.problem.series.fold[fit.problem.series.block], fit.own_slopes
 
     def tested(function: tuple[str, Floats]) -> Structure:
@@ -285,13 +285,13 @@ def structure(fit: Fit, found: Missing) -> list[Structure]:
         held_out = np.sum(columns * coefficients[fold, :numbers], axis=1)
         return Structure(name, numbers, gain, errors, force, held_out)
 
-    return each(tested, _functions(fit, found))
+    return parallel_map(tested, _functions(fit, found))
 
 
 def _functions(fit: Fit, found: Missing) -> Iterator[tuple[str, Floats]]:
     """Torques that are flexible functions of each coordinate, shape (n, k).
 
-    Of the last changes of the current they are linear: so is what any delay or filter of the current makes of it.
+    For the last changes of the current they are linear functions, as the effect of any delay or filter of the current.
     """
     if not found.moves.any():
         return
@@ -307,8 +307,8 @@ class Structure:
     """A flexible function of one coordinate.
 
     Attributes:
-        coordinate: of what. numbers: how many it has. gain: held-out, nats. errors: the same in standard errors.
-        force: (n,) the function, N m or N. held_out: (n,) the same, each block's without its fold.
+        coordinate: its name. numbers: number of parameters. gain: held-out, nats. errors: the same in standard errors.
+        force: (n,) the function, N m or N. held_out: (n,) the same, fitted without the fold of each block.
     """
 
     coordinate: str
@@ -322,7 +322,7 @@ class Structure:
 def _normal_equations(fit: Fit, whole: Floats, rows: NDArray[np.bool_] | None = None) -> tuple[Floats, Floats]:
     """Gradient and information of directions of the prediction, shape (n, k), on some of the samples.
 
-    All samples' information holds back of what those say nothing.
+    A ridge from the information of all samples keeps coefficients near 0 that those samples do not determine.
     """
     score, information = fit.out["score"], fit.out["information"]
     ridge = constants.HELD_BACK * np.einsum("nk,nk,n->k", whole, whole, information) + 1e-30
@@ -340,9 +340,9 @@ def _held_out_coefficients(fit: Fit, whole: Floats) -> Floats:
 
 
 def held_out_gain(fit: Fit, answer: Floats) -> tuple[float, float]:
-    """What directions of the prediction, shape (n, k), gain on blocks they were not fitted to, nats and standard errors.
+    """Held-out gain of directions of the prediction, shape (n, k), in nats and in standard errors.
 
-    The model's own coordinates are fitted along.
+    The model's own coordinates are fitted together with them.
     """
     whole = np.concatenate([answer, fit.own_slopes], axis=1)
     fold = fit.problem.series.fold[fit.problem.series.block]

@@ -1,4 +1,4 @@
-"""The improved model: the given one with the effects that were found, and where each value came from as a comment."""
+"""The improved model: the given one with the found effects, and the origin of each value as a comment."""
 
 from __future__ import annotations
 
@@ -21,44 +21,44 @@ BASE_KEYS: Final = {
     "coulomb_friction": ("plant", "coulomb"),
     "torque_constant_error": ("amplifier", "torque_constant"),
 }
-"""Effects that are corrections of a key of the model."""
+"""Effects that correct a key of the model."""
 _HEAD: Final = "# gap: "
 _OWN_HEAD: Final = re.compile(rf"^{_HEAD}.*\n", re.MULTILINE)
-"""What an earlier run of gap wrote above the model."""
+"""The header that an earlier run of gap wrote."""
 _PLACES: Final = ("record", "api")
-"""Sections with places of a host, which no recording changes."""
+"""Sections with paths of the host: a recording does not change them."""
 
 
 def improved_model(model: Config, result: GapResult) -> Config:
-    """The model with everything that was found.
+    """The model with all found effects.
 
-    A correction of a base parameter edits its key; every other effect joins ``plant.effects``, in place of an entry of
-    the same name.
+    A correction of a base parameter changes its key. Any other effect is added to ``plant.effects``, and replaces an entry
+    of the same name.
     """
     entries = [(step.effect, step.entry) for step in result.steps]
     corrected = {BASE_KEYS[slug][1] for slug, _ in entries if slug in BASE_KEYS}
-    base = {name: value for name, value in result.begun.items() if name in corrected}
+    base = {name: value for name, value in result.assumed_friction.items() if name in corrected}
     return with_effects(model, entries, base)
 
 
 def with_effects(
     model: Config, entries: Sequence[tuple[str, Mapping[str, Any]]], base: Mapping[str, float] = MappingProxyType({})
 ) -> Config:
-    """A model with further effects and other base parameters.
+    """A model with more effects and other base parameters.
 
     Args:
-        model: stays as it is.
+        model: is not modified.
         entries: slug and parameters, in the order in which they are added.
-        base: key of ``plant`` to value. Where one of these, or the delay, changes, all uncertainty is left out: what is
-            known of one depends on the others.
+        base: key of ``plant`` to value. If one of these, or the delay, changes, ``plant.uncertainty`` is removed, because
+            the uncertainties are correlated.
 
     Raises:
         ConfigError: the effects cannot be on one device.
     """
     data = model.model_dump()
     if base or {*BASE_KEYS, "transport_delay", "amplifier_lag"} & {slug for slug, _ in entries}:
-        data["plant"]["uncertainty"] = {}  # that of other values
-    data["plant"].update(base)  # before the corrections, which are relative to it
+        data["plant"]["uncertainty"] = {}  # it belongs to the old values
+    data["plant"].update(base)  # first, because corrections are relative to it
     for slug, entry in entries:
         if slug in BASE_KEYS:
             section, key = BASE_KEYS[slug]
@@ -70,7 +70,7 @@ def with_effects(
 
 
 def _admitted(slug: str, entry: Mapping[str, Any]) -> dict[str, Any]:
-    """Parameters of an effect; a value that no config may have is the bound that it passes."""
+    """Parameters of an effect, limited to the range that a config may have."""
     found: dict[str, Any] = {}
     for parameter in CATALOGUE[slug].parameters:
         if parameter.name in entry:
@@ -81,11 +81,11 @@ def _admitted(slug: str, entry: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def model_yaml(model: Config, result: GapResult, recordings: Sequence[str], text: str | None = None) -> str:
-    """The improved model as YAML, with comments; reading it gives `improved_model`.
+    """The improved model as YAML with comments; it reads back as `improved_model`.
 
     Args:
-        model: as given. result: what was found. recordings: files that it was found in.
-        text: YAML from which the model was read, of which all that does not change stays; by default all its keys.
+        model: the given model. result: of the workflow. recordings: files that were fitted.
+        text: YAML of the given model, which is edited in place; by default a YAML with all keys.
     """
     improved, gap = improved_model(model, result), result.gap
     lines = [
@@ -110,7 +110,7 @@ def model_yaml(model: Config, result: GapResult, recordings: Sequence[str], text
 
 
 def changed_lines(before: str, after: str) -> str:
-    """What is different in a text, as a diff without the lines that stay."""
+    """The changed lines of a text, as a diff without context."""
     lines = difflib.unified_diff(before.splitlines(), after.splitlines(), n=0, lineterm="")
     return "\n".join(line for line in lines if not line.startswith(("---", "+++", "@@")))
 

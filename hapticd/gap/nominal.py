@@ -1,4 +1,4 @@
-"""The first fit: from where the noise starts, and from which values of the base parameters."""
+"""The first fit: starts of the noise and of the base parameters."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from hapticd.gap.fit import Fit
 from hapticd.gap.kernel.ticks import CORRELATION, DISTURBANCE, JITTER, NOISE, WHITE
-from hapticd.gap.parallel import each
+from hapticd.gap.parallel import parallel_map
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,7 +22,7 @@ _STEPS = 40
 
 
 def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
-    """Coordinates from which a fit starts: the noise is the best of a coarse grid, white alone and with a disturbance."""
+    """Start of a fit: its noise is the best of a coarse grid, white only or with a disturbance."""
     low, high = problem.noise_bounds
     T, q = problem.series.period_s, problem.series.resolution
     noise = np.array(
@@ -31,7 +31,7 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
     probe = Fit.started(problem, terms, noise)
 
     def best_of(tried: list[Floats]) -> tuple[float, Floats]:
-        values = each(lambda u: probe.evaluate(u)[0], tried)
+        values = parallel_map(lambda u: probe.evaluate(u)[0], tried)
         k = int(np.argmax(values))
         return values[k], tried[k]
 
@@ -60,16 +60,16 @@ def first_noise(problem: Problem, terms: Sequence[Term]) -> Floats:
 
 
 def nominal_fit(problem: Problem, terms: Sequence[Term] = ()) -> Fit:
-    """The fit of the nominal model, with terms that are fitted along."""
-    return Fit(problem, terms, first_noise(problem.first_look(), terms)).maximise(_STEPS)
+    """The fit of the nominal model, with further terms."""
+    return Fit(problem, terms, first_noise(problem.subsample(), terms)).maximise(_STEPS)
 
 
 def likeliest_fit(problem: Problem, starts: Sequence[Sequence[Term]], noise: Floats) -> Fit:
-    """The fit from the start that is likeliest once maximised in a part of the record; `noise` is that of the first one."""
+    """The fit from the start that is likeliest after maximisation on a subsample; `noise` is that of the first start."""
     first, *others = starts
     if not others:
         return Fit.started(problem, first, noise).maximise(_STEPS)
-    look = problem.first_look()
+    look = problem.subsample()
     parts = [Fit.started(look, first, noise), *(Fit(look, terms, first_noise(look, terms)) for terms in others)]
     best = max((part.maximise(_STEPS) for part in parts), key=lambda fit: fit.log_likelihood)
     return best.on(problem).maximise(_STEPS)

@@ -1,4 +1,4 @@
-"""Which experiments are considered: the shapes that ``excite`` can run, at sizes and settings that the limits admit."""
+"""The experiments to choose from: shapes of ``excite``, at sizes and settings within the limits."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 TRIAL_S = 5.0
-"""Duration at which experiments are compared."""
+"""Duration of the simulations that compare experiments [s]."""
 _SIZES = (0.4, 1.0, 2.5)
 _SOFTER, _STIFFER = 0.25, 2.0
 
 
 def shapes(config: Config) -> list[Experiment]:
-    """Every shape at several amplitudes, and a chirp in a low and in a high band too."""
+    """Every shape at several amplitudes, and chirps in a low and a high frequency band."""
     found = []
     for shape in SHAPES.values():
         plan = default_plan(config, shape)
@@ -40,9 +40,9 @@ def shapes(config: Config) -> list[Experiment]:
 
 
 def with_settings(config: Config, experiment: Experiment) -> Iterator[Experiment]:
-    """The same experiment under other live settings: a softer and a stiffer spring, and the encoder's full resolution.
+    """The experiment with other live settings: a softer and a stiffer spring, and the encoder's full resolution.
 
-    The servo rate stays: whether the machine keeps another one, no model knows.
+    The servo rate is not changed: no model predicts whether the machine keeps another one.
     """
     for factor in (_SOFTER, _STIFFER):
         if config.spring.stiffness:
@@ -52,7 +52,7 @@ def with_settings(config: Config, experiment: Experiment) -> Iterator[Experiment
 
 
 def _rounded(value: float) -> float:
-    """Two digits, towards zero, so that a limit stays kept."""
+    """Two digits, rounded towards zero, so that limits stay satisfied."""
     digits = f"{value:.1e}"
     rounded = float(digits)
     if rounded > value:

@@ -1,4 +1,4 @@
-"""Writes what the workflow found: gap.json, model.yaml, report.html and the figures, all of them or none."""
+"""Writes the result: gap.json, model.yaml, report.html and the figures, all of them or none."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def document_of(result: GapResult, model: Config) -> dict[str, Any]:
 
 
 def keep(folder: Path, read: Iterable[Path], *, force: bool) -> None:
-    """Refuse a folder in which `write_outputs` would take the place of a file.
+    """Refuse a folder in which `write_outputs` would overwrite a file.
 
     Raises:
-        FileExistsError: a file of an answer is there, and ``force`` is not given; or it is one that is ``read``.
+        FileExistsError: an output file exists and ``force`` is not given, or it is one of the input files ``read``.
     """
     sources = list(read)
     for path in (folder / name for name in FILES):
@@ -60,13 +60,13 @@ def write_outputs(
     folder: Path,
     source: str | None = None,
 ) -> None:
-    """Write everything into a folder, which is made if missing.
+    """Write all outputs into a folder, which is created if missing.
 
-    Files appear when all are finished: an interruption leaves the folder as it was.
+    Files appear when all are finished: an interruption does not change the folder.
 
     Args:
-        document: that of gap.json. result: what was found. recordings: in which. model: as given.
-        folder: where. source: file or preset that the model was read from, of which comments and order stay.
+        document: of gap.json. result: of the workflow. recordings: that were fitted. model: the given model.
+        folder: to write to. source: file or preset of the model; its comments and order are kept.
     """
     before = text_of(source, model)
     text = model_yaml(model, result, [recording.name for recording in recordings], before)

@@ -1,4 +1,4 @@
-"""A lab's FMU as the nominal model: run by fmpy (extra ``export``), with inputs x, v and i and an output torque."""
+"""A user's FMU as the nominal model: run by fmpy (extra ``export``), with inputs x, v and i and an output torque."""
 
 from __future__ import annotations
 
@@ -15,27 +15,27 @@ _NAMES: Final = (*_INPUTS, "torque")
 _PAIR: Final = re.compile(r"(x|v|i|torque)=(.+?)(?:,(?=(?:x|v|i|torque)=)|$)")
 _NUMBERS: Final = ("Real", "Float64", "Float32")
 _AGAIN_S: Final = 1e-9
-"""A step of the FMU where it is asked twice at one instant: for both directions at rest."""
+"""Time step between two evaluations at one instant (both directions at rest) [s]."""
 
 
 class FmuTorque:
-    """The torque of an FMU for co-simulation (FMI 2.0 or 3.0); it steps from each instant to the next, and has a memory."""
+    """The torque of an FMU for co-simulation (FMI 2.0 or 3.0), which steps from each instant to the next and has a state."""
 
     def __init__(self, name: str) -> None:
-        """Read what it is; it runs when it is first asked.
+        """Read its description; it starts with the first evaluation.
 
         Args:
-            name: ``file.fmu``, or ``file.fmu:x=shaft.phi,v=shaft.w,i=motor.i,torque=tau`` where its variables have other
-                names than x, v, i and torque.
+            name: ``file.fmu``, or ``file.fmu:x=shaft.phi,v=shaft.w,i=motor.i,torque=tau`` if its variables have other names
+                than x, v, i and torque.
 
         Raises:
-            ValueError: fmpy is not installed; it is no FMU for co-simulation, or lacks a variable.
+            ValueError: fmpy is not installed; the file is not an FMU for co-simulation, or lacks a variable.
         """
         file, _, given = name.partition(".fmu:")
         self._path = Path(file if file.endswith(".fmu") else f"{file}.fmu")
         pairs = _PAIR.findall(given)
         if ",".join(f"{ours}={theirs}" for ours, theirs in pairs) != given:
-            raise ValueError(f"{given!r} names no variables; write x=NAME,v=NAME,i=NAME,torque=NAME")
+            raise ValueError(f"{given!r} is not a list of variables; write x=NAME,v=NAME,i=NAME,torque=NAME")
         try:
             self._fmpy: Any = import_module("fmpy")
         except ImportError as error:
@@ -46,7 +46,7 @@ class FmuTorque:
             raise ValueError(f"no such file: {self._path}")
         try:
             self._about = self._fmpy.read_model_description(str(self._path), validate=False)
-        except Exception as error:  # whatever fmpy meets in what is no FMU
+        except Exception as error:  # fmpy raises various errors on a bad file
             raise ValueError(f"{self._path} is not a readable FMU: {type(error).__name__}: {error}") from error
         if self._about.coSimulation is None or self._about.fmiVersion == "1.0":
             what = "" if self._about.coSimulation is not None else " and not for co-simulation"
@@ -78,7 +78,7 @@ class FmuTorque:
         return [(each.type, each.valueReference) for each in meant]
 
     def __call__(self, x: float, v: float, i: float, t: float) -> float:
-        """What it says at a position, a velocity, a motor current [A] and a time [s], which begins anew where it falls."""
+        """Torque at a position, velocity, motor current [A] and time [s]; if time decreases, the FMU restarts."""
         if self._fmu is None or t < self._now - 2.0 * _AGAIN_S:
             self._start(t)
         step = max(t - self._now, _AGAIN_S)
@@ -114,12 +114,12 @@ class FmuTorque:
         self._now = t
 
     def _log(self, *words: Any) -> None:
-        """What it says last is told with its failure; standard output is not its own."""
+        """Keep its last message for the error text; it must not write to standard output."""
         said = words[-1]
         self._said = said.decode(errors="replace") if isinstance(said, bytes) else str(said)
 
     def close(self) -> None:
-        """End it; the next question starts it anew."""
+        """Stop the FMU; the next evaluation restarts it."""
         if self._fmu is not None:
             self._fmu.terminate()
             self._fmu.freeInstance()

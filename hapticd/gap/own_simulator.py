@@ -1,7 +1,7 @@
-"""A lab's own simulator as the nominal model: ``torque(x, v, i, t)`` in Python or of an FMU, to which effects are added.
+"""A user's own simulator as the nominal model: ``torque(x, v, i, t)`` in Python or an FMU, to which effects are added.
 
-It is what accelerates the inertia: the motor's torque and all else at a position, velocity, motor current and time. What it
-says beyond the config is evaluated along the recorded motion and enters every fit as a torque that is known.
+It returns the total torque on the inertia, the motor's included, at a position, velocity, motor current and time. Its
+difference to the config is computed along the recorded motion, and is a known torque in every fit.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
 
 Torque = Callable[[float, float, float, float], float]
-"""At a position [rad or m], a velocity, a motor current [A] and a time [s]: the torque or force of all there is."""
+"""Total torque or force at a position [rad or m], velocity, motor current [A] and time [s]."""
 
 _BARELY = 1e-9
-"""Share of the slowest motion that shows: at rest the friction of both directions cancels."""
+"""Speed near zero, as a share of the slowest visible motion: the mean over both directions cancels friction at rest."""
 
 
 def find_torque(name: str) -> Torque:
-    """What ``module:function``, ``file.py:function`` or ``file.fmu`` (`FmuTorque`) names; it is run.
+    """The function of ``module:function``, ``file.py:function`` or ``file.fmu`` (`FmuTorque`); the module is imported.
 
     Raises:
         ValueError: there is no such module, function or FMU, or it cannot be imported.
@@ -47,7 +47,7 @@ def find_torque(name: str) -> Torque:
         return FmuTorque(name)
     place, _, function = name.rpartition(":")
     if not place or not function.isidentifier():
-        raise ValueError(f"{name!r} names no function; write module:function, file.py:function or file.fmu")
+        raise ValueError(f"{name!r} is not a function; write module:function, file.py:function or file.fmu")
     try:
         module = _of_file(Path(place)) if place.endswith(".py") else importlib.import_module(place)
     except Exception as error:
@@ -63,26 +63,25 @@ def _of_file(path: Path) -> object:
     if spec is None or spec.loader is None or not path.exists():
         raise FileNotFoundError(f"no such file: {path}")
     module = importlib.util.module_from_spec(spec)
-    sys.modules.setdefault(path.stem, module)  # where its dataclasses look
+    sys.modules.setdefault(path.stem, module)  # dataclasses look it up there
     spec.loader.exec_module(module)
     return module
 
 
 def with_simulator(recording: Recording, model: Config, torque: Torque) -> Recording:
-    """A recording with what a simulator knows beyond the model, along the recorded motion.
+    """A recording with the difference between a simulator and the model as a known torque.
 
-    Position and velocity are the recorded position's, smoothed both ways; the motor's current is the model's for the
-    recorded command. While the device is at rest or too slow to tell a direction, the mean of both directions counts:
-    its stiction is the model's.
+    Position and velocity come from the recorded position with a zero-phase filter; the motor current is the model's for the
+    recorded command. At rest, or if the motion is too slow to know its direction, the mean over both directions is used:
+    stiction is the model's.
 
     Args:
         recording: of the device.
-        model: the config: inertia, amplifier and encoder are its own, and its friction is what the simulator's is
-            compared with.
+        model: the config, for inertia, amplifier, encoder, and the friction to subtract.
         torque: the simulator.
 
     Raises:
-        ValueError: the function raises, or gives no finite number.
+        ValueError: the function raises, or returns no finite number.
     """
     from scipy.signal import butter, sosfiltfilt
 

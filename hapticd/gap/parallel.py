@@ -1,6 +1,6 @@
-"""Independent runs of the filter beside each other: it holds no lock of Python's, so threads do.
+"""Parallel runs of the filter in threads: it does not hold Python's GIL.
 
-Linear algebra stays on one thread: its matrices are small, and the order in which threads sum rounds differently each time.
+Linear algebra uses one thread: its matrices are small, and with several threads rounding would differ from run to run.
 """
 
 from __future__ import annotations
@@ -23,15 +23,14 @@ _thread = threading.local()
 
 
 def one_blas_thread(function: Function) -> Function:
-    """A function during which linear algebra has one thread."""
+    """Limit linear algebra to one thread during a function."""
     return cast("Function", threadpool_limits.wrap(limits=1, user_api="blas")(function))
 
 
-def each(function: Callable[[Given], Found], items: Iterable[Given]) -> list[Found]:
-    """What a function returns for each item, in their order, on all processors that the process may use.
+def parallel_map(function: Callable[[Given], Found], items: Iterable[Given]) -> list[Found]:
+    """Results of a function for each item, in order, computed on all processors that the process may use.
 
-    Called by such a function, it goes through its items one after the other: the processors have enough to do. After an
-    error or Ctrl-C they all end at their next `go_on`.
+    A nested call runs sequentially. After an error or Ctrl-C all threads end at their next `check_cancelled`.
     """
     if hasattr(_thread, "stop"):
         return [function(item) for item in items]
@@ -48,11 +47,11 @@ def _join(stop: threading.Event) -> None:
     _thread.stop = stop
 
 
-def go_on() -> None:
-    """Called by what takes long within `each`.
+def check_cancelled() -> None:
+    """Called in long computations within `parallel_map`.
 
     Raises:
-        CancelledError: another one failed.
+        CancelledError: another thread failed.
     """
     if hasattr(_thread, "stop") and _thread.stop.is_set():
         raise CancelledError

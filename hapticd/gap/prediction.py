@@ -1,4 +1,4 @@
-"""The check that a person believes: predictions from the recorded command alone, over a horizon and over a whole record."""
+"""Predictions from the recorded command alone: over a short horizon, and over a whole record (free run)."""
 
 from __future__ import annotations
 
@@ -26,11 +26,13 @@ HORIZON_S = 0.05
 
 @dataclass(frozen=True)
 class Prediction:
-    """Positions of n samples by one model, rad or m; not a number where nothing is predicted, infinite where it overflows.
+    """Positions at n samples, rad or m; NaN where nothing is predicted, infinite where the prediction overflows.
+
+    A stretch is a part of a recording without missing samples.
 
     Attributes:
-        time_s: (n,) from the start of each recording. begins: (n,) whether a stretch without a gap begins. measured: (n,).
-        k_step: (n,) at the end of each horizon, from the filtered state at its start, the first of a stretch without a gap
+        time_s: (n,) from the start of each recording. begins: (n,) whether a stretch begins. measured: (n,).
+        k_step: (n,) at the end of each horizon, from the filtered state at its start. The first horizon of a stretch starts
             `HORIZON_S` after its first sample.
         free_run: (n,) from that first state to the end of the stretch.
     """
@@ -43,7 +45,7 @@ class Prediction:
 
 
 def predicted(fit: Fit) -> Prediction | None:
-    """What a model predicts of the samples that its fit is on; None where no stretch without a gap is long enough."""
+    """Predictions of a model for the samples of its fit; None if no stretch is long enough."""
     series, p = fit.problem.series, fit.device()
     commands = series.commands(fit.filter_s())
     measured = (series.cell + 0.5) * series.resolution
@@ -53,7 +55,7 @@ def predicted(fit: Fit) -> Prediction | None:
         current = np.empty((size, max(substeps_for(p, period_s), 2)))
         electrical(p, time_s, commands[part].copy(), np.zeros(size, dtype=np.uint8), current.shape[1], current)
         current += series.added[part, None]
-        starts = np.arange(steps, size - steps - 1, steps)  # at the first sample no speed is known
+        starts = np.arange(steps, size - steps - 1, steps)  # at the first sample the speed is unknown
         near = _positions(fit, part, time_s, current, starts, steps, p)
         k_step[part.start + starts + steps] = np.where(np.isnan(near[:, -1]), np.inf, near[:, -1])
         whole = _positions(fit, part, time_s, current, starts[:1], size - 1 - steps, p)
@@ -62,7 +64,7 @@ def predicted(fit: Fit) -> Prediction | None:
 
 
 def stretches(series: Series) -> Iterator[tuple[slice, float, int]]:
-    """Rows, median period [s], and samples of a horizon, of each stretch without a gap in which something is predicted."""
+    """Rows, median period [s], and samples per horizon, of each stretch that is long enough for a prediction."""
     first = np.flatnonzero(series.begins).tolist()
     for begin, end in zip(first, [*first[1:], series.size], strict=True):
         period_s = float(np.median(np.diff(series.time_s[begin:end]))) if end - begin > 1 else HORIZON_S
@@ -76,7 +78,7 @@ def prediction_errors(before: Prediction | None, after: Prediction | None, is_li
 
     Returns:
         ``horizon_s``; ``k_step`` and ``free_run`` (see `Prediction`), ``before`` and ``after`` each, with ``unit`` and
-        ``fit_percent``: 100 (1 − ‖e‖ / ‖x − mean‖), over the same samples; ``unit``. Nothing where nothing is predicted.
+        ``fit_percent``: 100 (1 − ‖e‖ / ‖x − mean‖), over the same samples; ``unit``. Empty if nothing is predicted.
     """
     if before is None or after is None:
         return {}
@@ -93,7 +95,7 @@ def prediction_errors(before: Prediction | None, after: Prediction | None, is_li
 
 
 def _error(of: Prediction, name: str) -> tuple[float, float | None]:
-    """RMS error, and the fit in percent; None of a motion that is none, or where a prediction overflows."""
+    """RMS error, and the fit in percent; that is None without motion, or if the prediction overflows."""
     positions: Floats = getattr(of, name)
     known = ~np.isnan(positions)
     with np.errstate(over="ignore"):

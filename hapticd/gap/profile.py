@@ -1,4 +1,4 @@
-"""The missing force of one recording sample by sample, before and after, for the figures."""
+"""The missing force of one recording at each sample, before and after, for the figures."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class Profile:
     Attributes:
         name: file it came from. time_s: (n,). position: (n,) rad or m. velocity: (n,) rad/s or m/s.
         current: (n,) commanded, A.
-        moves: (n,) whether the shaft moves, so that a force shows.
-        before, after: (n,) missing force by the model as given and by the improved one, N m or N.
+        moves: (n,) whether the shaft moves, so that a force has a visible effect.
+        before, after: (n,) missing force of the given and of the improved model, N m or N.
         deviation: (n,) standard deviation of `after`.
     """
 

@@ -1,4 +1,4 @@
-"""One recorded run as the gap workflow takes it: arrays in SI units, whatever file it came from."""
+"""One recorded run of any file format, as arrays in SI units."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class Recording:
         name: file it came from.
         time_s: (n,) instants of the samples, strictly rising from 0.
         position: (n,) centre of the quantisation cell, with the sign that the loop sees.
-        resolution: width of a quantisation cell, rad or m; 0 where the file does not show one.
-        current: (n,) commanded current in A. Row k is in force from ``time_s[k]`` + input delay of the model until
+        resolution: width of a quantisation cell, rad or m; 0 if the positions are not quantised.
+        current: (n,) commanded current in A. Row k is applied from ``time_s[k]`` + input delay of the model until
             the same instant of row k + 1 (zero-order hold).
-        current_measured: (n,) current reported by the amplifier in A, where every sample has one.
+        current_measured: (n,) current reported by the amplifier in A, if every sample has one.
         period_s: median time between samples.
         is_linear: metres and newtons.
-        added: (n,) current in A that came past the amplifier, for a torque that is known besides; None for none.
-        warnings: what limits the conclusions, in words.
+        added: (n,) current in A for a known additional torque; it does not pass the amplifier. None for none.
+        warnings: limits of the conclusions, in words.
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""What the named effects leave, in words: which coordinates it depends on, lines in time, orders in angle."""
+"""The remainder in words: which coordinates it depends on, lines in time, orders in angle."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ _LISTED = 3
 
 
 def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
-    """What a model leaves.
+    """The remainder of a model.
 
     Args:
-        fit: the model, held out. found: its missing force. power_before: of the missing force of the model as given.
+        fit: the model, held out. found: its missing force. power_before: missing power of the given model.
     """
     share = min(found.rms**2 / power_before, 1.0) if power_before > 0.0 else 0.0
     table = dependences(fit, found)
@@ -56,6 +56,6 @@ def remainder_of(fit: Fit, found: Missing, power_before: float) -> Remainder:
 
 
 def sure_of(table: Sequence[Dependence], blocks: int) -> list[Dependence]:
-    """The entries that chance does not make, and that matter."""
+    """The entries that are significant and large enough to be structure."""
     needed = chance.standard_errors(constants.LEVEL / max(len(table), 1), blocks)
     return [entry for entry in table if entry.errors > needed and entry.share > constants.STRUCTURE_SHARE]

@@ -1,6 +1,6 @@
 """``report.html``: one self-contained page.
 
-Its first screen says what is missing, where it shows, how sure that is, and how far the gap shrank.
+Its first screen says what is missing, where that is visible, with what evidence, and how far the gap shrank.
 """
 
 from __future__ import annotations
@@ -45,10 +45,10 @@ def page(
     """The whole page.
 
     Args:
-        result: what was found. recordings: in what.
+        result: of the workflow. recordings: that were fitted.
         changes: of :func:`hapticd.gap.consequences.consequences`.
         catalogue: slug to effect.
-        changed: lines of the model that change, as a diff.
+        changed: changed lines of the model, as a diff.
     """
     environment = Environment(
         loader=PackageLoader("hapticd.gap", "templates"),
@@ -84,7 +84,7 @@ def headline(result: GapResult) -> str:
     """The verdict as a title."""
     effects = " and ".join(result.effects)
     if result.interrupted:
-        return f"Interrupted; missing from the model, as far as was searched: {effects or 'nothing'}"
+        return f"Interrupted; missing from the model, as far as the search went: {effects or 'nothing'}"
     either = " and ".join(" or ".join((step.effect, *step.indistinguishable_from)) for step in result.steps)
     return HEADLINES[result.verdict].format(effects=effects, either=either)
 

@@ -1,4 +1,4 @@
-"""What the gap workflow found, as `gap.json` has it."""
+"""The result of the gap workflow, as in `gap.json`."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class Ranked:
     evidence: float
     """The same in standard errors."""
     behind: float
-    """How far it is behind the one that was taken, in standard errors; 0 for that one."""
+    """Distance to the chosen one in standard errors; 0 for that one."""
 
 
 @dataclass(frozen=True)
@@ -44,15 +44,15 @@ class Step:
     parameters: Mapping[str, Estimate]
     gap_before: float
     gap_after: float
-    """RMS of the missing force without and with it, all effects before it included [N m or N]."""
+    """RMS of the missing force without and with it, with all earlier effects in the model [N m or N]."""
     share: float
-    """Part of the explainable missing force's power that it removes."""
+    """Share of the explainable missing power that it removes."""
     evidence: float
     """Held-out gain in standard errors; see docs/explanation/gap-statistics.md."""
     log_likelihood_gain: float
     """Held-out gain in nats."""
     indistinguishable_from: tuple[str, ...]
-    """Other effects that predict these data as well, those of the same exact class first."""
+    """Other effects that predict these data as well, equivalent laws first."""
     ranking: tuple[Ranked, ...]
     """All candidates of the round that were fitted."""
     entry: Mapping[str, object] = field(default_factory=dict)
@@ -67,7 +67,7 @@ class GapNumbers:
     train_after: float
     held_out_before: float
     held_out_after: float
-    """Each block by the estimate without its fold."""
+    """Held out: each block with parameters estimated without its fold."""
     noise_floor: float
     """The noise floor."""
     unit: str
@@ -75,10 +75,10 @@ class GapNumbers:
 
 @dataclass(frozen=True)
 class Remainder:
-    """What the named effects leave."""
+    """The missing force that remains with the named effects."""
 
     share: float
-    """Of the missing force's power before."""
+    """Share of the missing power before."""
     words: str
     structure: tuple[Mapping[str, Any], ...]
     """Coordinates that it depends on: coordinate, share, p_value."""
@@ -100,33 +100,33 @@ class GapResult:
     remainder: Remainder
     where: tuple[Mapping[str, Any], ...] = ()
     base: Mapping[str, Estimate] = field(default_factory=dict)
-    """Base parameters, where they were fitted too."""
-    begun: Mapping[str, float] = field(default_factory=dict)
-    """Frictions that the model has not, and what their corrections are relative to."""
+    """Base parameters that were fitted."""
+    assumed_friction: Mapping[str, float] = field(default_factory=dict)
+    """Frictions that are 0 in the model, and the reference value of their relative corrections."""
     prediction: Mapping[str, Any] = field(default_factory=dict)
     """Errors of predictions over a horizon and of a free run, before and after; see `hapticd.gap.prediction`."""
     validation: Validation | None = None
-    """The same over a recording that was not fitted, where there is one."""
+    """The same on a recording that was not fitted, if there is one."""
     recording: Mapping[str, Any] = field(default_factory=dict)
-    """Timing quality of the recordings, and what limits the conclusions."""
+    """Timing quality of the recordings, and limits of the conclusions."""
     next_experiment: Mapping[str, Any] | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
     """Samples, blocks, noise and thresholds behind the numbers."""
     interrupted: bool = False
-    """Whether the search was ended before it was through: what it found until then is reported, and more may be missing."""
+    """Whether the search was interrupted: the result has what was found until then, and more may be missing."""
     profiles: tuple[Profile, ...] = ()
-    """The missing force sample by sample before and after, for the figures; not part of `gap.json`."""
+    """The missing force at each sample before and after, for the figures; not part of `gap.json`."""
 
     def __repr__(self) -> str:
         return f"GapResult({self.verdict}: {self.statement})"
 
     @property
     def warnings(self) -> Sequence[str]:
-        """What limits the conclusions, in words."""
+        """Limits of the conclusions, in words."""
         return tuple(self.recording.get("warnings", ()))
 
     def to_json(self) -> dict[str, Any]:
-        """The document `gap.json`, of plain types."""
+        """The document of `gap.json`, with plain types."""
         return {
             "verdict": self.verdict,
             "statement": self.statement,

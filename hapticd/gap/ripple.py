@@ -31,14 +31,14 @@ _HIGHEST_ORDER = 90
 _SAME_ORDER = 0.3 / _HIGHEST_ORDER
 _ROWS = 4096
 _SMOOTH = 3
-"""Torques that are no order: a constant one, a spring's and gravity's."""
+"""Torques besides the orders: constant, spring and gravity."""
 _ROUNDING, _NOTHING = 1e-9, 1e-300
 _EXCHANGED = 1e-6
-"""Share of the joint gain of all orders that an exchange of one must add."""
+"""Least relative increase of the joint gain by an exchange of one order."""
 
 
 def first_orders(space: Score, scale: Scale) -> list[Candidate]:
-    """Orders of a ripple. Those found first take noise away that hid others: looked for again as long as that helps."""
+    """Orders of a ripple. The first orders lower the noise and may reveal others: the search repeats as long as it gains."""
     found = _pursued(space, scale)
     present, best, most = space.present, found, -math.inf
     for _ in range(_PURSUITS):
@@ -58,11 +58,11 @@ def first_orders(space: Score, scale: Scale) -> list[Candidate]:
     return [] if best is None else [best]
 
 
-def settled(fit: Fit, number: int, scale: Scale) -> tuple[Fit, float]:
-    """The fit with the orders of its ripple, term `number`, looked for again beside all else, as long as that gains.
+def refined(fit: Fit, number: int, scale: Scale) -> tuple[Fit, float]:
+    """The fit with the orders of its ripple, term `number`, searched again with all other terms, as long as that gains.
 
     Returns:
-        The fit, and the penalty for the orders that it has more, nats.
+        The fit, and the penalty for its additional orders, nats.
     """
     added_penalty = 0.0
     for _ in range(_PURSUITS):
@@ -81,7 +81,7 @@ def settled(fit: Fit, number: int, scale: Scale) -> tuple[Fit, float]:
 
 
 def orders_left(fit: Fit, scale: Scale) -> list[float]:
-    """Orders that a model, held out, surely leaves: its innovations depend on them, tested as on other coordinates."""
+    """Orders with significant structure in the held-out innovations of a model."""
     found = _pursued(Score(fit), scale)
     needed = chance.standard_errors(constants.LEVEL / _HIGHEST_ORDER, fit.problem.series.blocks)
     left = []
@@ -94,15 +94,16 @@ def orders_left(fit: Fit, scale: Scale) -> list[float]:
 
 
 def _are_alike(one: Term, other: Term) -> bool:
-    """Whether two ripples have the same orders; on a linear axis their unit is the travel, which is itself an estimate."""
+    """Whether two ripples have the same orders; on a linear axis the unit of an order is the travel, itself an estimate."""
     a, b = (sorted(order for _, order in item.fixed) for item in (one, other))
     return len(a) == len(b) and bool(np.allclose(a, b, rtol=_SAME_ORDER))
 
 
 def _pursued(space: Score, scale: Scale) -> Candidate | None:
-    """Orders by matching pursuit, beside torques that are smooth in position: many orders would make up for one of those.
+    """Orders by matching pursuit, together with smooth torques, which many orders would otherwise approximate.
 
-    Over less than a wavelength of travel an order is as smooth as they are: only beside one that goes round is it an order.
+    An order with less than one wavelength in the travel is itself smooth: it is only accepted together with an order that
+    has at least one.
     """
     turn = 2.0 * math.pi
     unit = turn / scale.travel if scale.is_linear else 1.0
@@ -113,7 +114,7 @@ def _pursued(space: Score, scale: Scale) -> Candidate | None:
     if not goes_round.any():
         return None
     g, H = space.reduced(_directions(space.present, orders, scale.positions[2]))
-    # Two orders that drift apart by less than half a wavelength over the travel are one to the data.
+    # Two orders are not identifiable apart if they differ by less than half a wavelength over the travel.
     one = np.abs(np.subtract.outer(orders, orders)) * scale.travel < 0.5 * turn
     excluded = np.pad(one, (0, _SMOOTH)) | np.eye(count + _SMOOTH, dtype=bool)
     chosen = _best_together(g, H, excluded, goes_round)
@@ -131,7 +132,7 @@ def _pursued(space: Score, scale: Scale) -> Candidate | None:
 
 
 def _directions(present: Fit, orders: Floats, middle: float) -> Iterator[Floats]:
-    """What torques do to the predictions, in parts of so many rows, two columns each: every order's, and `_SMOOTH` more."""
+    """Derivatives of the predictions, `_ROWS` rows at a time, two columns for each order and each smooth torque."""
     state = np.zeros((3, 2 * (orders.size + _SMOOTH)))
     for first in range(0, present.out.size, _ROWS):
         out = present.out[first : first + _ROWS]
@@ -143,11 +144,11 @@ def _directions(present: Fit, orders: Floats, middle: float) -> Iterator[Floats]
 
 
 def _best_together(g: Floats, H: Floats, excluded: NDArray[np.bool_], goes_round: NDArray[np.bool_]) -> list[int]:
-    """Which of m torques have the largest joint gain: one after the other, each in turn exchanged for a better one.
+    """Choose from m torques those with the largest joint gain: add the best, then exchange each one for a better one.
 
     Args:
-        g: gradient of the likelihood by each torque's two columns, shape (2m,). H: their information.
-        excluded: shape (m, m), which of them each one excludes. goes_round: shape (m,), orders that need no other one.
+        g: gradient of the likelihood by the two columns of each torque, shape (2m,). H: their information.
+        excluded: (m, m), which torques exclude each other. goes_round: (m,), orders with a wavelength in the travel.
     """
     needs_another = ~goes_round & (np.arange(goes_round.size) < goes_round.size - _SMOOTH)
 
@@ -169,7 +170,7 @@ def _best_together(g: Floats, H: Floats, excluded: NDArray[np.bool_], goes_round
             former, *others = chosen
             exchanged = [*others, best_beside(others)[0]]
             more = _joint_gain(g, H, exchanged)
-            # Of the whole set, so that no exchange comes back: one torque's own gain is of what the others leave, rounded.
+            # Of the whole set: with the gain of one torque alone, rounding could repeat an exchange forever.
             is_better = more > (1.0 + _EXCHANGED) * expected_gain
             chosen, expected_gain = (exchanged, more) if is_better else ([*others, former], expected_gain)
             unchanged = 0 if is_better else unchanged + 1
@@ -177,20 +178,20 @@ def _best_together(g: Floats, H: Floats, excluded: NDArray[np.bool_], goes_round
 
 
 def _system(g: Floats, H: Floats, chosen: list[int]) -> tuple[Floats, Floats]:
-    """Information (k, k) and gradient (k, 1) of both columns of each torque that is chosen."""
+    """Information (k, k) and gradient (k, 1) of the two columns of each chosen torque."""
     held = [2 * k + part for k in chosen for part in (0, 1)]
     own = H[np.ix_(held, held)]
     return own + np.diag(_ROUNDING * np.diag(own) + _NOTHING), g[held][:, np.newaxis]
 
 
 def _joint_gain(g: Floats, H: Floats, chosen: list[int]) -> float:
-    """Expected gain of some torques together, nats."""
+    """Joint expected gain of the chosen torques, nats."""
     own, slope = _system(g, H, chosen)
     return float(0.5 * np.sum(slope * np.linalg.solve(own, slope)))
 
 
 def _gains_beside(chosen: list[int], g: Floats, H: Floats) -> Floats:
-    """Expected gain of each of m torques in addition to those that are chosen, nats, shape (m,)."""
+    """Expected gain of adding each of m torques to the chosen ones, nats, shape (m,)."""
     held = [2 * k + part for k in chosen for part in (0, 1)]
     own, slope = _system(g, H, chosen)
     solved = np.linalg.solve(own, np.concatenate([slope, H[held]], axis=1))

@@ -1,7 +1,7 @@
-"""How much an effect is expected to gain from a start: a score test along the difference that it makes to the predictions.
+"""Expected gain of an effect from a start: a score test (Rao 1948) along the change that the start makes to the predictions.
 
-That difference is a direction; along it the likelihood is a parabola whose top is the start's expected gain (Rao 1948).
-Where the effect is linear in one of its parameters the top says how large it should be.
+Along that direction the likelihood is approximated by a parabola; its maximum is the expected gain. If the effect is linear
+in a parameter, the maximum also gives its value.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ _ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Candidate:
-    """An effect and where its fit starts.
+    """An effect with a start.
 
     Attributes:
         slug: the effect. term: with its start.
         expected_gain: of log-likelihood, nats. penalty: logarithm of the number of discrete choices made for it.
-        left: share of the missing force's power that it leaves at its start; given for what the device remembers.
+        left: share of the missing power that remains at its start; only for effects with memory.
     """
 
     slug: str
@@ -45,7 +45,7 @@ class Candidate:
 
 
 class Score:
-    """Scores of a model's predictions, without what its own coordinates can explain."""
+    """Scores of a model's predictions, with its own coordinates projected out."""
 
     def __init__(self, present: Fit, share: float = 1.0) -> None:
         self.present = present
@@ -61,7 +61,7 @@ class Score:
         return missing_power(self.present)
 
     def reduced(self, directions: Iterable[Floats]) -> tuple[Floats, Floats]:
-        """Gradient (k,) and information (k, k) of directions of the prediction, shape (n, k) in parts of so many rows."""
+        """Gradient (k,) and information (k, k) of directions of the prediction, shape (n, k), in parts of some rows."""
         g = H = cross = np.zeros(())
         first = 0
         for D in directions:
@@ -69,18 +69,18 @@ class Score:
             weighted = (D * self.information[rows, None]).T
             g, H, cross = g + self.score[rows] @ D, H + weighted @ D, cross + weighted @ self.own[rows]
             first += len(D)
-        # Of what the model itself can do rounding is left, and may be below zero.
+        # For directions within the model's own the difference is rounding, and may be negative.
         left = H - cross @ self.inverse @ cross.T + _ROUNDING * np.diag(np.diag(H))
         return g - cross @ (self.inverse @ (self.own.T @ self.score)), left
 
     def along(self, item: Term) -> Candidate:
-        """A term with its expected gain, started as well as its direction says."""
+        """A term with its expected gain; its start is scaled to the maximum along its direction."""
         present = self.present
         fit = present.extended(item)
         out = fit.out
         direction = out["mean"] - present.out["mean"]
         if not np.all(np.abs(direction) < _FAR):
-            return Candidate(item.slug, item, 0.0)  # the shaft runs away
+            return Candidate(item.slug, item, 0.0)  # the simulated motion diverges
         g, H = self.reduced([direction[:, None]])
         factor = float(g[0] / max(H[0, 0], _NOTHING))
         amplitude = CATALOGUE[item.slug].amplitude
@@ -89,7 +89,7 @@ class Score:
             expected_gain = step * float(g[0]) - 0.5 * step * step * float(H[0, 0])
             left = 1.0
             if CATALOGUE[item.slug].acts_on == "memory":
-                fit.scan_power()  # with the noise of the poorer model the right resonance may look worse than none
+                fit.scan_power()  # with the noise of the smaller model the right resonance may score worse than none
                 left = missing_power(fit) / max(self.power, _NOTHING)
             expected_gain = max(expected_gain, fit.log_likelihood - present.log_likelihood)
             return Candidate(item.slug, item, self.weight * expected_gain, left=left)
@@ -97,10 +97,10 @@ class Score:
             return Candidate(item.slug, item, 0.0)
         return Candidate(item.slug, item.scaled(amplitude, factor), self.weight * 0.5 * factor * float(g[0]))
 
-    def stretched(self, candidate: Candidate) -> Candidate:
-        """The candidate, twice as large each time as long as that is likelier.
+    def doubled(self, candidate: Candidate) -> Candidate:
+        """The candidate with its amplitude doubled as long as that is likelier.
 
-        Where friction holds the shaft the likelihood bends within a few counts, and its parabola is too narrow.
+        Near stiction the parabola is only valid within a few counts, and its maximum is too small.
         """
         amplitude = CATALOGUE[candidate.slug].amplitude
         if not amplitude:

@@ -1,4 +1,4 @@
-"""Recordings as the filter takes them: one after the other, as cells of the encoder, with blocks and folds."""
+"""The recordings as input of the filter: concatenated, as encoder cells, with blocks and folds."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ if TYPE_CHECKING:
 
 _LOSS = index_of("dropped_samples.p")
 _DELAY, _TRANSPORT_DELAY, _LAG = index_of("delay_s"), index_of("transport_delay.t_d"), index_of("amplifier_lag.f_a")
-_REMEMBERED = 4
+_CACHE_SIZE = 4
 _SHORTER = 0.95
 _DRAW = 651
-"""Of four thousand draws the one that spreads best over the folds what comes again every few blocks."""
+"""Seed. Of four thousand tried, it spreads events that repeat every few blocks most evenly over the folds."""
 _ELECTRICAL = tuple(
     index_of(name)
     for name in (
@@ -51,12 +51,12 @@ class Series:
         cell: (n,) lower edge of the encoder's cell over `resolution`.
         resolution: width of a cell, rad or m.
         command: (n,) commanded current [A].
-        begins: (n,) whether nothing before this sample tells its state.
+        begins: (n,) whether the state before this sample is unknown.
         recording: (n,) which recording a sample is of.
         block: (n,) number of the sample's block; samples of a block share a fold.
         fold: (blocks,) fold of each block.
         period_s: median period.
-        added: (n,) current that came past the amplifier [A]: what makes a torque that is known, as in an imitation.
+        added: (n,) current for a known additional torque, not passed through the amplifier [A].
     """
 
     time_s: Floats
@@ -98,10 +98,10 @@ class Series:
         """(n,) middle of the period after each sample."""
         return self.time_s + 0.5 * self.period_s
 
-    def thinned(self, every: int) -> Series:
-        """One block of `every` so many, for a first look at a fraction of the time; nothing tells their first states.
+    def subsample(self, every: int) -> Series:
+        """One block of `every`, for quick comparisons; the first state of each block is unknown.
 
-        Which one of them wanders, so that blocks and an excitation that repeats itself do not keep step.
+        The position of the block changes, so that it is not in step with a periodic excitation.
         """
         rows = self.block % every == (self.block // every + every // 2) % every
         block = np.unique(self.block[rows], return_inverse=True)[1]
@@ -127,21 +127,21 @@ class Series:
         return sums
 
     def standard_errors(self, gain: float, noise: Floats) -> float:
-        """Return a gain in standard errors: twice the gain over its deviation, the z-statistic of a likelihood ratio.
+        """A gain in standard errors: twice the gain over its standard deviation, the z-statistic of a likelihood ratio.
 
         Args:
             gain: of one hypothesis over another, nats.
-            noise: (n,) by which the gain varies if the better one is true: the difference of the two predictions times what
-                it leaves, over the other one's variance. Sums over blocks make that robust to what hangs together. By
-                itself the better model says that it varies by twice the gain: no less.
+            noise: (n,) contributions to the variance of the gain if the better hypothesis is true: difference of the two
+                predictions times the residual of the better one, over the variance of the other. They are summed per block,
+                which is robust to correlated samples. Twice the gain is a lower bound of the variance.
         """
         blocks = self.per_block(noise)
         return 2.0 * gain / math.sqrt(max(float(blocks @ blocks), float(noise @ noise), 2.0 * abs(gain), 1e-300))
 
     def commands(self, filter_s: float) -> Floats:
-        """(n,) currents [A] of which a filter of first order with that time constant makes the record; 0 for none.
+        """(n,) currents [A] before a first-order filter with this time constant, whose output is the record; 0 for none.
 
-        The record is what the filter has at each sample; it goes to the next by its share of the way to the current.
+        Between two samples the output moves by a fixed share of its distance to the current, which is inverted here.
         """
         if not filter_s:
             return self.command
@@ -159,7 +159,7 @@ class Series:
         key = (*p[list(_ELECTRICAL)], filter_s)
         with self._lock:
             if key not in self._currents:
-                while len(self._currents) >= _REMEMBERED:
+                while len(self._currents) >= _CACHE_SIZE:
                     self._currents.pop(next(iter(self._currents)))
                 commands = self.commands(filter_s)
                 found = [
@@ -190,9 +190,9 @@ class Series:
 
 
 def _folds(blocks: int) -> NDArray[np.int64]:
-    """(blocks,) fold of each block: each fold once in every few blocks, in an order that is drawn, and never twice in a row.
+    """(blocks,) fold of each block: each fold once in every five blocks, in random order, and never twice in a row.
 
-    A motion that repeats itself would have all its reversals in one fold if it kept step with the blocks.
+    With a fixed order, all reversals of a periodic motion could be in one fold.
     """
     drawn, found = np.random.default_rng(_DRAW), np.empty(0, dtype=np.int64)
     while found.size < blocks:
@@ -208,16 +208,16 @@ def series_of(recordings: Sequence[Recording]) -> Series:
         ValueError: no recording.
     """
     if not recordings:
-        raise ValueError("there is no recording to compare the model with")
+        raise ValueError("no recording to compare the model with")
     resolution = max(recording.resolution for recording in recordings)
     if resolution <= 0.0:
-        # No cells show: cells far below the noise are as good as a density.
+        # Positions are not quantised: cells far below the noise are equivalent to a density.
         bends = np.concatenate([np.diff(recording.position, 2) for recording in recordings])
         resolution = 1e-3 * float(np.sqrt(np.mean(bends**2)))
     total = sum(recording.duration_s for recording in recordings)
     length_s = min(constants.BLOCK_S, total / constants.FEWEST_BLOCKS)
     while sum(counts := [max(round(one.duration_s / length_s), 1) for one in recordings]) < constants.FEWEST_BLOCKS:
-        length_s *= _SHORTER  # what is left over at the end of each belongs to its last block
+        length_s *= _SHORTER  # the rest of each recording belongs to its last block
     begins, block, number = [], [], []
     blocks = 0
     for index, recording in enumerate(recordings):

@@ -1,4 +1,4 @@
-"""A hypothesis as a vector: which words of the device vector are free, in which coordinates, within which bounds."""
+"""A hypothesis as a vector: the free elements of the device vector, their coordinates and bounds."""
 
 from __future__ import annotations
 
@@ -20,34 +20,34 @@ if TYPE_CHECKING:
 
 
 BASE_WORDS = {"inertia_error": "inertia", "viscous_friction": "viscous", "coulomb_friction": "coulomb"}
-"""Laws that a base parameter has another value, and which; their coordinate is its logarithm, centred at the given one."""
+"""Law of a wrong base parameter to that parameter; the coordinate is its logarithm, with a prior around the given value."""
 LINE = "line"
-"""Slug of a term that is no law: torques that swing in time, each at a fixed frequency (`hapticd.gap.lines`)."""
+"""Slug of the spectral lines, which are not a law: sinusoidal torques at fixed frequencies (`hapticd.gap.lines`)."""
 RECORD_FILTER = "time constant of the record"
-"""Coordinate that is in no device: of a filter between the current and its record (`hapticd.gap.late_record`)."""
+"""Coordinate that is not in the device: a filter between the current and its record (`hapticd.gap.late_record`)."""
 _INSTANT_S = 0.2
-"""Change of an instant that matters [s]."""
+"""Scale of an instant [s]."""
 _FAR = 30.0
-"""Changes that matter by which a place may leave its start."""
+"""Range of a position parameter around its start, in scales."""
 _REACH = 30.0
-"""Factor by which a fit may leave its start: the starts are closer to each other than that. How large an amplitude is, of
-which there is one start, its direction tells: it may be any larger one."""
+"""Factor by which a fit may leave its start; the starts are closer to each other. An amplitude has one start and no upper
+bound, since its direction gives its value."""
 
 
 @dataclass(frozen=True)
 class Coordinate:
-    """One free number: a word of the device vector, or its logarithm.
+    """One free parameter: an element of the device vector, or its logarithm.
 
     Attributes:
-        name: parameter, with its index where it is an element of a list.
-        word: index in the device vector; −1 for what is not in it.
+        name: parameter, with its index if it is an element of a list.
+        word: index in the device vector; −1 if it is not in it.
         is_log: whether the coordinate is the logarithm.
         lower, upper: bounds of the coordinate.
-        scale: change of the coordinate that matters.
+        scale: a change of the coordinate that has a visible effect.
         prior: standard deviation of a normal prior about `centre`; infinite for none.
-        centre: where that prior is centred.
-        neutral: the value at which a part of the law is absent that it can do without (a play's rebound): though its range
-            ends there, it is no other law.
+        centre: mean of that prior.
+        neutral: value at which an optional part of the law is absent (the rebound of a backlash). It is an end of the
+            range, but the law is still the same law there.
     """
 
     name: str
@@ -67,10 +67,10 @@ class Term:
 
     Attributes:
         slug: the effect.
-        coordinates: its free numbers.
-        start: (k,) where they start.
-        fixed: words that are chosen and not fitted (orders of a ripple), and their values; of lines −1 less the recording's
-            number, and the frequency [Hz].
+        coordinates: its free parameters.
+        start: (k,) their start values.
+        fixed: elements that are chosen and not fitted (orders of a ripple), and their values; for lines, −1 minus the number
+            of the recording, and the frequency [Hz].
     """
 
     slug: str
@@ -94,7 +94,7 @@ class Term:
                 p[coordinate.word] = np.exp(value) if coordinate.is_log else value
 
     def at_bounds(self, u: Sequence[float] | Floats, half: Sequence[float] | Floats | float = 0.0) -> list[str]:
-        """Parameters whose coordinates in `u` are, give or take `half`, at the end of their range."""
+        """Parameters whose coordinates in `u`, ± `half`, reach the end of their range."""
         halves = np.broadcast_to(half, len(self.coordinates))
         return [
             c.name
@@ -107,7 +107,7 @@ class Term:
         return replace(self, start=tuple(float(value) for value in u))
 
     def scaled(self, amplitude: str, factor: float) -> Term:
-        """The term with the parameter in which it is linear (`amplitude`) times a factor, held within its bounds."""
+        """The term with the parameter in which it is linear (`amplitude`) times a factor, limited to its bounds."""
         u = list(self.start)
         if self.slug in BASE_WORDS:
             (own,) = self.coordinates
@@ -121,13 +121,13 @@ class Term:
 
 
 def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequence[str], shift_scale: float) -> Term:
-    """An effect that starts from parameter values.
+    """An effect with start values.
 
     Args:
         slug: the effect.
-        values: parameter to value, or to values where the parameter is a list; what is left out stays neutral and fixed.
-        held: parameters among them that are not fitted.
-        shift_scale: change of a position that matters, rad or m.
+        values: parameter to value, or to values if the parameter is a list; a parameter not in it is fixed and neutral.
+        held: parameters in `values` that are not fitted.
+        shift_scale: scale of a position, rad or m.
     """
     coordinates, start, fixed = [], [], []
     for parameter in CATALOGUE[slug].parameters:
@@ -166,7 +166,7 @@ def term(slug: str, values: Mapping[str, float | Sequence[float]], held: Sequenc
 
 
 def line_torques(item: Term, series: Series) -> Floats:
-    """Torque of a unit of each coordinate of lines in each period, shape (n, k): a sine and a cosine of each."""
+    """Torque per unit of each coordinate of lines in each period, shape (n, k): a sine and a cosine per line."""
     turns = np.multiply.outer(series.middle_s, [2.0 * np.pi * frequency for _, frequency in item.fixed])
     swings = np.stack([np.sin(turns), np.cos(turns)], axis=2)
     swings *= np.equal.outer(series.recording, [-1 - word for word, _ in item.fixed])[:, :, None]
@@ -174,10 +174,10 @@ def line_torques(item: Term, series: Series) -> Floats:
 
 
 def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, series: Series) -> Floats | None:
-    """Derivative of a term's torque by its coordinates where that is a plain function of position or time, shape (n, k).
+    """Derivative of a term's torque by its coordinates, shape (n, k); None if it is not a function of position or time only.
 
-    A ripple of many orders has many coordinates; their slopes through the linearised filter cost one pass instead of one
-    run of the filter each.
+    With it, all derivatives of a ripple with many orders cost one pass of the linearised filter, instead of one run of the
+    filter each.
     """
     if item.slug == LINE:
         return line_torques(item, series)
@@ -194,7 +194,7 @@ def torque_slopes(item: Term, u: Sequence[float] | Floats, x: Floats, series: Se
 
 
 def whole_turns(slug: str, name: str, value: float) -> float:
-    """Whole turns in a parameter of an effect that is an angle of which its law is a sine [rad]; 0 in any other."""
+    """Whole turns [rad] in a parameter that is a phase or angle of a sine; 0 for any other parameter."""
     spec = CATALOGUE[slug]
     parameter = next(p for p in spec.parameters if p.name == name)
     is_angle = parameter.unit == "rad" and (parameter.unit_linear == "rad" or spec.rotary_only)

@@ -1,6 +1,6 @@
-"""What the report and the command line say of a result in the same words.
+"""Sentences about a result for the report and the command line.
 
-They take the documents of `gap.json`, so that a result that was read from there is described as a fresh one is.
+They are made from the document of `gap.json`, so they are the same for a new result and for one read from a file.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ COORDINATES: Final = {
         "a torque that follows changes of the current, or a current filtered before it was recorded",
     ),
 }
-"""Coordinate of `where` and `remainder` to its unit, rotary and linear, and a force that depends on it, in words."""
+"""Coordinate of `where` and `remainder` to its rotary and linear unit, and a description of a force that depends on it."""
 _LISTED: Final = 3
 
 
@@ -50,7 +50,7 @@ def dependence_in_words(coordinate: str, *, linear: bool) -> str:
 
 
 def places(where: Sequence[Mapping[str, Any]], unit: str) -> list[str]:
-    """Where the missing force shows: the coordinates that explain most of it, a clause each.
+    """The coordinates that explain most of the missing force, one clause each.
 
     Args:
         where: of `gap.json`. unit: of the gap.
@@ -69,7 +69,7 @@ def _place(entry: Mapping[str, Any], unit: str) -> str:
 
 
 def percent(share: float) -> str:
-    """A share of 0 to 1 to two digits, and never more exact than a hundredth of a percent."""
+    """A share between 0 and 1 in percent, with two digits, at most two of them decimals."""
     value = 100.0 * share
     return f"{value:.0f} %" if value >= 9.95 else f"{value:.2g} %" if value >= 0.01 else "less than 0.01 %"
 
@@ -86,7 +86,7 @@ def chosen(step: Mapping[str, Any]) -> list[str]:
 
 
 def behind(step: Mapping[str, Any]) -> str:
-    """How well the data distinguish an effect from the others; `step` of `gap.json`."""
+    """How well the data distinguish an effect from other effects; `step` of `gap.json`."""
     effect = step["effect"]
     same = [other for other in step["indistinguishable_from"] if other in CATALOGUE[effect].equivalent_to]
     indistinguishable = [other for other in step["indistinguishable_from"] if other not in same]
@@ -119,12 +119,12 @@ def timing(document: Mapping[str, Any]) -> str:
 
 
 def predictions(document: Mapping[str, Any]) -> list[str]:
-    """What the models predict of the motion from the command alone; `document` of `gap.json`."""
+    """Prediction errors of both models from the command alone; `document` of `gap.json`."""
     return _errors(document["prediction"])
 
 
 def validated(document: Mapping[str, Any]) -> list[str]:
-    """How the models predict a recording that was not fitted, in a line; none without one. `document` of `gap.json`."""
+    """Prediction errors on a recording that was not fitted, in one line; none without one. `document` of `gap.json`."""
     found = document["validation"]
     if not found:
         return []
@@ -148,16 +148,16 @@ def _shrunk(error: Mapping[str, float], unit: str) -> str:
 def sized(value: float | None, unit: str) -> str:
     """A magnitude to three digits, in a unit with the prefix that suits it."""
     if value is None or not math.isfinite(value):
-        return "more than can be computed"
+        return "too large to compute"
     factor, prefixed_unit = prefixed(value, unit) if value > 0.0 else (1.0, unit)
     return f"{value / factor:.3g} {prefixed_unit}"
 
 
 def confidence(result: GapResult, known: int) -> str:
-    """How sure the answer is, in sentences.
+    """The evidence of the result, in sentences.
 
     Args:
-        result: what was found. known: effects that the catalogue has.
+        result: of the workflow. known: number of effects in the catalogue.
     """
     details = result.details
     tried = len(details.get("candidates", ()))

@@ -1,13 +1,13 @@
-"""An experiment tried in simulation: does it move the shaft safely, and how well would it tell competing laws apart?
+"""Simulates an experiment: does it move the shaft safely, and how well would it distinguish competing laws?
 
-The closed loop is simulated with one law as the device, and the filters of both run over what the encoder would show. Where
-they predict μ_A and μ_B with information I (that of the fitted disturbance), the log-likelihood ratio in favour of the true
-one grows by
+The closed loop is simulated with one law as the true device, and the filters of both laws run on the simulated encoder. With
+predictions μ_A and μ_B and information I (of the fitted disturbance), the log-likelihood ratio in favour of the true law
+grows by
 
     ½ Σ I (μ_A − μ_B − S δ)² + ½ δᵀ H δ,
 
-S being the slopes of B's predictions, and δ the change of B's parameters that makes it least: what B can absorb, as far as
-the data at hand (information H) let it. Twice that is the square of the standard errors by which the two come apart.
+where S are the derivatives of B's predictions, and δ is the change of B's parameters that minimises the sum, within the
+information H of the present data. Twice the sum is the square of the separation in standard errors.
 """
 
 from __future__ import annotations
@@ -43,21 +43,21 @@ if TYPE_CHECKING:
     from hapticd.servo.experiment import Experiment
 
 _MARGIN = 0.7
-"""Share of a safety limit that a trial may use: what is missing in the model may make the device livelier."""
+"""Share of a safety limit that a simulated experiment may use: the real device may move more than the model."""
 _FEWEST_COUNTS = 20
-"""Raw counts that the shaft must travel at least."""
+"""Least motion of the shaft in raw counts."""
 
 
 @dataclass(frozen=True)
 class CompetingModel:
-    """One explanation, as the data at hand fit it.
+    """One set of laws, fitted to the present data.
 
     Attributes:
         terms: all its effects, with the fitted values as starts.
         noise: (5,) coordinates of the fitted noise.
-        problem: nominal device and data at hand.
+        problem: nominal device and present data.
         config: the model with all effects.
-        known: (k, k) information that the data at hand hold on its coordinates.
+        known: (k, k) information of the present data on its coordinates.
     """
 
     terms: tuple[Term, ...]
@@ -67,24 +67,24 @@ class CompetingModel:
     known: Floats
 
     def on(self, problem: Problem) -> Fit:
-        """Its filter run over the samples of a problem."""
+        """Run its filter on the samples of a problem."""
         return Fit.started(problem, self.terms, self.noise)
 
 
 def competing_model(model: Config, fit: Fit) -> CompetingModel | None:
-    """An explanation from its fit.
+    """A competing model from a fit.
 
     Args:
         model: the nominal model. fit: of a set of laws.
 
     Returns:
-        None where no device has all its laws.
+        None if its laws exclude each other.
     """
     whole = [term.moved(fit.u[fit.columns(k)]) for k, term in enumerate(fit.terms)]
-    # In an experiment to come nobody holds the handle; how late its record will be, and what hums, is another matter.
+    # In the next experiment nobody holds the handle; a late record and lines are not part of the device.
     terms = tuple(term for term in whole if term.slug not in (grip.SLUG, late_record.SLUG, LINE))
     entries = [(term.slug, parameters_of_term(term, term.start)) for term in terms if term.slug in CATALOGUE]
-    own = dict(fit.problem.begun)
+    own = dict(fit.problem.assumed_friction)
     own |= {term.slug: math.exp(term.start[0]) for term in terms if term.slug in BASE_WORDS.values()}
     try:
         config = with_effects(model, entries, own)
@@ -107,15 +107,15 @@ def _slopes(fit: Fit) -> Floats:
 def separation(
     experiment: Experiment, pairs: Sequence[tuple[CompetingModel, CompetingModel]], least: float = 0.0
 ) -> float | None:
-    """Standard errors by which an experiment sets the true one of each pair apart, in the worst case.
+    """Worst-case separation of pairs by an experiment, in standard errors.
 
     Args:
-        experiment: what is played.
-        pairs: (the true one, the claimed one).
-        least: at this many it is no longer of interest, and the rest is not simulated.
+        experiment: to simulate.
+        pairs: (true model, claimed model).
+        least: stop as soon as the separation is not above this.
 
     Returns:
-        None where the limits do not admit the experiment, a safety trip would end it, or the shaft would not move.
+        None if the experiment is outside the limits, a safety trip would end it, or the shaft would not move.
     """
     played: dict[int, Fit] = {}
     worst = np.inf
@@ -134,7 +134,7 @@ def separation(
 
 
 def gain(true: Fit, claimed: CompetingModel) -> float:
-    """Log-likelihood that a law, filtered over what it would record itself, gains over another one, nats."""
+    """Gain of a true model over a claimed one on data simulated with the true model, nats."""
     other = claimed.on(true.problem)
     difference, information = true.out["mean"] - other.out["mean"], true.out["information"]
     slopes = _slopes(other)
@@ -148,11 +148,11 @@ def gain(true: Fit, claimed: CompetingModel) -> float:
 
 
 def play(config: Config, experiment: Experiment) -> Recording | None:
-    """What an experiment would record on a device; None where it may not or could not be done.
+    """The simulated recording of an experiment; None if it is outside the limits, trips, or hardly moves the shaft.
 
     Args:
-        config: device, loop and limits; all trips are armed, at 70 % of the speed and excursion that the config allows.
-        experiment: what is played.
+        config: device, loop and limits; all trips are armed, at 70 % of the config's limits of speed and excursion.
+        experiment: to simulate.
     """
     blocks: list[NDArray[Any]] = []
     try:
@@ -161,7 +161,7 @@ def play(config: Config, experiment: Experiment) -> Recording | None:
     except (ConfigError, ExcitationError):
         return None
     config = _with_margin(config)
-    # The shaft rests somewhere in a raw count; its middle is the best guess.
+    # The position within a raw count is unknown; start in its middle.
     report = simulate(
         config,
         table.shape[1] / config.servo.rate_hz,

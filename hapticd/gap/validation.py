@@ -1,8 +1,7 @@
-"""A recording of the same device that is never fitted: does what was found in others hold there too?
+"""Validation on another recording of the same device, which is not fitted.
 
-Both models predict it as they are written: the model as given, and the one with the laws that were found. Of what was fitted
-along and is no law, a late or filtered record is kept, which belongs to the logger; lines are not, whose phases are those of
-the recordings that were fitted.
+The given and the improved model both predict it. A fitted late or filtered record is kept, because it belongs to the logger.
+Lines are not, because their phases belong to the fitted recordings.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
 Verdict = Literal["better", "worse", "mixed", "same"]
 _SAME = 0.05
-"""Relative difference of two errors up to which they are the same."""
+"""Relative difference below which two errors count as equal."""
 
 
 @dataclass(frozen=True)
@@ -38,12 +37,12 @@ class Validation:
     """How both models predict a recording that was not fitted.
 
     Attributes:
-        run: file that the recording came from. verdict: the improved model against the one as given.
+        run: file of the recording. verdict: the improved model compared with the given one.
         errors: see `prediction_errors`.
-        log_likelihood_gain: of the improved model over the one as given, from each sample to the next, nats.
+        log_likelihood_gain: of the improved model over the given one, one step ahead, nats.
         evidence: the same in standard errors.
         words: which model is in model.yaml, and why.
-        before, after: predictions by the model as given and by the improved one, for the figure; not part of `gap.json`.
+        before, after: predictions of the given and of the improved model, for the figure; not part of `gap.json`.
     """
 
     run: str
@@ -56,7 +55,7 @@ class Validation:
     after: Prediction
 
     def to_json(self) -> dict[str, Any]:
-        """What `gap.json` has of it, of plain types."""
+        """Its part of `gap.json`, with plain types."""
         return {
             "run": self.run,
             "verdict": self.verdict,
@@ -68,16 +67,16 @@ class Validation:
 
 
 def check_validation(recordings: Sequence[Recording], validation: Recording) -> None:
-    """Refuse a recording that tests nothing.
+    """Refuse a recording that is no test.
 
     Raises:
-        RecordingError: it is one of those that are fitted, or has no stretch in which something can be predicted.
+        RecordingError: it is one of the fitted recordings, or too short for a prediction.
     """
     for recording in recordings:
         try:
             check_together([recording, validation])
         except RecordingError as error:
-            raise RecordingError(f"{error}; what is fitted is no test of the model") from None
+            raise RecordingError(f"{error}; a fitted recording is no test of the model") from None
     if not any(stretches(series_of([validation]))):
         raise RecordingError(
             f"{validation.name}: no stretch without a gap is longer than {2e3 * HORIZON_S:g} ms; nothing can be predicted"
@@ -88,7 +87,7 @@ def validate(before: Fit, after: Fit, validation: Recording) -> Validation:
     """Predict a recording that passed `check_validation`.
 
     Args:
-        before: fit of the model as given. after: of the improved one. validation: is not fitted.
+        before: fit of the given model. after: of the improved one. validation: the recording, which is not fitted.
     """
     series = series_of([validation])
     fits = [_carried(fit, series) for fit in (before, after)]
@@ -111,10 +110,10 @@ def _carried(fit: Fit, series: Series) -> Fit:
 
 
 def judged(errors: Mapping[str, Any], standard_errors: float, is_improved: bool) -> tuple[Verdict, str]:
-    """The improved model against the one as given, and which of them is in model.yaml, and why.
+    """Compare the improved model with the given one; also a text that says which one is in model.yaml, and why.
 
     Args:
-        errors: of `prediction_errors`. standard_errors: of evidence, from each sample to the next.
+        errors: of `prediction_errors`. standard_errors: evidence of the improved model, one step ahead.
         is_improved: whether the two models differ.
     """
     if not is_improved:
@@ -123,31 +122,31 @@ def judged(errors: Mapping[str, Any], standard_errors: float, is_improved: bool)
     near, far = (_change(errors[name]) for name in ("k_step", "free_run"))
     if near == far == 0:
         return "same", (
-            "Both models predict it equally well: they differ little in such a motion. model.yaml is the improved model, "
-            "for its evidence in the recordings that were fitted."
+            "Both models predict it equally well: they differ little for this motion. model.yaml is the improved model, "
+            "because of its evidence in the fitted recordings."
         )
     if min(near, far) >= 0:
-        return "better", "The improved model (model.yaml) predicts it better: what was found holds there too."
+        return "better", "The improved model (model.yaml) predicts it better: the found effects are confirmed."
     if max(near, far) <= 0:
         return "worse", (
-            "The improved model predicts it worse: what was found may belong to the recordings that were fitted (another "
-            "load, temperature or zero of the position), or to chance. model.yaml is the improved model, for its "
-            "evidence there; fit both recordings together before you rely on it."
+            "The improved model predicts it worse: the found effects may be specific to the fitted recordings (another "
+            "load, temperature or zero of the position), or due to chance. model.yaml is the improved model, because of "
+            "its evidence there; fit both recordings together before you rely on it."
         )
     if near > 0:
         return "mixed", (
             f"The improved model predicts it better {ahead}, and worse over the whole record. model.yaml is the "
-            f"improved model: it has the evidence ({standard_errors:.1f} standard errors here, from each sample to the "
-            "next), and a free run integrates any bias, however small."
+            f"improved model: it has the evidence ({standard_errors:.1f} standard errors here, one step ahead), and a "
+            "free run integrates even a small bias."
         )
     return "mixed", (
         f"The improved model predicts it worse {ahead}, and better over the whole record. model.yaml is the improved "
-        f"model, for its evidence in the recordings that were fitted ({standard_errors:.1f} standard errors here); a free "
-        "run integrates any bias, so that it may be better by chance. Fit both recordings together before you rely on it."
+        f"model, because of its evidence in the fitted recordings ({standard_errors:.1f} standard errors here). A free run "
+        "integrates any bias, so it may be better by chance. Fit both recordings together before you rely on it."
     )
 
 
 def _change(error: Mapping[str, Any]) -> int:
-    """1 where the improved model is better, −1 where it is worse, 0 where there is no difference that matters."""
+    """1 if the improved model is better, −1 if it is worse, 0 if the difference is negligible."""
     before, after = error["before"], error["after"]
     return int(after < (1.0 - _SAME) * before) - int(after > (1.0 + _SAME) * before)

@@ -1,4 +1,4 @@
-"""From what was found to one of five answers, and the sentence that says it."""
+"""The verdict, one of five, and its statement."""
 
 from __future__ import annotations
 
@@ -25,23 +25,22 @@ def decide(
     """Verdict and statement.
 
     Args:
-        effects: slugs that were added.
-        indistinguishable: for each, the effects of other classes that these data do not distinguish from it.
-        doubts: sentences that say why what is named, or that nothing is, may not be the whole truth.
+        effects: slugs of the added effects.
+        indistinguishable: for each, its ties, without equivalent laws.
+        doubts: sentences with reasons why the named effects may be wrong.
         gap: the missing force before and after.
-        remainder: what is left.
-        torque: what friction and current of the last model make; what lacks more than that is no model of the device,
-            and names nothing.
+        remainder: of the missing force.
+        torque: RMS torque of friction and current in the final model. If more is missing, the model is of another device.
         are_all: whether the whole catalogue was considered.
     """
     if gap.held_out_after > torque:
         too_much = (
             f"More force is missing ({gap.held_out_after:.3g} {gap.unit}) than the device's friction and current make "
-            f"({torque:.2g} {gap.unit}): the model is of another device, or the motion does not follow from the current."
+            f"({torque:.2g} {gap.unit}): the model is of another device, or the current does not cause the motion."
         )
         return "unexplained", " ".join([too_much, *doubts, remainder.words])
     names = " and ".join(effects)
-    is_floor = gap.held_out_after < constants.QUIET * gap.noise_floor
+    is_floor = gap.held_out_after < constants.NOISE_FACTOR * gap.noise_floor
     left = not is_floor and any(entry["share"] > constants.MATTERS for entry in remainder.structure)
     force = f"missing {gap.held_out_before:.3g} {gap.unit} before, {gap.held_out_after:.3g} {gap.unit} after"
     if not effects and (left or doubts):
@@ -50,10 +49,11 @@ def decide(
             f"Something is missing that {none} explains ({gap.held_out_before:.3g} {gap.unit}): {remainder.words}"
         )
         return "unexplained", " ".join([statement, *doubts])
-    if not effects and gap.held_out_after > constants.LOUD * torque:
+    if not effects and gap.held_out_after > constants.UNSTRUCTURED_SHARE * torque:
         statement = (
             f"The missing force ({gap.held_out_after:.3g} {gap.unit}) depends on no coordinate, but it is more than "
-            f"{constants.LOUD:g} of what the device's friction and current make ({torque:.2g} {gap.unit}). {remainder.words}"
+            f"{constants.UNSTRUCTURED_SHARE:g} of what the device's friction and current make ({torque:.2g} {gap.unit}). "
+            f"{remainder.words}"
         )
         return "unexplained", " ".join([statement, *doubts])
     if not effects:
@@ -76,11 +76,11 @@ def decide(
 
 
 def doubts_about(at_bounds: Mapping[str, Sequence[str]], unnamed: Mapping[str, str]) -> list[str]:
-    """Why what is named may not be the whole truth, a sentence each.
+    """Reasons why the named effects may be wrong, one sentence each.
 
     Args:
-        at_bounds: law to those of its parameters that the data do not distinguish from the end of what they may be.
-        unnamed: law that was left out to the coordinate of which an unnamed function is better.
+        at_bounds: law to its parameters that the data do not distinguish from the end of their range.
+        unnamed: dropped law to the coordinate of the unnamed function that is better.
     """
     limits = [
         f"These data do not distinguish {' and '.join(names)} of {law} from a limit: a law at its limit is another law."

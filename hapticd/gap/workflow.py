@@ -1,4 +1,4 @@
-"""Find where a model and recordings part, name what is missing, add it, and go round until nothing is left to name."""
+"""Find the effects that a model lacks, and add them one by one."""
 
 from __future__ import annotations
 
@@ -41,16 +41,16 @@ def find_gap(
     Args:
         recordings: one or several runs of the same device.
         model: the nominal model.
-        refit_base: fit inertia and friction though `candidates` has none of them; otherwise they always are.
+        refit_base: fit inertia and friction even if `candidates` has none of them; without `candidates` they always are.
         candidates: slugs to consider; the whole catalogue by default.
-        progress: called with the fraction done and what is being done.
-        design: where laws stay indistinguishable, design the experiment that distinguishes them.
-        validation: another run of that device, which is not fitted: both models are tested on it.
+        progress: called with the fraction done and the present step.
+        design: whether to design an experiment for tied laws.
+        validation: another run of the device, which is not fitted: both models are tested on it.
 
     Raises:
-        RecordingError: a recording is there twice, or nothing of the one for validation can be predicted.
-        ValueError: no recording, a candidate that is unknown, or none that can be considered.
-        KeyboardInterrupt: interrupted before an effect was named; afterwards the result has what was found until then.
+        RecordingError: a recording is given twice, or the one for validation is too short for a prediction.
+        ValueError: no recording, an unknown candidate, or no candidate to consider.
+        KeyboardInterrupt: interrupted before an effect was found; later, the result has what was found until then.
     """
     slugs, not_considered = considered(model, candidates)
     progress = progress or (lambda fraction, text: None)
@@ -93,7 +93,7 @@ def find_gap(
         if not chosen.laws:
             raise
         interrupted = True
-        named, result = said()  # some seconds that what was named cannot do without
+        named, result = said()  # some seconds, also after an interrupt: the found effects need it
     if design and result.verdict == "ambiguous" and not interrupted:
         from hapticd.gap.design import next_experiment
 
@@ -119,12 +119,12 @@ def _why_not(slug: str, model: Config) -> str | None:
     if slug in present:
         return "the model has it already"
     if among := present & set(CATALOGUE[slug].excludes):
-        return f"the model has {among.pop()}, with which it cannot be"
+        return f"the model has {among.pop()}, which excludes it"
     return None
 
 
 def why_unknown(slug: str) -> str | None:
-    """Why the catalogue has no effect of that name, and which was probably meant; None where it has one."""
+    """Why a slug is not in the catalogue, with the nearest slug; None if it is."""
     if slug in CATALOGUE:
         return None
     near = nearest_name(slug, EFFECT_SLUGS)
@@ -133,10 +133,10 @@ def why_unknown(slug: str) -> str | None:
 
 
 def considered(model: Config, candidates: Sequence[str] | None) -> tuple[list[str], list[str]]:
-    """Effects that are considered, and a sentence for each that was asked for and cannot be.
+    """Effects to consider, and a sentence for each requested effect that cannot be.
 
     Args:
-        model: the nominal model. candidates: slugs that are asked for; None for the whole catalogue.
+        model: the nominal model. candidates: requested slugs; None for the whole catalogue.
 
     Raises:
         ValueError: one is unknown, or none can be considered.

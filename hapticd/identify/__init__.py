@@ -1,4 +1,4 @@
-"""Who is this device? Inertia, friction, bias, delay and the encoder's sign from recordings, with intervals."""
+"""Identification of a device: inertia, friction, bias, delay and encoder sign from recordings, with intervals."""
 
 from hapticd.identify.result import Identified
 from hapticd.identify.workflow import identified_model, identify, load_any, readable

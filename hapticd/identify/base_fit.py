@@ -1,7 +1,7 @@
 """The base fit: inertia, friction, bias and delay by the gap workflow's likelihood (docs/explanation/gap-statistics.md).
 
-No effect is looked for. The disturbance torque, the sensor's noise and the jitter of the samples are fitted along, so the
-intervals know of a torque that no model has.
+No effects are searched. Disturbance torque, sensor noise and sampling jitter are fitted too, so the intervals include the
+uncertainty from unmodelled torques.
 """
 
 from __future__ import annotations
@@ -30,22 +30,22 @@ if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
 
 FITTED = ("inertia", "viscous", "coulomb", "bias", "delay_s")
-"""What is fitted, in the order of every vector and matrix here."""
+"""The parameters, in the order of every vector and matrix here."""
 _BIAS = FITTED.index("bias")
 _OWN_ELEMENTS = ("delay_s", "transport_delay.t_d", "constant_bias.tau_0")
-"""Elements of the device vector that the fit takes over from the model."""
+"""Elements of the device vector that are fitted instead of taken from the model."""
 _FARTHEST = 100.0
-"""Factor by which a parameter may leave its start."""
+"""Largest factor between a parameter and its start."""
 _LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS = 0.02, 10.0
 _SCANNED_PERIODS = np.arange(0.1, 6.0, 0.2)
 _SCANNED_ERRORS = (0.3, 0.6, 1.0, 1.5, 2.0, 3.0, 4.0, 6.0)
 """Distances in standard errors at which another bias is tried."""
 _SHAKE, _SHAKEN_STEPS = 1.2, 8
-"""Logarithm of the factor to the disturbance; most steps under it."""
+"""Logarithm of the factor by which the disturbance is increased; most steps with it."""
 _POOR_STEP = 0.1
-"""Gain of a step that is the last one, nats."""
+"""An ascent ends with a step of a smaller gain [nats]."""
 _ROUGHLY = 0.5
-"""Gain of a step that ends an ascent, nats, as long as another start may be likelier."""
+"""The same while several starts are compared [nats]."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class BaseFit:
     Attributes:
         values: (5,) in the order of `FITTED`.
         covariance: (5, 5) of the values.
-        fit: where they come from.
+        fit: the maximum of the likelihood.
     """
 
     values: Floats
@@ -63,18 +63,18 @@ class BaseFit:
     fit: Fit
 
     @property
-    def reach(self) -> float:
-        """Half of a 95 % interval in standard deviations, by Student's distribution over the blocks."""
+    def coverage_factor(self) -> float:
+        """Coverage factor: half width of a 95 % interval in standard deviations (Student's distribution over the blocks)."""
         return chance.standard_errors(0.025, self.fit.problem.series.blocks)
 
     def half_width(self, name: str) -> float:
-        """Half of the 95 % interval."""
+        """Half width of the 95 % interval."""
         index = FITTED.index(name)
-        return self.reach * float(np.sqrt(self.covariance[index, index]))
+        return self.coverage_factor * float(np.sqrt(self.covariance[index, index]))
 
     @property
-    def telling_s(self) -> float:
-        """Effective duration of data on the least certain parameter, s (Kish's effective sample size)."""
+    def effective_s(self) -> float:
+        """Effective duration of the data on the least certain parameter [s] (Kish's effective sample size)."""
         series = self.fit.problem.series
         information = self.fit.slopes[:, -len(FITTED) :] ** 2 * self.fit.out["information"][:, None]
         each = series.per_block(information)
@@ -91,20 +91,20 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
     """Fit the base model.
 
     Args:
-        recordings: of one device, with the encoder's right sign.
-        model: what is not fitted: torque constant, effects, hand.
-        start: where the fit begins.
+        recordings: of one device, with the correct sign of the encoder.
+        model: for what is not fitted: torque constant, effects, hand.
+        start: start values.
     """
     problem = problem_of(recordings, model)
     base = problem.base.copy()
     base[[index_of(name) for name in _OWN_ELEMENTS]] = 0.0
     problem = replace(problem, base=base)
     terms = _terms(start, problem.torque, problem.series.period_s)
-    look = problem.first_look()
+    look = problem.subsample()
     begun = Fit(look, terms, first_noise(look, terms))
     starts = (begun, _likeliest(begun, start.at_delays))
     found = max((_maximised(fit) for fit in starts), key=attrgetter("log_likelihood"))
-    whole = found.on(problem.with_free_memory())
+    whole = found.on(problem.with_slow_disturbance())
     _scan_bias(whole)
     fit = _shaken(whole.maximise(tolerance=_ROUGHLY)).maximise()
     values = fit.u[-len(FITTED) :].copy()
@@ -117,17 +117,17 @@ def base_fit(recordings: Sequence[Recording], model: Config, start: Balance) -> 
 
 
 def _slopes(values: Floats) -> Floats:
-    """Derivative of each value by its coordinate: the inertia alone has a logarithm."""
+    """Derivative of each value by its coordinate; only the inertia has a logarithmic coordinate."""
     slopes = np.ones(len(FITTED))
     slopes[0] = values[0]
     return slopes
 
 
 def _likeliest(fit: Fit, at_delays: Floats) -> Fit:
-    """The same noise with the likeliest of the balances at all delays.
+    """A start from the likeliest of the balances at all delays, with the same noise.
 
-    In a slow motion, least squares hardly tell a delay, and inertia and friction follow it. Where a disturbance is strong,
-    the likeliest balance may be the wrong one, as long as the noise is not fitted: so it is one of two starts.
+    In slow motion a delay is hardly identifiable by least squares, and inertia and friction depend on it. With a strong
+    disturbance, before the noise is fitted, the likeliest balance may be wrong: so it is only one of two starts.
     """
     noise = fit.noise
     fit = fit.on(fit.problem)
@@ -137,9 +137,9 @@ def _likeliest(fit: Fit, at_delays: Floats) -> Fit:
 
 
 def _maximised(fit: Fit) -> Fit:
-    """An ascent that begins with a line search over all delays.
+    """An ascent that starts with a line search over all delays.
 
-    Only while the noise is large: later the likelihood has a maximum about every delay.
+    This needs large noise: with small noise the likelihood has a local maximum near every delay.
     """
     for periods in _SCANNED_PERIODS:
         u = fit.u.copy()
@@ -149,17 +149,17 @@ def _maximised(fit: Fit) -> Fit:
 
 
 def _least_error_of_bias(fit: Fit) -> float:
-    """Standard error of the bias if the torque itself could be seen all the time (Cramér–Rao), N m or N.
+    """Cramér–Rao bound on the standard error of the bias, as if the torque were measured directly, N m or N.
 
-    A bias cannot be told from the mean of the disturbance, a Gauss–Markov process of variance s² and correlation time τ:
-    over a time T no unbiased estimate of a mean has a smaller variance than 2 s² τ / (T + 2τ).
+    The bias is not identifiable from the mean of the disturbance, a Gauss–Markov process of variance s² and correlation
+    time τ. Over a time T, an unbiased estimate of that mean has at least the variance 2 s² τ / (T + 2τ).
     """
     _, _, rms, memory_s, _ = fit.noise_values()
     return float(rms * np.sqrt(2.0 * memory_s / (fit.problem.series.duration_s + 2.0 * memory_s)))
 
 
 def _scan_bias(fit: Fit) -> None:
-    """Line search over the biases that the mean of the disturbance may hide: the likelihood has maxima among them."""
+    """Line search over biases as large as the mean of the disturbance may be: the likelihood has several maxima there."""
     centre, error = fit.u[_BIAS - len(FITTED)], _least_error_of_bias(fit)
     for errors in _SCANNED_ERRORS:
         for side in (1.0, -1.0):
@@ -169,9 +169,9 @@ def _scan_bias(fit: Fit) -> None:
 
 
 def _shaken(fit: Fit) -> Fit:
-    """The better one of a maximum and of what is found from there through a broader likelihood.
+    """A better maximum than the present one, found with a temporarily larger disturbance; else the present one.
 
-    A disturbance decides when the shaft sticks, so the likelihood has several maxima. With a larger disturbance they merge.
+    The disturbance determines when the shaft sticks, so the likelihood has several maxima, which merge if it is larger.
     """
     if fit.noise[DISTURBANCE] <= fit.lower[DISTURBANCE] + 1e-9:
         return fit
@@ -187,7 +187,7 @@ def _shaken(fit: Fit) -> Fit:
 
 
 def _ascend(fit: Fit) -> None:
-    """Gauss–Newton steps in what is fitted, at a fixed noise."""
+    """Gauss–Newton steps in the fitted parameters, with fixed noise."""
     own = np.arange(fit.u.size) >= fit.noise.size
     for _ in range(_SHAKEN_STEPS):
         before = fit.log_likelihood
@@ -203,7 +203,7 @@ def _ascend(fit: Fit) -> None:
 
 
 def _terms(start: Balance, torque: float, period_s: float) -> tuple[Term, ...]:
-    """One term a parameter: inertia by its logarithm; the torques that are linear in a parameter by their value."""
+    """One term per parameter: the inertia by its logarithm, the others, in which the torque is linear, by their value."""
     far = float(np.log(_FARTHEST))
     J = float(np.log(start.inertia))
     longest = max(_LONGEST_DELAY_S, _LONGEST_DELAY_PERIODS * period_s)

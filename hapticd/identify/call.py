@@ -32,24 +32,24 @@ def identify_plant(
     """Find inertia, friction, bias, delay and the encoder's sign of a device, with 95 % intervals.
 
     Args:
-        runs: one recording or several of one device: a file, ``"@last"``, a `hapticd.Run`.
+        runs: one or several recordings of one device: a file, ``"@last"``, a `hapticd.Run`.
         model: encoder and torque constant of the device, as for `hapticd.check`; its plant is not used. By default the
-            config that the first recording carries.
+            config in the first recording.
         settings: dotted key to value, applied to the model.
-        known_inertia: kg m² or kg, where it is known otherwise: tells what the torque constant must be.
-        out: config to write, with the plant that was found and its uncertainty; the comments of a model that is a file stay.
+        known_inertia: inertia from another source, kg m² or kg; from it the torque constant is computed.
+        out: config to write, with the identified plant and its uncertainty. If the model is a file, its comments are kept.
             It may be the model's file.
-        force: replace another file that exists.
+        force: replace another existing file.
         progress: called with the fraction done.
 
     Returns:
         ``inertia``, ``viscous``, ``coulomb``, ``bias`` and ``delay``, each with ``value``, ``ci95`` and ``unit``; ``sign``;
-        what was ``assumed``; ``warnings``.
+        ``assumed`` values; ``warnings``.
 
     Raises:
         RunFileError: a recording cannot be read.
-        RecordingError: nothing can be concluded from one.
-        ConfigError: no model, or anything wrong in it.
+        RecordingError: a recording is unusable.
+        ConfigError: there is no model, or it is invalid.
         ValueError: no recording.
         FileExistsError: ``out`` exists, and is not the model, without ``force``.
     """
@@ -62,6 +62,6 @@ def identify_plant(
         [workflow.readable(run, nominal) for run in recorded], nominal, known_inertia=known_inertia, progress=progress
     )
     if out is not None:
-        # Settings belong into the file too: the plant was found under them.
+        # The file also gets the settings: the plant was identified with them.
         write_text(Path(out), with_plant(text_of(None if settings else source, nominal), found))
     return found

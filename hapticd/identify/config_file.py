@@ -1,4 +1,4 @@
-"""The plant that was found, written into a config whose comments and order stay (ruamel.yaml's round trip)."""
+"""Writes the identified plant into a config, and keeps its comments and order (round trip of ruamel.yaml)."""
 
 from __future__ import annotations
 
@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 
 _DIGITS = 6
 _OWN_REMARKS = re.compile(r"^[ \t]*# (identified from|assumed:|standard deviations:).*\n", re.MULTILINE)
-"""What an earlier identification wrote above its numbers."""
+"""Comments of an earlier identification."""
 
 
 def refuse_another(out: Path, model: str | None, read: Iterable[Path], *, force: bool) -> None:
-    """Refuse to write over a file other than the model's own, which is updated.
+    """Refuse to overwrite a file, except the model's own, which is updated.
 
     Args:
-        out: what is written. model: the config that was given, a file or not. read: the recordings.
+        out: file to write. model: the given config, a file or a preset. read: the recordings.
 
     Raises:
-        FileExistsError: it exists and is not the model, without ``force``; or it is a recording.
+        FileExistsError: it exists, is not the model, and ``force`` is not given; or it is a recording.
     """
     for recording in read:
         refuse_existing(out, force=True, source=recording)
@@ -42,14 +42,14 @@ def refuse_another(out: Path, model: str | None, read: Iterable[Path], *, force:
 
 
 def with_plant(text: str, result: Identified) -> str:
-    """A config's text with the plant that was found; everything else, comments too, as it was.
+    """The text of a config with the identified plant; all else, comments included, is unchanged.
 
     Args:
         text: YAML of a valid config.
-        result: what was found.
+        result: the identification.
 
     Raises:
-        ConfigError: the new text is no valid config.
+        ConfigError: the new text is not a valid config.
     """
     written = ConfigText(_OWN_REMARKS.sub("", text))
     plant = written.section("plant")
@@ -71,7 +71,7 @@ def with_plant(text: str, result: Identified) -> str:
 
 
 def _put_effects(written: ConfigText, result: Identified) -> None:
-    """The effects of the model that are not replaced, as they stand, and what was found."""
+    """Keep the effects of the model that are not replaced, and add the identified ones."""
     listed = written.effects()
     for index in reversed(range(len(listed))):
         if listed[index].get("name") in REPLACED:

@@ -1,4 +1,4 @@
-"""Do the recordings agree with the torque constant and with each other?"""
+"""Consistency of the recordings with the torque constant and with each other."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
     from hapticd.identify.base_fit import BaseFit
 
 _BLOCKS = 10
-"""Parts of the recordings over which the error of the current's gain is summed."""
+"""Blocks for the standard error of the current's gain."""
 _LATEST = 6
 """Samples by which a measured current may be late."""
 _MATERIAL = 0.05
-"""Difference of two runs' inertia over torque constant that is worth a word."""
+"""Relative difference of two runs' inertia over torque constant that is reported."""
 _CERTAIN = 4.0
-"""Standard errors of that difference."""
+"""Standard errors that this difference must exceed."""
 
 
 def current_gain(recordings: Sequence[Recording]) -> Estimate | None:
-    """Measured over commanded current, at the lag at which they agree best; None where no recording has it."""
+    """Measured over commanded current, at the lag of the best agreement; None without a measured current."""
     pairs = [(r.current, r.current_measured) for r in recordings if r.current_measured is not None]
     pairs = [(sent, seen) for sent, seen in pairs if np.any(seen != 0.0) and np.ptp(sent) > 0.0]
     if not pairs:
@@ -48,7 +48,7 @@ def current_gain(recordings: Sequence[Recording]) -> Estimate | None:
 
 
 def disagreeing_runs(found: BaseFit, names: Sequence[str]) -> list[str]:
-    """Runs whose own inertia, in proportion to the torque constant, is another than that of all runs together."""
+    """Warnings about runs whose ratio of inertia to torque constant differs from that of all runs together."""
     series, S = found.fit.problem.series, found.scores()
     doubts = []
     for number, name in enumerate(names if len(names) > 1 else ()):
@@ -60,7 +60,7 @@ def disagreeing_runs(found: BaseFit, names: Sequence[str]) -> list[str]:
         error = np.sqrt(max(inverse[0, 0], 0.0) + found.covariance[0, 0]) / float(found.values[0])
         if abs(step) > max(_MATERIAL, _CERTAIN * error):
             doubts.append(
-                f"{name} reads an inertia over torque constant that is {100 * abs(step):.0f} % "
-                f"{'more' if step > 0.0 else 'less'} than all runs together: another load, or another amplifier setting?"
+                f"{name}: its ratio of inertia to torque constant is {100 * abs(step):.0f} % "
+                f"{'larger' if step > 0.0 else 'smaller'} than that of all runs together: another load or amplifier setting?"
             )
     return doubts

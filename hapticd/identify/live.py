@@ -1,7 +1,7 @@
-"""Experiments for a device of which nothing is known: how much current moves it, then chirps that its limits admit.
+"""Experiments for an unknown device: find the current that moves it, then play chirps within its limits.
 
-The rendered spring is off: with the wrong sign of the encoder, or a plant that the config has wrong, it might not be stable.
-What holds the shaft then is that a chirp gives as much to one side as to the other, and every safety trip.
+The rendered spring is off: with a wrong sign of the encoder, or a wrong plant in the config, it might be unstable. The shaft
+stays in range because a chirp has zero mean, and because all safety trips are armed.
 """
 
 from __future__ import annotations
@@ -26,18 +26,18 @@ if TYPE_CHECKING:
     from hapticd.gap.recording import Recording
 
 _FIRST_SHARE, _LARGEST_SHARE = 0.005, 0.8
-"""Of the continuous current: where the search for motion begins, and where it gives up."""
+"""First and last amplitude of the search for motion, as shares of the continuous current."""
 _STRONGER = 1.6
 _LOOK_S, _CHIRP_S = 2.0, 12.0
 _LOOK_HZ = (2.0, 10.0)
 _MOVED_COUNTS = 40
-"""Travel that counts as motion."""
+"""Travel that counts as motion [raw counts]."""
 _EFFORTS: Final = (2.0, 4.0)
-"""Amplitudes of the chirps over the current that overcomes friction."""
+"""Amplitudes of the chirps, as multiples of the current that overcomes friction."""
 _TRAVEL_SHARE, _SPEED_SHARE = 0.2, 0.3
-"""Of the safety limits, what a chirp should reach at most."""
+"""Largest travel and speed of a chirp, as shares of the safety limits."""
 _UNLIMITED_TRAVEL, _UNLIMITED_SPEED = 1.0, 100.0
-"""rad and rad/s, where there is no limit."""
+"""The same if there is no limit, rad and rad/s."""
 _SPAN = 10.0
 """Highest over lowest frequency of a chirp."""
 _SETTINGS: Final = {"spring.stiffness": 0.0}
@@ -46,17 +46,17 @@ _SETTINGS: Final = {"spring.stiffness": 0.0}
 def record_live(
     client: Client, config: Config, say: Callable[[str], None], bar: Bar, *, keep_spring: bool = False
 ) -> list[Recording]:
-    """Play the experiments on a running daemon and return their recordings.
+    """Run the experiments on a running daemon and return their recordings.
 
     Args:
-        client: of the daemon, which is stopped when interrupted.
-        config: the daemon's config: its limits. say: called with a line about each step. bar: progress bar with a label.
-        keep_spring: leave the rendered spring on, for a device that would fall without it.
+        client: of the daemon. On an interrupt it sends a stop.
+        config: the daemon's config, for its limits. say: called with a text for each step. bar: progress bar with a label.
+        keep_spring: keep the rendered spring on, for a device that would fall without it.
 
     Raises:
-        LiveError: an experiment ended on a fault, or nothing moves within the limits.
-        RequestRefused: the daemon does not admit an experiment.
-        RecordingError: nothing can be concluded from a recording.
+        LiveError: an experiment ended on a fault, or the shaft does not move within the limits.
+        RequestRefused: the daemon refuses an experiment.
+        RecordingError: a recording is unusable.
     """
     settings = {} if keep_spring else _SETTINGS
     if not keep_spring:
@@ -68,10 +68,10 @@ def record_live(
 
 
 def chirp(config: Config, first: Balance, effort: float, settings: dict[str, Any] | None = None) -> Experiment:
-    """A chirp of so many times the friction, as slow as the limits of travel and speed admit.
+    """A chirp with an amplitude of `effort` times the friction, at the lowest frequencies within the limits.
 
-    A torque (e − 1) c beyond friction, to and fro at the frequency f, moves an inertia J by (e − 1) c / (J (2πf)²) and as
-    fast as (e − 1) c / (J 2πf).
+    A sinusoidal torque of amplitude (e − 1) c beyond friction, at the frequency f, moves an inertia J with the amplitude
+    (e − 1) c / (J (2πf)²) and the speed (e − 1) c / (J 2πf).
     """
     amplifier, safety = config.amplifier, config.safety
     current = effort * first.coulomb / amplifier.torque_constant
@@ -95,7 +95,7 @@ def chirp(config: Config, first: Balance, effort: float, settings: dict[str, Any
 
 
 def _look(client: Client, config: Config, settings: dict[str, Any], say: Callable[[str], None], bar: Bar) -> Recording:
-    """The first recording in which the shaft moves, from a current that hardly moves anything upwards."""
+    """The first recording in which the shaft moves, with an increasing current."""
     limit = config.amplifier.continuous_current or config.amplifier.peak_current or 1.0
     current = _FIRST_SHARE * limit
     high = min(_LOOK_HZ[1], config.servo.rate_hz / 10.0)
@@ -103,14 +103,15 @@ def _look(client: Client, config: Config, settings: dict[str, Any], say: Callabl
         plan = Experiment("chirp", _rounded(current), _LOOK_S, min(_LOOK_HZ[0], high / 2.0), high, settings=settings)
         path = play(client, config, plan, say, bar)
         if np.ptp(read_run(path).columns["encoder_counts"]) >= _MOVED_COUNTS:
-            # It just moved: a little more, so that sliding and not breaking away is what is seen.
+            # It just moved: a little more current, so that the record shows sliding and not only break-away.
             stronger = min(_STRONGER * current, _LARGEST_SHARE * limit)
             plan = Experiment("chirp", _rounded(stronger), _LOOK_S, plan.low_hz, high, settings=settings)
             return load_any(play(client, config, plan, say, bar), config)
         current *= _STRONGER
     raise LiveError(
-        f"nothing moves by {_MOVED_COUNTS} counts up to {_LARGEST_SHARE * limit:.3g} A ({100 * _LARGEST_SHARE:.0f} % of the "
-        "amplifier's current): is the motor connected, the brake off, the encoder counting?"
+        f"the shaft moves less than {_MOVED_COUNTS} counts up to {_LARGEST_SHARE * limit:.3g} A "
+        f"({100 * _LARGEST_SHARE:.0f} % of the amplifier's current): is the motor connected, is the brake off, does the "
+        "encoder count?"
     )
 
 

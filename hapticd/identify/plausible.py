@@ -1,7 +1,7 @@
-"""Numbers that no 1-DOF haptic device has: a wrong unit, a wrong prefix, a slip of the decimal point.
+"""Implausible values for a 1-DOF haptic device: a wrong unit, a wrong prefix, a shifted decimal point.
 
-The ranges are wide: from a watch-sized motor to a driving simulator's wheel or an exoskeleton's joint, a linear desktop
-device to a motion platform. Ratios catch what single values do not, since they compare the device with its own motor.
+The ranges are wide: from a watch-sized motor to the wheel of a driving simulator or an exoskeleton's joint, and from a
+linear desktop device to a motion platform. Ratios compare the device with its own motor, and find other errors.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
 
 
 class Range(NamedTuple):
-    """What a key of a config usually is."""
+    """Usual range of a config key."""
 
     key: str
     low: float
     high: float
     unit: str
     factors: tuple[tuple[float, str], ...] = ()
-    """What a value may have been meant in: its factor to the unit, and its name."""
+    """Units that may have been meant: factor to the key's unit, and name."""
 
 
 _INERTIAS = ((1e-7, "g cm²"), (1e-4, "kg cm²"), (1e-9, "g mm²"), (1e-3, "g m²"))
@@ -46,11 +46,11 @@ LINEAR = (
 )
 SHORTEST_TIME_CONSTANT_S, LONGEST_TIME_CONSTANT_S = 1e-3, 1e3
 FEWEST_STEPS = 50.0
-"""Current steps of the converter up to break-away, where it says how many."""
+"""Least number of DAC steps up to break-away."""
 
 
 def implausible(config: Config) -> list[str]:
-    """What is hardly meant, a sentence each, with the value and what was likely meant."""
+    """Implausible values, one sentence each, with the value and the unit that was probably meant."""
     return [*_values(config), *_ratios(config)]
 
 
@@ -67,7 +67,7 @@ def _values(config: Config) -> Iterator[str]:
         ]
         hint = f"; was another unit meant? {', '.join(meant)}" if meant else ""
         yield (
-            f"{entry.key} = {value:g} {entry.unit} is outside of what 1-DOF devices have "
+            f"{entry.key} = {value:g} {entry.unit} is outside the range of 1-DOF devices "
             f"({entry.low:g} to {entry.high:g} {entry.unit}){hint}"
         )
 
@@ -80,7 +80,7 @@ def _ratios(config: Config) -> Iterator[str]:
         if not SHORTEST_TIME_CONSTANT_S <= constant <= LONGEST_TIME_CONSTANT_S:
             yield (
                 f"plant.inertia / plant.viscous = {constant:.3g} s: coasting to rest takes "
-                f"{SHORTEST_TIME_CONSTANT_S:g} to {LONGEST_TIME_CONSTANT_S:g} s with 1-DOF devices; one of both is wrong"
+                f"{SHORTEST_TIME_CONSTANT_S:g} to {LONGEST_TIME_CONSTANT_S:g} s with 1-DOF devices; one of the two is wrong"
             )
     limit = amplifier.peak_current or amplifier.continuous_current
     if not limit:

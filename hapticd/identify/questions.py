@@ -1,7 +1,6 @@
-"""What no measurement tells and a person must say: data-sheet values and limits. Answers become a config.
+"""Questions about data-sheet values and limits, which cannot be measured. The answers become a config.
 
-An answer is a number in the unit asked for, or a number with another unit of the same kind: data sheets print g cm², mN m/A
-and lines.
+An answer is a number in the given unit, or a number with another unit of the same quantity, such as g cm², mN m/A or lines.
 """
 
 from __future__ import annotations
@@ -42,19 +41,19 @@ _UNITS: Final[Mapping[str, tuple[str, ...]]] = {
     "rad/s": ("rad/s", "rpm", "deg/s"),
     "m/s": ("m/s", "mm/s"),
 }
-"""What is offered for an answer, by the unit of the schema; every unit of its kind is read."""
+"""Units that are suggested, by the unit of the schema; every unit of the same quantity is accepted."""
 
 
 @dataclass(frozen=True)
 class Question:
-    """One thing to ask; its unit is the schema's.
+    """One question; its unit is the schema's.
 
     Attributes:
-        key: name of the answer. text: what is asked.
-        place: dotted key of the config that takes the answer.
-        kind: ``rotary`` or ``linear`` for a question that only such a device has. driver: likewise, of a driver.
-        own_default: taken where nothing is said; None: the schema's default, which is a rotary device's.
-        choices: words, where it is none of the numbers.
+        key: name of the answer. text: of the question.
+        place: dotted key of the config that gets the answer.
+        kind: ``rotary`` or ``linear`` if the question is for such a device only. driver: likewise, for a driver.
+        own_default: default; None: the schema's default, which is for a rotary device.
+        choices: the possible answers, if they are words.
     """
 
     key: str
@@ -67,7 +66,7 @@ class Question:
 
     @property
     def default(self) -> Any:
-        """Taken where nothing is said."""
+        """The value if there is no answer."""
         return leaf_fields()[self.place].default if self.own_default is None else self.own_default
 
     @property
@@ -77,11 +76,11 @@ class Question:
 
     @property
     def units(self) -> tuple[str, ...]:
-        """Units that are offered."""
+        """Units that are suggested."""
         return _UNITS.get(self.unit, ())
 
     def applies(self, answers: Mapping[str, Any]) -> bool:
-        """Whether it is to be asked at all."""
+        """Whether the question applies, given other answers."""
         fits = not self.kind or answers.get("device") == self.kind
         return fits and (not self.driver or answers.get("driver") == self.driver)
 
@@ -92,13 +91,13 @@ class Question:
 
     @property
     def prompt(self) -> str:
-        """The question with unit or choices."""
+        """The question with its unit or choices."""
         inside = ", ".join(self.choices) or self.unit
         return f"{self.text} ({inside})" if inside else self.text
 
     @property
     def line(self) -> str:
-        """One line of the list."""
+        """Its line in the list of questions."""
         only = f", {self.kind or self.driver} only" if self.kind or self.driver else ""
         return f"{self.key:<20} {self.prompt} [{self.shown_default}]{only}"
 
@@ -169,14 +168,14 @@ QUESTIONS: Final[tuple[Question, ...]] = (
     Question("max_linear_speed", "How fast it may become", "safety.max_velocity", "linear", 2.0),
 )
 _BY_KEY: Final = {question.key: question for question in QUESTIONS}
-"""Of an answer in SI units: the product with a unit's factor has more, which nobody said."""
+"""Digits of an answer in SI units: the product with a unit's factor has more digits than the answer."""
 
 
 def read_answers(path: Path) -> Answers:
     """Answers from a YAML file, not yet checked.
 
     Raises:
-        ConfigError: it cannot be read, or holds no mapping.
+        ConfigError: it cannot be read, or is not a mapping.
     """
     data, problems = read_yaml(read_text(path, str(path)), str(path))
     if not problems and not isinstance(data, dict):
@@ -191,7 +190,7 @@ def answered(given: Mapping[str, Any], source: str) -> Answers:
     """Every question that applies, with its answer in SI units or its default.
 
     Raises:
-        ConfigError: an unknown key, or an answer that is none, all of them at once.
+        ConfigError: an unknown key or an invalid answer; all problems at once.
     """
     problems = []
     for key in given:
@@ -241,7 +240,7 @@ def _value(question: Question, said: Any) -> Any:
 
 
 def doubt_about(question: Question, value: Any) -> str:
-    """Why an answer on its own is hardly meant; empty where nothing is to be said."""
+    """Why an answer is implausible; empty if it is not."""
     if not question.kind or question.place.partition(".")[0] not in ("plant", "amplifier", "encoder"):
         return ""
     device = parse_config({"encoder": {"counts_per_metre": 1e5}} if question.kind == "linear" else {}, "answer")
@@ -253,13 +252,13 @@ def config_text(answers: Mapping[str, Any], said: Container[str] | None = None) 
     """A config from answers.
 
     Args:
-        answers: from `answered`. said: keys that were answered; a plant that nobody said is left to be measured. None: all.
+        answers: from `answered`. said: keys that were answered; plant values without an answer are omitted. None: all.
 
     Returns:
-        Its text, itself, and what is implausible in it.
+        Its text, the config, and warnings about implausible values.
 
     Raises:
-        ConfigError: the answers contradict each other or a limit of the schema.
+        ConfigError: answers contradict each other, or a limit of the schema.
     """
     sections: dict[str, dict[str, tuple[Any, str]]] = {}
     for question in QUESTIONS:

@@ -1,4 +1,4 @@
-"""What an identification found, as `hapticd identify --json` prints it."""
+"""The result of an identification, as `hapticd identify --json` prints it."""
 
 from __future__ import annotations
 
@@ -16,22 +16,22 @@ if TYPE_CHECKING:
 
 _FEWEST_DIGITS, _MOST_DIGITS = 4, 9
 UNCERTAIN = ("inertia", "viscous", "coulomb", "delay_s")
-"""What the operating point depends on, in the order of `Identified.deviations`."""
+"""The parameters of the operating point, in the order of `Identified.deviations`."""
 
 
 @dataclass(frozen=True)
 class Identified:
-    """A device as its recordings show it.
+    """The identified device.
 
     Attributes:
         inertia, viscous, coulomb, bias, delay: with 95 % intervals; `delay` from sample to motor current, in s.
         sign: 1, or −1 where the encoder counts against the torque.
-        deviations: (4,) standard deviations of `UNCERTAIN`: half-width over 1.96, so that a normal has the same interval.
-        correlation: (4, 4) of these.
-        current_gain: measured over commanded current; None where none was measured.
-        torque_constant: as taken. torque_constant_implied: by a known inertia; None without one.
-        declared_delay_s: what the config and its driver say of the delay.
-        runs: files. assumed: values that no measurement gives. warnings: what limits or contradicts the result.
+        deviations: (4,) standard deviations of `UNCERTAIN`: half width over 1.96, so that a normal has the same interval.
+        correlation: (4, 4) correlations of `UNCERTAIN`.
+        current_gain: measured over commanded current; None if no current was measured.
+        torque_constant: as assumed. torque_constant_implied: by a known inertia; None without one.
+        declared_delay_s: delay of config and driver.
+        runs: files. assumed: values that are not measured. warnings: what limits or contradicts the result.
     """
 
     inertia: Estimate
@@ -60,13 +60,13 @@ class Identified:
 
     @property
     def has_bias(self) -> bool:
-        """Whether the interval of the bias leaves out 0."""
+        """Whether the interval of the bias excludes 0."""
         low, high = self.bias.ci95
         return low > 0.0 or high < 0.0
 
     @property
     def further_delay_s(self) -> float:
-        """Delay beyond the declared one; 0 where the interval holds the declared one, or the device is faster."""
+        """Delay in addition to the declared one; 0 if the interval contains the declared one, or the delay is smaller."""
         return max(self.delay.value - self.declared_delay_s, 0.0) if self.delay.ci95[0] > self.declared_delay_s else 0.0
 
     @property

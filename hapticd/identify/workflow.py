@@ -1,8 +1,8 @@
-"""From recordings of one device to its plant model: sign, start, fit, intervals, and what was assumed.
+"""From recordings of one device to its plant model: sign, start, fit, intervals, and assumptions.
 
-Only ratios to the torque constant K_t can be measured from counts and currents: with twice the K_t the same motion has twice
-the inertia and friction. K_t comes from the data sheet. The operating point does not depend on it: a spring that is
-rendered through the same K_t is wrong by the same factor.
+From counts and currents only ratios to the torque constant K_t are identifiable: with twice the K_t, the same motion gives
+twice the inertia and friction. K_t comes from the data sheet. The operating point does not depend on it: the rendered spring
+uses the same K_t, so it is wrong by the same factor.
 """
 
 from __future__ import annotations
@@ -35,18 +35,18 @@ if TYPE_CHECKING:
     from hapticd.record import Run
 
 REPLACED = ("inertia_error", "viscous_friction", "coulomb_friction", "constant_bias", "transport_delay")
-"""Effects of the model that correct what is fitted here: the fit takes their place."""
+"""Effects of the model that correct fitted parameters: the fit replaces them."""
 _LIGHT = 1e-9
 _CLEAR_SIGN = 0.2
-"""Share of the driving torque by which the right sign of the encoder explains more than the wrong one."""
+"""The sign of the encoder is clear if it explains this share of the driving torque more than the other sign."""
 _SHORT_S = 1.2
-"""Seconds that tell of every parameter, below which intervals by parts of the recordings say nothing."""
+"""Effective duration [s] below which intervals by blocks are unreliable."""
 _POOR = 0.5
-"""Share of the driving torque that inertia and friction should explain."""
+"""Least share of the driving torque that inertia and friction should explain."""
 
 
 def load_any(path: str | Path, model: Config) -> Recording:
-    """Read a run for `identify`, whatever the plant of the model is.
+    """Read a run for `identify`, without checks against the model's plant.
 
     Raises:
         RunFileError, ConfigError, RecordingError: as `hapticd.gap.data.load_recording`.
@@ -55,12 +55,12 @@ def load_any(path: str | Path, model: Config) -> Recording:
 
 
 def readable(run: Run, model: Config) -> Recording:
-    """A run as `identify` takes it, whatever the plant of the model is.
+    """The recording of a run for `identify`, without checks against the model's plant.
 
     Raises:
         ConfigError, RecordingError: as `hapticd.gap.data.recording_of`.
     """
-    # The checks compare with the plant, which is what is not known; a plant without mass or friction passes them.
+    # The checks compare with the plant, which is unknown here; a plant with almost no inertia and friction passes them.
     recording = unchecked(run, model)
     check_recording(recording, _with_plant(model, *(_LIGHT * np.array([1.0, 0.0, 0.0]))))
     return recording
@@ -79,15 +79,15 @@ def identify(
     Args:
         recordings: of one device, from `load_any`.
         model: encoder, torque constant, effects and hand of the device; its inertia, frictions and delay are not used.
-        known_inertia: kg m² or kg, where it is known otherwise: tells what the torque constant must be.
+        known_inertia: inertia from another source, kg m² or kg; from it the torque constant is computed.
         progress: called with the fraction done.
 
     Raises:
-        RecordingError: nothing can be concluded from a recording, or one is there twice.
-        ValueError: no recording.
+            RecordingError: a recording is unusable, or given twice.
+            ValueError: no recording.
     """
     if not recordings:
-        raise ValueError("there is no recording to identify a device from")
+        raise ValueError("no recording to identify a device from")
     check_together(recordings)
     start = balance(recordings, model.amplifier.torque_constant)
     progress(0.1)
@@ -108,7 +108,7 @@ def identify(
 
 
 def identified_model(model: Config, result: Identified) -> Config:
-    """The model with the plant that was found, its uncertainty, and the encoder's right sign."""
+    """The model with the identified plant, its uncertainty, and the correct sign of the encoder."""
     data = model.model_dump()
     effects = [effect for effect in data["plant"]["effects"] if effect["name"] not in REPLACED]
     data["plant"] = {**plant_section(result), "effects": [*effects, *effects_found(result)]}
@@ -170,7 +170,7 @@ def _result(found: BaseFit, recordings: Sequence[Recording], model: Config, star
         bias=estimates["bias"],
         delay=estimates["delay_s"],
         sign=start.sign,
-        deviations=spread[index] * found.reach / float(norm.isf(0.025)),
+        deviations=spread[index] * found.coverage_factor / float(norm.isf(0.025)),
         correlation=correlation[np.ix_(index, index)],
         torque_constant=model.amplifier.torque_constant,
         declared_delay_s=declared,
@@ -197,18 +197,18 @@ def _assumed(model: Config) -> list[str]:
         f"amplifier.torque_constant = {model.amplifier.torque_constant:g} {unit}: inertia, frictions and bias are "
         "proportional to it; the operating point is not, since the spring is rendered through the same constant",
         f"the encoder's {resolution}",
-        "the recorded current is the command; a delay of the recording itself is not told from the device's",
-        "Coulomb friction is the same in both directions and at all speeds; hapticd gap says whether more is at work",
+        "the recorded current is the command; a delay of the recording itself is not distinguished from the device's",
+        "Coulomb friction is the same in both directions and at all speeds; hapticd gap finds other effects",
     ]
     if kept := [effect.name for effect in model.plant.effects if effect.name not in REPLACED]:
-        found.append(f"the effects of the model as they stand: {', '.join(kept)}")
+        found.append(f"the effects of the model, unchanged: {', '.join(kept)}")
     if any((model.hand.inertia, model.hand.damping, model.hand.stiffness)):
         found.append("the hand of the model, which is not part of the device")
     return found
 
 
 def _implied(result: Identified, known_inertia: float) -> Estimate:
-    """K_t in proportion: the fit knows J/K_t alone."""
+    """K_t from a known inertia: the fit determines J/K_t only."""
     J = result.inertia
     value, low, high = (result.torque_constant * known_inertia / j for j in (J.value, J.ci95[1], J.ci95[0]))
     return Estimate(value, (low, high), "N/A" if result.is_linear else "N m/A")
@@ -216,11 +216,10 @@ def _implied(result: Identified, known_inertia: float) -> Estimate:
 
 def _doubts(found: BaseFit, start: Balance, result: Identified) -> list[str]:
     doubts = []
-    if found.telling_s < _SHORT_S:
+    if found.effective_s < _SHORT_S:
         doubts.append(
-            f"nearly all that the recordings tell comes from {found.telling_s:.1f} s: too little to know how sure it is; "
-            "the intervals may leave out the truth, first of all those of delay and viscous friction; record an experiment, "
-            "such as hapticd excite"
+            f"nearly all information comes from {found.effective_s:.1f} s of the recordings: too little for reliable "
+            "intervals, above all those of delay and viscous friction; record an experiment, such as hapticd excite"
         )
     if start.explained - start.explained_other_sign < _CLEAR_SIGN:
         doubts.append(
@@ -229,28 +228,28 @@ def _doubts(found: BaseFit, start: Balance, result: Identified) -> list[str]:
         )
     if start.explained < _POOR:
         doubts.append(
-            f"inertia and friction explain only {100 * start.explained:.0f} % of the driving torque: something else moves "
+            f"inertia and friction explain only {100 * start.explained:.0f} % of the driving torque: another force moves "
             "the shaft; hapticd gap may name it"
         )
     for name in ("viscous", "coulomb"):
         estimate = getattr(result, name)
         if estimate.ci95[0] == 0.0:
             doubts.append(
-                f"{name} friction is not told from 0 (at most {estimate.ci95[1]:.3g} {estimate.unit}); "
-                f"{'faster' if name == 'viscous' else 'slower'} motion would tell"
+                f"{name} friction is not distinguished from 0 (at most {estimate.ci95[1]:.3g} {estimate.unit}); "
+                f"record {'faster' if name == 'viscous' else 'slower'} motion to distinguish it"
             )
     if result.delay.ci95[1] < result.declared_delay_s:
         doubts.append(
-            f"the delay is {1e6 * result.delay.value:.0f} µs, less than the {1e6 * result.declared_delay_s:.0f} µs that "
-            "amplifier.bandwidth_hz and the driver declare; the config keeps the longer one"
+            f"the delay is {1e6 * result.delay.value:.0f} µs, less than the {1e6 * result.declared_delay_s:.0f} µs of "
+            "amplifier.bandwidth_hz and the driver; the config keeps the larger one"
         )
     gain = result.current_gain
     if gain is not None and abs(gain.value - 1.0) > 0.05 and not gain.ci95[0] <= 1.0 <= gain.ci95[1]:
         doubts.append(
-            f"the measured current is {gain.value:.3f} times the commanded one: a wrong scale of the amplifier makes "
-            "inertia, frictions and bias wrong by that factor"
+            f"the measured current is {gain.value:.3f} times the commanded one: if the amplifier's scale is wrong, inertia, "
+            "frictions and bias are wrong by that factor"
         )
     for term, value in zip(found.fit.terms, found.fit.u[-len(FITTED) :], strict=True):
         if term.slug not in ("viscous", "coulomb", "delay_s") and term.at_bounds([value]):
-            doubts.append(f"{term.slug} ran to the end of its range; the recording does not determine it")
+            doubts.append(f"{term.slug} is at the end of its range; it is not identifiable from these recordings")
     return doubts

@@ -191,7 +191,7 @@ def test_gap_finds_a_wrong_friction() -> None:
     assert found.validation.verdict == "better"
     errors = found.validation.errors["free_run"]
     assert errors["after"] < 0.1 * errors["before"]
-    with pytest.raises(RecordingError, match="what is fitted is no test of the model"):
+    with pytest.raises(RecordingError, match="a fitted recording is no test of the model"):
         hapticd.find_gap(measured, "re35", effects=["viscous_friction"], validate=measured)
 
 

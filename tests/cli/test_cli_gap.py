@@ -123,7 +123,7 @@ def test_a_recording_that_cannot_test_is_refused(hapticd: Run, recording: tuple[
     axis = tmp_path / "axis.arrow"
     assert hapticd("simulate", "mit_toolhandle", "--duration", "2", "--deflection", "20", "-o", str(axis)).code == 0
     for test, statement in (
-        (recording[0], "lab.csv and lab.csv are the same recording: name it once; what is fitted is no test"),
+        (recording[0], "lab.csv and lab.csv are the same recording: name it once; a fitted recording is no test"),
         (short, "s are too short; at least 1 s are needed"),
         (axis, "a run of a linear device (m, N), but the model is a rotary device (rad, N m)"),
         (tmp_path / "nothing.csv", "nothing.csv"),
@@ -148,7 +148,7 @@ def interrupted_in(number: int, monkeypatch: pytest.MonkeyPatch) -> None:
             raise KeyboardInterrupt
         return extensions(*words)
 
-    monkeypatch.setattr("hapticd.gap.choose.is_quiet", lambda fit: False)
+    monkeypatch.setattr("hapticd.gap.choose.is_at_noise_level", lambda fit: False)
     monkeypatch.setattr("hapticd.gap.choose.extensions", competing)
 
 
@@ -164,7 +164,7 @@ def test_an_interruption_keeps_what_was_named(
     assert document["interrupted"] is True
     assert load_config(tmp_path / "gap" / "model.yaml").plant.effects[0].name == "gravity"
     assert (
-        "Interrupted; missing from the model, as far as was searched: gravity"
+        "Interrupted; missing from the model, as far as the search went: gravity"
         in (tmp_path / "gap" / "report.html").read_text()
     )
 

@@ -16,7 +16,7 @@ from drivers import declared_latency
 from hapticd.client import Client
 from hapticd.config import Config, load_config
 from hapticd.gap import GapResult, find_gap
-from hapticd.gap.live import close_the_circle
+from hapticd.gap.live import find_gap_live
 from hapticd.gap.outputs import MODEL, document_of, write_outputs
 from hapticd.hil.compare import Comparison, compare, measured_trace, simulated_trace
 from hapticd.hil.daemon import DaemonProcess
@@ -98,7 +98,7 @@ def find_hidden_effect(
             released = _release(daemon.client, deflection, duration_s)
             say(f"the device: {released['outcome']}")
             bars = bar or (lambda label: nullcontext(lambda fraction: None))
-            result, _ = close_the_circle(daemon.client, model, first, analyse, say, bars)
+            result, _ = find_gap_live(daemon.client, model, first, analyse, say, bars)
     improved = load_config(folder / "gap" / MODEL)
     return Story(
         str(released["outcome"]),

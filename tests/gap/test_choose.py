@@ -20,7 +20,7 @@ from hapticd.gap.base_model import base_law, problem_of
 from hapticd.gap.candidates import both_signs, candidates, scale_of
 from hapticd.gap.choose import Search, needed_errors
 from hapticd.gap.kernel.ticks import WHITE
-from hapticd.gap.law_set import LawSet, evidence, is_better, is_quiet, scored
+from hapticd.gap.law_set import LawSet, evidence, is_at_noise_level, is_better, scored
 from hapticd.gap.nominal import nominal_fit
 from hapticd.gap.propose import extensions, finished
 from hapticd.gap.score import Score
@@ -107,22 +107,22 @@ def test_a_law_more_must_be_sure_and_close_a_share(
     biased: LawSet, corrected: LawSet, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     found = is_better(corrected, biased, 4.0)
-    assert (found.is_better, found.why) == (True, "it is sure, and less force is missing")
+    assert (found.is_better, found.why) == (True, "the evidence is sufficient, and less force is missing")
     assert found.left < 0.3
     assert found.errors == evidence(corrected, biased)[1]
-    assert is_better(corrected, biased, 1000.0).why == "it is not sure"
+    assert is_better(corrected, biased, 1000.0).why == "the evidence is not sufficient"
     monkeypatch.setattr(constants, "SHARE", 0.99)
     found = is_better(corrected, biased, 4.0)
-    assert (found.is_better, found.why) == (False, "as much force is missing")
+    assert (found.is_better, found.why) == (False, "as much force is missing as without it")
 
 
 def test_what_a_slow_torque_explains_as_well_is_not_better(hidden: Hidden) -> None:
     recording, model = hidden([], 3, 2.0 * SECONDS, Coloured(0.25, 0.2))
     problem = problem_of([recording], model)
-    poorer = scored(nominal_fit(problem))
-    richer = scored(poorer.fit.extended(base_law(problem, "coulomb_friction")).approach(5, 3).maximise())
-    assert not is_better(richer, poorer, 0.5).is_better
-    assert poorer.with_slow_disturbance.fit.noise_values()[3] > constants.SHORT_MEMORY_S
+    reduced = scored(nominal_fit(problem))
+    richer = scored(reduced.fit.extended(base_law(problem, "coulomb_friction")).approach(5, 3).maximise())
+    assert not is_better(richer, reduced, 0.5).is_better
+    assert reduced.with_slow_disturbance.fit.noise_values()[3] > constants.SHORT_CORRELATION_S
 
 
 def test_of_two_that_predict_as_well_the_simpler_one_is_better(biased: LawSet, corrected: LawSet) -> None:
@@ -135,15 +135,15 @@ def test_of_two_that_predict_as_well_the_simpler_one_is_better(biased: LawSet, c
 
 def test_only_a_device_at_its_least_noise_is_quiet(hidden: Hidden, biased: LawSet) -> None:
     recording, model = hidden([], 11, SECONDS)
-    assert is_quiet(nominal_fit(problem_of([recording], model)))
-    assert not is_quiet(biased.fit)
+    assert is_at_noise_level(nominal_fit(problem_of([recording], model)))
+    assert not is_at_noise_level(biased.fit)
 
 
 def test_a_model_by_which_nothing_moves_explains_nothing(biased: LawSet) -> None:
     heavy = term("flexible_coupling", {"f_r": 30.0, "load_share": 0.99, "damping": 0.3}, (), 0.1)
     stuck = scored(biased.fit.extended(heavy))
     assert stuck.power == math.inf
-    assert not is_quiet(stuck.fit)
+    assert not is_at_noise_level(stuck.fit)
     assert is_better(stuck, biased, 2.0).is_better is False
     assert is_better(replace(biased, held_out=biased.held_out + 1.0), stuck, 2.0).left == 0.0
 
@@ -222,7 +222,7 @@ def test_a_device_wrong_by_one_factor_in_all_is_the_model(hidden: Hidden) -> Non
     fit = fit.extended(term("torque_constant_error", {"r": 0.25}, (), 1.0))
     prior = 1.5 * (math.log(1.25) / constants.BASE_PRIOR) ** 2
     assert fit.log_likelihood + prior == pytest.approx(given.log_likelihood, abs=1e-3)
-    assert is_quiet(fit)
+    assert is_at_noise_level(fit)
 
 
 def test_the_step_of_a_converter_is_found_to_its_spike(hidden: Hidden) -> None:
@@ -365,7 +365,7 @@ def test_what_a_quarter_of_the_record_does_not_show_is_found_and_doubled(hidden:
     assert found.expected_gain == fit.extended(found.term).log_likelihood - fit.log_likelihood
     starts = list(CATALOGUE["encoder_eccentricity"].starts(scale_of(fit)))
     gains = []
-    for part in (fit, fit.on(fit.problem.first_look())):
+    for part in (fit, fit.on(fit.problem.subsample())):
         part.differentiate()
         gains.append(max(Score(part).along(term(found.slug, values, (), 0.1)).expected_gain for values in starts))
     assert found.expected_gain > 2.0 * gains[0] > 100.0 * gains[1]

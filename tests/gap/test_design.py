@@ -132,7 +132,7 @@ def test_twins_cannot_be_separated_and_the_plan_says_so(still: Recording) -> Non
     assert plan is not None
     assert plan["expected"] < 0.5
     assert (plan["experiment"], plan["file"]) == (None, None)
-    assert "are one device to every experiment" in plan["words"]
+    assert "no experiment within the limits distinguishes" in plan["words"]
     assert "prefer the simpler law, constant_bias" in plan["words"]
 
 
@@ -142,7 +142,7 @@ def test_where_nothing_may_move_the_simpler_law_is_preferred(still: Recording) -
     plan = next_experiment(held, gravity, open_between("gravity", bias), lambda share, what: None)
     assert plan is not None
     assert (plan["expected"], plan["experiment"]) == (None, None)
-    assert "No experiment that the limits admit" in plan["words"]
+    assert "No experiment within the limits" in plan["words"]
     assert "prefer the simpler law, constant_bias" in plan["words"]
 
 

@@ -14,7 +14,7 @@ import pytest
 from hapticd.gap import answer, find_gap, remainder
 from hapticd.gap.base_model import most_friction, problem_of
 from hapticd.gap.fit import Fit
-from hapticd.gap.law_set import is_quiet
+from hapticd.gap.law_set import is_at_noise_level
 from hapticd.gap.lines import lines
 from hapticd.gap.missing import missing_force, since_reversal
 from hapticd.gap.model_file import improved_model, with_effects
@@ -242,7 +242,7 @@ def test_a_current_that_meets_its_limit_in_one_swing_is_named(hidden: Hidden, se
     recording, nominal = hidden([{"name": "current_saturation", "i_max": limit}], seed, 6.0)
     met = np.flatnonzero(np.abs(recording.current) > limit) * recording.period_s
     assert np.ptp(met) < 0.5
-    assert not is_quiet(nominal_fit(problem_of([recording], nominal)))
+    assert not is_at_noise_level(nominal_fit(problem_of([recording], nominal)))
     result = find_gap([recording], nominal, design=False)
     assert (result.verdict, result.effects) == ("effect_found", ("current_saturation",)), result.statement
     (step,) = result.steps

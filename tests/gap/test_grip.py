@@ -62,7 +62,7 @@ def test_the_last_bit_does_not_decide_where_a_climb_ends(hidden: Callable[..., A
     present.differentiate()
     scale = scale_of(present)
     (first,) = grip.first_grip(Score(present), scale)
-    start = grip.settled(present.extended(first.term), 0, scale)
+    start = grip.refined(present.extended(first.term), 0, scale)
     random = np.random.default_rng(1)
     ends = []
     for rounding in np.repeat((1e-7, 1e-6, 1e-5, 1e-4), 2):
@@ -87,7 +87,7 @@ def test_a_grip_on_nothing_promises_little(hidden: Callable[..., Any]) -> None:
     present = nominal_fit(problem_of([recording], model))
     present.differentiate()
     (first,) = grip.first_grip(Score(present), scale_of(present))
-    settled = grip.settled(present.extended(first.term), 0, scale_of(present))
+    settled = grip.refined(present.extended(first.term), 0, scale_of(present))
     assert settled.log_likelihood - present.log_likelihood < 0.01 * present.out.size
     assert np.isfinite(settled.log_likelihood)
 
@@ -113,6 +113,6 @@ def test_no_grip_is_shorter_than_what_can_be_held_out(hidden: Callable[..., Any]
     present = nominal_fit(problem_of([recording], model))
     present.differentiate()
     (first,) = grip.first_grip(Score(present), scale_of(present))
-    fit = grip.settled(present.extended(first.term), 0, scale_of(present)).maximise()
+    fit = grip.refined(present.extended(first.term), 0, scale_of(present)).maximise()
     found = parameters_of_term(fit.terms[0], fit.u[fit.columns(0)])
     assert found["off_s"] - found["on_s"] >= 2.0 * SECONDS / present.problem.series.blocks - 1e-9

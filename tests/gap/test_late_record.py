@@ -125,7 +125,7 @@ def test_a_late_record_stays_near_where_it_was_found() -> None:
     """Without the laws beside which it was found a robot's joint had it at the end of its range, and nothing was named."""
     for slug in ("transport_delay", "amplifier_lag"):
         law = late_record.starts(slug, 1e-3)[2]
-        item = late_record.along(law)
+        item = late_record.record_term(law)
         (own,) = item.coordinates
         assert item.slug == late_record.SLUG
         assert (own.centre, own.prior) == (law.start[0], law.coordinates[0].scale)
@@ -137,4 +137,4 @@ def test_a_late_record_shows_no_timing_of_its_commands() -> None:
     slugs = ["stribeck", "dropped_samples", "amplifier_lag", "transport_delay", "current_saturation"]
     timing = {slug for slug in slugs if CATALOGUE[slug].acts_on == "timing"}
     assert timing >= {"dropped_samples", "transport_delay"}
-    assert late_record.untouched(slugs, law) == [slug for slug in slugs if slug not in timing]
+    assert late_record.identifiable(slugs, law) == [slug for slug in slugs if slug not in timing]

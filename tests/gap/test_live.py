@@ -12,7 +12,7 @@ import pytest
 from hapticd.client import Client
 from hapticd.config import parse_config
 from hapticd.gap import GapResult
-from hapticd.gap.live import LiveError, close_the_circle
+from hapticd.gap.live import LiveError, find_gap_live
 from hapticd.gap.result import GapNumbers, Remainder
 from hapticd.servo.experiment import Experiment
 
@@ -74,9 +74,7 @@ def circle(
         looks.append("+".join(recordings))
         return results.pop(0)
 
-    found, _ = close_the_circle(
-        cast(Client, daemon), MODEL, Experiment("steps", 0.1, 5.0), analyse, said.append, no_bar
-    )
+    found, _ = find_gap_live(cast(Client, daemon), MODEL, Experiment("steps", 0.1, 5.0), analyse, said.append, no_bar)
     return found, looks, said
 
 

@@ -192,7 +192,11 @@ def test_fmpy_is_named_where_it_is_missing(tmp_path: Path, monkeypatch: pytest.M
 
 @pytest.mark.parametrize(
     ("name", "why"),
-    [("no/such.fmu", "no such file"), ("text.fmu", "not a readable FMU"), ("text.fmu:phi=x", "names no variables")],
+    [
+        ("no/such.fmu", "no such file"),
+        ("text.fmu", "not a readable FMU"),
+        ("text.fmu:phi=x", "is not a list of variables"),
+    ],
 )
 def test_what_is_no_fmu_is_refused(name: str, why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("fmpy")

@@ -9,7 +9,7 @@ import time
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from hapticd.gap.parallel import each, go_on, one_blas_thread
+from hapticd.gap.parallel import check_cancelled, one_blas_thread, parallel_map
 
 
 def _blas_threads() -> set[int]:
@@ -26,14 +26,14 @@ def test_linear_algebra_has_one_thread_while_it_matters() -> None:
 
 
 def test_each_keeps_the_order() -> None:
-    assert each(lambda item: item**2, range(50)) == [item**2 for item in range(50)]
+    assert parallel_map(lambda item: item**2, range(50)) == [item**2 for item in range(50)]
 
 
 def test_each_within_each_stays_on_its_thread() -> None:
     def inner(item: int) -> list[tuple[int, int]]:
-        return each(lambda part: (item + part, threading.get_ident()), range(4))
+        return parallel_map(lambda part: (item + part, threading.get_ident()), range(4))
 
-    for number, found in enumerate(each(inner, range(8))):
+    for number, found in enumerate(parallel_map(inner, range(8))):
         assert [value for value, _ in found] == [number + part for part in range(4)]
         assert len({thread for _, thread in found}) == 1
 
@@ -43,7 +43,7 @@ def test_an_error_ends_what_the_others_are_at() -> None:
     done: list[int] = []
 
     def step(part: int) -> None:
-        go_on()
+        check_cancelled()
         time.sleep(0.01)
         done.append(part)
 
@@ -52,9 +52,9 @@ def test_an_error_ends_what_the_others_are_at() -> None:
             assert begun.wait(10.0)
             raise KeyboardInterrupt
         begun.set()
-        return each(step, range(500))
+        return parallel_map(step, range(500))
 
     if len(os.sched_getaffinity(0)) > 1:
         with pytest.raises(KeyboardInterrupt):
-            each(work, range(2))
+            parallel_map(work, range(2))
         assert 0 < len(done) < 500

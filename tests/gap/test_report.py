@@ -164,7 +164,7 @@ def test_how_sure_it_is_that_nothing_is_missing(nominal_run: Recording) -> None:
     ("change", "said"),
     [
         ({}, "hapticd gap RUN… --validate RUN"),
-        ({"verdict": "partly_explained", "remainder": Remainder(0.3, "", LEFT)}, "turns round often"),
+        ({"verdict": "partly_explained", "remainder": Remainder(0.3, "", LEFT)}, "reverses often"),
         ({"verdict": "no_missing_effect", "effects": (), "steps": ()}, "Keep the model"),
         ({"verdict": "ambiguous"}, "goes faster, slower and both ways"),
         ({"verdict": "ambiguous", "next_experiment": {"words": "Play a chirp."}}, "Play a chirp."),
@@ -209,8 +209,8 @@ def test_where_a_law_is_in_an_angle_all_turns_are_one() -> None:
         (4.82e-5, "48.2 µm"),
         (0.084709, "84.7 mm"),
         (1.7, "1.7 m"),
-        (float("inf"), "more than can be computed"),
-        (None, "more than can be computed"),
+        (float("inf"), "too large to compute"),
+        (None, "too large to compute"),
     ],
 )
 def test_a_magnitude_has_the_prefix_that_suits_it(value: float | None, said: str) -> None:
@@ -226,9 +226,9 @@ def test_bad_timing_comes_before_the_figures(nominal_run: Recording) -> None:
 
 def test_what_was_found_before_an_interruption_says_so(nominal_run: Recording) -> None:
     text = first_screen(replace(FOUND, interrupted=True), nominal_run)
-    assert "Interrupted; missing from the model, as far as was searched: stribeck" in text
+    assert "Interrupted; missing from the model, as far as the search went: stribeck" in text
     nothing = first_screen(replace(FOUND, interrupted=True, effects=(), steps=()), nominal_run)
-    assert "as far as was searched: nothing" in nothing
+    assert "as far as the search went: nothing" in nothing
     assert "The search was interrupted." in nothing
 
 

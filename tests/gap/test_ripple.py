@@ -32,7 +32,7 @@ def test_orders_are_looked_for_again(hidden: Callable[..., Any], begun: list[int
     present = nominal_fit(problem_of([recording], model))
     values = {"orders": begun, "amplitudes": [3e-4] * len(begun), "phases": [0.0] * len(begun)}
     fit = present.extended(term(ripple.SLUG, values, ("orders",), 0.1)).maximise()
-    found, dearer = ripple.settled(fit, 0, scale_of(fit))
+    found, dearer = ripple.refined(fit, 0, scale_of(fit))
     orders = {order for _, order in found.terms[0].fixed}
     assert {7.0, 28.0} <= orders <= {7.0, 28.0, *begun}
     assert found.log_likelihood - dearer >= fit.log_likelihood

@@ -94,9 +94,9 @@ def test_a_sum_over_blocks_is_the_whole() -> None:
     assert series.per_block(values[:, 0])[3] == pytest.approx(values[series.block == 3, 0].sum())
 
 
-def test_a_thinned_record_has_whole_blocks_of_every_recording() -> None:
+def test_a_subsample_has_whole_blocks_of_every_recording() -> None:
     series = series_of([recording(8000), without(recording(8000), 6000, 6500)])
-    part = series.thinned(4)
+    part = series.subsample(4)
     kept = np.isin(series.block, [2, 7, 8, 13, 18])
     assert np.array_equal(part.cell, series.cell[kept])
     assert np.unique(part.recording).tolist() == [0, 1]
@@ -106,9 +106,9 @@ def test_a_thinned_record_has_whole_blocks_of_every_recording() -> None:
     assert part.begins.sum() == 4  # block 8 goes on where 7 ends
 
 
-def test_a_thinned_record_keeps_no_step_with_what_repeats_itself() -> None:
+def test_a_subsample_keeps_no_step_with_what_repeats_itself() -> None:
     series = series_of([recording(64_000)])
-    part = series.thinned(4)
+    part = series.subsample(4)
     phases = np.bincount((part.time_s // constants.BLOCK_S).astype(int) % 4)
     assert phases.min() > 0.9 * phases.max()
 

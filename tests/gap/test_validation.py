@@ -81,7 +81,7 @@ def _gappy(recording: Recording) -> Recording:
     [
         (
             lambda r: replace(r, name="copy"),
-            "synthetic and copy are the same recording: name it once; what is fitted is no test of the model",
+            "synthetic and copy are the same recording: name it once; a fitted recording is no test of the model",
         ),
         (_gappy, "gappy: no stretch without a gap is longer than 100 ms; nothing can be predicted"),
     ],
@@ -116,10 +116,10 @@ def _errors(k_step: tuple[float, float], free_run: tuple[float, float]) -> dict[
             (2.0, 1.0),
             (1.0, 2.0),
             "mixed",
-            "it has the evidence (7.5 standard errors here, from each sample to the next)",
+            "it has the evidence (7.5 standard errors here, one step ahead)",
         ),
         ((2.0, 1.0), (1.0, np.inf), "mixed", "better 50 ms ahead, and worse over the whole record"),
-        ((1.0, 2.0), (2.0, 1.0), "mixed", "a free run integrates any bias, so that it may be better by chance"),
+        ((1.0, 2.0), (2.0, 1.0), "mixed", "A free run integrates any bias, so it may be better by chance"),
         ((1.0, 2.0), (1.0, 2.0), "worse", "fit both recordings together before you rely on it"),
         ((1.0, 1.01), (2.0, 2.0), "same", "Both models predict it equally well"),
     ],

@@ -108,5 +108,5 @@ def test_no_recording_and_no_motion_are_refused() -> None:
     with pytest.raises(RecordingError, match="moves in too few samples"):
         identify([still], model())
     undriven = replace(recorded(), current=np.zeros_like(recorded().current))
-    with pytest.raises(RecordingError, match="no current flows"):
+    with pytest.raises(RecordingError, match="the current is 0 A"):
         identify([undriven], model())

@@ -95,7 +95,7 @@ def test_the_spring_may_stay() -> None:
 
 def test_a_shaft_that_never_moves_is_said_and_the_current_stays_below_the_continuous_one() -> None:
     daemon = FakeDaemon(break_away=1e3)
-    with pytest.raises(LiveError, match="nothing moves by 40 counts up to"):
+    with pytest.raises(LiveError, match="the shaft moves less than 40 counts up to"):
         recorded(daemon)
     assert CONFIG.amplifier.continuous_current is not None
     assert max(daemon.amplitudes) <= 0.8 * CONFIG.amplifier.continuous_current

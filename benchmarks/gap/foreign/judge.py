@@ -18,7 +18,7 @@ _MISSED = 0.1
 """Of the motor's torque; more is something that is missing."""
 _OTHER_INERTIA = math.log(1.2)
 """An inertia so far off is not right, whatever is named."""
-_ABOUT_ALL = "What is named depends on that"
+_ABOUT_ALL = "The named effects depend on that"
 _ABOUT_BASE = "Neither is sure"
 
 
