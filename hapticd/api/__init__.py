@@ -1,1 +1,1 @@
-"""What ``import hapticd`` offers, one module a subject; `hapticd` itself names all of it."""
+"""The functions of ``import hapticd``, one module per subject; `hapticd` itself exports all of them."""

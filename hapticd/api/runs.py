@@ -1,4 +1,4 @@
-"""Recordings: read one, look at one or two."""
+"""Recordings: read one, plot one or two."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def load(run: str | PathLike[str] | Run) -> Run:
         Its columns (SI units), metadata and events.
 
     Raises:
-        RunFileError: it is missing, empty or no run file, or lacks a column.
+        RunFileError: it is missing, empty, not a run file, or lacks a column.
     """
     return run if isinstance(run, Run) else read_run(find_run(run))
 
@@ -36,20 +36,20 @@ def plot(
     only: Sequence[str] | None = None,
     duration: float | None = None,
 ) -> Figure:
-    """Draw a run, or two over each other with their difference: the figure of ``hapticd plot``.
+    """Plot a run, or two runs and their difference: the figure of ``hapticd plot``.
 
     Args:
         run: as for `load`.
-        other: another run, drawn over it.
+        other: another run, plotted over it.
         only: some of ``trace phase spectrum energy lateness difference``; all that apply by default.
-        duration: only the first seconds after the spring was rendered, s.
+        duration: only this time from the start of rendering, s.
 
     Returns:
-        A matplotlib figure, which a notebook shows and ``savefig`` writes.
+        A matplotlib figure.
 
     Raises:
-        RunFileError: a run cannot be read or drawn, or two have no time or unit in common.
-        ValueError: no such panel.
+        RunFileError: a run cannot be read or plotted, or two runs have no time or unit in common.
+        ValueError: an unknown panel.
     """
     from hapticd.view import first_seconds, run_figure, signals
 

@@ -29,29 +29,29 @@ def simulate(
     seed: int | None = None,
     excitation: str | NDArray[np.float64] | None = None,
 ) -> Run:
-    """Simulate the running loop on the config's own device: the same machine code as in the daemon, exact between two ticks.
+    """Simulate the loop on the config's device, with the machine code of the daemon; the motion is exact between ticks.
 
     Args:
         config: a `Config`, nested mappings, a file, a preset's name; None for the simulated RE35 testbed.
         duration: virtual time, s; or text with a unit, ``"500ms"``.
-        deflection: begin at this deflection from the spring's origin, in coarse ticks; or ``"30deg"``, ``"2mm"``; 0 if None.
-        velocity: begin with this velocity, in coarse ticks per period; or ``"2rad/s"``, ``"60rpm"``; at rest if None.
+        deflection: initial deflection from the spring's origin, in coarse ticks; or ``"30deg"``, ``"2mm"``; 0 if None.
+        velocity: initial velocity, in coarse ticks per period; or ``"2rad/s"``, ``"60rpm"``; 0 if None.
         settings: dotted key to value, applied to the config.
         safety: apply the config's safety trips, as the daemon does.
-        seed: of everything random; ``dither.seed`` by default.
+        seed: of all random numbers; ``dither.seed`` by default.
         excitation: an identification experiment of this duration, by its name in ``hapticd excite --list``; or its table,
-            shape (2, rows), as `hapticd.servo.excitation.build` makes it.
+            shape (2, rows), from `hapticd.servo.excitation.build`.
 
     Returns:
-        Every tick as a recording has it, and beside it ``true_position`` (rad or m from the encoder's zero) and
-        ``true_velocity`` of the simulated device at that tick. ``metadata["simulation"]`` holds the outcome (monotone,
-        decaying, persistent, growing), the state at the end, and the fault if there was one.
+            Every tick with the columns of a recording, and ``true_position`` (rad or m from the encoder's zero) and
+            ``true_velocity`` of the simulated device. ``metadata["simulation"]`` has the outcome (monotone, decaying,
+            persistent, growing), the final state, and the fault if there was one.
 
     Raises:
-        ConfigError: anything wrong in the config.
-        UnitError: a unit that does not fit.
-        ValueError: a duration shorter than one period.
-        ExcitationError: no such experiment, or one beyond a limit of the config.
+            ConfigError: the config is invalid.
+            UnitError: a unit of another quantity.
+            ValueError: a duration shorter than one period.
+            ExcitationError: an unknown experiment, or one beyond a limit of the config.
     """
     resolved = config_of(config, settings)
     from hapticd.servo.simulate import simulate as run

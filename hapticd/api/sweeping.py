@@ -1,4 +1,4 @@
-"""One row for every combination of settings: the theory's numbers, and if asked what the simulation did."""
+"""A parameter sweep: one row per combination of settings, with results of the theory and, on request, of a simulation."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     Evaluate = Callable[[Config], Mapping[str, Any]]
 
 MOTION = ("deflection", "velocity")
-"""What can be swept beside the settings of the config."""
+"""What can be swept in addition to settings of the config."""
 _THEORY = ("mu", "beta", "sigma", "tau_d", "region", "verdict", "proven", "xi_dot_max", "velocity_limit")
 _UNITS = {
     "sigma": "coarse tick",
@@ -31,7 +31,7 @@ _UNITS = {
 
 
 _Point = tuple[Config, float | None, float | None, float | None, "Evaluate | None"]
-"""One combination, ready for `compute` anywhere: its arguments."""
+"""One combination: the arguments of `compute`."""
 
 
 def sweep(
@@ -47,31 +47,31 @@ def sweep(
     jobs: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> pd.DataFrame:
-    """Compute every combination of some settings, side by side on the cores of this machine or on a Dask cluster.
+    """Compute every combination of some settings, in parallel on this machine or on a Dask cluster.
 
     Args:
-        config: what the settings are applied to; as for `hapticd.check`.
-        values: dotted key to the values it takes, e.g. ``{"spring.stiffness": [0.01, 0.02], "servo.rate_hz": [500, 1000]}``;
-            also ``deflection`` and ``velocity``. The last key runs fastest.
-        deflection: release at rest from here, in coarse ticks or with a unit, at every combination.
+        config: to which the settings are applied; as for `hapticd.check`.
+        values: dotted key to its values, e.g. ``{"spring.stiffness": [0.01, 0.02], "servo.rate_hz": [500, 1000]}``;
+            also ``deflection`` and ``velocity``. The last key varies fastest.
+        deflection: release at rest from this deflection, in coarse ticks or with a unit, in every combination.
         velocity: pass the origin with this velocity, in coarse ticks per period or with a unit.
-        duration: simulate so long, s or with a unit; None asks the theory only.
-        function: what else to compute of each config: takes it, returns name to value for further columns. A cluster's
-            workers must be able to import or unpickle it.
+        duration: simulated time, s or with a unit; None for the theory only.
+        function: for further columns: takes a config, returns name to value. A cluster's workers must be able to import or
+            unpickle it.
         settings: dotted key to value, the same in every combination.
         client: a ``distributed.Client``, whose workers compute; they need hapticd. None for this machine.
-        jobs: processes on this machine; one a core by default, 1 stays in this one.
+        jobs: processes on this machine; by default one per core; 1 for no further process.
         progress: called with the fraction done.
 
     Returns:
-        A row a combination, in order: the swept values; ``mu beta sigma tau_d region verdict proven xi_dot_max
+        One row per combination, in order: the swept values; ``mu beta sigma tau_d region verdict proven xi_dot_max
         velocity_limit`` of `hapticd.check`; with a duration ``outcome final_position_ticks
-        final_velocity_ticks_per_period at_rest peak_current_A fault`` of `hapticd.simulate`; what ``function`` returned.
+        final_velocity_ticks_per_period at_rest peak_current_A fault`` of `hapticd.simulate`; the columns of ``function``.
         Units are in ``.attrs["units"]``.
 
     Raises:
-        ConfigError: an unknown key or a wrong value, before anything is computed.
-        UnitError: a unit that does not fit.
+        ConfigError: an unknown key or an invalid value, before anything is computed.
+        UnitError: a unit of another quantity.
         ValueError: nothing to sweep, a key without values, or both a deflection and a velocity.
     """
     import pandas as pd
@@ -122,10 +122,10 @@ def _point(
 
 
 def _computed(points: Sequence[_Point], client: Any, jobs: int | None) -> Iterator[dict[str, Any]]:
-    """The answers in the order of the points."""
+    """Results in the order of the points."""
     jobs = jobs or len(os.sched_getaffinity(0))
     if client is not None:
-        # pure=False: the same points may be asked again with another version of the code
+        # pure=False: the same points may be computed again with another version of the code
         futures = client.map(compute, *zip(*points, strict=True), pure=False)
         try:
             for future in futures:

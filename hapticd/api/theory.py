@@ -1,4 +1,4 @@
-"""What theory says of a config before anything moves."""
+"""Stability analysis of a config, without any motion."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Check:
-    """What theory says; ``print`` shows it as ``hapticd check`` does.
+    """Result of the stability analysis; ``print`` shows it as ``hapticd check`` does.
 
     Attributes:
         assessment: operating point, bounds, margins, limit cycle. changes: each alone makes an unstable motion stable.
-        guard: what the daemon's stability guard would do. warnings: what the theory leaves out here, limits that are off.
-        confidence: how sure the answer is, by ``plant.uncertainty``; None where the config has none.
-        assumed: keys of the device that the config does not say; nothing is proven of it then.
+        guard: what the daemon's stability guard would do. warnings: effects that the theory ignores, limits that are off.
+        confidence: probabilities from ``plant.uncertainty``; None if the config has none.
+        assumed: keys of the device that are missing in the config; then nothing is proven.
     """
 
     assessment: Assessment
@@ -41,7 +41,7 @@ class Check:
 
     @property
     def verdict(self) -> str:
-        """``stable``, ``depends`` (on the speed), ``buzzes``, ``unstable``, or ``undecided`` after all that was tried."""
+        """``stable``, ``depends`` (on the speed), ``buzzes``, ``unstable``, or ``undecided``."""
         return self.assessment.verdict
 
     @property
@@ -80,18 +80,18 @@ def check(
     velocity: float | str | None = None,
     settings: Mapping[str, Any] | None = None,
 ) -> Check:
-    """Ask the theory whether a spring is stable, why, and what would help.
+    """Analyse whether a spring is stable, why, and which change would help.
 
     Args:
         config: a `Config`, nested mappings, a file, a preset's name; None for the simulated RE35 testbed.
-        deflection: ask about a release at rest from here, in coarse ticks; or ``"30deg"``, ``"2mm"``.
-        velocity: ask about a motion through the origin at this speed, in coarse ticks per period; or ``"60rpm"``.
+        deflection: for a release at rest from this deflection, in coarse ticks; or ``"30deg"``, ``"2mm"``.
+        velocity: for a motion through the origin at this speed, in coarse ticks per period; or ``"60rpm"``.
         settings: dotted key to value, applied to the config.
 
     Raises:
-        ConfigError: anything wrong in the config. DriverConfigError: an option that its driver does not have.
-        UnitError: a unit that does not fit.
-        ValueError: both a deflection and a velocity, or numbers beyond what floating point can hold.
+        ConfigError: the config is invalid. DriverConfigError: an option that its driver does not have.
+        UnitError: a unit of another quantity.
+        ValueError: both a deflection and a velocity, or numbers beyond floating point.
     """
     from drivers import check_option_names, declared_latency
 
@@ -116,7 +116,7 @@ def check(
 
 
 def _asked_in(config: Config, deflection: float | str | None, velocity: float | str | None) -> Unit | None:
-    """The unit of the question; None for ticks, which have no name."""
+    """The unit of deflection or velocity; None for ticks."""
     for given, ticks in ((deflection, deflection_ticks), (velocity, velocity_ticks)):
         if isinstance(given, str) and (unit := split(given)[1]):
             return Unit(unit, ticks(f"1{unit}", config))

@@ -1,4 +1,4 @@
-"""Thin client of the control API over its Unix socket: what the command line and other programs talk to a daemon with.
+"""Client of the control API over its Unix socket, for the command line and other programs.
 
 >>> from hapticd.client import Client
 >>> client = Client("/run/hapticd/hapticd.sock")

@@ -1,7 +1,7 @@
-"""Client of the control API: sends `Endpoints` to the daemon's socket, and helps to run experiments.
+"""Client of the control API: sends requests for `Endpoints` to the daemon's socket, and helps to run experiments.
 
-Each request is a connection of its own: on a Unix socket that costs microseconds, nothing goes stale while nobody asks,
-and one client may be used from several threads. A stop goes through the stop channel first (`hapticd.client.stop_channel`).
+Each request opens a connection, which costs microseconds on a Unix socket; so no connection can become stale, and a client
+may be used by several threads. A stop uses the stop channel first (`hapticd.client.stop_channel`).
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ from hapticd.config.paths import find_socket
 from hapticd.control.endpoints import TEXT, Endpoint, Endpoints, JsonDict
 
 ANSWER_TIMEOUT_S = 30.0
-"""Opening a device or reading a new config can take seconds; everything else is answered in milliseconds."""
+"""Longest wait for an answer [s]: opening a device or reading a config can take seconds, all else milliseconds."""
 STOPPED_TIMEOUT_S = 5.0
-"""The same for a stop that has been obeyed: what is missing then is the report alone."""
+"""The same after a successful stop, when only the report is missing [s]."""
 DEADLINE, SENT = "Request-Deadline-Ns", "Request-Sent-Ns"
-"""Header of a command: CLOCK_MONOTONIC, which both sides share, in ns, after which nobody waits for it any more."""
+"""Headers of a command: its deadline, and the time of sending, as CLOCK_MONOTONIC in ns, which both sides share."""
 _QUEUE_POLL_S = 0.01
 
 
 class DaemonUnreachable(Exception):  # noqa: N818 - named as the public exit code is: "daemon not reachable"
-    """Nobody answers on the socket, or not in time; the text says where, why, and what to do."""
+    """No daemon answers on the socket, or not in time; the text says where, why, and what to do."""
 
 
 class StoppedUnanswered(DaemonUnreachable):
-    """A stop was obeyed, as the stop channel says, and the API did not answer; the text says both.
+    """A stop was executed, according to the stop channel, but the API did not answer; the text says both.
 
     Attributes:
         state: ``off`` or ``fault``, both at zero current.
@@ -49,14 +49,14 @@ class StoppedUnanswered(DaemonUnreachable):
 
 
 class RequestRefused(Exception):  # noqa: N818 - an answer, not an error of the program
-    """The daemon answered, and not with yes.
+    """The daemon refused the request, or failed to execute it.
 
     Attributes:
         status: HTTP status: 409 refused in this state, 422 wrong request or config, 502 device failure.
         code: short stable name of the reason.
-        message: sentence for people.
-        problems: one dict for each wrong setting, for code ``config``.
-        choice: ``reason``, ``remedies``, ``help`` and ``force`` of a refusal that leaves one; else empty.
+        message: sentence for the user.
+        problems: one dict for each invalid setting, for code ``config``.
+        choice: ``reason``, ``remedies``, ``help`` and ``force`` of a refusal with remedies; else empty.
     """
 
     def __init__(
@@ -76,17 +76,17 @@ class RequestRefused(Exception):  # noqa: N818 - an answer, not an error of the 
 
 
 class Client(Endpoints):
-    """Talks to the daemon on one socket. Every method of `Endpoints` returns the daemon's JSON reply as a dict.
+    """Client of the daemon on one socket. Every method of `Endpoints` returns the daemon's JSON reply as a dict.
 
     Args:
-        socket_path: the daemon's Unix socket. None looks for it as the command line does: ``$HAPTICD_SOCKET``, the user's
-            own daemon, the service.
-        timeout_s: how long to wait for an answer, s.
+        socket_path: the daemon's Unix socket. None: as the command line finds it: ``$HAPTICD_SOCKET``, the user's own
+            daemon, the service.
+        timeout_s: longest wait for an answer, s.
 
     Raises:
-        DaemonUnreachable: from every method, when nobody answers; from `stop` and `estop` its kind `StoppedUnanswered`, when
-            the current is zero and only the report is missing.
-        RequestRefused: from every method, when the daemon says no.
+        DaemonUnreachable: from every method, if no daemon answers; from `stop` and `estop` its subclass `StoppedUnanswered`,
+            if the current is zero and only the report is missing.
+        RequestRefused: from every method, if the daemon refuses.
     """
 
     def __init__(self, socket_path: str | Path | None = None, timeout_s: float = ANSWER_TIMEOUT_S) -> None:
@@ -119,7 +119,7 @@ class Client(Endpoints):
             time.sleep(interval_s)
 
     def send(self, endpoint: Endpoint, fields: JsonDict) -> Any:
-        """Ask for an endpoint and return its reply: a dict, or text."""
+        """Send a request to an endpoint and return its reply: a dict, or text."""
         if endpoint.queue in ("stop", "estop"):
             return self._halt(endpoint)
         return self._request(endpoint, fields, self.timeout_s)
@@ -151,7 +151,7 @@ class Client(Endpoints):
         except OSError as error:
             raise self._unreachable(error, timeout_s) from error
         try:
-            # Who is turned away at the door is told why, though nobody reads what he asks for.
+            # If the daemon refuses the connection, it sends the reason without reading the request.
             with contextlib.suppress(BrokenPipeError, ConnectionResetError):
                 connection.request(endpoint.method, endpoint.path, body, headers)
             reply = connection.getresponse()
@@ -162,7 +162,9 @@ class Client(Endpoints):
             message = f"the daemon on {self.socket_path} accepts requests and does not answer; look at its log"
             raise DaemonUnreachable(message) from error
         except (OSError, http.client.HTTPException) as error:
-            raise DaemonUnreachable(f"the daemon on {self.socket_path} went away without answering") from error
+            raise DaemonUnreachable(
+                f"the daemon on {self.socket_path} closed the connection without an answer"
+            ) from error
         finally:
             connection.close()
 
@@ -180,41 +182,41 @@ class Client(Endpoints):
         return answer
 
     def _unreachable(self, error: OSError, timeout_s: float) -> DaemonUnreachable:
-        """Why no connection can be had."""
+        """The error for a failed connection, with its reason."""
         path = self.socket_path
         if isinstance(error, FileNotFoundError):
             return _NotAsked(f"no daemon answers on {path}; start one with 'hapticd run'")
         if isinstance(error, ConnectionRefusedError):
-            left = "is left of one that has ended" if path.is_socket() else "is no socket"
+            left = "is left from one that has ended" if path.is_socket() else "is not a socket"
             return _NotAsked(f"no daemon answers on {path}, which {left}; start one with 'hapticd run'")
         if isinstance(error, PermissionError):
             owner = "one of its folders may not be entered"
             with contextlib.suppress(OSError):
                 found = path.stat()
                 owner = f"owner {found.st_uid}, group {found.st_gid}, mode {found.st_mode & 0o777:04o}"
-            return _NotAsked(f"no permission to talk to the daemon on {path} ({owner}); ask to be taken into its group")
+            return _NotAsked(f"no permission to use the daemon on {path} ({owner}); ask to be added to its group")
         if isinstance(error, BlockingIOError | TimeoutError):
             return DaemonUnreachable(
-                f"the daemon on {path} runs and has taken no connection for {timeout_s:g} s: it hangs, or is flooded"
+                f"the daemon on {path} runs but has accepted no connection for {timeout_s:g} s: it hangs, or is overloaded"
             )
-        return DaemonUnreachable(f"the daemon on {path} cannot be asked: {error.strerror or error}")
+        return DaemonUnreachable(f"cannot connect to the daemon on {path}: {error.strerror or error}")
 
 
 class _NotAsked(DaemonUnreachable):
-    """There is no daemon on that socket, or none that we may talk to."""
+    """No daemon on this socket, or no permission to use it."""
 
 
 @contextmanager
 def settings_for_a_while(client: Client, settings: Mapping[str, Any], force: bool = False) -> Iterator[None]:
-    """Apply live settings, and take them back at the end, however it comes.
+    """Apply live settings, and restore the previous ones at the end, also after an error.
 
     Args:
-        client: the daemon.
-        settings: dotted key to value; nothing is asked of the daemon where there is none.
-        force: override the stability guard. What was in force before comes back in any case.
+        client: of the daemon.
+        settings: dotted key to value; if empty, no request is sent.
+        force: override the stability guard, which never prevents the restoration.
 
     Raises:
-        RequestRefused: the daemon does not take them; none is in force then.
+        RequestRefused: the daemon refuses them; then none is applied.
     """
     if not settings:
         yield
@@ -230,13 +232,13 @@ def settings_for_a_while(client: Client, settings: Mapping[str, Any], force: boo
 
 @contextmanager
 def stop_on_interrupt(client: Client, say: Callable[[str], None]) -> Iterator[None]:
-    """Stop the daemon when interrupted: whoever presses Ctrl-C at a moving shaft wants it to stand still."""
+    """Send a stop to the daemon on an interrupt, because Ctrl-C must also stop a moving shaft."""
     try:
         yield
     except KeyboardInterrupt:
         try:
             client.stop()
-            say("the daemon was told to stop")
+            say("a stop was sent to the daemon")
         except StoppedUnanswered as stopped:
             say(str(stopped))
         raise
@@ -253,7 +255,7 @@ class _UnixConnection(http.client.HTTPConnection):
         """Connect to the socket file instead of a host.
 
         Raises:
-            BlockingIOError: the queue of those who want to connect has been full all the time.
+            BlockingIOError: the daemon's queue of connections is full.
         """
         deadline = time.monotonic() + self._timeout_s
         while True:
@@ -262,7 +264,7 @@ class _UnixConnection(http.client.HTTPConnection):
                 self.sock.settimeout(self._timeout_s)
                 self.sock.connect(os.fspath(self.path))
                 return
-            except BlockingIOError:  # a Unix socket does not wait for a place in the queue
+            except BlockingIOError:  # connect() does not wait for a place in the queue of a Unix socket
                 self.sock.close()
                 if time.monotonic() > deadline:
                     raise

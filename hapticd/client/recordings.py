@@ -1,4 +1,4 @@
-"""Where the daemon is, and where recordings are: the same answer for the command line and for programs."""
+"""Finds the daemon and recordings, in the same way for the command line and for programs."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from hapticd.client.client import Client, DaemonUnreachable, RequestRefused
 from hapticd.config import paths
 
 _LOOK_S = 0.5
-"""How long a daemon may take to say where it records; it is only asked on the way to something else."""
+"""Longest wait for the daemon's recording folder [s]."""
 
 
 def recording_folders(socket: str | Path | None = None) -> list[Path]:
-    """Folders in which recordings are looked for: the running daemon's, the user's own, the service's.
+    """Folders with recordings: the running daemon's, the user's own, the service's.
 
     Args:
-        socket: the daemon's socket; found as `Client` finds it by default.
+        socket: the daemon's socket; by default as for `Client`.
     """
     folders = []
     with contextlib.suppress(DaemonUnreachable, RequestRefused, KeyError):
@@ -27,7 +27,7 @@ def recording_folders(socket: str | Path | None = None) -> list[Path]:
 
 
 def find_run(name: str | os.PathLike[str], socket: str | Path | None = None) -> Path:
-    """The file that a run's name stands for: a path, ``@last``, ``@last~1``, or a name that 'hapticd runs' lists.
+    """The file of a run, given as a path, ``@last``, ``@last~1``, or a name in the list of 'hapticd runs'.
 
     Raises:
         RunFileError: there is no such recording.

@@ -4,17 +4,17 @@ from __future__ import annotations
 
 import re
 
-# prometheus_client's parser would lose comments and the numbers' text, and its writer sorts the labels.
+# Not with prometheus_client: its parser loses comments and the text of numbers, and its writer sorts the labels.
 _SAMPLE = re.compile(r"^([a-zA-Z_:][a-zA-Z0-9_:]*)(?:\{(.*)\})? (\S+)$", re.MULTILINE)
 
 
 def up(value: bool) -> str:
-    """The metric that says whether the daemon answered."""
+    """The metric of whether the daemon answered."""
     return f"# HELP hapticd_up 1 when the daemon answered\n# TYPE hapticd_up gauge\nhapticd_up {value:d}\n"
 
 
 def labelled(text: str, testbed: str | None) -> str:
-    """The text with a label ``testbed`` in front of every sample's own labels; unchanged for None."""
+    """The text with a label ``testbed`` before the labels of every sample; unchanged for None."""
     if testbed is None:
         return text
     value = testbed.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n")
@@ -27,5 +27,5 @@ def labelled(text: str, testbed: str | None) -> str:
 
 
 def samples(text: str) -> dict[str, float]:
-    """Each sample's value by its name with labels."""
+    """Name of each sample, with labels, to its value."""
     return {f"{name}{{{labels}}}" if labels else name: float(value) for name, labels, value in _SAMPLE.findall(text)}

@@ -1,4 +1,4 @@
-"""The configuration: schema with units and limits, loading with errors that help, presets.
+"""The configuration: schema with units and limits, loading, error texts, presets.
 
 See ``docs/reference/config.md`` for every key. Nothing here imports the compiled code.
 """

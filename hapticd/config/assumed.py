@@ -1,4 +1,4 @@
-"""What a config does not say of its own device, and what stands in its place: the simulated RE35's numbers."""
+"""Values that a config of a real device does not give, for which those of the simulated RE35 testbed are used."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ _OF_A_DEVICE = ("amplifier.torque_constant", *_PLANT)
 
 
 def assumed(config: Config) -> tuple[str, ...]:
-    """Dotted keys that nobody said; none for the simulated testbed, whose numbers the defaults are.
+    """Dotted keys of a device that are missing in its config; none for the simulated testbed, which the defaults describe.
 
-    A config is of another device where its driver is another than loopback, or its plant has another inertia.
+    A config describes another device if its driver is not loopback, or if it gives another inertia.
     """
     other = config.plant.inertia != leaf_fields()["plant.inertia"].default
     if config.driver.name == "loopback" and not other:
@@ -24,7 +24,7 @@ def assumed(config: Config) -> tuple[str, ...]:
 
 
 def assumed_text(config: Config) -> str:
-    """What is assumed, with values, in a sentence; empty where nothing is."""
+    """The assumed values in a sentence; empty if there are none."""
     keys = assumed(config)
     if not keys:
         return ""
@@ -33,6 +33,6 @@ def assumed_text(config: Config) -> str:
         section, _, name = key.partition(".")
         values.append(f"{key} = {yaml_value(getattr(getattr(config, section), name))} {unit_of(key, config.is_linear)}")
     return (
-        f"assumed, for the config does not say it: {', '.join(values)}, the simulated testbed's; nothing is proven of this "
-        "device until they are said: 'hapticd identify --live' measures the plant, a data sheet has the torque constant"
+        f"assumed, because the config does not give it: {', '.join(values)}, as in the simulated testbed; nothing is proven "
+        "for this device without them: 'hapticd identify --live' measures the plant, a data sheet has the torque constant"
     )

@@ -9,7 +9,7 @@ from hapticd.config.problems import Finding
 from hapticd.config.sections import Amplifier, Dither, Encoder, Safety, Servo, Spring
 
 MAX_LAG_PERIODS = 4000
-"""The plant's queue of commands on their way through the amplifier has room for this many periods."""
+"""Capacity of the plant's queue of delayed commands [periods]."""
 
 MAX_ORIGIN_COUNTS = 2**53
 """Counts up to here are exact in double precision."""
@@ -18,7 +18,7 @@ MAX_ORIGIN_COUNTS = 2**53
 def cross_findings(
     servo: Servo, spring: Spring, encoder: Encoder, dither: Dither, amplifier: Amplifier, safety: Safety
 ) -> Iterator[Finding]:
-    """What is wrong between keys that are each valid on their own."""
+    """Contradictions between keys that are each valid on their own."""
     yield from _origin(spring, encoder)
     yield from _dither(dither, servo, amplifier)
     yield from _velocity(spring, servo)
@@ -30,7 +30,7 @@ def cross_findings(
 def _clock(servo: Servo, safety: Safety) -> Iterator[Finding]:
     if servo.clock == "sync" and safety.missed_exchanges is None:
         message = (
-            "must be a number under servo.clock = sync: a producer that falls silent would be no fault, and no tick"
+            "must be a number with servo.clock = sync: otherwise a producer that stops would cause no tick and no fault"
         )
         involves = frozenset({"servo.clock", "safety.missed_exchanges"})
         yield Finding("safety.missed_exchanges", None, message, involves=involves)
@@ -89,9 +89,9 @@ def _lag(amplifier: Amplifier, servo: Servo) -> Iterator[Finding]:
     periods = amplifier.delay * servo.rate_hz
     if periods > MAX_LAG_PERIODS:
         slowest = amplifier.damping_ratio * servo.rate_hz / (pi * MAX_LAG_PERIODS)
-        # rounded upwards, so that the number in the message is itself allowed
+        # rounded up, so that the number in the message is valid
         message = (
-            f"is a lag of {periods:.6g} servo periods, and {MAX_LAG_PERIODS} is the most; "
+            f"is a lag of {periods:.6g} servo periods; must be at most {MAX_LAG_PERIODS}: "
             f"must be at least {1.001 * slowest:.4g} Hz, or 0 for no lag"
         )
         involves = frozenset({"amplifier.bandwidth_hz", "amplifier.damping_ratio", "servo.rate_hz"})

@@ -1,4 +1,4 @@
-"""A config's text with other values: comments, order and spelling of all else stay (ruamel.yaml's round trip)."""
+"""Edits values in the text of a config, and keeps its comments, order and spelling (round trip of ruamel.yaml)."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from hapticd.config.text import yaml_value
 from hapticd.config.writing import config_to_yaml
 
 _WIDTH: Final = 200
-"""Lists of numbers stay on one line."""
+"""Line width, so large that lists of numbers stay on one line."""
 _LISTED: Final = re.compile(r"^( *)effects:[^\n]*\n(?: *#[^\n]*\n)*( *)- ", re.MULTILINE)
-"""How far a text indents the entries of its list."""
+"""Finds the indentation of list entries in a text."""
 
 
 def text_of(source: str | None, model: Config) -> str:
-    """The YAML text of a model: its file or preset, or, where it came from a run, all that is no place of a host.
+    """The YAML text of a model: of its file or preset, or, if it is from a run, all keys except paths of the host.
 
     Raises:
         ConfigError: the file cannot be read.
@@ -61,21 +61,21 @@ class ConfigText:
             self.data = CommentedMap()
 
     def section(self, name: str) -> Any:
-        """A section, which is made if missing; in lines of its own, since comments have no place in a flow mapping."""
+        """A section, created if missing, in block style, because a flow mapping cannot have comments."""
         if self.data.get(name) is None:
             self.data[name] = CommentedMap()
         self.data[name].fa.set_block_style()
         return self.data[name]
 
     def put(self, section: str, key: str, value: object, remark: str = "") -> None:
-        """Set a key, with a remark after it."""
+        """Set a key, with a comment after it."""
         own = self.section(section)
         own[key] = value
         if remark:
             own.yaml_add_eol_comment(remark, key)
 
     def effects(self) -> Any:
-        """The entries of ``plant.effects``, an entry a line."""
+        """The entries of ``plant.effects``, one per line."""
         plant = self.section("plant")
         if plant.get("effects") is None:
             plant["effects"] = CommentedSeq()
@@ -93,7 +93,7 @@ class ConfigText:
         """The edited text.
 
         Raises:
-            ConfigError: it is no valid config.
+            ConfigError: it is not a valid config.
         """
         stream = io.StringIO()
         if "effects" in (self.data.get("plant") or {}) and not self.data["plant"]["effects"]:

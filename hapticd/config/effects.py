@@ -1,4 +1,4 @@
-"""The effects that a plant model lists, and their check against the catalogue."""
+"""The effects of a plant model, and their check against the catalogue."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class Effect(BaseModel):
 
 
 def checked_effects(effects: list[Any] | tuple[Any, ...]) -> tuple[dict[str, Any], ...]:
-    """Effects without findings in the form in which a configuration holds them: floats, and tuples of floats."""
+    """Valid effects in the form of a configuration: with floats, and tuples of floats."""
     return tuple({key: _plain(value) for key, value in _fields(effect).items()} for effect in effects)
 
 
@@ -41,7 +41,7 @@ def _fields(effect: Any) -> Mapping[str, Any]:
 
 
 def effect_findings(effects: object) -> Iterator[Finding]:
-    """What is wrong with the value of ``plant.effects``; keys are relative to it (``[0].name``)."""
+    """Problems of the value of ``plant.effects``; keys are relative to it (``[0].name``)."""
     if not isinstance(effects, list | tuple):
         yield Finding("", effects, "must be a list of effects, such as [{name: stribeck, s: 0.4, omega_s: 3}]")
         return
@@ -58,9 +58,7 @@ def effect_findings(effects: object) -> Iterator[Finding]:
         if slug in seen:
             yield Finding(f"{key}.name", slug, f"given twice, here and as plant.effects[{seen[slug]}]")
         elif other := next((other for other in seen if _exclude_each_other(slug, other)), None):
-            yield Finding(
-                f"{key}.name", slug, f"does not go with {other}, plant.effects[{seen[other]}]; give one of them"
-            )
+            yield Finding(f"{key}.name", slug, f"excludes {other}, plant.effects[{seen[other]}]; give one of them")
         seen.setdefault(slug, index)
         yield from _parameter_findings(key, slug, effect)
 

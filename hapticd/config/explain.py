@@ -1,4 +1,4 @@
-"""Pydantic's errors in the words of a configuration file: key path, value, limit, unit, nearest key."""
+"""Converts pydantic's errors to problems of a configuration: key path, value, limit, unit, nearest key."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _BOUNDS = {
 
 
 def explain(error: ValidationError, file: str, linear: bool) -> list[tuple[Problem, frozenset[str]]]:
-    """Problems of one validation, each with the other keys that it depends on."""
+    """Problems of a validation, each with the other keys that it depends on."""
     return [found for details in error.errors(include_url=False) for found in _explain(details, file, linear)]
 
 
@@ -52,7 +52,7 @@ def _explain(details: ErrorDetails, file: str, linear: bool) -> Iterator[tuple[P
 
 
 def unknown_key(key: str, file: str) -> Problem:
-    """The problem of a key that does not exist, with the key that was probably meant."""
+    """The problem of an unknown key, with the key that was probably meant."""
     nearest = nearest_key(key, valid_keys())
     section = key.rpartition(".")[0]
     siblings = [other for other in valid_keys() if other.rpartition(".")[0] == section]

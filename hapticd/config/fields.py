@@ -1,7 +1,7 @@
 """Building blocks of the schema: strict numbers, limits, and fields that carry their unit.
 
-Numbers are numbers: true, "5" and nan are refused. A *limit* takes 0 or null for "no limit" and holds None then; an
-*ideal* quantity (bandwidth, DAC bits) takes 0 or null for "ideal" and holds 0 then.
+true, "5" and nan are not numbers. A *limit* may be 0 or null for "no limit"; its value is then None. An *ideal* quantity
+(bandwidth, DAC bits) may be 0 or null for "ideal"; its value is then 0.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from hapticd.config.problems import Finding
 
 
 def findings_error(findings: Iterable[Finding]) -> PydanticCustomError:
-    """What a validator raises to report findings of its own."""
+    """The error that a validator raises to report findings."""
     return PydanticCustomError("findings", "wrong configuration", {"findings": list(findings)})
 
 
 SMALLEST, LARGEST = 1e-18, 1e18
-"""Of a physical quantity: no device is beyond, and theory takes powers and quotients of them, which must be finite."""
+"""Range of a physical quantity: no device is outside, and powers and quotients of quantities in it are finite."""
 MAGNITUDE = f"must be 0, or of {SMALLEST:g} to {LARGEST:g}"
 
 
 def is_quantity(number: float) -> bool:
-    """Whether a finite number may stand for a physical quantity."""
+    """Whether a finite number is in the range of a physical quantity, or 0."""
     return number == 0.0 or SMALLEST <= abs(number) <= LARGEST
 
 
@@ -58,7 +58,7 @@ def _whole(value: Any) -> int:
 
 
 def _or_null(read: Callable[[Any], float], held: float | None) -> BeforeValidator:
-    """A number, where 0 and null are the same."""
+    """A number, for which 0 and null are the same."""
     return BeforeValidator(lambda value: held if value is None else read(value) or held)
 
 
@@ -73,7 +73,7 @@ WholeLimit = Annotated[int | None, _or_null(_whole, None)]
 Ideal = Annotated[float, _or_null(_number, 0.0)]
 WholeIdeal = Annotated[int, _or_null(_whole, 0)]
 Off = BeforeValidator(_off)
-"""For fields with a choice ``off``, which YAML 1.1 reads as false."""
+"""For fields with the choice ``off``, which YAML 1.1 reads as false."""
 Flag = StrictBool
 Text = StrictStr
 
@@ -94,9 +94,9 @@ def quantity(
         default: default value; a callable is evaluated each time.
         meaning: one sentence for the reference, the JSON Schema and the help texts.
         unit: unit for a rotary device; empty for none.
-        linear: unit for a linear device where it differs.
-        zero: what 0 or null stands for ("no limit", "no lag"), for fields that take it.
-        linear_default: default for a linear device where it differs.
+        linear: unit for a linear device, if different.
+        zero: meaning of 0 or null ("no limit", "no lag"), for fields that allow it.
+        linear_default: default for a linear device, if different.
         constraints: ``ge``, ``gt``, ``le``, ``lt``.
     """
     named = {"unit": unit, "unit_linear": linear, "zero_or_null": zero, "default_linear": linear_default}
@@ -106,14 +106,14 @@ def quantity(
 
 
 class Section(BaseModel):
-    """One section of the configuration: frozen, and without room for unknown keys."""
+    """One section of the configuration: immutable, and without unknown keys."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     @model_validator(mode="before")
     @classmethod
     def _empty_sections(cls, data: Any) -> Any:
-        """A section whose keys are all commented out reads as null: it means the defaults."""
+        """A section whose keys are all commented out is null: use the defaults."""
         if not isinstance(data, Mapping):
             return data
         return {key: {} if value is None and key in cls.subsections() else value for key, value in data.items()}

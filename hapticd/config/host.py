@@ -18,7 +18,7 @@ from hapticd.config.problems import NO_VALUE, Finding
 
 
 def _number_as_text(value: Any) -> Any:
-    """A subject may be called 7; 07 is text to our reader of YAML already."""
+    """A subject may be called 7; 07 is already text in `hapticd.config.reading`."""
     return str(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
@@ -29,7 +29,7 @@ _SOCKET_BYTES = 107  # sun_path of Linux is 108 bytes with its terminating zero
 
 
 class Driver(Section):
-    """The driver of the encoder and the amplifier; a driver's own options stand beside its name."""
+    """The driver of encoder and amplifier; a driver's own options are next to its name."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -70,7 +70,7 @@ def _driver_findings(data: Mapping[Any, Any]) -> Iterator[Finding]:
 
 
 def _option_findings(key: str, value: Any) -> Iterator[Finding]:
-    """Options are plain data, so that every configuration can be written, sent and digested."""
+    """Options must be plain data, so that every configuration can be written, sent and hashed."""
     if isinstance(value, Mapping):
         for name, item in value.items():
             yield from _option_findings(f"{key}.{name}", item)
@@ -120,29 +120,27 @@ class Record(Section):
 
     directory: Annotated[Text, _default_if_null(default_directory), AfterValidator(_path)] = quantity(
         default_directory,
-        "Where run files go; null: $STATE_DIRECTORY/runs in a service, else $XDG_STATE_HOME/hapticd/runs",
+        "Folder of the run files; null: $STATE_DIRECTORY/runs in a service, else $XDG_STATE_HOME/hapticd/runs",
     )
     flight_directory: Annotated[Text, AfterValidator(_path)] | None = quantity(
         None,
-        "Where the flight recorder lies, which outlives a crash; null: in memory ($RUNTIME_DIRECTORY, $XDG_RUNTIME_DIR, "
-        "/dev/shm). On a disk it may outlive a power cut, too, but the servo thread may wait for the disk",
+        "Folder of the flight recorder, which survives a crash; null: in memory ($RUNTIME_DIRECTORY, $XDG_RUNTIME_DIR, "
+        "/dev/shm). On a disk it may survive a power cut, but the servo thread may wait for the disk",
     )
     enabled: Flag = quantity(
         True, "Record every run from start to stop; false: only on request (`hapticd record start`), and on a fault"
     )
     keep: WholeLimit = quantity(
         None,
-        "Largest size of all run files in the directory together; beyond it the oldest are removed, never one that is being "
-        "recorded or that a fault of the last day has left",
+        "Largest total size of the run files in the directory; beyond it the oldest are removed, except one that is being "
+        "recorded, or is of a fault in the last day",
         "bytes",
         zero="all are kept",
         ge=0,
         le=10**15,
     )
-    subject: Label = quantity(
-        None, "Who or what the next recordings are of; in each of them, and a filter of `hapticd runs`"
-    )
-    condition: Label = quantity(None, "Under which condition of an experiment; the same")
+    subject: Label = quantity(None, "Subject of the next recordings: stored in each, and a filter of `hapticd runs`")
+    condition: Label = quantity(None, "Condition of the experiment; likewise")
 
 
 class Api(Section):
@@ -157,6 +155,6 @@ class Api(Section):
     group: Text | None = quantity(None, "Group that owns the socket and may command the motor; null: the daemon's own")
     watch_group: Text | None = quantity(
         None,
-        "Group that may only look: status, config, metrics, stream; null: whoever may write to the socket has control. "
-        "Where it is set, the kernel tells the daemon each caller's groups, and mode is 0666",
+        "Group that may only read: status, config, metrics, stream; null: whoever may write to the socket has control. "
+        "If it is set, the daemon checks each caller's groups, and mode is 0666",
     )

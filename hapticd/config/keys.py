@@ -1,4 +1,4 @@
-"""The dotted keys of a configuration: which there are, their units, and which may change while the loop runs."""
+"""The dotted keys of a configuration, their units, and whether they may change while the loop runs."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _LIVE = (
     "record.subject",
     "record.condition",
 )
-_FIXED = ("safety.enable",)  # the device is opened with or without its input
+_FIXED = ("safety.enable",)  # the device is opened with or without its enable input
 
 
 @cache
 def leaf_fields() -> dict[str, FieldInfo]:
-    """Every dotted key that holds a value, in the order of the schema."""
+    """Every dotted key with a value, in the order of the schema."""
     return {key: found for key, found in _walk(Config, "") if isinstance(found, FieldInfo)}
 
 
 @cache
 def section_models() -> dict[str, type[Section]]:
-    """Every dotted key that holds a section."""
+    """Every dotted key of a section."""
     return {key: found for key, found in _walk(Config, "") if not isinstance(found, FieldInfo)}
 
 
@@ -56,7 +56,7 @@ def extra_text(field: FieldInfo, name: str) -> str:
 
 
 def unit_of(key: str, linear: bool = False) -> str:
-    """Unit of a dotted key, for a rotary or a linear device; empty for a number without one and for other values."""
+    """Unit of a dotted key, for a rotary or a linear device; empty if it has none."""
     field = leaf_fields().get(key)
     if field is None:
         return ""
@@ -68,4 +68,4 @@ LIVE_KEYS: frozenset[str] = frozenset(
     for key in leaf_fields()
     if key not in _FIXED and any(key == live or key.startswith(f"{live}.") for live in _LIVE)
 )
-"""Dotted keys that may change while the loop runs; everything else needs a restart."""
+"""Dotted keys that may change while the loop runs; other keys need a restart."""

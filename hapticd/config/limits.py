@@ -1,4 +1,4 @@
-"""Which limits of a configuration are none: 0, -0 and null all mean that."""
+"""Limits of a configuration that are off: 0, -0 and null all mean no limit."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def limits_off(config: Config) -> list[str]:
     """Dotted keys of the limits on motor and motion that are off, in the order of the schema."""
-    # What is ideal at 0 (no lag, no quantisation) holds 0, a limit that is none holds None.
+    # An ideal quantity (no lag, no quantisation) is 0, a limit that is off is None.
     return [
         key
         for key, field in leaf_fields().items()
@@ -24,5 +24,5 @@ def limits_off(config: Config) -> list[str]:
 
 
 def limits_text(off: list[str]) -> str:
-    """A sentence about them."""
+    """The end of a sentence about them."""
     return f"off, since 0 and null mean none: {', '.join(off)}"

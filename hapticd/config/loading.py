@@ -1,6 +1,6 @@
 """From a YAML file, a preset, plain data or single settings to a validated configuration.
 
-Every door ends in :func:`parse_config`, which reports all problems at once.
+All of them use :func:`parse_config`, which reports all problems at once.
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from hapticd.config.text import shown
 from hapticd.config.version import take_version
 
 _OTHER_KIND = (
-    "a setting cannot turn a rotary device into a linear one or back; its other numbers would keep their old units"
+    "a setting cannot change a rotary device to a linear one or back; other numbers would keep their old units"
 )
 _EMPTY = "is empty; write {} for the built-in defaults"
 
 ConfigSource = Config | Mapping[str, Any] | str | PathLike[str] | None
-"""What a caller may have: a configuration, plain data, a file's path or a preset's name; None for re35."""
+"""A configuration, plain data, a file's path or a preset's name; None for re35."""
 
 
 def load_config(source: str | Path | None = None) -> Config:
     """Load a configuration.
 
     Args:
-        source: a file's path, the name of a preset, or None for the built-in RE35 testbed. A :class:`~pathlib.Path`,
-            and a string with a slash or a suffix, is always a file.
+        source: a file's path, the name of a preset, or None for the built-in RE35 testbed. A :class:`~pathlib.Path`, or a
+            string with a slash or a suffix, is always a file.
 
     Raises:
-        ConfigError: with everything that is wrong.
+            ConfigError: with all problems.
     """
     if source is None:
         return parse_config({}, "built-in re35")
@@ -59,11 +59,11 @@ def config_of(source: ConfigSource = None, settings: Mapping[str, Any] | None = 
     """Resolve a configuration.
 
     Args:
-        source: a `Config`; nested mappings as a YAML file holds them; a file's path; the name of a preset; None for re35.
+        source: a `Config`; nested mappings as in a YAML file; a file's path; the name of a preset; None for re35.
         settings: dotted key to value, applied to it, e.g. ``{"spring.stiffness": 0.02}``.
 
     Raises:
-        ConfigError: with everything that is wrong.
+            ConfigError: with all problems.
     """
     if isinstance(source, Config):
         config = source
@@ -102,10 +102,10 @@ def parse_config(mapping: object, source_name: str) -> Config:
 
     Args:
         mapping: section name to mapping of keys; every key is optional.
-        source_name: what to call it in messages.
+        source_name: its name in messages.
 
     Raises:
-        ConfigError: with everything that is wrong.
+            ConfigError: with all problems.
     """
     config, problems = _validate(mapping, source_name)
     if config is None or problems:
@@ -119,12 +119,12 @@ def apply_settings(config: Config, settings: Mapping[str, object], source: str =
     Args:
         config: configuration to start from; unchanged.
         settings: dotted key to value; text is read as a YAML value ("500", "1e-3", "true", "null").
-        source: what to call the settings in messages.
+        source: name of the settings in messages.
 
     Raises:
-        ConfigError: unknown key, or a value that is wrong on its own or together with the others.
+            ConfigError: an unknown key, or a value that is invalid alone or with other values.
     """
-    data = config.model_dump(exclude_unset=True) | {"driver": config.driver.model_dump()}  # what nobody said stays so
+    data = config.model_dump(exclude_unset=True) | {"driver": config.driver.model_dump()}  # unset keys stay unset
     problems: list[Problem] = []
     for key, text in settings.items():
         if (refused := _unsettable(key, source)) is not None:
@@ -165,7 +165,7 @@ def _set(data: dict[str, Any], key: str, value: object) -> None:
 
 
 def _validate(mapping: object, source_name: str) -> tuple[Config | None, list[Problem]]:
-    """Validate, take out what is wrong, and validate again, so that checks between keys are reported in the same go."""
+    """Validate, remove invalid values, and validate again, so that checks between keys are also reported."""
     data = _plain(mapping)
     linear = isinstance(data, dict) and gives_linear_encoder(data)
     problems: list[Problem] = []
@@ -183,7 +183,7 @@ def _validate(mapping: object, source_name: str) -> tuple[Config | None, list[Pr
             problem for problem, involves in found if problem.key not in told and not _any_within(involves, wrong)
         ]
         wrong |= {problem.key for problem, _ in found} | {problem.nearest for problem, _ in found if problem.nearest}
-        if () in locations:  # the checks between sections come last, so nothing is left to be found
+        if () in locations:  # checks between sections come last, so there are no further problems
             return None, problems
         for location in locations:
             _remove(data, location)
@@ -194,7 +194,7 @@ def _any_within(keys: frozenset[str], wrong: set[str]) -> bool:
 
 
 def _plain(value: object) -> Any:
-    """Nested mappings and lists as dicts and lists of our own, from which wrong values can be taken out."""
+    """A copy of nested mappings and lists, from which invalid values can be removed."""
     if isinstance(value, Mapping):
         return {str(key): _plain(item) for key, item in value.items()}
     return [_plain(item) for item in value] if isinstance(value, list | tuple) else value

@@ -1,4 +1,4 @@
-"""The whole configuration, with the numbers that follow from it."""
+"""The whole configuration, with derived numbers."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Config(Section):
     @model_validator(mode="before")
     @classmethod
     def _linear_defaults(cls, data: Any) -> Any:
-        """400 rad/s and 10 rad would be no limits at all in m/s and m: a linear device has defaults of its own."""
+        """A linear device has its own default limits: 400 m/s and 10 m would be far too large."""
         if not isinstance(data, Mapping):
             return data
         safety = data.get("safety") or {}
@@ -64,12 +64,12 @@ class Config(Section):
 
     @property
     def count_speed(self) -> float:
-        """One raw count a period, in rad/s or m/s: a speed is known no finer from two successive samples."""
+        """One raw count per period, in rad/s or m/s: the resolution of a speed from two successive samples."""
         return self.encoder.raw_resolution * self.servo.rate_hz
 
     @property
     def is_linear(self) -> bool:
-        """True for a linear device (m, N), False for a rotary one (rad, N m)."""
+        """Whether the device is linear (m, N) or rotary (rad, N m)."""
         return self.encoder.counts_per_metre is not None
 
     @property

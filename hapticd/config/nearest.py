@@ -1,4 +1,4 @@
-"""The valid name a wrong one was probably meant to be."""
+"""The valid name that is most similar to an invalid one."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Iterable
 
 
 def nearest_name(name: str, valid: Iterable[str]) -> str | None:
-    """The closest of ``valid`` to ``name``, or None when nothing comes close."""
+    """The closest of ``valid`` to ``name``, or None if none is similar."""
     names = {candidate.lower(): candidate for candidate in valid}
     close = difflib.get_close_matches(name.lower(), names, n=1, cutoff=0.6)
     return names[close[0]] if close else None
@@ -16,8 +16,8 @@ def nearest_name(name: str, valid: Iterable[str]) -> str | None:
 def nearest_key(key: str, valid: Iterable[str]) -> str | None:
     """The closest of the dotted keys ``valid`` to the dotted key ``key``.
 
-    A misspelt key in the right section comes first, then the same word in another section, then a similar word
-    in another section.
+    A misspelt key in the right section has priority, then the same word in another section, then a similar word in
+    another section.
     """
     keys = list(valid)
     section, _, leaf = key.rpartition(".")

@@ -1,4 +1,4 @@
-"""Opening what somebody named: a regular file, and never a pipe that hangs or a device that does not end."""
+"""Opens a file that a user names: only a regular file, because reading a pipe or a device may never end."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ _KINDS = (
 
 
 def open_regular(path: str | Path) -> BinaryIO:
-    """Open a regular file to read; waits for nothing.
+    """Open a regular file for reading, without blocking.
 
     Raises:
         IsADirectoryError: it is a folder.
-        OSError: it cannot be opened; ``strerror`` says what it is where it is something else.
+        OSError: it cannot be opened, or is another kind of file, which ``strerror`` names.
     """
     descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     mode = os.fstat(descriptor).st_mode

@@ -1,4 +1,4 @@
-"""Default places of the control socket and of run files, from the environment (XDG base directories, systemd)."""
+"""Default paths of the control socket and of run files, from the environment (XDG base directories, systemd)."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def default_socket() -> str:
 
 
 def service_socket() -> Path:
-    """Where ``hapticd.service`` listens."""
+    """Control socket of ``hapticd.service``."""
     return _SERVICE_RUNTIME / "hapticd.sock"
 
 
@@ -32,9 +32,9 @@ def memory_folder() -> Path:
 
 
 def foreign(directory: Path) -> str | None:
-    """Why this user's folder in ``/tmp`` or ``/dev/shm`` must not be used; None: it is his, or not there, or another folder.
+    """Why this user's folder in ``/tmp`` or ``/dev/shm`` must not be used; None if it may be used.
 
-    Everybody may write there, so that somebody else may have made it first, and would replace what we put into it.
+    Every user may write to the parent, so another user may have created the folder, and could replace files in it.
     """
     if directory not in (_own_folder(_TEMPORARY), _own_folder(_SHARED_MEMORY)):
         return None
@@ -57,12 +57,12 @@ def _own_folder(place: Path) -> Path:
 
 
 def service_directory() -> Path:
-    """Where ``hapticd.service`` records."""
+    """Folder of the run files of ``hapticd.service``."""
     return Path("/var/lib/hapticd/runs")
 
 
 def find_socket() -> Path:
-    """The socket to look for a daemon on: ``$HAPTICD_SOCKET``, else the user's own, else the service's if it is there."""
+    """Socket of a running daemon: ``$HAPTICD_SOCKET``, else the user's own, else the service's if it exists."""
     if given := os.environ.get("HAPTICD_SOCKET"):
         return Path(given)
     own, service = Path(default_socket()), service_socket()
@@ -80,6 +80,6 @@ def default_directory() -> str:
 
 
 def _absolute(variable: str) -> Path | None:
-    """An absolute path from the environment; systemd separates several with colons, and the first is the unit's own."""
+    """An absolute path from the environment; of several, separated with colons by systemd, the first."""
     path = Path(os.environ.get(variable, "").split(":")[0])
     return path if path.is_absolute() else None

@@ -1,6 +1,6 @@
-"""What can be wrong with a configuration, and how it is said.
+"""Problems of a configuration, and their text.
 
-One line a problem: file, key path, value, then what is allowed with its unit, or the nearest valid key.
+One line per problem: file, key path, value, then what is allowed with its unit, or the nearest valid key.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ Limit = float | str | tuple[str, ...] | None
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing wrong with a configuration.
+    """One problem of a configuration.
 
     Attributes:
-        file: the file, preset or other source that holds it ("command line", "request").
-        key: dotted key path, as in ``servo.rate_hz``; empty when the whole source is meant.
-        value: the offending value as YAML text; None when the problem is not about a value.
+        file: the file, preset or other source ("command line", "request").
+        key: dotted key path, as in ``servo.rate_hz``; empty for the whole source.
+        value: the invalid value as YAML text; None if the problem is not about a value.
         message: what is wrong and what is allowed, in words.
-        limit: the bound that is violated, or the allowed names.
+        limit: the violated bound, or the allowed names.
         unit: unit of value and limit.
         nearest: the valid key or name that was probably meant.
     """
@@ -46,15 +46,15 @@ _LONGEST_KEY = 200
 
 
 def _one_line(name: str) -> str:
-    """Names of files and keys are the user's: control characters in them must not reach the terminal."""
+    """Escape control characters in names of files and keys, which come from the user, for the terminal."""
     return name if name.isprintable() else ascii(name)
 
 
 class ConfigError(Exception):
-    """A configuration that cannot be used; ``str()`` is the text for the user, one line a problem, the first twenty of them.
+    """An invalid configuration; ``str()`` is the text for the user, one line per problem, at most twenty.
 
     Attributes:
-        problems: everything that is wrong, never empty.
+        problems: all problems, never empty.
     """
 
     def __init__(self, problems: Iterable[Problem]) -> None:
@@ -66,14 +66,14 @@ class ConfigError(Exception):
 
 @dataclass(frozen=True)
 class Finding:
-    """A problem found inside a model's validator, before file and full key path are known.
+    """A problem found in a model's validator, where file and full key path are unknown.
 
     Attributes:
-        key: key path relative to the model that found it.
-        value: the offending value, or ``NO_VALUE``.
-        message: as in :class:`Problem`; limit and nearest alike.
-        involves: dotted keys that the finding depends on; when one of them is itself wrong, this is not reported.
-        unit: of value and limit, where the key is not one of the schema's own.
+        key: key path relative to the validated model.
+        value: the invalid value, or ``NO_VALUE``.
+        message: as in :class:`Problem`, also limit and nearest.
+        involves: dotted keys that the finding depends on; if one of them is invalid, the finding is not reported.
+        unit: of value and limit, if the key is not in the schema.
     """
 
     key: str

@@ -13,10 +13,10 @@ from hapticd.effects.catalogue import CATALOGUE
 
 
 def with_units(data: dict[str, Any], source: str, linear: bool) -> Iterator[Problem]:
-    """Put numbers in the place of texts that are numbers with a unit; what has a wrong unit is taken out, and told.
+    """Replace texts with a number and a unit by numbers; a value with a wrong unit is removed, and reported.
 
     Args:
-        data: nested dicts and lists, changed in place. source: what messages call it. linear: a linear device.
+        data: nested dicts and lists, changed in place. source: its name in messages. linear: a linear device.
     """
     for key in leaf_fields():
         *sections, leaf = key.split(".")
@@ -52,7 +52,7 @@ def _unit(key: str, data: dict[str, Any], linear: bool) -> str:
 def _convert(place: Any, at: Any, key: str, unit: str, source: str) -> Iterator[Problem]:
     text = place[at]
     try:
-        if not unit or not split(text)[1]:  # words, and numbers in quotes, are the schema's affair
+        if not unit or not split(text)[1]:  # words, and numbers in quotes, are checked by the schema
             return
     except UnitError:
         return

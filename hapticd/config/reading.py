@@ -1,7 +1,7 @@
-"""Strict reading of one YAML document: every oddity is reported with its line, nothing is guessed.
+"""Strict reading of one YAML document: every irregularity is reported with its line.
 
-YAML 1.1 as PyYAML reads it, with these differences: ``1e-3`` is a number; ``0660``, dates and ``1:30`` are text; a key
-given twice is an error instead of the last one winning; only plain data, no tags.
+YAML 1.1 as in PyYAML, with these differences: ``1e-3`` is a number; ``0660``, dates and ``1:30`` are text; a key that is
+given twice is an error; only plain data, no tags.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from hapticd.config.problems import ConfigError, Problem
 from hapticd.config.text import shown
 
 _MAX_BYTES = 1 << 18
-_MAX_VALUES = 20_000  # aliases of aliases can stand for more values than a machine can hold
+_MAX_VALUES = 20_000  # nested aliases can multiply values beyond the machine's memory
 _MAX_DEPTH = 50
 _MAX_WHOLE = 1 << 1024  # what no floating-point number can be; Python does not even print one of 4301 digits
 _PREFIX = "tag:yaml.org,2002:"
@@ -70,8 +70,8 @@ def read_yaml(text: str, name: str) -> tuple[object, list[Problem]]:
     """Parse one YAML document into plain Python data.
 
     Returns:
-        The data (None for an empty document), and the problems that do not keep it from being validated further: keys
-        given twice (the first one counts), keys that are not text, and tags.
+        The data (None for an empty document), and the problems after which validation can continue: keys given twice
+        (the first one counts), keys that are not text, and tags.
 
     Raises:
         ConfigError: not YAML, or more than one document.
@@ -97,7 +97,7 @@ def read_yaml(text: str, name: str) -> tuple[object, list[Problem]]:
 
 
 class _Converter:
-    """Nodes to plain data, keeping track of key path and line."""
+    """Converts nodes to plain data, with key path and line for messages."""
 
     def __init__(self, loader: _Loader, name: str) -> None:
         self.problems: list[Problem] = []
@@ -149,7 +149,7 @@ class _Converter:
         sources = value if isinstance(value, list) else [value]
         for source in sources:
             if not isinstance(source, dict):
-                self._note(path, f"line {node.start_mark.line + 1}: << takes a mapping")
+                self._note(path, f"line {node.start_mark.line + 1}: << needs a mapping")
                 continue
             for key, item in source.items():
                 merged.setdefault(key, item)
@@ -175,7 +175,7 @@ def _syntax_message(error: yaml.MarkedYAMLError) -> str:
     where = f"line {mark.line + 1}, column {mark.column + 1}: " if mark else ""
     problem = error.problem or error.context or "not valid YAML"
     if "'\\t'" in problem:
-        return f"{where}a tab; YAML is indented with spaces"
+        return f"{where}a tab; YAML must be indented with spaces"
     if "single document" in str(error.context):
         return f"{where}a second document starts here; one file holds one configuration"
     if problem.startswith("mapping values are not allowed"):

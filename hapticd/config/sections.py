@@ -35,7 +35,7 @@ _ROUNDED = 1e-3
 
 
 class Overrun(Section):
-    """What happens when a tick is not finished before the next one is due."""
+    """Policy for a tick that is not finished before the next one is due."""
 
     policy: Literal["skip", "hold", "fault"] = quantity(
         "skip",
@@ -44,9 +44,9 @@ class Overrun(Section):
     )
     fault_after: WholeLimit = quantity(
         50,
-        "Missed periods that are a fault while running; each tick in time makes up for one. 50 at 1 kHz are 0.05 s in which "
-        "the current stays as it was: a desktop without real-time scheduling is rarely so late, a process that was frozen "
-        "for 0.1 s is later, and a loop that misses more than half of its periods gets there, however short each freeze is",
+        "Missed periods that are a fault while running; each tick in time subtracts one. 50 at 1 kHz are 0.05 s with an "
+        "unchanged current. A desktop without real-time scheduling is rarely so late; a process that was frozen for 0.1 s "
+        "exceeds it, and so does a loop that misses more than half of its periods",
         "periods",
         zero="never",
         ge=0,
@@ -60,8 +60,8 @@ class Servo(Section):
     rate_hz: Number = quantity(1000.0, "Servo rate 1/T", "Hz", ge=1, le=20_000)
     clock: Literal["grid", "sync"] = quantity(
         "grid",
-        "What wakes the loop: grid: the machine's clock; sync: the SYNC of a producer on the CAN bus, whose period is "
-        "that of rate_hz",
+        "Clock of the loop: grid: the machine's clock; sync: the SYNC of a producer on the CAN bus, with the period of "
+        "rate_hz",
     )
     priority: Whole = quantity(80, "SCHED_FIFO priority of the servo thread", ge=1, le=99)
     cpu: Whole | None = quantity(None, "Processor the servo thread is bound to; null: any", ge=0, le=4095)
@@ -73,10 +73,10 @@ class Spring(Section):
     """The rendered virtual spring (eq. 2)."""
 
     stiffness: Number = quantity(0.012, "Stiffness K", "N m/rad", linear="N/m", ge=0)
-    damping: Number = quantity(0.0, "Virtual damping B, beside the spring", "N m s/rad", linear="N s/m", ge=0)
+    damping: Number = quantity(0.0, "Virtual damping B, in parallel with the spring", "N m s/rad", linear="N s/m", ge=0)
     velocity_estimate: Literal["difference", "low_pass"] = quantity(
         "difference",
-        "How the damping knows the velocity: difference: of the coarse positions over velocity_periods; low_pass: of the "
+        "Velocity estimate for the damping: difference: of the coarse positions over velocity_periods; low_pass: of the "
         "last two, through a first-order low-pass of velocity_cutoff_hz",
     )
     velocity_periods: Whole = quantity(
@@ -97,7 +97,7 @@ class Spring(Section):
 
 
 class Encoder(Section):
-    """The encoder; counts_per_metre in place of counts_per_rev makes the device a linear one."""
+    """The encoder; counts_per_metre instead of counts_per_rev makes the device linear."""
 
     counts_per_rev: Number | None = quantity(
         8192.0, "Counts per revolution of a rotary device", "counts/rev", ge=1, le=1e9
@@ -161,12 +161,12 @@ class Amplifier(Section):
     """The current amplifier and the motor winding; the torque constant and the limits are on the motor's data sheet."""
 
     torque_constant: Number = quantity(0.0292, "Torque (force) per current", "N m/A", linear="N/A", gt=0)
-    continuous_current: Limit = quantity(2.0, "Current that may flow for ever (I²t)", "A", zero="no limit", ge=0)
+    continuous_current: Limit = quantity(2.0, "Continuous current (I²t)", "A", zero="no limit", ge=0)
     peak_current: Limit = quantity(6.0, "Largest current; requests beyond it are clamped", "A", zero="no limit", ge=0)
     peak_time_s: Number = quantity(1.0, "Time for which the peak current may flow (I²t)", "s", gt=0, le=3600)
     bandwidth_hz: Ideal = quantity(
         3000.0,
-        "Bandwidth ω_A/2π of the current loop; regions and the criterion see the delay T_A = 2 δ_A/ω_A (eq. 5)",
+        "Bandwidth ω_A/2π of the current loop; regions and the criterion use the delay T_A = 2 δ_A/ω_A (eq. 5)",
         "Hz",
         zero="no lag",
         ge=0,
@@ -198,7 +198,7 @@ def _checked_effects(value: Any) -> Any:
 
 
 class Correlation(Section):
-    """Correlations of the errors of what is uncertain."""
+    """Correlations of the uncertain values."""
 
     inertia_viscous: Number = quantity(0.0, "Inertia and viscous friction", ge=-1, le=1)
     inertia_coulomb: Number = quantity(0.0, "Inertia and Coulomb friction", ge=-1, le=1)
@@ -209,21 +209,19 @@ class Correlation(Section):
 
 
 class Uncertainty(Section):
-    """Standard deviations of the plant's numbers and of the loop's delay, as hapticd identify writes them; 0: certain."""
+    """Standard deviations of the plant's parameters and the loop's delay, from hapticd identify; 0: exactly known."""
 
     inertia: Number = quantity(0.0, "Standard deviation of the inertia", "kg m²", linear="kg", ge=0)
     viscous: Number = quantity(0.0, "Standard deviation of the viscous friction", "N m s/rad", linear="N s/m", ge=0)
     coulomb: Number = quantity(0.0, "Standard deviation of the Coulomb friction", "N m", linear="N", ge=0)
     delay_s: Number = quantity(0.0, "Standard deviation of the delay from sample to current", "s", ge=0, le=1)
-    correlation: Correlation = quantity(Correlation, "Correlations of their errors")
+    correlation: Correlation = quantity(Correlation, "Their correlations")
 
     @model_validator(mode="after")
     def _possible(self) -> Uncertainty:
         correlated = any(self.correlation.model_dump().values())
         if correlated and (least := _least_eigenvalue(self.matrix)) < -_ROUNDED:
-            message = (
-                f"no errors can be correlated like this: the matrix has the eigenvalue {least:.3g}; must be at least 0"
-            )
+            message = f"this is no correlation matrix: it has the eigenvalue {least:.3g}; must be at least 0"
             raise findings_error([Finding("correlation", NO_VALUE, message, 0.0)])
         return self
 
@@ -242,7 +240,7 @@ class Uncertainty(Section):
 
     @property
     def is_known(self) -> bool:
-        """Whether anything is said to be uncertain."""
+        """Whether any uncertainty is given."""
         return any((self.inertia, self.viscous, self.coulomb, self.delay_s))
 
 
@@ -255,7 +253,7 @@ class Plant(Section):
     effects: Annotated[tuple[Effect, ...], BeforeValidator(_checked_effects)] = quantity(
         (), "Effects beyond the base model: a list of {name: slug, parameters}"
     )
-    uncertainty: Uncertainty = quantity(Uncertainty, "How well these numbers are known")
+    uncertainty: Uncertainty = quantity(Uncertainty, "Uncertainty of these values")
 
 
 class Hand(Section):
@@ -267,7 +265,7 @@ class Hand(Section):
 
 
 class Safety(Section):
-    """What trips the loop into a latched fault with zero current."""
+    """Limits that trip the loop into a latched fault with zero current."""
 
     max_velocity: Limit = quantity(
         400.0, "Largest speed", "rad/s", linear="m/s", linear_default=2.0, zero="no limit", ge=0
@@ -291,42 +289,42 @@ class Safety(Section):
     )
     enable: Flag = quantity(
         False,
-        "Whether the motor may move only for as long as a person holds the driver's enable input: released, it is a latched "
-        "fault. Not live",
+        "Whether the motor may move only while a person holds the driver's enable input; its release is a latched fault. "
+        "Not live",
     )
     heartbeat_timeout_s: Number = quantity(
-        0.5, "Silence of the supervisor after which the loop faults", "s", ge=0.2, le=10
+        0.5, "Time without a heartbeat of the supervisor after which the loop faults", "s", ge=0.2, le=10
     )
     current_mismatch: Limit = quantity(
         0.3,
-        "Largest difference between the current that the device measures, where it does, and the one commanded, as the "
-        "amplifier's model makes it; 10 % of that current are allowed besides",
+        "Largest difference between the measured current, if the device has one, and the commanded current after the "
+        "amplifier's model; 10 % of that current are added",
         "A",
         zero="not compared",
         ge=0,
     )
     current_mismatch_s: Number = quantity(
         0.1,
-        "Time for which every sample must be beyond that until it is a fault; three samples at least",
+        "Time in which every sample must exceed it to be a fault; at least three samples",
         "s",
         gt=0,
         le=10,
     )
     soft_start_s: Number = quantity(
         0.25,
-        "Time over which the force comes in where running begins, and passes over where the spring changes while it is "
-        "rendered; 0: at once. A release and an excitation begin at once",
+        "Time over which the force fades in at the start, and follows a change of the rendered spring; 0: at once. A "
+        "release and an excitation start at once",
         "s",
         ge=0,
         le=10,
     )
     guard: Annotated[Literal["refuse", "warn", "off"], Off] = quantity(
         "refuse",
-        "What becomes of a spring whose motion, says the theory, does not die out: refuse: not rendered unless forced; "
-        "warn: rendered, and said; off: not looked at",
+        "For a spring whose motion does not die out in theory: refuse: rendered only if forced; warn: rendered with a "
+        "warning; off: no check",
     )
     passivity: Annotated[Literal["off", "observe", "control"], Off] = quantity(
         "off",
-        "Passivity in the time domain: off: not looked at; observe: the loop books the energy that the rendered spring puts "
-        "out; control: it also adds the damping that dissipates what the spring had not stored",
+        "Time-domain passivity: off; observe: the loop computes the energy that the rendered spring generates; control: it "
+        "also adds the damping that dissipates this energy",
     )

@@ -1,6 +1,6 @@
 """YAML text of single values, for messages and for written configurations.
 
-Written so that YAML 1.1 and 1.2 readers agree: no bare ``1e-3`` (text in 1.1), no bare ``0660`` (octal in 1.1).
+Readers of YAML 1.1 and 1.2 give the same result: no bare ``1e-3`` (text in 1.1), no bare ``0660`` (octal in 1.1).
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ _RESERVED = frozenset({"true", "false", "yes", "no", "on", "off", "y", "n", "nul
 
 
 def plain_number(value: float) -> int | float:
-    """An integral float as an int, so that 1000.0 and 1000 are written, compared and digested alike."""
+    """An integral float as an int, so that 1000.0 and 1000 are written, compared and hashed alike."""
     return int(value) if value.is_integer() and abs(value) < 1e15 else value
 
 
 def significant(value: float, digits: int = 3) -> str:
-    """A number to so many digits, and never as ``1.3e+02``: 130, 0.0123, 2.5e-06."""
+    """A number with `digits` significant digits, and never as ``1.3e+02``: 130, 0.0123, 2.5e-06."""
     rounded = f"{value:.{digits}g}"
     return (
         f"{float(rounded):.0f}"
@@ -36,14 +36,14 @@ def significant(value: float, digits: int = 3) -> str:
 
 
 def decimal_comma(value: object) -> str | None:
-    """The number that was meant, where a text is one with a comma as its decimal sign; else None."""
+    """The number in a text with a decimal comma, written with a point; None for any other value."""
     if not isinstance(value, str) or not _DECIMAL_COMMA.fullmatch(value.strip()):
         return None
     return value.strip().replace(",", ".")
 
 
 def number_or_text(text: str) -> int | float | str:
-    """A finite number where a text reads as one, else the text."""
+    """A finite number if a text is one, else the text."""
     for kind in (int, float):
         with contextlib.suppress(ValueError):
             if math.isfinite(number := kind(text)):
@@ -95,7 +95,7 @@ def yaml_value(value: object) -> str:
 
 
 def legible(text: str, longest: int = 20_000) -> str:
-    """A text for a terminal: no control characters but the ends of lines, and not endless."""
+    """A text for a terminal: without control characters except line ends, and cut to `longest` characters."""
     cut = text if len(text) <= longest else f"{text[: longest - 1]}…"
     if all(line.isprintable() for line in cut.split("\n")):
         return cut
@@ -109,7 +109,7 @@ def shown(value: object, width: int = 60) -> str:
 
 
 def _clipped(value: object, width: int) -> object:
-    """The value without what would stand beyond so many characters: texts and lists may be huge, and aliases repeat them."""
+    """The value cut to about `width` characters: texts and lists may be huge, and aliases repeat them."""
     if isinstance(value, str):
         return value[:width]
     if isinstance(value, Mapping):

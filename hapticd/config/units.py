@@ -1,7 +1,7 @@
-"""Quantities as people write them: ``0.5rad``, ``30deg``, ``2mm``, ``10.3ticks``, ``3Nm/rad``, ``60 g cm²``, ``500ms``.
+"""Quantities with units: ``0.5rad``, ``30deg``, ``2mm``, ``10.3ticks``, ``3Nm/rad``, ``60 g cm²``, ``500ms``.
 
-One parser for every door: config files, ``set``, options, ``init``, the map of an import. A coarse tick means something else
-after every change of the decimation, an angle does not. A number without a unit keeps the meaning that its place states.
+One parser for config files, ``set``, options, ``init`` and import maps. The size of a coarse tick depends on the decimation,
+that of an angle does not. A number without a unit has the unit of its key or option.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ _Size = tuple[float, frozenset[tuple[str, int]]]
 
 
 class UnitError(ValueError):
-    """A quantity that cannot be read, or is of the wrong kind; the text says what would be right."""
+    """A quantity is invalid, or has a unit of another quantity; the text says what is valid."""
 
     @property
     def about(self) -> str:
@@ -132,7 +132,7 @@ def split(text: str) -> tuple[float, str]:
 
 
 def spelled(unit: str) -> str:
-    """A unit in this module's own spelling: ``Nm/°`` is ``N m/deg``, ``[µs]`` is ``us``; an unknown one stays what it is."""
+    """A unit in the spelling of this module: ``Nm/°`` is ``N m/deg``, ``[µs]`` is ``us``; an unknown unit is unchanged."""
     plain = unit.strip().strip("[]()").translate(_SIGNS)
     return "/".join(" ".join(_words(part)) for part in plain.split("/")) if plain else ""
 
@@ -173,15 +173,15 @@ def _atom(name: str) -> tuple[float, Mapping[str, int]] | None:
 
 
 def in_unit(text: str, unit: str, config: Config | None = None, *, bare: str = "") -> float:
-    """A quantity as a number of a unit, such as ``N m/rad``; a bare number is one already.
+    """Convert a quantity to a unit, such as ``N m/rad``.
 
     Args:
-        text: as it was written. unit: what is wanted.
-        config: of the device, whose encoder says how large ticks and counts are; without it they are units of their own.
-        bare: what a number without a unit is in; empty for `unit`.
+        text: the quantity. unit: of the result.
+        config: of the device, for the size of ticks and counts; without it they cannot be converted to rad or m.
+        bare: unit of a number without a unit; empty for `unit`.
 
     Raises:
-        UnitError: no finite number, an unknown unit, or one of another kind.
+        UnitError: no finite number, an unknown unit, or a unit of another quantity.
     """
     value, own = split(text)
     own = own or bare
@@ -195,12 +195,12 @@ def in_unit(text: str, unit: str, config: Config | None = None, *, bare: str = "
     if given is None:
         raise UnitError(f"{text!r}: unknown unit {own!r}; give it in {unit or 'no unit'}")
     if wanted is None or wanted[1] != given[1]:
-        raise UnitError(f"{text!r} is of another kind; give it in {unit or 'no unit'}")
+        raise UnitError(f"{text!r} is another quantity; give it in {unit or 'no unit'}")
     return float(f"{value * given[0] / wanted[0]:.{_DIGITS}g}")
 
 
 def _placed(size: _Size, config: Config) -> _Size:
-    """A size whose ticks and counts are rad or m of the device."""
+    """A unit with ticks and counts converted to rad or m of the device."""
     factor, dimensions = size[0], Counter(dict(size[1]))
     for name, place in zip(_OF_THE_ENCODER, (config.resolution, config.raw_resolution), strict=True):
         power = dimensions.pop(name, 0)
@@ -210,7 +210,7 @@ def _placed(size: _Size, config: Config) -> _Size:
 
 
 def deflection_ticks(asked: float | str, config: Config) -> float:
-    """A deflection in coarse ticks; a bare number is one in ticks already.
+    """A deflection in coarse ticks; a bare number is in ticks.
 
     Raises:
         UnitError: no number, an unknown unit, or an angle of a linear device (a length of a rotary one).
@@ -224,10 +224,10 @@ def deflection_ticks(asked: float | str, config: Config) -> float:
 
 
 def velocity_ticks(asked: float | str, config: Config) -> float:
-    """A velocity in coarse ticks per servo period; a bare number is one already.
+    """A velocity in coarse ticks per servo period; a bare number is in that unit.
 
     Raises:
-        UnitError: as in :func:`deflection_ticks`; or the unit is not a place per time.
+        UnitError: as in :func:`deflection_ticks`; or the unit is not a speed.
     """
     if not isinstance(asked, str):
         return asked
@@ -236,12 +236,12 @@ def velocity_ticks(asked: float | str, config: Config) -> float:
     times = {**TIME_UNITS, "period": config.period}
     if not slash or time not in times:
         per = ", ".join(times)
-        raise UnitError(f"{asked!r} is no velocity: write a place per time, such as 2 rad/s; times are {per}; or rpm")
+        raise UnitError(f"{asked!r} is not a velocity: write a unit such as rad/s or mm/s (times: {per}), or rpm")
     return value * _of_place(place, asked, config, per=time) / config.resolution * config.period / times[time]
 
 
 def seconds(asked: float | str) -> float:
-    """A duration in s, which is what a bare number is.
+    """A duration in s; a bare number is in s.
 
     Raises:
         UnitError: no number, or an unknown unit.
@@ -253,10 +253,10 @@ def seconds(asked: float | str) -> float:
 
 
 def amplitude(asked: float | str, config: Config, *, moves_origin: bool) -> float:
-    """Peak of an excitation in A, or in rad or m where it moves the spring's origin; a bare number is one already.
+    """Amplitude of an excitation in A, or in rad or m if it moves the spring's origin; a bare number is in that unit.
 
     Raises:
-        UnitError: as in :func:`deflection_ticks`; or a current where a place is wanted, and the other way round.
+        UnitError: as in :func:`deflection_ticks`; or a current instead of a position, or the reverse.
     """
     if not isinstance(asked, str):
         return asked
@@ -267,7 +267,7 @@ def amplitude(asked: float | str, config: Config, *, moves_origin: bool) -> floa
 
 
 def _of_place(unit: str, asked: str, config: Config, *, per: str = "") -> float:
-    """A unit of place in rad or m; `per` is the unit of time of a speed, which the message then speaks of."""
+    """Factor of a unit of position to rad or m; `per`: the unit of time, if it is part of a speed, for the message."""
     own, other = (LENGTH_UNITS, ANGLE_UNITS) if config.is_linear else (ANGLE_UNITS, LENGTH_UNITS)
     encoder = dict(zip(_OF_THE_ENCODER, (config.resolution, config.raw_resolution), strict=True))
     here = {**own, **encoder}

@@ -14,7 +14,7 @@ from hapticd.config.version import VERSION
 
 
 def config_to_yaml(config: Config, without: Collection[str] = ()) -> str:
-    """The whole configuration, `without` sections, as YAML with units as comments; reading it gives an equal one."""
+    """The whole configuration, `without` some sections, as YAML with units as comments; it reads back as an equal one."""
     data = config.model_dump(exclude=set(without))
     return "\n".join([f"version: {VERSION}", *_lines(data, "", "", config.is_linear)]) + "\n"
 
@@ -34,8 +34,8 @@ def _lines(data: Mapping[str, Any], prefix: str, indent: str, linear: bool) -> I
 def config_digest(config: Config) -> str:
     """First 12 hex digits of the SHA-256 of the configuration's canonical JSON.
 
-    The sections ``record`` and ``api`` are left out: they hold paths of one host and cannot change what the loop does,
-    so that equal runs on two machines carry equal digests.
+    The sections ``record`` and ``api`` are excluded: they have paths of one host and do not change the loop, so equal runs
+    on two machines have equal digests.
     """
     data = _canonical(config.model_dump(exclude={"record", "api"}))
     text = json.dumps(data, sort_keys=True, separators=(",", ":"), allow_nan=False)
@@ -53,7 +53,7 @@ def _canonical(value: Any) -> Any:
 
 
 def config_schema() -> dict[str, Any]:
-    """JSON Schema (2020-12) of a configuration; quantities carry ``unit`` (and ``unit_linear`` for linear devices)."""
+    """JSON Schema (2020-12) of a configuration; quantities have ``unit`` (and ``unit_linear`` for linear devices)."""
     schema = Config.model_json_schema()
     meaning = "Of the keys; a file without it is of version 1"
     schema["properties"] = {
@@ -67,7 +67,7 @@ def config_schema() -> dict[str, Any]:
 
 
 def _accepts_null(field: dict[str, Any]) -> dict[str, Any]:
-    """Null is accepted for an empty section, for an ideal quantity, and for a place that has a default of this host."""
+    """Accept null for an empty section, an ideal quantity, and a path with a default of this host."""
     if "$ref" in field:
         return {"anyOf": [{"$ref": field["$ref"]}, {"type": "null"}], "description": field["description"]}
     if "type" in field and ("zero_or_null" in field or "default" not in field):

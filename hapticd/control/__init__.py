@@ -1,1 +1,1 @@
-"""The control API as it is declared: every endpoint once, for the server, the client, the command line and the document."""
+"""The declaration of the control API: each endpoint once, for server, client, command line and OpenAPI document."""

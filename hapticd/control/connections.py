@@ -1,9 +1,8 @@
-"""How many connections a server holds, and for how long: the daemon's on its Unix socket and the scope's on TCP.
+"""Limits on the number and age of connections: of the daemon on its Unix socket, and of the scope on TCP.
 
-A connection costs a descriptor before anything is known of who has made it. So each request's head has a deadline, and
-connections are members of a crowd that has a limit; where one more comes, the oldest that is silent has to go: a newcomer is
-always served. Silent is who has sent nothing that is still to be read and whose requests are all answered; a stream that is
-being read is not.
+A connection uses a descriptor before its user is known. So the header of each request has a deadline, and connections share
+a limit. A new connection beyond the limit closes the oldest idle one, so a new one is always served. A connection is idle
+if it has no unread data and all its requests are answered; a stream with a reader is not idle.
 """
 
 from __future__ import annotations
@@ -17,17 +16,17 @@ from h11 import Request
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 HEAD_S: Final = 2.0
-"""From connecting, or from the first byte of a further request, to the end of its head."""
+"""Longest time from connecting, or from the first byte of a further request, to the end of its header [s]."""
 _UNREAD_S: Final = 0.1
 LEAVE: Final = "leave_crowd"
-"""In a request's state: a function without arguments, by which its connection leaves the crowd: whose it is, is known."""
+"""Key in a request's state: a function that exempts its connection from the limit, once its user is known."""
 
 
 class Crowd:
     """Connections that share a limit.
 
     Args:
-        limit: how many. Where none of them is silent, twice as many; beyond that the oldest has to go whatever it does.
+        limit: number of connections; twice as many if none is idle. Beyond that the oldest is closed in any case.
     """
 
     def __init__(self, limit: int) -> None:
@@ -38,7 +37,7 @@ class Crowd:
         return len(self._members)
 
     def join(self, newcomer: LimitedProtocol) -> None:
-        """Take in one more, in the place of another where there are enough."""
+        """Add a connection; beyond the limit, close another."""
         if len(self._members) >= self._limit:
             for member in [member for member in self._members if member.transport.is_closing()]:
                 self.leave(member)
@@ -53,39 +52,39 @@ class Crowd:
         self._members[newcomer] = None
 
     def leave(self, member: LimitedProtocol) -> None:
-        """Count it no more; nothing where it is none of them."""
+        """Remove a connection, if it is a member."""
         self._members.pop(member, None)
 
 
 class Crowds:
-    """A crowd for each user; a user's connections stand in nobody else's way."""
+    """A separate limit for each user, so that a user cannot block others."""
 
     def __init__(self) -> None:
         self._crowds: dict[Hashable, Crowd] = {}
 
     def of(self, user: Hashable, limit: int) -> Crowd:
-        """The crowd of a user, whose limit is that of its first member."""
+        """The crowd of a user, with the limit of its first member."""
         for empty in [found for found, crowd in self._crowds.items() if not len(crowd)]:
             del self._crowds[empty]
         return self._crowds.setdefault(user, Crowd(limit))
 
 
 class LimitedProtocol(H11Protocol):
-    """HTTP with a deadline for the head of each request, and a place in a crowd."""
+    """HTTP with a deadline for the header of each request, and a limit on connections."""
 
     _head_due: asyncio.TimerHandle | None = None
     _crowd: Crowd | None = None
 
     def crowd(self) -> Crowd | None:
-        """To which crowd this connection belongs, when it is made; None: it has been turned away and closed."""
+        """The crowd of a new connection; None if it was refused and closed."""
         raise NotImplementedError
 
     def is_silent(self) -> bool:
-        """Whether nobody waits for anything here."""
+        """Whether the connection is idle."""
         return not (self._is_answering() or self._has_unread())
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Begin to wait for a head."""
+        """Start to wait for a header."""
         super().connection_made(transport)
         self._crowd = self.crowd()
         if self._crowd is not None:
@@ -94,26 +93,26 @@ class LimitedProtocol(H11Protocol):
             self._expect_head(HEAD_S)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Leave room for another."""
+        """Leave the crowd."""
         self._head_came()
         self._leave()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """Wait for the rest of a further request's head, too."""
+        """Start the deadline of a further request's header."""
         super().data_received(data)
         if self._head_due is None and not self._is_answering() and self.transport.get_protocol() is self:
             self._expect_head(HEAD_S)
 
     def handle_events(self) -> None:
-        """See when a head is complete."""
+        """Detect a complete header."""
         before = self.cycle
         super().handle_events()
         if self.cycle is not before:
             self._head_came()
 
     def handle_websocket_upgrade(self, event: Request) -> None:
-        """From here on it is another protocol's."""
+        """Hand the connection over to the WebSocket protocol."""
         self._head_came()
         super().handle_websocket_upgrade(event)
 
@@ -126,7 +125,7 @@ class LimitedProtocol(H11Protocol):
         return cycle is not None and not cycle.response_complete
 
     def _has_unread(self) -> bool:
-        """Whether there is something that the event loop has not come to read yet, as the kernel says."""
+        """Whether the kernel has data that the event loop has not read yet."""
         poll = select.poll()
         try:
             poll.register(self.transport.get_extra_info("socket").fileno(), select.POLLIN)
@@ -144,7 +143,7 @@ class LimitedProtocol(H11Protocol):
 
     def _no_head(self) -> None:
         self._head_due = None
-        if self._has_unread():  # it came in time, and we were late
+        if self._has_unread():  # it arrived in time, but the event loop was late
             self._expect_head(_UNREAD_S)
         else:
             self.transport.abort()

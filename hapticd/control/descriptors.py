@@ -1,4 +1,4 @@
-"""Enough descriptors for a server, and few words where there are none left or where somebody sends nonsense."""
+"""Enough descriptors for a server, and rate-limited log messages if they run out or requests are malformed."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ from collections.abc import Callable
 from typing import Final
 
 MOST: Final = 65_536
-"""More than any limit on connections lets in; a table of descriptors costs memory."""
+"""Above all limits on connections; a larger table of descriptors would cost memory."""
 EVERY_S: Final = 10.0
 _SERVERS: Final = ("asyncio", "uvicorn.error")
 
 
 class Seldom(logging.Filter):
-    """Lets the same message of a logger pass once in a while, with how many were left out before it.
+    """Rate limit for repeated messages of a logger; a passed message has the number of suppressed ones.
 
-    asyncio writes a traceback for each connection that it cannot accept, a hundred in a row: the log would be the next thing
-    that runs full.
+    asyncio logs a traceback for each connection that it cannot accept, a hundred in a row, and would fill the disk.
 
     Args:
-        every_s: from one to the next, s. clock: s.
+        every_s: time between two equal messages, s. clock: s.
     """
 
     def __init__(self, every_s: float = EVERY_S, clock: Callable[[], float] = time.monotonic) -> None:
@@ -31,7 +30,7 @@ class Seldom(logging.Filter):
         self._left_out: dict[str, int] = {}
 
     def filter(self, record: logging.LogRecord) -> bool:
-        """Whether it passes."""
+        """Whether a record passes."""
         kind = f"{record.module}:{record.lineno}: {record.exc_info[0] if record.exc_info else ''}"
         now = self._clock()
         if now - self._passed.get(kind, float("-inf")) < self._every_s:
@@ -44,12 +43,12 @@ class Seldom(logging.Filter):
 
 
 def prepare(most: int = MOST) -> None:
-    """Raise this process's soft limit of descriptors to the hard one, and have the servers' loggers say things seldom.
+    """Raise this process's soft limit of descriptors to the hard one, and limit the rate of the servers' log messages.
 
-    A soft limit of 1024 is there for programs that use select(2).
+    The usual soft limit of 1024 is for programs that use select(2).
 
     Args:
-        most: no more than so many.
+        most: upper bound of the new limit.
     """
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     wanted = most if hard == resource.RLIM_INFINITY else min(hard, most)

@@ -1,9 +1,9 @@
 """Every endpoint of the control API, declared once: a method's signature is the body, its docstring the help.
 
-`hapticd.service.api` makes the routes and their checks from it, `hapticd.client` its methods, `hapticd.cli` the help of the
-commands, and ``docs/reference/openapi.json`` follows. The daemon overrides every method (`hapticd.service.daemon`).
+From it `hapticd.service.api` creates routes and checks, `hapticd.client` its methods, `hapticd.cli` the help of commands,
+and ``make docs`` creates ``docs/reference/openapi.json``. The daemon overrides every method (`hapticd.service.daemon`).
 
-Plain standard library, so that ``hapticd --help`` stays quick: pydantic is imported when a body is checked.
+Standard library only, so that ``hapticd --help`` is quick: pydantic is imported when a body is checked.
 """
 
 import functools
@@ -45,9 +45,9 @@ _ERRORS: Final[dict[Queue, tuple[int, ...]]] = {
 _MARK: Final = "__endpoint__"
 
 MOTION_S: Final = 2.0
-"""Time within which a command that sets the motor in motion has to begin, s; later it does not begin at all."""
+"""Time within which a motion command must begin, else it is withdrawn [s]."""
 PREPARED_MOTION_S: Final = 10.0
-"""The same for one that first waits until the shaft is at rest, s."""
+"""The same for a command that first waits until the shaft is at rest [s]."""
 
 
 @dataclass(frozen=True)
@@ -55,20 +55,18 @@ class Endpoint:
     """One path of the API.
 
     Attributes:
-        name: of the method, here, of the daemon and of the client.
+        name: of the method here, in the daemon and in the client.
         method: of HTTP. path: of HTTP.
         reply: name of its model in `hapticd.control.schemas`, `TEXT`, or None for a dict without a model.
-        queue: who answers it: threads for queries, one thread for commands, one for notes, so that what is to be noted now
-            waits for no release. A stop and an estop are carried out when they
-            arrive and answered where they arrive; they are in no queue.
-        errors: HTTP codes that it may answer with, besides 200.
-        motion_s: of a command that sets the motor in motion, changes what it renders or clears a fault, the time within
-            which it has to begin, s; its method also takes ``command`` (`hapticd.servo.authority.Command`), which a stop
-            revokes. None: of any other.
-        asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user or root. The
-            server says so, from what the kernel tells it; it is no field of the body.
+        queue: threads that answer it: some for queries, one for commands, one for notes, so that a note does not wait for a
+            release. A stop and an estop are executed and answered when they arrive; they use no queue.
+        errors: possible HTTP codes besides 200.
+        motion_s: for a command that starts a motion, changes what is rendered or clears a fault: the time within which it
+            must begin, s; its method also takes ``command`` (`hapticd.servo.authority.Command`), which a stop revokes. Else
+        None. asks_trust: whether the daemon's method also takes ``trusted``: the caller is the daemon's own user or root,
+            according to the kernel; it is not a field of the body.
         signature: of the method, without ``self``: the fields of the body.
-        description: the docstring, without ``Args`` and what follows.
+        description: the docstring before ``Args``.
     """
 
     name: str
@@ -84,11 +82,11 @@ class Endpoint:
 
     @property
     def reads_body(self) -> bool:
-        """Whether a body is looked at. That of a stop never is: a stop is not refused for its form."""
+        """Whether the body is read. A stop's body is not, so that a stop is never refused because of it."""
         return self.queue in ("command", "note")
 
     def help_of(self, parameter: str) -> str:
-        """What a parameter means: the text in its annotation."""
+        """Meaning of a parameter: the text in its annotation."""
         metadata = self.signature.parameters[parameter].annotation.__metadata__
         return next(text for text in metadata if isinstance(text, str))
 
@@ -109,7 +107,7 @@ def endpoint(
         method, path: of HTTP.
         reply: see `Endpoint`.
         queue: see `Endpoint`; by default that of queries for GET, that of commands for POST.
-        device: it reaches the device, which may fail.
+        device: whether it accesses the device, which may fail.
         motion_s, asks_trust: see `Endpoint`.
     """
 
@@ -145,26 +143,26 @@ def endpoint(
 
 
 def endpoint_of(method: Callable[..., Any]) -> Endpoint:
-    """The declaration behind a method of :class:`Endpoints`."""
+    """The declaration of a method of :class:`Endpoints`."""
     found: Endpoint = getattr(method, _MARK)
     return found
 
 
 def declared(owner: type) -> list[Endpoint]:
-    """The endpoints of a class, in the order of its text."""
+    """The endpoints of a class, in the order of its source."""
     return [endpoint_of(value) for value in vars(owner).values() if hasattr(value, _MARK)]
 
 
 class Endpoints:
-    """What the daemon can be asked. Every method may be called from any thread and returns what JSON can hold.
+    """All requests to the daemon. Every method may be called from any thread, and returns data for JSON.
 
-    A subclass either overrides them all (the daemon) or has ``send(endpoint, fields)``, which every method calls with the
-    arguments that are not the default (the client).
+    A subclass either overrides all methods (the daemon) or has ``send(endpoint, fields)``, which every method calls with
+    the arguments that differ from the default (the client).
     """
 
     @endpoint("GET", "/status", "Status")
     def status(self) -> JsonDict:
-        """Show what the daemon is doing: state, fault, timing, operating point, position, recording, experiment.
+        """Show the state of the daemon: fault, timing, operating point, position, recording, experiment.
 
         Position is counted from the spring's origin, in rad or m and in coarse ticks; velocity (an estimate) is in rad/s or
         m/s, current in A.
@@ -172,7 +170,7 @@ class Endpoints:
 
     @endpoint("GET", "/config")
     def config(self) -> JsonDict:
-        """Show the config in force, section by section."""
+        """Show the present config, section by section."""
 
     @endpoint("GET", "/metrics", TEXT)
     def metrics(self) -> str:
@@ -180,17 +178,17 @@ class Endpoints:
 
     @endpoint("GET", "/experiment", "Experiment")
     def experiment(self) -> JsonDict:
-        """Show the newest experiment and how far it is.
+        """Show the newest experiment and its progress.
 
-        The result of one that a fault ended carries the fault's code as ``fault``.
+        If a fault ended it, the result has the fault's code as ``fault``.
         """
 
     @endpoint("POST", "/start", "JudgedStatus", device=True, motion_s=MOTION_S)
     def start(self, force: Force = False) -> JsonDict:
         """Enable the amplifier and render the spring.
 
-        Refused while a fault is latched: look at 'hapticd status', repair the cause, then 'hapticd clear'. Refused, too,
-        where theory says that the motion from where the shaft stands would not die out, with what would help (safety.guard).
+        Refused while a fault is latched: see 'hapticd status', repair the cause, then 'hapticd clear'. Also refused, with
+        remedies, if in theory the motion from the shaft's position would not die out (safety.guard).
 
         Raises:
             Refused: code ``fault``, ``busy`` or ``unstable``.
@@ -201,7 +199,7 @@ class Endpoints:
     def stop(self) -> JsonDict:
         """Zero current, then disable the amplifier.
 
-        Ends a running experiment. The daemon keeps ticking and can be started again.
+        Ends a running experiment. The servo loop keeps running and can be started again.
         """
 
     @endpoint("POST", "/estop", "Status", queue="estop")
@@ -215,11 +213,11 @@ class Endpoints:
     def clear(self) -> JsonDict:
         """Clear a latched fault.
 
-        A fault stays latched, also across a restart of the daemon, until it is cleared here. One that was raised after the
-        command came is not cleared by it: nobody has seen it yet.
+        A fault stays latched, also over a restart of the daemon, until it is cleared here. A fault that was raised after the
+        command arrived is not cleared: nobody has seen it yet.
 
         Raises:
-            Refused: its cause is still there, or it is a later fault.
+            Refused: its cause still exists, or it is a later fault.
         """
 
     @endpoint("POST", "/set", "SetReply", motion_s=MOTION_S)
@@ -232,13 +230,13 @@ class Endpoints:
         ],
         force: Force = False,
     ) -> JsonDict:
-        """Change settings while the daemon runs: all of them together between two ticks, or none.
+        """Change settings while the daemon runs: all of them between the same two ticks, or none.
 
         Live are servo.rate_hz (Hz), servo.overrun.*, spring.* (stiffness in N m/rad or N/m, origin in rad or m),
         encoder.decimation, dither.* (amplitude in coarse ticks or A, frequency_hz), delay.* (s), safety.*, record.subject,
         and record.condition; every other key needs a restart. Changes are not written to the config file.
 
-        Settings with which theory sees no motion die out are refused, with what would help (safety.guard); nothing changes.
+        Settings with which in theory no motion dies out are refused, with remedies (safety.guard); then nothing changes.
 
         Raises:
             ConfigError: unknown key or bad value.
@@ -247,9 +245,9 @@ class Endpoints:
 
     @endpoint("POST", "/origin", "SetReply", motion_s=MOTION_S)
     def origin(self, force: Force = False) -> JsonDict:
-        """Move the spring's origin to where the shaft is: no force acts on it there.
+        """Move the spring's origin to the shaft's position, where no force acts on it.
 
-        What to do after a runaway, or once a device was opened again. It is 'set spring.origin' with the place of the last
+        Use it after a runaway, or after a device was opened again. It is 'set spring.origin' with the position of the last
         tick.
 
         Raises:
@@ -264,10 +262,10 @@ class Endpoints:
         ] = None,
         force: Force = False,
     ) -> JsonDict:
-        """Read the config anew and put it into force.
+        """Read the config again and apply it.
 
-        A wrong config is refused and the one in force stays; so is one with which theory sees no motion die out. Another
-        file than the one it was started with is for the daemon's own user and root; others may name a preset.
+        An invalid config is refused, and the present one stays; so is one with which in theory no motion dies out. Only the
+        daemon's own user and root may name another file than that of the start; others may name a preset.
 
         Raises:
             ConfigError: the config is wrong.
@@ -283,10 +281,10 @@ class Endpoints:
     ) -> JsonDict:
         """Release the shaft from rest at a deflection, and record what follows (the paper's Fig. 8).
 
-        The spring's origin is moved so that the shaft, where it stands, is at that deflection; the result reports the
-        deflection really achieved, exact to one raw encoder count.
+        The spring's origin is moved, so that the shaft is at that deflection without moving; the result has the achieved
+        deflection, exact to one raw encoder count.
 
-        Refused where theory says that this motion would not die out (safety.guard): case d of Fig. 8 takes --force.
+        Refused if in theory this motion would not die out (safety.guard): case d of Fig. 8 needs --force.
 
         Raises:
             Refused: not in a state that allows it, or another experiment is running.
@@ -333,9 +331,9 @@ class Endpoints:
     ) -> JsonDict:
         """Release the shaft once under each of a list of settings, as one experiment.
 
-        Each step's settings are beside what was in force before, which comes back at the end. All steps are judged before
-        the first one begins; each waits until the shaft is at rest, and is a run file of its own. A stop, a fault or a shaft
-        that does not come to rest ends the whole of it.
+        Each step changes some settings; the previous ones are restored at the end. All steps are judged before the first
+        one begins; each waits until the shaft is at rest, and has its own run file. A stop, a fault or a shaft that does not
+        come to rest ends the whole sequence.
 
         Raises:
             ConfigError: a setting is wrong.
@@ -368,7 +366,7 @@ class Endpoints:
 
     @endpoint("POST", "/note", "Noted", queue="note")
     def note(self, text: Annotated[str, Len(1, LONGEST_NOTE), "What to note."]) -> JsonDict:
-        """Note something in the running recording, with the tick at which it was said.
+        """Add a note to the running recording, with the present tick.
 
         Raises:
             Refused: code ``recording``, nothing is being recorded.
@@ -380,9 +378,9 @@ class Endpoints:
         name: Annotated[str, Len(1, 200), "Of what happened, such as stimulus_onset."],
         value: Annotated[Setting, "A number or text that belongs to it."] = None,
     ) -> JsonDict:
-        """Mark this tick in the running recording: what an experiment's own software sends when something happens.
+        """Mark the present tick in the running recording, for events of an experiment's own software.
 
-        It waits for no other command, a release that is being prepared included.
+        It does not wait for other commands, not even for a release that is being prepared.
 
         Raises:
             Refused: code ``recording``, nothing is being recorded.

@@ -1,4 +1,4 @@
-"""A latched fault in words, for the command line and the daemon's banner."""
+"""The text of a latched fault, for the command line and the daemon's banner."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def fault_lines(fault: Mapping[str, Any]) -> list[str]:
-    """What happened, when and under which configuration, what to do, and where more is said.
+    """Cause, time and configuration of a fault, the remedy, and the help page, one line each.
 
     Args:
         fault: as `hapticd.control.schemas.Fault`.

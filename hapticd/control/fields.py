@@ -1,4 +1,4 @@
-"""What a field of a request's body may be, beyond its type; pydantic is imported when a body is checked."""
+"""Checks of a request body's fields beyond their type; pydantic is imported when a body is checked."""
 
 import math
 from collections.abc import Callable
@@ -12,11 +12,11 @@ LONGEST_NOTE: Final = 2000
 
 
 class Rule:
-    """A check of one value that its type does not make; pydantic asks for it by the names of the two methods.
+    """A check of a value in addition to its type; pydantic finds it by the names of its two methods.
 
     Args:
-        check: takes the value and returns it; raises ValueError with what would be right.
-        json_type: JSON Schema of what it takes, if not that of the type.
+        check: takes the value and returns it; raises ValueError with what is valid.
+        json_type: JSON Schema of a valid value, if not that of the type.
     """
 
     def __init__(self, check: Callable[[Any], Any], json_type: dict[str, Any] | None = None) -> None:
@@ -38,7 +38,7 @@ class Rule:
 
 
 def _scalar(value: Any) -> Any:
-    """What a YAML scalar can be."""
+    """Check that a value is a YAML scalar."""
     if isinstance(value, float) and not math.isfinite(value):
         raise ValueError("input should be a finite number")
     if value is not None and not isinstance(value, bool | int | float | str):
@@ -47,14 +47,14 @@ def _scalar(value: Any) -> Any:
 
 
 def absolute(path: str | None) -> str | None:
-    """A path that does not depend on where the daemon was started."""
+    """Check that a path is absolute."""
     if path is not None and not path.startswith("/"):
-        raise ValueError("the daemon has a working directory of its own: give an absolute path")
+        raise ValueError("the daemon has its own working directory: give an absolute path")
     return path
 
 
 def release_steps(steps: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Steps of a sequence: their form; what their settings mean is the daemon's to say."""
+    """Check the form of a sequence's steps; the daemon checks their settings."""
     from hapticd.config.text import shown
 
     for number, step in enumerate(steps, 1):
@@ -102,4 +102,4 @@ Setting = Annotated[Any, Rule(_scalar, _SCALARS)]
 PathText = Annotated[str, Len(1, 4096)]
 Positive = Annotated[float, Gt(0)]
 Seconds = Annotated[float, Gt(0), Le(LONGEST_DURATION_S)]
-Force = Annotated[bool, "Go on although theory says that the motion does not die out; noted in log and run."]
+Force = Annotated[bool, "Continue although in theory the motion does not die out; noted in log and run."]

@@ -1,6 +1,6 @@
-"""How answers and errors look on the wire: JSON always, in one error shape.
+"""Answers and errors as JSON; all errors have the same form.
 
-Non-finite numbers have no JSON form; a velocity that is not known yet is sent as ``null``.
+JSON has no non-finite numbers: an unknown velocity is sent as ``null``.
 """
 
 from __future__ import annotations
@@ -13,11 +13,11 @@ from starlette.responses import JSONResponse
 
 
 def to_json(content: Any) -> bytes:
-    """JSON in which numpy scalars and paths are plain values, and non-finite numbers ``null``."""
+    """JSON with numpy scalars and paths as plain values, and non-finite numbers as ``null``."""
     try:
         return pydantic_core.to_json(content, inf_nan_mode="null", fallback=_plain)
     except pydantic_core.PydanticSerializationError:
-        # A lone surrogate, which JSON can escape and UTF-8 cannot hold: quoted from a request, it goes back escaped.
+        # A lone surrogate, quoted from a request, is not valid UTF-8: it is escaped.
         plain = pydantic_core.to_jsonable_python(content, inf_nan_mode="null", fallback=_plain)
         return json.dumps(plain, allow_nan=False).encode()
 
@@ -27,7 +27,7 @@ def _plain(value: Any) -> Any:
 
 
 class JsonReply(JSONResponse):
-    """A reply as `to_json` writes it."""
+    """A reply written by `to_json`."""
 
     def render(self, content: Any) -> bytes:
         """Serialise ``content``."""
@@ -35,5 +35,5 @@ class JsonReply(JSONResponse):
 
 
 def error_reply(status: int, code: str, message: str, **more: Any) -> JsonReply:
-    """The one shape of an error: ``{"error": {"code", "message", …}}``."""
+    """The form of every error: ``{"error": {"code", "message", …}}``."""
     return JsonReply({"error": {"code": code, "message": message, **more}}, status_code=status)

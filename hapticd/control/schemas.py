@@ -1,7 +1,7 @@
-"""Bodies and replies of the control API as pydantic models: what the OpenAPI document says, and what is enforced.
+"""Bodies and replies of the control API as pydantic models, for the OpenAPI document and for checks.
 
-Requests are enforced strictly: unknown fields, numbers written as strings and non-finite numbers are rejected. Replies
-are described here for the document and sent as the daemon made them.
+Requests are checked strictly: unknown fields, numbers as strings and non-finite numbers are rejected. Replies are only
+described here, and sent without a check.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class Request(BaseModel):
 
 @cache
 def body_of(endpoint: Endpoint) -> type[Request] | None:
-    """The model of an endpoint's body, its fields being the parameters of the method; None where no body is looked at."""
+    """The model of an endpoint's body, with the method's parameters as fields; None if it has no body."""
     if not endpoint.reads_body:
         return None
     fields: dict[str, Any] = {
@@ -35,7 +35,7 @@ def body_of(endpoint: Endpoint) -> type[Request] | None:
 
 
 def reply_of(endpoint: Endpoint) -> type[Reply] | None:
-    """The model of an endpoint's reply; None where it has none."""
+    """The model of an endpoint's reply; None if there is none."""
     return None if endpoint.reply in (None, TEXT) else globals()[str(endpoint.reply)]
 
 
@@ -44,23 +44,23 @@ def _default(parameter: Parameter) -> Any:
 
 
 class ErrorDetail(BaseModel):
-    """Why a request was not carried out."""
+    """Why a request was not executed."""
 
     code: str = Field(
         description="Short stable name: request, json, too_large, config, excitation, unstable, driver, internal or another."
     )
-    message: str = Field(description="A sentence for people, naming what, where, and what would be right.")
+    message: str = Field(description="A sentence for the user: what is wrong, where, and what is valid.")
     problems: list[dict[str, Any]] | None = Field(
         None, description="For code config: file, key, value, message, limit, unit and nearest of each wrong setting."
     )
-    reason: str | None = Field(None, description="The message without what to do about it, where there is such.")
+    reason: str | None = Field(None, description="The message without the remedy, if there is one.")
     remedies: list[dict[str, Any]] | None = Field(
         None,
-        description="Changes each of which is enough: key, before, after, unit, words, region_after, buzz_after, "
+        description="Changes, each of which is sufficient: key, before, after, unit, words, region_after, buzz_after, "
         "and, in a sequence, step.",
     )
-    help: str | None = Field(None, description="What would help where no single change is enough.")
-    force: bool | None = Field(None, description="Whether the same request with force would be carried out.")
+    help: str | None = Field(None, description="Remedy if no single change is sufficient.")
+    force: bool | None = Field(None, description="Whether the same request with force would be executed.")
 
 
 class ErrorReply(BaseModel):
@@ -81,12 +81,12 @@ class Fault(Reply):
     code: str = Field(description="Name of the fault, e.g. over_speed.")
     cause: str = Field(description="What happened, with the numbers that tripped it.")
     help: str = Field(description="The command that shows the page about this fault.")
-    remedy: str = Field(description="What a person does about it.")
-    time: str | None = Field(description="When it was latched, UTC, ISO 8601; null where that is not known.")
+    remedy: str = Field(description="Remedy.")
+    time: str | None = Field(description="When it was latched, UTC, ISO 8601; null if unknown.")
     config: str | None = Field(description="Name of the configuration under which it was latched.")
     config_digest: str | None = Field(description="Digest of that configuration.")
-    not_latched: str | None = Field(description="Why it would not outlive a restart; null: it would.")
-    from_before: bool = Field(description="Whether it was latched before the daemon began.")
+    not_latched: str | None = Field(description="Why it would be lost at a restart; null if it is on disk.")
+    from_before: bool = Field(description="Whether it was latched before the daemon started.")
 
 
 class Percentiles(Reply):
@@ -99,7 +99,7 @@ class Percentiles(Reply):
 
 
 class Pace(Reply):
-    """How the servo loop did over some time."""
+    """Timing of the servo loop over some time."""
 
     ticks: int = Field(description="Ticks executed.")
     missed: int = Field(description="Periods skipped.")
@@ -110,9 +110,9 @@ class Pace(Reply):
 
 
 class RecentPace(Pace):
-    """How the servo loop did lately; the maxima are right to 3 %."""
+    """Recent timing of the servo loop; the maxima are accurate to 3 %."""
 
-    span_s: float = Field(description="Time that this is about, s; less than its name says shortly after the start.")
+    span_s: float = Field(description="Time of the statistics, s; shorter than in its name soon after the start.")
 
 
 class Timing(Pace):
@@ -124,7 +124,7 @@ class Timing(Pace):
 
 
 class OperatingPoint(Reply):
-    """Dimensionless numbers of the paper's Table I, computed through the model."""
+    """Dimensionless numbers of the paper's Table I, from the model."""
 
     mu: float | None
     beta: float | None
@@ -137,18 +137,18 @@ class Enable(Reply):
     """The enable input that a person holds."""
 
     required: bool = Field(description="Whether the motor moves only while it is held (safety.enable).")
-    held: bool | None = Field(description="Whether it is held; null where the driver has none.")
+    held: bool | None = Field(description="Whether it is held; null if the driver has none.")
 
 
 class RecorderStatus(Reply):
     """The recorder."""
 
-    path: str | None = Field(description="File being written, or the one just finished; null when there is none.")
+    path: str | None = Field(description="File being written, or the last one; null if there is none.")
     rows: int = Field(description="Rows written.")
     dropped: int = Field(description="Rows lost because the writer fell behind.")
-    error: str | None = Field(description="Why nothing is written any more; null where all is well.")
+    error: str | None = Field(description="Why writing has stopped; null otherwise.")
     continued: str | None = Field(
-        description="What became of the file that this recording was in before, and where it goes on; null: nothing."
+        description="Why this recording continues in another file, and which; null if it does not."
     )
     notes: list[dict[str, Any]] = Field(
         description="The newest notes and markers of this recording, or the last: event, tick, text or name and value."
@@ -156,26 +156,24 @@ class RecorderStatus(Reply):
 
 
 class Noted(Reply):
-    """What was noted, and where."""
+    """The note or marker, and its recording."""
 
     path: str = Field(description="Of the recording.")
     event: Literal["note", "marker"]
-    tick: int = Field(description="Servo tick at which it was said.")
+    tick: int = Field(description="Servo tick of the note or marker.")
 
 
 class SelfCheck(Reply):
-    """What the daemon found when it looked at one thing, which it does once a second."""
+    """Result of one of the daemon's checks, which run once a second."""
 
-    what: str = Field(description="What was looked at: socket, threads, run_file, room or another.")
-    ok: bool = Field(description="Whether all was well, or was mended, at the last look.")
-    found: str | None = Field(
-        description="What was not as it should be when something was last; null where it never was."
-    )
-    done: str | None = Field(description="What was done about it, or what a person can do.")
+    what: str = Field(description="What is checked: socket, threads, run_file, room or another.")
+    ok: bool = Field(description="Whether the last check found no problem, or repaired it.")
+    found: str | None = Field(description="The last problem; null if there was none.")
+    done: str | None = Field(description="What was done about it, or the remedy.")
     time: str | None = Field(description="When that was found, UTC, ISO 8601.")
-    age_s: float = Field(description="Time since the last look ended, s; large where it hangs.")
+    age_s: float = Field(description="Time since the end of the last check, s; large if it hangs.")
     figures: dict[str, float | None] = Field(
-        description="Numbers of the last look, their unit in the name: minutes_left (of recording, until the disk is full)."
+        description="Numbers of the last check, with the unit in the name: minutes_left (recording time of the disk)."
     )
 
 
@@ -190,7 +188,7 @@ class Experiment(Reply):
 
 
 class Energy(Reply):
-    """Energies since the last start, J, estimated through the plant model; ``unexplained`` is a hand's or the model's."""
+    """Energies since the last start, J, from the plant model; ``unexplained``: work of a hand, or a model error."""
 
     estimate: str
     stored_J: float
@@ -202,35 +200,37 @@ class Energy(Reply):
 
 
 class Passivity(Reply):
-    """What the passivity observer has booked since the last start, from counts and currents; null where it is off."""
+    """Energies of the passivity observer since the last start, from counts and currents; null if it is off."""
 
     mode: Literal["off", "observe", "control"]
-    put_out_J: float | None = Field(description="Work of the current sent, J.")
-    generated_J: float | None = Field(description="Of it what the spring had not stored, J.")
-    excess_J: float | None = Field(description="Of that what is still to be dissipated, J.")
+    put_out_J: float | None = Field(description="Work of the commanded current, J.")
+    generated_J: float | None = Field(description="Part of it that the spring had not stored, J.")
+    excess_J: float | None = Field(description="Part of that not dissipated yet, J.")
     dissipated_J: float | None = Field(description="Dissipated by the controller, J.")
-    current: float | None = Field(description="That the controller adds now, A.")
+    current: float | None = Field(description="Present current of the controller, A.")
 
 
 class Predicted(Reply):
-    """What the loop, run ahead on the config's own plant, does in the soft start and a second more."""
+    """Simulation of the loop on the config's plant, through the soft start and a second more."""
 
-    stored_energy_J: float = Field(description="Largest energy of the whole spring on the way, J.")
+    stored_energy_J: float = Field(description="Largest potential energy of the spring, J.")
     peak_current_A: float
-    peak_speed: float = Field(description="rad/s or m/s; against safety.max_velocity.")
-    excursion: float = Field(description="Farthest from the spring's origin, rad or m; against safety.max_excursion.")
+    peak_speed: float = Field(description="rad/s or m/s; compare safety.max_velocity.")
+    excursion: float = Field(
+        description="Largest distance from the spring's origin, rad or m; compare safety.max_excursion."
+    )
     fault: str | None = Field(description="The trip that would end it; null for none.")
 
 
 class Guard(Reply):
-    """What the stability guard says."""
+    """Judgement of the stability guard."""
 
     verdict: Literal["admitted", "warned", "forced", "refused", "off"]
-    reason: str = Field(description="The sentence behind it, with the region and its limit.")
+    reason: str = Field(description="Reason in a sentence, with the region and its limit.")
     region: str | None
     force: bool = Field(description="Whether a refusal was overridden.")
     predicted: Predicted | None = Field(
-        description="null where the loop was not run ahead: for a release or an excitation, and with nothing rendered."
+        description="null without a simulation: for a release or an excitation, and if nothing is rendered."
     )
 
 
@@ -245,27 +245,27 @@ class Status(Reply):
     position: float | None = Field(description="From the spring's origin, rad or m.")
     enable: Enable
     position_unknown: str | None = Field(
-        description="Why the origin's place is not known, and what to do; null where it is. Until then nothing is rendered."
+        description="Why the origin's position is unknown, and the remedy; null if it is known. Nothing is rendered then."
     )
     position_ticks: float | None = Field(description="The same in coarse ticks.")
     velocity: float | None = Field(description="Estimate from the encoder, rad/s or m/s.")
     current: float | None = Field(description="Commanded, A.")
-    current_measured: float | None = Field(description="As the device reports it, A; null where it does not.")
+    current_measured: float | None = Field(description="Measured by the device, A; null if it does not.")
     force: float | None = Field(description="Rendered by the spring, N m or N.")
     units: dict[str, str] = Field(description="Units of position, velocity, current and force.")
     energy: Energy
     passivity: Passivity
-    limits_off: list[str] = Field(description="Keys of the limits that are 0 or null, which means none.")
-    log_lines_dropped: int = Field(description="Lines of the log that were lost because nobody read them in time.")
+    limits_off: list[str] = Field(description="Keys of limits that are off (0 or null).")
+    log_lines_dropped: int = Field(description="Lost lines of the log, which were not read in time.")
     recorder: RecorderStatus
     experiment: Experiment | None
     self_check: list[SelfCheck]
 
 
 class JudgedStatus(Status):
-    """The daemon's state, and what the guard said of the spring."""
+    """The daemon's state, and the guard's judgement of the spring."""
 
-    guard: Guard | None = Field(description="null where nothing has begun or changed that theory looks at.")
+    guard: Guard | None = Field(description="null if nothing relevant for stability has started or changed.")
 
 
 class SetReply(Reply):
@@ -273,7 +273,7 @@ class SetReply(Reply):
 
     applied: dict[str, Any]
     config_digest: str
-    guard: Guard | None = Field(description="null where no setting has changed that theory looks at.")
+    guard: Guard | None = Field(description="null if no setting relevant for stability has changed.")
 
 
 class JobReply(Reply):
@@ -288,14 +288,12 @@ class JobReply(Reply):
 class ReleaseReply(JobReply):
     """A release has started."""
 
-    achieved_deflection: float = Field(description="Deflection really achieved, coarse ticks, exact to one raw count.")
-    soft_start_s: float = Field(
-        description="0: a release begins with the whole force, whatever safety.soft_start_s says."
-    )
+    achieved_deflection: float = Field(description="Achieved deflection, coarse ticks, exact to one raw count.")
+    soft_start_s: float = Field(description="0: a release starts with the full force, whatever safety.soft_start_s is.")
 
 
 class SequenceReply(JobReply):
-    """A sequence has started; ``run`` is that of its first step."""
+    """A sequence has started; ``run`` is the file of its first step."""
 
     sequence: str = Field(description="Its name.")
-    steps: int = Field(description="How many releases.")
+    steps: int = Field(description="Number of releases.")

@@ -1,7 +1,6 @@
-"""Is this machine fit to run the servo loop? ``hapticd doctor`` looks at the kernel, its limits, the CPUs and the device.
+"""Is this machine fit for the servo loop? ``hapticd doctor`` checks the kernel, its limits, the CPUs and the device.
 
-Every check reads a file or asks one question, says what it found, whether that matters at the configured rate, and the
-command that repairs it.
+Each check reports what it found, whether that matters at the configured rate, and the command that repairs it.
 """
 
 from hapticd.doctor.examine import Examination, examine

@@ -1,8 +1,8 @@
 """Bring-up of a serial DAC board by an operator: ``hapticd doctor --device CONFIG``.
 
-First what needs no current: who it is, how fast it answers, whether its counter follows the knob and which way. Then, each
-only when the person agrees, what needs the output stage on: the watchdog at zero current, and a ramp that shows whether
-positive current turns towards higher counts.
+First the tests without current: identity, round-trip time, and whether the counter follows the knob, with its sign. Then
+tests with the output stage on, each after the operator has agreed: the watchdog at zero current, and a current ramp that
+shows whether positive current increases the counts.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ SHOW_S: Final = 0.05
 RAMP_S: Final = 1.0
 RAMP_STEP_S: Final = 0.005
 RAMP_FRACTION: Final = 0.05
-"""Default peak of the ramp, of the continuous current."""
+"""Default peak of the ramp, as a share of the continuous current."""
 MOVED_FRACTION: Final = 0.125
-"""Of a turn (or a million counts on a scale): further the ramp does not push."""
+"""The ramp ends after this share of a turn (or of a million counts on a linear scale)."""
 _FAULT_NAMES: Final = {
     messages.STATUS_ENCODER_FAULT: "ENCODER_FAULT",
     messages.STATUS_AMPLIFIER_FAULT: "AMPLIFIER_FAULT",
@@ -38,21 +38,21 @@ _FAULT_NAMES: Final = {
 
 
 class Operator(Protocol):
-    """Who stands at the rig; :mod:`hapticd.cli.doctor` asks a terminal."""
+    """The person at the rig; :mod:`hapticd.cli.doctor` asks at the terminal."""
 
     def agrees(self, question: str) -> bool:
-        """Whether the answer is yes. False where there is nobody."""
+        """Whether the answer is yes; False without an operator."""
 
     def does(self, request: str) -> bool:
-        """Whether they have done it. False where there is nobody."""
+        """Whether it is done; False without an operator."""
 
     def shows(self, counts: int, rate: float, fastest: float) -> None:
-        """Show the counter: counts since the beginning, counts per s now, and the largest so far."""
+        """Show the counter: counts since the start, present rate in counts/s, and the largest rate."""
 
 
 @dataclass(frozen=True)
 class BringUp(Findings):
-    """What was found; ``round_trip_us`` in the order of measurement."""
+    """The findings; ``round_trip_us`` in the order of measurement."""
 
     round_trip_us: tuple[float, ...] = ()
 
@@ -73,20 +73,20 @@ class BringUp(Findings):
 
 
 def percentile(values: Sequence[float], fraction: float) -> float | None:
-    """The value that ``fraction`` of the values do not exceed; None of none."""
+    """The value that ``fraction`` of the values do not exceed; None without values."""
     return sorted(values)[max(0, math.ceil(fraction * len(values)) - 1)] if values else None
 
 
 def bring_up(config: Config, operator: Operator, current: float | None = None) -> BringUp:
-    """Look at the board step by step.
+    """Test the board step by step.
 
     Args:
         config: driver, amplifier and encoder of the rig.
-        operator: who turns the knob and agrees to currents.
+        operator: turns the knob, and agrees to currents.
         current: peak of the ramp, A; None: RAMP_FRACTION of the continuous current.
 
     Raises:
-        DriverError: the board cannot be reached at all.
+        DriverError: the board does not answer.
     """
     times: list[float] = []
     findings: list[Finding] = []
@@ -98,7 +98,7 @@ def bring_up(config: Config, operator: Operator, current: float | None = None) -
             findings += inputs(board)
             findings += knob(board, config, operator)
             if any(finding.level is Level.BAD for finding in findings):
-                text = "not looked at: what is bad above comes first"
+                text = "not tested: repair the bad findings above first"
                 findings += [Finding(name, Level.NOTE, text) for name in ("watchdog", "polarity")]
             else:
                 findings.append(watchdog(board, operator))
@@ -110,7 +110,7 @@ def bring_up(config: Config, operator: Operator, current: float | None = None) -
 
 
 def identity(board: Board, config: Config) -> Iterator[Finding]:
-    """Version and capabilities, against the config's."""
+    """Version and capabilities, compared with the config."""
     found, amplifier = board.capabilities, config.amplifier
     yield Finding(
         "board", Level.GOOD, f"firmware {found.firmware_text}, serial number {found.serial_number}, protocol version 1"
@@ -143,7 +143,7 @@ def round_trips(board: Board) -> list[float]:
 
 
 def round_trip(times_us: Sequence[float], config: Config) -> Finding:
-    """The times against the servo period."""
+    """Finding: the round-trip times compared with the servo period."""
     p50, p99, largest = (percentile(times_us, fraction) or 0.0 for fraction in (0.5, 0.99, 1.0))
     text = f"{p50:.0f} µs median, {p99:.0f} µs p99, {largest:.0f} µs max, from Python"
     period_us = config.period * 1e6
@@ -156,7 +156,7 @@ def round_trip(times_us: Sequence[float], config: Config) -> Finding:
 
 
 def inputs(board: Board) -> Iterator[Finding]:
-    """Faults and stop input as the board sees them."""
+    """Faults and stop input, as reported by the board."""
     board.command(board.middle, enable=False)
     status = board.sample().status
     names = [name for bit, name in _FAULT_NAMES.items() if status & bit]
@@ -168,9 +168,9 @@ def inputs(board: Board) -> Iterator[Finding]:
 
 
 def knob(board: Board, config: Config, operator: Operator) -> Iterator[Finding]:
-    """The counter while the knob is turned by hand, then its direction."""
+    """Test the counter while the knob is turned by hand, then its direction."""
     if not operator.does(f"Turn the knob back and forth, slowly, then as fast as you ever will, for {TURN_S:.0f} s"):
-        yield Finding("encoder", Level.NOTE, "not looked at: nobody to turn the knob")
+        yield Finding("encoder", Level.NOTE, "not tested: nobody to turn the knob")
         return
     least, most, fastest, failed = _turned(board, operator)
     if failed:
@@ -191,7 +191,7 @@ def knob(board: Board, config: Config, operator: Operator) -> Iterator[Finding]:
 
 
 def _turned(board: Board, operator: Operator) -> tuple[int, int, float, bool]:
-    """Least and most counts from the beginning, the largest rate in counts/s, and whether ENCODER_FAULT came."""
+    """Least and most counts since the start, the largest rate in counts/s, and whether ENCODER_FAULT occurred."""
     board.sample()
     start = last = least = most = board.counts
     fastest, failed = 0.0, False
@@ -222,10 +222,10 @@ def _direction(moved: int, config: Config) -> Finding:
 
 
 def watchdog(board: Board, operator: Operator) -> Finding:
-    """Enable at zero current, say nothing more, and see the board switch itself off."""
+    """Enable at zero current, then send nothing, and check that the board switches itself off."""
     name, wanted = "watchdog", board.options.watchdog_ms
     if not operator.agrees("Switch the output stage on, at zero current, to see the watchdog switch it off?"):
-        return Finding(name, Level.NOTE, "not looked at: it needs the output stage on")
+        return Finding(name, Level.NOTE, "not tested: it needs the output stage on")
     board.session.configure(wanted, board.capabilities)
     board.command(board.middle, enable=False)
     board.sample()
@@ -246,7 +246,7 @@ def watchdog(board: Board, operator: Operator) -> Finding:
 
 
 def ramp(board: Board, config: Config, operator: Operator, current: float | None) -> Finding:
-    """Raise the current slowly to a small peak and back: which way does the counter go."""
+    """Raise the current slowly to a small peak and back, and check the direction of the counter."""
     name = "polarity"
     continuous = config.amplifier.continuous_current
     largest = continuous or board.capabilities.full_scale_ua * 1e-6
@@ -254,7 +254,7 @@ def ramp(board: Board, config: Config, operator: Operator, current: float | None
     if not operator.agrees(
         f"Raise the current to {peak:.3g} A and back within {RAMP_S:g} s? The shaft may turn; hands off."
     ):
-        return Finding(name, Level.NOTE, "not looked at: it needs current in the motor")
+        return Finding(name, Level.NOTE, "not tested: it needs current in the motor")
     board.session.configure(board.options.watchdog_ms, board.capabilities)
     board.command(board.middle, enable=False)
     board.sample()

@@ -1,4 +1,4 @@
-"""A serial DAC board in a session of its own, for its bring-up: output off, every SAMPLE awaited."""
+"""A session with a serial DAC board for its bring-up: output off, and a reply is awaited for every SAMPLE."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ class NoReplyError(Exception):
 
 @dataclass
 class Board:
-    """A board in a session of its own: output off, every SAMPLE awaited."""
+    """A session with a board: output off, and a reply is awaited for every SAMPLE."""
 
     session: Session
     options: Options
     capabilities: messages.Capabilities
     seq: int = 0
     counts: int = 0
-    """Position, wrap removed."""
+    """Position with the counter's overflow removed."""
 
     def sample(self) -> messages.SampleReply:
         """One SAMPLE and its reply.
 
         Raises:
-            NoReplyError: none came. DriverError: the port is gone.
+            NoReplyError: no reply. DriverError: the port is lost.
         """
         self.seq = (self.seq + 1) & 0xFF
         self.session.send(messages.sample(self.seq))
@@ -76,7 +76,7 @@ class Board:
 
 @contextmanager
 def opened(config: Config) -> Iterator[Board]:
-    """A board with its output off, and off again in the end whatever happens.
+    """A board with its output off, which is switched off again at the end in any case.
 
     Raises:
         DriverError: no port, no board, another version.

@@ -1,4 +1,4 @@
-"""The way to the device: serial port or CAN interface."""
+"""The connection to the device: serial port or CAN interface."""
 
 from __future__ import annotations
 
@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     from hapticd.config import Config
 
 _QUEUE: Final = 64
-"""Frames waiting to be sent, beyond which commands would be older than they are worth."""
+"""Longest transmit queue [frames]: with a longer one, commands would be too old."""
 
 
 def device(machine: Machine, config: Config) -> Iterator[Finding]:
-    """The checks of the configured driver's way to its device; none for one inside the daemon."""
+    """Checks of the configured driver's connection; none for a driver without one."""
     options = config.driver.options
     if config.driver.name == "serial_dac":
         yield from _serial(machine, config, str(options.get("port", "")))
@@ -82,7 +82,7 @@ def _can(machine: Machine, config: Config, channel: str, bitrate: int) -> Iterat
             "can bit rate",
             Level.BAD,
             f"{found} bit/s, driver.bitrate = {bitrate}",
-            "nobody on the bus understands anybody",
+            "no communication on the bus",
             f"ip link set {channel} down && {bring_up}",
         )
     elif found is not None:
@@ -97,7 +97,7 @@ def _can(machine: Machine, config: Config, channel: str, bitrate: int) -> Iterat
 
 
 def _ip_link(channel: str) -> dict[str, Any]:
-    """What iproute2 says of an interface; empty where it is not installed."""
+    """Properties of an interface from iproute2; empty if it is not installed."""
     ip = shutil.which("ip") or shutil.which("ip", path="/sbin:/usr/sbin")
     if ip is None:
         return {}

@@ -22,7 +22,7 @@ CHECKS: Final[tuple[Callable[[Machine, Config], Finding], ...]] = (
 
 @dataclass(frozen=True)
 class Examination(Findings):
-    """What ``hapticd doctor`` found."""
+    """The result of ``hapticd doctor``."""
 
     rate_hz: float
 
@@ -33,8 +33,8 @@ class Examination(Findings):
         if not self.fit:
             return f"Not fit for {rate}: {self.named(Level.BAD)}."
         if notes:
-            return f"Fit for {rate}, with late ticks to expect from: {notes}. 'hapticd latency' measures them."
-        return f"Fit for {rate}. 'hapticd latency' says how late it is."
+            return f"Fit for {rate}, but expect late ticks from: {notes}. 'hapticd latency' measures them."
+        return f"Fit for {rate}. 'hapticd latency' measures how late ticks are."
 
     def document(self) -> dict[str, Any]:
         """The JSON form."""
@@ -42,7 +42,7 @@ class Examination(Findings):
 
 
 def examine(config: Config, machine: Machine | None = None) -> Examination:
-    """Look at the machine on behalf of a configuration. Nothing is changed, but for a trial file that is removed."""
+    """Check the machine for a configuration. It changes nothing, except for a test file that is removed again."""
     machine = machine or Machine()
     findings = [check(machine, config) for check in CHECKS]
     findings += device(machine, config)

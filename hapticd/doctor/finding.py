@@ -1,4 +1,4 @@
-"""What a check answers, and the machine that it looks at."""
+"""The result of a check, and access to the machine."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from typing import Any
 
 
 class Level(enum.StrEnum):
-    """Whether what was found matters at the configured rate."""
+    """Whether a finding matters at the configured rate."""
 
     GOOD = "good"
     NOTE = "note"
-    """It costs something, and the loop runs."""
+    """The loop runs, with a disadvantage."""
     BAD = "bad"
     """The loop does not run as configured, or not safely."""
 
@@ -26,20 +26,20 @@ class Finding:
     level: Level
     found: str
     matters: str = ""
-    """Why, and at which rate."""
+    """Why it matters, and at which rate."""
     fix: str = ""
     """The command that repairs it."""
 
 
 @dataclass(frozen=True)
 class Findings:
-    """What was found, line by line."""
+    """The findings, one per line."""
 
     findings: tuple[Finding, ...]
 
     @property
     def fit(self) -> bool:
-        """Nothing found that keeps the rig from running as configured."""
+        """Whether no finding is bad."""
         return not self.named(Level.BAD)
 
     def named(self, level: Level) -> str:
@@ -53,7 +53,7 @@ class Findings:
 
 @dataclass(frozen=True)
 class Machine:
-    """Where a machine keeps what is to be known of it; another root makes another machine of it, in tests.
+    """Reads files of the machine, below another root in tests.
 
     Args:
         root: of the file system.
@@ -66,14 +66,14 @@ class Machine:
         return self.root / name.lstrip("/")
 
     def read(self, name: str) -> str | None:
-        """A small file's text without white space at its ends; None when it cannot be read."""
+        """Text of a small file, stripped; None if it cannot be read."""
         try:
             return self.path(name).read_text(errors="replace").strip()
         except OSError:
             return None
 
     def number(self, name: str) -> int | None:
-        """A small file's number; None when it has none."""
+        """Number in a small file; None if there is none."""
         text = self.read(name)
         try:
             return int(text) if text is not None else None
@@ -86,7 +86,7 @@ class Machine:
 
 
 def cpu_list(text: str | None) -> frozenset[int]:
-    """CPU numbers of the kernel's list format, such as ``0-2,5``; empty for what cannot be read."""
+    """CPU numbers from the kernel's list format, such as ``0-2,5``; empty if invalid."""
     cpus: set[int] = set()
     for part in (text or "").split(","):
         first, _, last = part.strip().partition("-")

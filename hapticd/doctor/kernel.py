@@ -14,11 +14,11 @@ if TYPE_CHECKING:
 
 _RT_PACKAGE: Final = "apt-get install linux-image-rt-amd64 && reboot (linux-image-rt-arm64 on 64-bit Arm)"
 _FAST_HZ: Final = 500.0
-"""Above it, the milliseconds for which an ordinary kernel may keep a thread waiting are periods."""
+"""Above this rate, the delays of an ordinary kernel, some milliseconds, are whole periods."""
 
 
 def preemption(machine: Machine, config: Config) -> Finding:
-    """PREEMPT_RT or not."""
+    """Whether the kernel is PREEMPT_RT."""
     version = machine.read("/proc/version") or platform.version()
     if machine.read("/sys/kernel/realtime") == "1" or "PREEMPT_RT" in version:
         return Finding("preemption", Level.GOOD, "PREEMPT_RT")
@@ -31,13 +31,15 @@ def preemption(machine: Machine, config: Config) -> Finding:
 
 
 def throttling(machine: Machine, config: Config) -> Finding:
-    """How much of the time real-time threads may have."""
+    """Share of the time that real-time threads may use."""
     runtime = machine.number("/proc/sys/kernel/sched_rt_runtime_us")
     period = machine.number("/proc/sys/kernel/sched_rt_period_us") or 1_000_000
     if runtime is None:
         return Finding("rt throttling", Level.GOOD, "not throttled by this kernel")
     if runtime < 0:
-        return Finding("rt throttling", Level.GOOD, "off", "a real-time loop gone wild would hang the machine")
+        return Finding(
+            "rt throttling", Level.GOOD, "off", "an endless loop in a real-time thread would hang the machine"
+        )
     fraction = runtime / period
     if fraction < 0.5:
         return Finding(
@@ -51,7 +53,7 @@ def throttling(machine: Machine, config: Config) -> Finding:
 
 
 def group_scheduling(machine: Machine, config: Config) -> Finding:
-    """CONFIG_RT_GROUP_SCHED gives a cgroup no real time unless told."""
+    """Whether CONFIG_RT_GROUP_SCHED is on, with which a cgroup has no real-time budget by default."""
     text = machine.read(f"/boot/config-{platform.release()}")
     if text is None:
         return Finding("rt group scheduling", Level.GOOD, "not known: no kernel configuration in /boot")
@@ -78,7 +80,7 @@ def rtprio(machine: Machine, config: Config) -> Finding:
         "real-time priority",
         Level.BAD if config.servo.require_realtime else Level.NOTE,
         f"limit {limit}, servo.priority is {wanted}",
-        "without it the servo thread waits like any other; the service has a limit of its own",
+        "without it the servo thread is scheduled like any other; the service has its own limit",
         f"echo '@hapticd - rtprio {wanted}' > /etc/security/limits.d/hapticd.conf, then log in again",
     )
 
@@ -92,19 +94,19 @@ def memlock(machine: Machine, config: Config) -> Finding:
         "memory lock",
         Level.BAD if config.servo.require_realtime else Level.NOTE,
         f"limit {limit // 1024} KiB",
-        "a page that was swapped out stops the loop for milliseconds; the service has a limit of its own",
+        "a page that was swapped out delays the loop by milliseconds; the service has its own limit",
         "echo '@hapticd - memlock unlimited' >> /etc/security/limits.d/hapticd.conf, then log in again",
     )
 
 
 def clock_source(machine: Machine, config: Config) -> Finding:
-    """What the time is read from."""
+    """The kernel's clock source."""
     folder = "/sys/devices/system/clocksource/clocksource0"
     current = machine.read(f"{folder}/current_clocksource")
     if current is None:
         return Finding("clock source", Level.GOOD, "not known")
     if current in ("hpet", "acpi_pm", "jiffies"):
-        matters = "reading the time costs microseconds and a trip into the kernel, several times a tick"
+        matters = "reading the time costs a system call of some microseconds, several times per tick"
         fix = f"echo tsc > {folder}/current_clocksource, or boot with clocksource=tsc tsc=reliable"
         return Finding("clock source", Level.NOTE, current, matters, fix)
     return Finding("clock source", Level.GOOD, current)
@@ -119,9 +121,9 @@ def swap(machine: Machine, config: Config) -> Finding:
 
 
 def virtual_machine(machine: Machine, config: Config) -> Finding:
-    """Whether somebody else decides when we run."""
+    """Whether the machine is virtual, so that its host schedules it."""
     if "hypervisor" in (machine.read("/proc/cpuinfo") or "") or machine.read("/sys/hypervisor/type"):
-        matters = "the host may stop all of it for milliseconds, whatever this kernel promises"
+        matters = "the host may pause the whole machine for milliseconds"
         return Finding("virtual machine", Level.NOTE, "yes", matters, "run on the bare machine for a real motor")
     return Finding("virtual machine", Level.GOOD, "no")
 

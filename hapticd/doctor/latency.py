@@ -1,8 +1,7 @@
-"""How late the real servo loop is on this machine, with the configured driver, and what that does to the feel.
+"""Lateness of the servo loop on this machine, with the configured driver, and its effect on the largest stiffness.
 
-A late tick is a longer hold: the force that is rendered is older than the theory thinks. The measured lateness is
-therefore put into the delay of the criterion (19): T_D grows by the execution time and by the spread of the lateness,
-both at p99.9, and the largest stiffness falls with it.
+A late tick holds the last force for longer. So the measured lateness is part of the delay in the criterion (19): T_D
+increases by the execution time and by the spread of the lateness, both at p99.9, and the largest stiffness decreases.
 """
 
 from __future__ import annotations
@@ -48,25 +47,25 @@ class RateResult:
     tau_d: float
     """τ_D as declared."""
     tau_d_effective: float
-    """τ_D with what was measured."""
+    """τ_D with the measured times."""
     stiffness_max: float
-    """Largest stiffness that is passive, at any speed, as declared, N m/rad or N/m."""
+    """Largest stiffness that is passive at any speed, with the declared delay, N m/rad or N/m."""
     stiffness_max_effective: float
-    """The same with what was measured."""
+    """The same with the measured times."""
 
     @property
     def used(self) -> float | None:
-        """Share of a period taken by lateness and execution at p99.9."""
+        """Lateness and execution time at p99.9, as a share of the period."""
         return used_fraction(self.timing, self.rate_hz)
 
     @property
     def verdict(self) -> str:
-        """Whether the loop kept up, and what decided that, in words."""
+        """Whether the loop kept up, and why, in words."""
         return verdict({**self.timing, "exchanges_missed": self.exchanges_missed}, self.rate_hz)
 
     @property
     def holds(self) -> bool:
-        """No period and no exchange missed, and margin left."""
+        """Whether no period and no exchange was missed, with a margin."""
         return (
             self.timing["missed"] == 0 and self.exchanges_missed == 0 and self.used is not None and self.used <= MARGIN
         )
@@ -79,15 +78,15 @@ class LatencyResult:
     driver: str
     declared_s: float
     rates: tuple[RateResult, ...]
-    """The lowest first."""
+    """In ascending order of the rate."""
     refused: dict[float, str]
-    """Rates that the driver cannot carry, and why."""
+    """Rates that the driver does not support, and why."""
     grants: tuple[str, ...]
-    """What real time was refused, in words."""
+    """Real-time features that were refused, in words."""
 
     @property
     def highest_hz(self) -> float | None:
-        """The highest rate that holds, with every lower one; None when the lowest does not."""
+        """The highest rate that holds, as do all lower ones; None if the lowest does not."""
         held = [rate.rate_hz for rate in itertools.takewhile(lambda rate: rate.holds, self.rates)]
         return held[-1] if held else None
 
@@ -101,13 +100,13 @@ def measure(
     """Run the loop at each rate, amplifier off, on the configured driver.
 
     Args:
-        config: driver, priority and CPU are its own.
-        rates_hz: rates to try. seconds: how long each.
+        config: for driver, priority and CPU.
+        rates_hz: rates to try. seconds: duration of each.
         progress: called with the fraction done.
 
     Raises:
         DriverError: the device cannot be opened.
-        RealtimeError: real time is required and refused.
+        RealtimeError: real-time scheduling is required, and the system refuses it.
     """
     results: list[RateResult] = []
     refused: dict[float, str] = {}
@@ -165,10 +164,10 @@ def _result(config: Config, servo: ServoThread, declared: float) -> RateResult:
 
 
 def write_figure(result: LatencyResult, path: Path) -> None:
-    """Draw how many ticks came later than a given time, one curve a rate; the format follows the file's name.
+    """Plot the share of ticks later than a given time, one curve per rate; the file's extension selects the format.
 
     Raises:
-        ValueError: the name has no extension that matplotlib knows.
+        ValueError: matplotlib does not know the extension.
     """
     from hapticd.figures.files import save_figure
     from hapticd.figures.style import new_figure, style

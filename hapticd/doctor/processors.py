@@ -1,4 +1,4 @@
-"""The processors: frequency, idle states, hyper-threading, and who else uses the servo's CPU."""
+"""The processors: frequency, idle states, hyper-threading, and other users of the servo's CPU."""
 
 from __future__ import annotations
 
@@ -16,23 +16,23 @@ _DMA_LATENCY: Final = "/dev/cpu_dma_latency"
 
 
 def governor(machine: Machine, config: Config) -> Finding:
-    """How the CPUs choose their frequency."""
+    """The frequency governor of the CPUs."""
     found = {path.read_text().strip() for path in machine.glob(f"{_CPUS}/cpu[0-9]*/cpufreq/scaling_governor")}
     if not found:
-        return Finding("cpu governor", Level.GOOD, "none: the frequency is not ours to choose")
+        return Finding("cpu governor", Level.GOOD, "none: this machine does not let the frequency be set")
     if found == {"performance"}:
         return Finding("cpu governor", Level.GOOD, "performance")
     return Finding(
         "cpu governor",
         Level.NOTE,
         ", ".join(sorted(found)),
-        "a tick takes longer on a CPU that had nothing to do and slowed down",
+        "an idle CPU lowers its frequency, and the next tick takes longer",
         "cpupower frequency-set -g performance",
     )
 
 
 def idle_states(machine: Machine, config: Config) -> Finding:
-    """How deep a CPU sleeps between two ticks, and whether the daemon may forbid it."""
+    """Wake-up latency of the CPU's idle states, and whether the daemon may disable them."""
     latencies = [
         int(text)
         for path in machine.glob(f"{_CPUS}/cpu0/cpuidle/state*/latency")
@@ -40,7 +40,7 @@ def idle_states(machine: Machine, config: Config) -> Finding:
     ]
     deepest = max(latencies, default=0)
     if deepest == 0:
-        return Finding("idle states", Level.GOOD, "none that take time to leave")
+        return Finding("idle states", Level.GOOD, "none with a wake-up latency")
     if os.access(machine.path(_DMA_LATENCY), os.W_OK):
         return Finding(
             "idle states", Level.GOOD, f"up to {deepest} µs to wake, and the daemon holds {_DMA_LATENCY} at 0"
@@ -55,7 +55,7 @@ def idle_states(machine: Machine, config: Config) -> Finding:
 
 
 def isolation(machine: Machine, config: Config) -> Finding:
-    """Whether the servo's CPU is its own."""
+    """Whether the servo's CPU is isolated."""
     isolated = cpu_list(machine.read(f"{_CPUS}/isolated"))
     wanted = config.servo.cpu
     if wanted is None:
@@ -78,10 +78,10 @@ def isolation(machine: Machine, config: Config) -> Finding:
 
 
 def interrupts(machine: Machine, config: Config) -> Finding:
-    """Interrupts that may strike on the servo's CPU."""
+    """Interrupts that may be handled on the servo's CPU."""
     wanted = config.servo.cpu
     if wanted is None:
-        return Finding("interrupts", Level.GOOD, "servo.cpu is null: nothing to keep them from")
+        return Finding("interrupts", Level.GOOD, "not checked: servo.cpu is null")
     lists = machine.glob("/proc/irq/[0-9]*/smp_affinity_list")
     struck = [path.parent.name for path in lists if wanted in cpu_list(path.read_text())]
     if not struck:
@@ -90,7 +90,7 @@ def interrupts(machine: Machine, config: Config) -> Finding:
     return Finding(
         "interrupts",
         Level.NOTE,
-        f"{len(struck)} may strike on CPU {wanted}",
+        f"{len(struck)} may be handled on CPU {wanted}",
         "each delays a tick by some microseconds",
         fix,
     )
@@ -99,8 +99,8 @@ def interrupts(machine: Machine, config: Config) -> Finding:
 def hyper_threading(machine: Machine, config: Config) -> Finding:
     """SMT: two CPUs that share one core."""
     if machine.read(f"{_CPUS}/smt/active") != "1":
-        return Finding("hyper-threading", Level.GOOD, "off or not there")
-    matters = "what runs on the other half of the core slows a tick by up to a factor of two"
+        return Finding("hyper-threading", Level.GOOD, "off or not available")
+    matters = "a thread on the other half of the core slows a tick by up to a factor of two"
     return Finding("hyper-threading", Level.NOTE, "on", matters, f"echo off > {_CPUS}/smt/control")
 
 

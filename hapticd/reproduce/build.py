@@ -1,4 +1,4 @@
-"""Make the items, write their files and the page: all of it, or nothing."""
+"""Creates the items, and writes their files and the page: all of them, or none."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from hapticd.reproduce import fig_03, fig_04, fig_05, fig_08, fig_09, fig_11, fi
 from hapticd.reproduce.items import Item, Progress
 from hapticd.reproduce.page import page
 
-#: Name → its builder and its weight in the progress, in the order of the paper. A builder takes whether maps shall be coarse
-#: and horizons short (what is compared is computed all the same), and whom to tell how far it is.
+#: Name → its builder and its weight in the progress, in the order of the paper. A builder takes whether maps are coarse and
+#: horizons short (which does not change the comparisons), and a callback for the progress.
 BUILDERS: Final[dict[str, tuple[Callable[[bool, Progress], Item], float]]] = {
     "table1": (table_1.build, 0.1),
     "table2": (table_2.build, 0.1),
@@ -35,12 +35,12 @@ BUILDERS: Final[dict[str, tuple[Callable[[bool, Progress], Item], float]]] = {
 }
 PAGE: Final = "index.html"
 NUMBERS: Final = "numbers.json"
-# the fraction of a builder; the rest is drawing its figure into files
+# share of the progress for the builder; the rest is for writing its figure
 _MAKING: Final = 0.6
 
 
 def names_of_files(only: Sequence[str] = ()) -> list[str]:
-    """Names of all files that `reproduce` writes for these items, all of them when `only` is empty."""
+    """Names of all files that `reproduce` writes for these items; for all items if `only` is empty."""
     figures = [name for name in BUILDERS if name.startswith("fig") and (not only or name in only)]
     return [PAGE, NUMBERS, *(f"{name}.{kind}" for name in figures for kind in ("png", "svg"))]
 
@@ -48,19 +48,19 @@ def names_of_files(only: Sequence[str] = ()) -> list[str]:
 def reproduce(
     folder: Path, *, quick: bool = False, only: Sequence[str] = (), progress: Progress = lambda fraction: None
 ) -> dict[str, Any]:
-    """Reproduce the paper into a folder, which is made if it does not exist.
+    """Reproduce the paper into a folder, which is created if missing.
 
-    Files are made in a temporary folder and moved when all are whole, the page last; whatever ends the work
-    before that leaves the folder as it was.
+    Files are written to a temporary folder and moved when all are complete, the page last; an interruption before that does
+    not change the folder.
 
     Args:
-        folder: where to.
+        folder: of the output.
         quick: coarser maps and shorter horizons.
-        only: names out of `BUILDERS`; all when empty.
+        only: names from `BUILDERS`; all if empty.
         progress: called with the fraction done.
 
     Returns:
-        What ``numbers.json`` holds.
+        The document of ``numbers.json``.
 
     Raises:
         ValueError: a name that is not in `BUILDERS`.
@@ -69,7 +69,7 @@ def reproduce(
     if unknown := set(only) - set(BUILDERS):
         raise ValueError(f"no such table or figure: {', '.join(sorted(unknown))}; there are {', '.join(BUILDERS)}")
     names = [name for name in BUILDERS if not only or name in only]
-    # on the file system that the files are for, so that moving them is one step each
+    # on the same file system, so that a file is moved in one step
     near = folder if folder.is_dir() else folder.absolute().parent
     near.mkdir(parents=True, exist_ok=True)
     work = Path(tempfile.mkdtemp(prefix=".reproduce.", dir=near))

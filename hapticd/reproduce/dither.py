@@ -1,4 +1,4 @@
-"""Case (b) of Fig. 8 with dither: whether it lets the shaft rest, and how large the largest oscillation is."""
+"""Case (b) of Fig. 8 with dither: whether the shaft comes to rest, and the largest oscillation."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from hapticd.reproduce.items import Cell, Table
 from hapticd.reproduce.release import CASES, config_of
 from hapticd.stability.explore import Effort, Explored, explore
 
-#: Raw counts per coarse tick: case (b)'s, and a third of it, which makes σ 0.3 in place of 0.1.
+#: Raw counts per coarse tick: of case (b), and a third of it, for σ = 0.3 instead of 0.1.
 _DECIMATIONS: Final = (2172, 724)
 _AMPLITUDES: Final = (0.1, 0.5, 1.0)
-#: What dithers, its waveform and its frequency in Hz: below and above those at which case (b) buzzes.
+#: Target, waveform and frequency of the dither in Hz: below and above the limit cycles of case (b).
 _KINDS: Final = (
     ("position", "sine", 20.0), ("position", "sine", 250.0), ("position", "square", 250.0), ("position", "uniform", 0.0),
     ("current", "sine", 20.0), ("current", "sine", 250.0), ("current", "uniform", 0.0),
@@ -23,11 +23,11 @@ _EFFORT: Final = Effort(starts=256, periods=1_500_000, horizon=10_000)
 
 
 def dithered(decimation: int, kind: tuple[str, str, float] | None, amplitude: float = 0.0) -> Explored:
-    """What becomes of case (b), from all its limits admit.
+    """Explore case (b) from all initial states within its limits.
 
     Args:
         decimation: raw counts per coarse tick. kind: of the dither, see above; None for none.
-        amplitude: its peak in ticks of position, or of the force of one tick.
+        amplitude: in ticks of position, or in the force of one tick.
     """
     config = config_of(replace(CASES[1], decimation=decimation))
     if kind is not None:
@@ -40,7 +40,7 @@ def dithered(decimation: int, kind: tuple[str, str, float] | None, amplitude: fl
 
 
 def dither_table(amplitudes: Sequence[float] = _AMPLITUDES) -> Table:
-    """Share of starts at rest, and the largest oscillation that one ends in, for each kind of dither and amplitude."""
+    """Share of starts that come to rest, and the largest final oscillation, for each kind of dither and amplitude."""
     rows: list[tuple[Cell, ...]] = []
     for decimation in _DECIMATIONS:
         alone = dithered(decimation, None)

@@ -10,7 +10,7 @@ from hapticd.reproduce.plane import critical_line, draw_plane
 from hapticd.stability.numbers import Dimensionless
 from hapticd.stability.regions import region
 
-#: Velocity bound of the picture in ticks per period; the paper's is not given.
+#: Velocity bound of the figure in ticks per period; the paper does not give it.
 XI_DOT = 2.0
 OTHERS = (0.5, 8.0)
 MU = 100.0
@@ -24,7 +24,7 @@ _NAMES = {
 
 
 def build(quick: bool, progress: Progress) -> Item:
-    """Draw the figure."""
+    """Build the item."""
     figure = new_figure(6.6, 4.8)
     axes = figure.subplots()
     middles = draw_plane(axes, MU, 0.0, XI_DOT, 1.1, 1.8, _NAMES)
@@ -41,14 +41,15 @@ def build(quick: bool, progress: Progress) -> Item:
         name="fig3",
         title="Fig. 3: regions of the (β, σ) plane without delay",
         see=(
-            "Five regions around the point (½, ½). In A friction wins at every speed. In B viscous friction tames fast "
-            "motions but one tick's step of force shakes the device. In C nothing holds it. Between D and E the speed "
-            "decides: the critical line turns about (½, ½) with slope −ξ̇_max, drawn for three speeds in ticks per period.",
+            "Five regions around the point (½, ½). In A friction dissipates enough at every speed. In B viscous friction is "
+            "enough for fast motions, but the force step of one tick causes a limit cycle. In C it never is. "
+            "Between D and E it depends on the speed: the critical line turns about (½, ½) with slope −ξ̇_max, shown for "
+            "three speeds in ticks per period.",
         ),
         traps=(
             "The paper's proof uses the energy (35), and its bound (46) fails just past an encoder edge. With ½μξ̇² + ½ξ² "
-            "in place of (35) the bound holds, and the regions are a theorem: in A and E this energy falls in every period. "
-            "That of (35) may rise in single ones: the example under Fig. 9.",
+            "instead of (35) the bound holds, and the regions are a theorem: in A and E this energy falls in every period. "
+            "The energy (35) may rise in single periods: see the example under Fig. 9.",
         ),
         figure=figure,
         alt="The (β, σ) plane, cut into regions A to E by lines through the point (½, ½).",

@@ -1,4 +1,4 @@
-"""Fig. 4: what K, T and Δ do to the operating point, and where the devices of Table II are."""
+"""Fig. 4: effects of K, T and Δ on the operating point, and the devices of Table II."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from hapticd.stability.tuning import Parameter, path
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-#: Where the arrows start, and by what each parameter is multiplied at their ends.
+#: Start of the arrows, and the factor of each parameter at their ends.
 START: Final = (0.8, 1.6)
 FACTORS: Final = {"stiffness": 2.4, "period": 2.6, "resolution": 2.6}
 _LABELS: Final = {"stiffness": ("K", (-4, -14)), "period": ("T", (-14, 6)), "resolution": (r"$\Delta$", (7, -4))}
@@ -40,9 +40,9 @@ def build(quick: bool, progress: Progress) -> Item:
         title="Fig. 4: effects of stiffness, sampling time and encoder step",
         see=(
             "Left: a stiffer spring moves the point straight towards the origin, a longer period to the left, a coarser "
-            "encoder down. All three lead out of A towards trouble; the arrows end at 2.4 and 2.6 times the value.",
+            "encoder down. All three lead out of A; the arrows end at 2.4 and 2.6 times the value.",
             "Right: the devices of Table II at the largest stiffness that they render, from our numbers (dots; crosses as "
-            "printed). All lie in the strip of region E, β ≪ ½ and σ > ½: Coulomb friction alone carries them.",
+            "printed). All lie in the strip of region E, β ≪ ½ and σ > ½: only Coulomb friction makes them stable.",
         ),
         traps=("Freedom 6 appears twice: its printed β is 0.025, its row gives 0.0042.",),
         figure=figure,

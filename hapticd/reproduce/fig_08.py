@@ -1,4 +1,4 @@
-"""Fig. 8: the four release experiments, run by the servo loop."""
+"""Fig. 8: the four release experiments, executed by the servo loop."""
 
 from __future__ import annotations
 
@@ -19,20 +19,20 @@ _SOURCE = "independent simulation"
 #: δ_A of the preset; the paper gives none.
 DAMPING_RATIO = 0.7
 _OTHER_RATIOS = (0.5, 1.0)
-# releases around case a's, and those beyond case c's that stop although they are in D
+# spread of releases around case a, and releases beyond case c that stop although they are in D
 _NEAR = 0.005
 _CONSERVATIVE = (3.3, 4.3, 6.3)
-# periods of the exact cycle that the independent simulation of case b ended on
+# periods of the exact cycle in the independent simulation of case b
 _REFERENCE_CYCLE = 18
-# how many releases within so many coarse ticks of case b to look at
+# number of releases near case b, and their spread in coarse ticks
 _NEIGHBOURS = 101
 _SPREAD = 0.01
-# a share of starts that counts as all of them
+# a share of starts that counts as all
 _MOST = 0.95
 
 
 def build(quick: bool, progress: Progress) -> Item:
-    """Run the four cases and draw them."""
+    """Run the four cases and build the item."""
     runs = []
     for case in CASES:
         runs.append(release(case))
@@ -52,7 +52,7 @@ def build(quick: bool, progress: Progress) -> Item:
             "Left, the operating point and the critical line of the release (its equivalent velocity, all stored energy "
             "made kinetic). Right, what the encoder read, in coarse ticks; dashed, ±1 tick. These are not a separate "
             "simulation: the daemon's own servo loop runs on the simulated testbed in virtual time.",
-            "(a) stops. (b) oscillates for ever, far below one tick: the inset shows it in raw counts. (c) stops after "
+            "(a) stops. (b) oscillates without end, far below one tick: the inset shows it in raw counts. (c) stops after "
             "seven periods. (d), the same loop released from further, grows without bound.",
         ),
         traps=(
@@ -84,11 +84,11 @@ def _numbers(run: Release) -> dict[str, Any]:
 
 
 def _buzz(run: Release, count: int) -> dict[str, Any]:
-    """What the run settles on, what it could settle on, and what the describing function says.
+    """The cycle of the run, the possible cycles, and the prediction of the describing function.
 
     Args:
         run: case b.
-        count: how many releases within ±`_SPREAD` ticks to look at.
+        count: number of releases within ±`_SPREAD` ticks.
     """
     amplitude, frequency = oscillation(run)
     predicted = predicted_cycle(run.numbers)

@@ -83,12 +83,12 @@ def _draw(diagrams: SpringDiagrams) -> Any:
 
 
 def _loop(axes: Axes, diagrams: SpringDiagrams, spring: str, **look: Any) -> None:
-    """The closed way of a motion in the diagram, its area filled."""
+    """The closed curve of a motion in the diagram, with its area filled."""
     axes.fill(diagrams.xi, -diagrams.force[spring], label=_NAMES[spring], **look)
 
 
 def _comparisons(diagrams: SpringDiagrams) -> tuple[list[Comparison], dict[str, Any]]:
-    """What Fig. 9's section compares, and the numbers behind it."""
+    """The comparisons of Fig. 9, and their numbers."""
     numbers, xi, xi_dot = COUNTEREXAMPLE
     account = ledger(numbers, xi, xi_dot, 1)
     before, after = (float(energy) for energy in account.stored)
@@ -138,7 +138,7 @@ def _comparisons(diagrams: SpringDiagrams) -> tuple[list[Comparison], dict[str, 
 
 
 def eq_54(xi_h: float, xi_l: float, xi_end: float, points: int = 1_000_000) -> tuple[float, float, float]:
-    """E_gq as (54) is printed, with its signs corrected, and by the midpoint rule from ∫(ρ(h) − ρ(χ))dχ."""
+    """E_gq of (54) as printed, with corrected signs, and by the midpoint rule from ∫(ρ(h) − ρ(χ))dχ."""
     rho_h, rho_l, rho_end = (float(rho(xi)) for xi in (xi_h, xi_l, xi_end))
     ticks = np.floor(xi_end) - np.floor(xi_l)
     first = float((rho_h - 0.5) * ticks)

@@ -80,14 +80,14 @@ def build(quick: bool, progress: Progress) -> Item:
 
 
 def _exact(starts: int) -> list[tuple[Dimensionless, Explored]]:
-    """What starts of up to ten ticks end in, exactly, at a few points of region B."""
+    """Exact final motions of starts up to ten ticks, at a few points of region B."""
     points = [Dimensionless(MU, beta, sigma) for beta in (0.6, 1.0, 2.0) for sigma in (0.0, 0.1, 0.2, 0.3)]
     effort = Effort(starts, 10_000_000, 40_000)
     return [(n, explore_loop(bare_loop(n), 10.0, effort=effort)) for n in points]
 
 
 def _table(rows: list[tuple[Dimensionless, Explored]]) -> Table:
-    """Limit cycles by describing function beside those in which starts end."""
+    """Limit cycles of the describing function, compared with those in exact simulations."""
     cells: list[tuple[Cell, ...]] = []
     for n, explored in rows:
         predicted = predicted_cycle(n)

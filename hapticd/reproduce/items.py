@@ -1,4 +1,4 @@
-"""What a table or figure of the paper becomes: pictures, tables, words, and printed numbers beside ours."""
+"""A reproduced table or figure of the paper: figure, tables, text, and the comparison with the paper's numbers."""
 
 from __future__ import annotations
 
@@ -19,16 +19,16 @@ _RAISED: Final = str.maketrans("0123456789-", "⁰¹²³⁴⁵⁶⁷⁸⁹⁻")
 
 @dataclass(frozen=True)
 class Comparison:
-    """A number or a statement of a source beside what our code finds.
+    """Comparison of a source's number or statement with our result.
 
     Attributes:
-        what: the quantity or claim.
-        source: where `printed` comes from.
-        printed: the source's number, or its claim in words.
-        ours: our number, or what we find.
+        what: the quantity or statement.
+        source: of `printed`.
+        printed: the source's number, or its statement.
+        ours: our number or result.
         agrees: whether they agree, a number within its tolerance.
         unit: of both numbers.
-        note: why they differ, or what to know.
+        note: why they differ, or a remark.
     """
 
     what: str
@@ -41,7 +41,7 @@ class Comparison:
 
     @property
     def difference(self) -> float | None:
-        """Ours less printed; None for words."""
+        """Ours minus printed; None for a statement."""
         if isinstance(self.printed, str) or isinstance(self.ours, str):
             return None
         return self.ours - self.printed
@@ -55,7 +55,7 @@ class Comparison:
 def compare(
     what: str, source: str, printed: float, ours: float, tolerance: float, unit: str = "", note: str = ""
 ) -> Comparison:
-    """Compare two numbers; they agree when they differ by no more than an absolute tolerance."""
+    """Compare two numbers; they agree if they differ by at most an absolute tolerance."""
     return Comparison(what, source, printed, ours, abs(ours - printed) <= tolerance, unit, note)
 
 
@@ -65,7 +65,7 @@ class Table:
 
     Attributes:
         header: names of the columns.
-        rows: text is shown as it is, numbers to five digits.
+        rows: cells as text, or numbers, which are shown to five digits.
         caption: a sentence above it.
     """
 
@@ -76,18 +76,18 @@ class Table:
 
 @dataclass(frozen=True)
 class Item:
-    """One table or figure of the paper, reproduced. Texts are plain text.
+    """One reproduced table or figure of the paper. All text is plain text.
 
     Attributes:
         name: ``table1`` … ``fig12``, also the stem of its files.
         title: heading.
-        see: what the reader should see.
-        traps: where the paper's text or numbers mislead, and what is done about it.
-        figure: the picture; None for a table.
-        alt: what the picture shows, for those who cannot see it.
-        tables: the numbers behind it.
-        comparisons: printed beside ours.
-        numbers: everything else worth keeping, JSON-ready.
+        see: explanation of the figure.
+        traps: errors and ambiguities of the paper's text or numbers, and how they are resolved.
+        figure: the figure; None for a table.
+        alt: description of the figure, for readers who cannot see it.
+        tables: its numbers.
+        comparisons: of the paper with our results.
+        numbers: further numbers, as JSON data.
     """
 
     name: str

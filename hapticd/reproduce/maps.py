@@ -1,4 +1,4 @@
-"""Fig. 6 and 7: region maps by exact simulation, held against theory region by region."""
+"""Fig. 6 and 7: region maps by exact simulation, compared with the theory region by region."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from hapticd.stability.map_engines import local
 from hapticd.stability.maps import Maps, Study, run_points
 from hapticd.stability.outcome import OUTCOMES
 
-#: The paper's number of grid points; what they are, and the four velocities, is lost with its figures.
+#: The paper's number of grid points; the points and the four velocities are not known.
 PAPER_POINTS = 714
 PAPER_PERIODS = 50_000
 _QUICK_PERIODS = 10_000
 _QUICK_COUNTS = (17, 11)
-# at the edge of B: initial velocity, known amplitude, its rounding
+# at the edge of B: initial velocity, reference amplitude, its rounding
 _EDGE_BETA = 0.505
 _EDGE = ((1.0, 8.7, 0.05), (5.0, 32.0, 0.5))
 _SHADES = {"monotone": "white", "decaying": "light", "persistent": "medium", "growing": "dark"}
@@ -27,9 +27,9 @@ _SHADES = {"monotone": "white", "decaying": "light", "persistent": "medium", "gr
 def fig_6(quick: bool, progress: Progress) -> Item:
     """Four maps without delay."""
     see = (
-        "White and light: comes to rest. Medium: oscillates for ever. Dark: grows. Red: the paper's boundaries for the "
+        "White and light: comes to rest. Medium: oscillates without end. Dark: grows. Red: the paper's boundaries for the "
         "velocity of each map. With rising initial velocity the critical line turns about (½, ½) and the dark area "
-        "follows it from below: the criterion is a worst case, the stable area is larger than it promises.",
+        "follows it from below: the criterion is a worst case, and the stable area is larger than its region.",
     )
     return _item("fig6", "Fig. 6: simulated regions without delay", 0.0, see, quick, progress)
 
@@ -108,7 +108,7 @@ def _comparisons(maps: Maps, found: dict[str, Any], quick: bool) -> list[Compari
 
 
 def _edge() -> list[Comparison]:
-    """Just inside B oscillations can be much larger than the tick that the paper names as their limit."""
+    """Near the edge of B oscillations can be much larger than one tick, which the paper gives as their limit."""
     start = np.array([row[0] for row in _EDGE])
     same = np.ones(start.size)
     points = run_points(Study.mu, _EDGE_BETA * same, 0.0 * same, 0.0, start, PAPER_PERIODS)

@@ -1,4 +1,4 @@
-"""The page: one HTML file with everything in it, for a light and a dark screen, and for print."""
+"""The page: one self-contained HTML file, for light and dark screens and for print."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ from hapticd.reproduce.items import Comparison, Item, Table, show
 
 # the widest figures fill the page
 _REM_PER_INCH: Final = 6.6
-# differences below this are rounding and shown as none
+# smaller differences are rounding and not shown
 _ROUNDING: Final = 1e-12
-# differences below this fraction of the number are shown without it
+# relative differences below this are not shown in percent
 _SMALL_SHARE: Final = 1e-5
 
 
@@ -24,7 +24,7 @@ def page(items: Sequence[Item], folder: Path, version: str, quick: bool) -> str:
 
     Args:
         items: in the order of the paper.
-        folder: where the figures' SVG files are; they are put into the page.
+        folder: of the figures' SVG files, which are embedded.
         version: of hapticd.
         quick: whether the maps are coarse.
     """

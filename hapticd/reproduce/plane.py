@@ -1,4 +1,4 @@
-"""The (β, σ) plane with its regions, as Fig. 3, 5 and the left half of Fig. 8 show it."""
+"""The (β, σ) plane with its regions, for Fig. 3, 5 and the left half of Fig. 8."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Name = Callable[[Dimensionless, float], str]
 """Operating point and ξ̇_max → region."""
 _POINTS: Final = 200
 _LABEL_GRID: Final = 72
-# a region that covers less of the plane than this has no room for its name
+# least share of the plane that a region needs for its name
 _LEAST_SHARE: Final = 0.012
 
 
@@ -42,17 +42,17 @@ def draw_plane(
     line: Line = critical_line,
     name: Name = region,
 ) -> dict[str, tuple[float, float]]:
-    """Shade the regions of one velocity bound, draw their borders, and write their names.
+    """Draw the regions of one velocity bound with their borders and names.
 
     Args:
-        axes: where.
-        mu: inertia μ; it matters with delay only.
+        axes: to draw on.
+        mu: inertia μ; used with delay only.
         tau_d: delay τ_D.
         xi_dot_max: velocity bound in ticks per period.
         beta_max: right end of the plane.
         sigma_max: upper end.
-        names: text for each region; its letter where none is given.
-        line, name: the critical line, and the region of a point; ours unless told.
+        names: text for each region; by default its letter.
+        line, name: functions for the critical line and for the region of a point; by default ours.
 
     Returns:
         region → (β, σ) of a point in its middle.

@@ -1,4 +1,4 @@
-"""The release experiments of Sec. V in the servo loop, in virtual time: what it sampled, and when the shaft stood."""
+"""The release experiments of Sec. V in the servo loop, in virtual time: its samples, and when the shaft came to rest."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ class Case:
 
     Attributes:
         name: ``a`` … ``d``.
-        region: where its operating point is.
+        region: of its operating point.
         rate_hz: servo rate.
         decimation: raw counts per coarse tick.
         deflection: of the release, in coarse ticks.
         periods: length of the run.
-        shown: how many periods the picture shows.
+        shown: number of periods in the figure.
     """
 
     name: str
@@ -48,15 +48,15 @@ CASES = (
 
 @dataclass(frozen=True)
 class Release:
-    """What a run gave.
+    """Result of a run.
 
     Attributes:
-        case: which.
+        case: the case.
         numbers: its operating point.
-        xi_dot_max: velocity that carries the energy of the release.
-        time_s: (n,) time of each sample. xi: (n,) what the encoder read, raw counts in coarse ticks.
+        xi_dot_max: velocity with the energy of the release.
+        time_s: (n,) time of each sample. xi: (n,) encoder reading in coarse ticks, with the resolution of a raw count.
         report: of `hapticd.servo.simulate.simulate`.
-        rest_periods: how many whole periods it moved before it stood for good; None if it did not.
+        rest_periods: whole periods until it stays at rest; None if it does not.
     """
 
     case: Case
@@ -72,8 +72,8 @@ def release(case: Case, *, damping_ratio: float | None = None) -> Release:
     """Run one case.
 
     Args:
-        case: which.
-        damping_ratio: δ_A of the 3 kHz, 14-bit amplifier of Sec. V; an ideal amplifier when left out.
+        case: the case.
+        damping_ratio: δ_A of the 3 kHz, 14-bit amplifier of Sec. V; None for an ideal amplifier.
     """
     config = config_of(case, damping_ratio)
     rows: list[Any] = []
@@ -101,7 +101,7 @@ def oscillation(run: Release) -> tuple[float, float]:
 
 
 def neighbours(case: Case, spread: float, count: int) -> PointArray:
-    """What becomes of releases within ±`spread` ticks of the case's, by the kernel of the maps; (count,) of `maps.POINT`."""
+    """Results of releases within ±`spread` ticks of the case, by the kernel of the maps; (count,) of `maps.POINT`."""
     n = from_config(config_of(case))
     xi = case.deflection + np.linspace(-spread, spread, count)
     beta, sigma = np.full(count, n.beta), np.full(count, n.sigma)
@@ -119,7 +119,7 @@ def config_of(case: Case, damping_ratio: float | None = None) -> Config:
 
 
 def _rest(config: Config, case: Case) -> int:
-    """The longest run at whose end the shaft does not yet stand for good, by bisection: once at rest, it stays so."""
+    """The longest run at whose end the shaft still moves, by bisection: once at rest, it stays at rest."""
 
     def stands(periods: int) -> bool:
         return bool(simulate(config, periods / case.rate_hz, deflection=case.deflection)["at_rest"])

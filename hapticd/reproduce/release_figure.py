@@ -1,4 +1,4 @@
-"""Fig. 8 as a picture (left the operating point and the critical line, right the displacement) and as a table."""
+"""Fig. 8 as a figure (operating point and critical line on the left, displacement on the right) and as a table."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _INSET_PERIODS: Final = 150
 
 
 def release_figure(runs: Sequence[Release]) -> Figure:
-    """One row a run."""
+    """The figure, one row per run."""
     figure = new_figure(9.6, 10.0)
     grid = figure.subplots(len(runs), 2, gridspec_kw={"width_ratios": (1.0, 2.0)})
     for (left, right), run in zip(grid, runs, strict=True):
@@ -65,7 +65,7 @@ def _inset(axes: Axes, run: Release) -> None:
 
 
 def release_table(runs: Sequence[Release]) -> Table:
-    """The same runs as numbers."""
+    """The table of the same runs."""
     header = (
         "case",
         "rate (Hz)",

@@ -1,4 +1,4 @@
-"""Table I: signals and parameters made dimensionless and back, on the rig of Sec. V; the sampling bound (10, 11)."""
+"""Table I: conversion of signals and parameters to dimensionless ones and back, for the rig of Sec. V; (10), (11)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ DELAY_S, POSITION, VELOCITY, FORCE, TIME_S = 2e-4, 0.5, 30.0, 4e-3, 0.25
 
 
 def build(quick: bool, progress: Progress) -> Item:
-    """Make the table."""
+    """Build the item."""
     settings = {"encoder.decimation": str(DECIMATION), "servo.rate_hz": f"{RATE_HZ:g}", "amplifier.bandwidth_hz": "0"}
     config = apply_settings(load_config("re35"), settings, source="reproduce")
     loop = replace(loop_from_config(config), delay=DELAY_S)

@@ -1,4 +1,4 @@
-"""Table II: six devices and a human operator, recomputed beside the printed numbers."""
+"""Table II: six devices and a human operator, recomputed and compared with the printed numbers."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ _SYMBOL = {"mu": "μ", "beta": "β", "sigma": "σ"}
 
 
 def build(quick: bool, progress: Progress) -> Item:
-    """Make the table."""
+    """Build the item."""
     rows = [row for device in TABLE_II for row in devices.compare(device)]
     return Item(
         name="table2",
         title="Table II: parameters of common devices, recomputed",
         see=(
-            "Every device has β far below ½ and σ above ½: they are not passive, and work because Coulomb friction wins "
-            "below a speed limit (15). None of them is in region A.",
+            "Every device has β far below ½ and σ above ½: they are not passive, and work because Coulomb friction "
+            "dissipates enough below a speed limit (15). None of them is in region A.",
             "The human operator's damping, 4.8 N s/m, is far above any device's own. The last column says what share of it, "
             "in parallel with the device, brings β to ½, out of region E into A.",
         ),

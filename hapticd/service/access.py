@@ -1,8 +1,7 @@
-"""Who may ask for what: each caller's user and groups as the kernel tells them, and a role for each.
+"""Access control: user and groups of each caller, from the kernel, and the role that they give.
 
-A caller's credentials are those of its process when it connected (``SO_PEERCRED``, ``SO_PEERGROUPS``; unix(7)), so that one
-socket serves two roles. Who is *control* may command the motor; who is *watch* may only look. Every command is logged with
-its caller.
+The credentials are those of the caller's process when it connected (``SO_PEERCRED``, ``SO_PEERGROUPS``; unix(7)), so one
+socket serves two roles: *control* may command the motor, *watch* may only read. Each command is logged with its caller.
 """
 
 from __future__ import annotations
@@ -31,18 +30,18 @@ Role = Literal["control", "watch"]
 _SO_PEERGROUPS = 59
 _UCRED = struct.Struct("3i")
 _LONGEST_OPTION = 1024
-"""Bytes that Python takes from getsockopt."""
+"""Largest buffer that Python allows for getsockopt [bytes]."""
 _LOOKING = frozenset({"GET", "HEAD", "OPTIONS"})
 _TURNS = 6
-"""One more than from the turn before a connection is accepted to that in which it has its protocol."""
+"""Iterations of the event loop that are kept: those between accepting a connection and creating its protocol, plus one."""
 _LOOK_S = 0.05
 _BLIND_NS = 2_000_000_000
-"""After a failed accept, longer than asyncio waits before the next."""
+"""After a failed accept [ns]: longer than asyncio's wait before the next attempt."""
 
 
 @dataclass(frozen=True)
 class Caller:
-    """A process at the other end of the socket."""
+    """The process at the other end of the socket."""
 
     pid: int
     uid: int
@@ -50,11 +49,11 @@ class Caller:
 
     @property
     def is_own_user(self) -> bool:
-        """Whether it runs as the daemon's own user, or as root, whom nothing is kept from."""
+        """Whether it runs as the daemon's own user or as root."""
         return self.uid in (0, os.geteuid())
 
     def __str__(self) -> str:
-        """Who it is, for the log."""
+        """User and process number, for the log."""
         name = ""
         with contextlib.suppress(KeyError):
             name = f" ({pwd.getpwuid(self.uid).pw_name})"
@@ -62,18 +61,18 @@ class Caller:
 
 
 CALLER: ContextVar[Caller | None] = ContextVar("caller", default=None)
-"""Of the request at hand."""
+"""Caller of the present request."""
 
 
 class Connection:
-    """One end of a connection, as whoever carries out its request sees it.
+    """A connection, for the code that handles its request.
 
     Args:
         transport: of the server's end.
-        since_ns: `time.monotonic_ns` at which nothing of it was there yet.
+        since_ns: `time.monotonic_ns` before which nothing was sent on it.
 
     Attributes:
-        sent_ns: `time.monotonic_ns` at which the end of what was read last had not been sent yet.
+        sent_ns: lower bound of the time at which the last data was sent, as `time.monotonic_ns`.
     """
 
     def __init__(self, transport: asyncio.Transport, since_ns: int) -> None:
@@ -82,7 +81,7 @@ class Connection:
         self.sent_ns = self._read_ns = since_ns
 
     def read(self) -> None:
-        """The server has read all that was there."""
+        """The server has read all available data."""
         self.sent_ns, self._read_ns = self._read_ns, time.monotonic_ns()
 
     def lost(self) -> None:
@@ -90,7 +89,7 @@ class Connection:
         self._lost = True
 
     def is_there(self) -> bool:
-        """Whether the other end is still open, as the kernel says at this moment: the event loop may not have looked yet."""
+        """Whether the other end is still open. It asks the kernel, because the event loop may not know yet."""
         poll = select.poll()
         try:
             poll.register(self._socket.fileno(), 0)
@@ -116,35 +115,35 @@ def _other_groups(connection: socket.socket, uid: int, gid: int) -> list[int]:
     except OSError as error:
         if error.errno != errno.ERANGE:
             raise
-        # More groups than Python has room for: those of the user database.
+        # More groups than fit into Python's buffer: use those of the user database.
         return os.getgrouplist(pwd.getpwuid(uid).pw_name, gid)
     return list(struct.unpack(f"{len(groups) // 4}I", groups))
 
 
 @dataclass(frozen=True)
 class Rules:
-    """Who has which role.
+    """Which group has which role.
 
     Attributes:
-        control: group that may command the motor; None: everybody whom the socket's permissions let in.
-        watch: group that may look; None: nobody else.
+        control: group that may command the motor; None: everybody with permission on the socket.
+        watch: group that may read; None: nobody else.
     """
 
     control: int | None = None
     watch: int | None = None
 
     def role(self, caller: Caller) -> Role | None:
-        """Role of a caller; None: it has none. Root and the daemon's own user have every one."""
+        """Role of a caller; None for no role. Root and the daemon's own user have all roles."""
         if self.control is None or caller.is_own_user or self.control in caller.groups:
             return "control"
         return "watch" if self.watch in caller.groups else None
 
 
 class Turns:
-    """When the event loop went round: it bounds how long a request can have waited unseen, also while the loop was frozen.
+    """Times of the last event loop iterations: they bound how long a request has waited, also if the loop was frozen.
 
-    A connection is accepted in the first turn that looks after it was made, and has its protocol two turns later. So it was
-    made, and all that it brings was sent, after the third turn before that had looked. Made before the socket is bound.
+    A connection is accepted in the first iteration after it was made, and has its protocol two iterations later. So the
+    third iteration before that is a lower bound of the time at which its data was sent. Created before the socket is bound.
     """
 
     def __init__(self) -> None:
@@ -152,16 +151,16 @@ class Turns:
         self._blind_until_ns = 0
 
     def before_ns(self) -> int:
-        """`time.monotonic_ns` before which nothing was sent that is met now for the first time."""
+        """Lower bound of the time at which newly received data was sent, as `time.monotonic_ns`."""
         return self._ended_ns[0]
 
     def begin(self, loop: asyncio.AbstractEventLoop) -> None:
-        """Follow a loop, from within it."""
+        """Start to record iterations of a loop, from within it."""
         loop.set_exception_handler(self._failed)
         self._look(loop)
 
     def _look(self, loop: asyncio.AbstractEventLoop, left: int = _TURNS) -> None:
-        """Some turns in a row, every 50 ms."""
+        """Record some iterations in a row, every 50 ms."""
         now_ns = time.monotonic_ns()
         if now_ns >= self._blind_until_ns:
             self._ended_ns.append(now_ns)
@@ -171,19 +170,19 @@ class Turns:
             loop.call_later(_LOOK_S, self._look, loop)
 
     def _failed(self, loop: asyncio.AbstractEventLoop, context: dict[str, Any]) -> None:
-        """Where a connection cannot be accepted, asyncio looks again a second later."""
+        """If a connection cannot be accepted, asyncio tries again a second later."""
         if "accept" in context.get("message", ""):
             self._blind_until_ns = time.monotonic_ns() + _BLIND_NS
         loop.default_exception_handler(context)
 
 
 class CallerProtocol(H11Protocol):
-    """HTTP on a Unix socket, with the caller in every request's state."""
+    """HTTP on a Unix socket, with the caller in the state of each request."""
 
     turns: Turns
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Ask the kernel who it is."""
+        """Read the caller's credentials from the kernel."""
         super().connection_made(transport)
         self._connection = Connection(transport, self.turns.before_ns())
         self.app_state = {**self.app_state, "connection": self._connection}
@@ -196,19 +195,19 @@ class CallerProtocol(H11Protocol):
         super().data_received(data)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """What its client asked for does not begin any more."""
+        """Pending requests of this client will not start."""
         self._connection.lost()
         super().connection_lost(exc)
 
 
 class Access:
-    """Answers 403 to whoever may not ask for that; an unknown caller may ask for nothing."""
+    """Answers 403 if the caller's role does not allow the request; an unknown caller has no role."""
 
     def __init__(self, app: ASGIApp, rules: Rules) -> None:
         self.app, self.rules = app, rules
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass on what the caller may ask for."""
+        """Pass on allowed requests."""
         if scope["type"] != "http":
             await self.app(scope, receive, send)
             return

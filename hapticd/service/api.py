@@ -1,8 +1,8 @@
-"""The control API: HTTP and JSON on a Unix socket, served from a thread of its own.
+"""The control API: HTTP and JSON on a Unix socket, served from its own thread.
 
-No request reaches the servo thread. Requests are answered by small pools of threads that exist from the start, so that a
-flood of them can neither pile up threads nor stand in the way of a stop: queries, and commands (one at a time, in order).
-Stops are carried out when they arrive (`hapticd.service.arrivals`) and answered in the event loop.
+No request reaches the servo thread. Small thread pools, created at the start, answer requests: one for queries, one for
+commands (one at a time, in order). So a flood of requests cannot create more threads or delay a stop. Stops are executed
+when they arrive (`hapticd.service.arrivals`) and answered in the event loop.
 """
 
 from __future__ import annotations
@@ -62,15 +62,15 @@ _MOVE_S = 1.0
 
 
 THREADS: Final[dict[Queue, int]] = {"query": 2, "command": 1, "note": 1}
-"""Of each queue of requests."""
+"""Number of threads for each queue of requests."""
 _READY_S = 5.0
 
 
 def _pools() -> dict[Queue, ThreadPoolExecutor]:
-    """Executors whose threads exist already: none is made when a request comes.
+    """Executors with all threads already running: no thread is created for a request.
 
     Raises:
-        RuntimeError: the system gives no thread.
+        RuntimeError: a thread cannot be created.
     """
     pools: dict[Queue, ThreadPoolExecutor] = {}
     for queue, count in THREADS.items():
@@ -83,7 +83,7 @@ def _pools() -> dict[Queue, ThreadPoolExecutor]:
 
 
 class Control(Stoppable, Protocol):
-    """The daemon as the API sees it: `Endpoints`, each from any thread, and the rows as they come."""
+    """The daemon's interface to the API: `Endpoints`, callable from any thread, and the live rows."""
 
     live: LiveStream
 
@@ -94,17 +94,17 @@ class Control(Stoppable, Protocol):
 def create_app(
     control: Control, pools: Mapping[Queue, ThreadPoolExecutor] | None = None, rules: Rules | None = None
 ) -> FastAPI:
-    """The API of one daemon: a route for each endpoint that is declared, and the stream.
+    """The API of one daemon: a route for each declared endpoint, and the stream.
 
     Args:
         control: the daemon; has a method for each of `Endpoints`.
-        pools: threads to answer on; None: nobody is answered, the document alone is wanted.
-        rules: who may ask for what; None: whoever is let in by the socket's permissions, for everything.
+        pools: threads for the answers; None: only the document is needed.
+        rules: roles of the callers; None: everybody with permission on the socket may do everything.
     """
     app = FastAPI(title="hapticd", version="1", description=DESCRIPTION, docs_url=None, redoc_url=None)
     endpoints = declared(Endpoints)
     rules = rules or Rules()
-    # Inside what `install` adds: the body is read before the answer, or a caller who still sends it never sees why.
+    # Inside the layers of `install`: the body is read before the answer, else a caller that still sends does not get it.
     app.add_middleware(Access, rules=rules)
     replies.install(app, {endpoint.path: body for endpoint in endpoints if (body := body_of(endpoint))})
     app.add_middleware(Arrivals, control=control, rules=rules, endpoints=endpoints)
@@ -120,7 +120,7 @@ def create_app(
 
     @app.get("/stream", response_class=StreamingResponse, responses={409: ERRORS[409]})
     async def stream() -> Response:
-        """Every tick as it comes: binary frames, each with its length in four bytes before it, until the reader leaves."""
+        """Every tick, live: binary frames, each with its length in four bytes before it, until the reader disconnects."""
         control.live.refuse_more()
         return StreamingResponse(control.live.chunks(), media_type=STREAM_TYPE)
 
@@ -135,7 +135,7 @@ def openapi_document() -> dict[str, Any]:
 def _answering(
     endpoint: Endpoint, control: Control, pool: ThreadPoolExecutor | None
 ) -> Callable[..., Awaitable[Response]]:
-    """What FastAPI calls for a request: the body's fields become the arguments of the method."""
+    """The function that FastAPI calls for a request; the body's fields become the arguments of the method."""
     model = body_of(endpoint)
 
     async def answer(body: BaseModel | None = None) -> Response:
@@ -163,7 +163,7 @@ def _answering(
                 arrival.command.answered()
         return Response(result, media_type=CONTENT_TYPE) if isinstance(result, str) else JsonReply(result)
 
-    # FastAPI reads the body's type off the signature. A body without a field that is needed may be left out.
+    # FastAPI takes the body's type from the signature. The body is optional if it has no required field.
     parameters = []
     if model is not None:
         needed = any(field.is_required() for field in model.model_fields.values())
@@ -183,13 +183,13 @@ async def _halted(halt: Pending) -> JsonDict:
 def _carry_out(
     endpoint: Endpoint, caller: Caller | None, method: partial[JsonDict], command: Command | None
 ) -> JsonDict:
-    """Carry out a command; the log says who asked for it."""
+    """Execute a command, and log its caller."""
     _log_caller(endpoint, caller, method.keywords)
     return method() if command is None else method(command=command)
 
 
 def _log_caller(endpoint: Endpoint, caller: Caller | None, arguments: Mapping[str, Any]) -> None:
-    """Say who asked for what. A user's name may be slow to find: a stop never waits for it."""
+    """Log the caller of a command. To look up a user's name may be slow: a stop does not wait for it."""
     if caller is not None:
         fields = {"uid": caller.uid, "pid": caller.pid, "request": endpoint.name}
         text = ", ".join(f"{name}={value!r}" for name, value in arguments.items())
@@ -197,7 +197,7 @@ def _log_caller(endpoint: Endpoint, caller: Caller | None, arguments: Mapping[st
 
 
 def _documented(endpoint: Endpoint) -> dict[str, Any]:
-    """Route arguments: the reply's shape is documented, not re-validated, because the daemon made it."""
+    """Route arguments: the reply's model is documented, but not validated again, because the daemon created the reply."""
     responses = {code: ERRORS[code] for code in endpoint.errors}
     if model := reply_of(endpoint):
         responses[200] = {"model": model, "description": "Done."}
@@ -206,16 +206,16 @@ def _documented(endpoint: Endpoint) -> dict[str, Any]:
 
 
 class ApiServer:
-    """The API on its socket, in the thread ``hapticd-api``, which exists, and waits, from here on.
+    """The API server on its socket, in the thread ``hapticd-api``, which is created here and waits for :meth:`start`.
 
     Args:
         control: the daemon.
-        bound: the socket from :func:`hapticd.service.socket.bind`, closed by :meth:`stop`; None: it is bound later, once all
-            threads of the daemon exist, and given to :meth:`start`.
-        rules: who may ask for what.
+        bound: the socket from :func:`hapticd.service.socket.bind`, closed by :meth:`stop`; None: it is bound when all
+            threads of the daemon exist, and passed to :meth:`start`.
+        rules: roles of the callers.
 
     Raises:
-        RuntimeError: the system gives no thread.
+        RuntimeError: a thread cannot be created.
     """
 
     STOP_TIMEOUT_S = 5.0
@@ -244,13 +244,13 @@ class ApiServer:
         self._thread.start()
 
     def start(self, bound: socket.BoundSocket | None = None) -> None:
-        """Begin to answer.
+        """Start to answer.
 
         Args:
-            bound: the socket, where it was not given before.
+            bound: the socket, if it was not given before.
 
         Raises:
-            SocketError: the server does not start; nothing is left behind.
+            SocketError: the server does not start; everything is closed again.
         """
         self._bound = bound or self._bound
         assert self._bound is not None
@@ -262,7 +262,7 @@ class ApiServer:
             time.sleep(0.005)
 
     def _run(self) -> None:
-        # uvicorn takes over signal handlers only in the main thread, and this is not it.
+        # uvicorn installs signal handlers only in the main thread, which this is not.
         self._may_start.wait()
         if self._bound is not None and not self._server.should_exit:
             asyncio.run(self._serve(self._bound.socket))
@@ -272,10 +272,10 @@ class ApiServer:
         await self._server.serve(sockets=[listening])
 
     def listen_on(self, listening: stdlib_socket.socket) -> None:
-        """Take connections from another socket in the place of the one before; those at hand go on. From any thread.
+        """Accept connections on another socket instead; open connections continue. From any thread.
 
         Raises:
-            TimeoutError: the event loop has not done it within a second; it will as soon as it goes on.
+            TimeoutError: the event loop did not do it within a second; it will do it later.
         """
         loop = self._server.servers[0].get_loop()
         asyncio.run_coroutine_threadsafe(self._move_to(listening), loop).result(_MOVE_S)
@@ -286,7 +286,7 @@ class ApiServer:
         await self._server.startup(sockets=[listening])
 
     def alive(self) -> bool:
-        """Whether its thread still runs."""
+        """Whether its thread runs."""
         return self._thread.is_alive()
 
     def stop(self) -> None:
@@ -298,4 +298,4 @@ class ApiServer:
         if self._bound is not None:
             self._bound.close()
         for pool in self._pools.values():
-            pool.shutdown(wait=False, cancel_futures=True)  # what waits is dropped, what runs is not waited for
+            pool.shutdown(wait=False, cancel_futures=True)  # drop waiting requests, do not wait for running ones

@@ -1,9 +1,9 @@
-"""What becomes of a request when its head arrives, in the event loop, before anything of it is read, checked or queued.
+"""Handles a request when its header arrives, in the event loop, before its body is read, checked or queued.
 
-A stop or an estop is carried out here: every command that was sent earlier is revoked by one store that the tick reads. One
-that asks for motion, or clears a fault, gets its ordinal (`hapticd.servo.authority`), its deadline, and the connection it
-dies with. Its ordinal is the time at which its sender says that it was sent; where it does not say, the last time at which
-it is known not to have been there yet (`hapticd.service.access.Connection.sent_ns`).
+A stop or an estop is executed here: one store, which the tick reads, revokes every command that was sent earlier. A command
+for motion, or to clear a fault, gets its ordinal (`hapticd.servo.authority`), its deadline, and its connection: when that
+closes, the command is withdrawn. The ordinal is the time of sending from the header, or else a lower bound of it
+(`hapticd.service.access.Connection.sent_ns`).
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ if TYPE_CHECKING:
     from hapticd.servo.authority import Authority, Command
 
 DEADLINE: Final = b"request-deadline-ns"
-"""Header: CLOCK_MONOTONIC, in ns, after which its sender no longer wants motion to begin."""
+"""Header: CLOCK_MONOTONIC, in ns, after which the motion must not start."""
 SENT: Final = b"request-sent-ns"
-"""Header: CLOCK_MONOTONIC, in ns, at which it was sent."""
+"""Header: CLOCK_MONOTONIC, in ns, at which the request was sent."""
 
 _DIGITS: Final = 19
-"""Of a number of ns; a longer one is after every clock's end."""
+"""Most digits of a time in ns; a number with more digits counts as infinite."""
 
 
 class Pending(Protocol):
-    """A stop that has been carried out, and whose answer is waited for."""
+    """A stop that is executed, and whose answer is pending."""
 
     def poll(self) -> JsonDict | None:
-        """The answer; None: ask again."""
+        """The answer; None: not yet."""
 
 
 class Stoppable(Protocol):
-    """The daemon, as an arriving request sees it."""
+    """The daemon's interface to an arriving request."""
 
     authority: Authority
 
@@ -48,14 +48,14 @@ class Stoppable(Protocol):
 
 @dataclass(frozen=True)
 class Arrival:
-    """What was done with a request on its arrival."""
+    """Result of handling a request on its arrival."""
 
     command: Command | None = None
     halt: Pending | None = None
 
 
 ARRIVAL: ContextVar[Arrival] = ContextVar("arrival")
-"""Of the request at hand."""
+"""That of the present request."""
 
 
 class Arrivals:
@@ -68,7 +68,7 @@ class Arrivals:
         self._motion_s = {endpoint.path: endpoint.motion_s for endpoint in posted if endpoint.motion_s is not None}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Carry out a stop, number a command; pass everything on."""
+        """Execute a stop, give a command its ordinal, and pass everything on."""
         if scope["type"] == "http":
             ARRIVAL.set(self._arrival(scope) if scope["method"] == "POST" else Arrival())
         await self.app(scope, receive, send)

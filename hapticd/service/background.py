@@ -1,4 +1,4 @@
-"""A thread that exists from the start and does, in order, what others may not wait for: nobody starts one later."""
+"""A thread, created at the start, that executes in order what other threads must not wait for."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ log = logging.getLogger(__name__)
 
 
 class Background:
-    """One thread and what it still has to do.
+    """One thread with a queue of functions.
 
     Args:
         name: of the thread.
 
     Raises:
-        RuntimeError: the system gives no thread.
+        RuntimeError: a thread cannot be created.
     """
 
     def __init__(self, name: str) -> None:
@@ -30,23 +30,23 @@ class Background:
         self._thread.start()
 
     def ask(self, function: Callable[[], None]) -> None:
-        """Have it done after what waits already; returns at once, needs no lock and no memory to speak of."""
+        """Queue a function; returns at once, and takes no lock."""
         self._waiting.put(function)
 
     def waiting(self) -> int:
-        """How many wait to be done, the one at work not counted."""
+        """Number of queued functions, without the running one."""
         return self._waiting.qsize()
 
     def alive(self) -> bool:
-        """Whether the thread still runs."""
+        """Whether the thread runs."""
         return self._thread.is_alive()
 
     def busy(self) -> bool:
-        """Whether it has something to do."""
+        """Whether a function is running or queued."""
         return self._works or not self._waiting.empty()
 
     def end(self, timeout_s: float) -> bool:
-        """Do what waits, and no more; False when that took longer."""
+        """Execute the queued functions, then end; False on a time-out."""
         self._waiting.put(None)
         self._thread.join(timeout_s)
         return not self._thread.is_alive()
@@ -57,5 +57,5 @@ class Background:
             try:
                 function()
             except Exception:
-                log.exception("the thread %s goes on after an error", self._thread.name)
+                log.exception("the thread %s continues after an error", self._thread.name)
             self._works = False

@@ -1,4 +1,4 @@
-"""What the daemon looks at (`hapticd.service.self_check`): sockets, lock, threads, files, latch, limits, room."""
+"""The checks of the daemon (`hapticd.service.self_check`): sockets, lock, threads, files, latch, limits, disk space."""
 
 from __future__ import annotations
 
@@ -25,22 +25,22 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 OUT_OF_REACH_S = 5.0
-"""How long nobody may reach the daemon before its motor is switched off."""
+"""Time without a reachable socket after which the motor is switched off [s]."""
 LOW_MINUTES, ENOUGH_MINUTES = 10.0, 12.0
-"""Recording time left below which it is said, and from which on all is well again."""
+"""Remaining recording time below which a warning is given, and above which it is withdrawn."""
 KEEP_EVERY_S = 10.0
 _BATCH_BYTES = 14
-"""Of a row: what a batch adds at 1 kHz."""
+"""Overhead of a batch per row at 1 kHz [bytes]."""
 
 
 class SocketCheck:
-    """Whether the daemon can be reached: the files of its sockets are there and ours, and so is its lock.
+    """Whether the daemon is reachable: the files of its sockets and its lock exist and are its own.
 
     Args:
-        bound: the sockets, each with what is to be told of a new one; None: nobody.
-        out_of_reach: switches the motor off; called once when for seconds none of the sockets could be had again, because
-            nobody could stop it then.
-        taken: switches the motor off and ends this daemon, whose place another one has; called with who it is, at once.
+        bound: the sockets, each with a function to call with a newly bound one, or None.
+        out_of_reach: switches the motor off; called once if no socket could be bound again for some seconds, because then
+            nobody could stop the motor.
+        taken: switches the motor off and ends this daemon; called with the name of the daemon that has replaced it.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class SocketCheck:
         self._stopped = False
 
     def __call__(self) -> Look:
-        """Look, and bind anew what is gone."""
+        """Check, and bind lost sockets again."""
         found, done, mended = [], [], True
         for bound, tell in self._bound:
             if not bound.intact():
@@ -98,16 +98,16 @@ class SocketCheck:
 
 
 def flight_recorder(rig: Callable[[], Rig]) -> Check:
-    """Whether the flight recorder's file is where the next daemon looks for it. It cannot be put back under a running loop.
+    """Whether the flight recorder's file is where the next daemon looks for it. It cannot be restored while the loop runs.
 
     Args:
-        rig: gives the one in force.
+        rig: returns the present rig.
     """
 
     def look() -> Look:
         now = rig()
         ring = now.flight
-        if ring is None or ring.intact() or now.closed:  # the last: it has been removed by ourselves
+        if ring is None or ring.intact() or now.closed:  # if closed, we removed it ourselves
             return Look()
         return Look(f"the flight recorder {ring.path} was removed or replaced", f"{LOST}; restart the daemon")
 
@@ -118,16 +118,16 @@ def latch(unwritable: Callable[[], str | None]) -> Check:
     """Whether a fault could be latched on disk.
 
     Args:
-        unwritable: says why not, and what to do about it; None: it could.
+        unwritable: returns why not, and what to do; None if it could.
     """
     return lambda: Look(unwritable())
 
 
 def threads(alive: Callable[[], Mapping[str, bool]]) -> Check:
-    """Whether all threads live.
+    """Whether all threads run.
 
     Args:
-        alive: gives names, and whether each lives.
+        alive: returns thread name to whether it runs.
     """
 
     def look() -> Look:
@@ -143,7 +143,7 @@ def limits(off: Callable[[], Iterable[str]]) -> Check:
     """Whether limits are off.
 
     Args:
-        off: gives their keys, with what they would limit.
+        off: returns their keys, with the limited quantity.
     """
 
     def look() -> Look:
@@ -154,10 +154,10 @@ def limits(off: Callable[[], Iterable[str]]) -> Check:
 
 
 def link(remarks: Callable[[], Sequence[str]]) -> Check:
-    """What the device's link has shown that stops nothing. Each kind of it is logged once; the counts are in the status.
+    """Irregularities of the device's link that are not faults. Each kind is logged once; the counts are in the status.
 
     Args:
-        remarks: of the driver in force.
+        remarks: of the present driver.
     """
     kinds = 0
 
@@ -173,10 +173,10 @@ def link(remarks: Callable[[], Sequence[str]]) -> Check:
 
 
 def run_file(recorder: Callable[[], Recorder]) -> Check:
-    """Whether what is recorded is written where it is said to be. The recorder itself goes on in a new file.
+    """Whether the recording is written to its path. The recorder itself continues in a new file.
 
     Args:
-        recorder: gives the one in force.
+        recorder: returns the present recorder.
     """
 
     def look() -> Look:
@@ -191,11 +191,11 @@ def run_file(recorder: Callable[[], Recorder]) -> Check:
 
 
 class RoomCheck:
-    """How long the disk will take what is recorded, and ``record.keep``.
+    """Remaining recording time of the disk, and ``record.keep``.
 
     Args:
-        config: gives the config in force.
-        recorder: gives the recorder in force.
+        config: returns the present config.
+        recorder: returns the present recorder.
     """
 
     def __init__(self, config: Callable[[], Config], recorder: Callable[[], Recorder]) -> None:
@@ -205,7 +205,7 @@ class RoomCheck:
         self._kept = Look()
 
     def __call__(self) -> Look:
-        """Look; remove the oldest run files where there are more than are to be kept."""
+        """Check; remove the oldest run files beyond ``record.keep``."""
         config, recorder = self._config(), self._recorder()
         status = recorder.status()
         row_bytes = status["bytes_per_row"] or ROW.itemsize + _BATCH_BYTES

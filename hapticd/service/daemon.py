@@ -1,6 +1,6 @@
-"""The daemon's life: it owns the rig, beats the heart, latches faults, and answers the control API.
+"""The daemon: owns the rig, sends the heartbeat, latches faults, and implements the control API.
 
-The supervisor thread touches the servo loop only through shared atomics and the mailbox; the API's threads touch it only
+The supervisor thread accesses the servo loop only through shared atomics and the mailbox. The API's threads access it only
 through the methods below, one at a time, except stops and :meth:`Daemon.status`, which never wait.
 """
 
@@ -53,22 +53,22 @@ _BEATS_A_SECOND = 20
 
 
 class Daemon(Endpoints):
-    """`Endpoints` of one rig, and what keeps it safe.
+    """`Endpoints` of one rig, with its supervision.
 
     Args:
         config: resolved configuration.
-        source: where it came from, for a reload; None: the built-in testbed.
+        source: file or preset of the configuration, for a reload; None: the built-in testbed.
         latch: the fault that survives a restart.
-        notifier: the service manager whose watchdog wants to be fed.
-        lines_dropped: how many lines of the log are lost so far.
+        notifier: the service manager, for its watchdog.
+        lines_dropped: returns the number of lost lines of the log.
 
     Attributes:
-        superseded: by whom, where that is why it must end.
+        superseded: the daemon that has replaced this one; None otherwise.
 
     Raises:
         DriverError: the device cannot be opened.
-        RealtimeError: real time is required and refused.
-        RuntimeError: the system gives no thread; all that it ever needs are made here.
+        RealtimeError: real-time scheduling is required, and the system refuses it.
+        RuntimeError: a thread cannot be created; all threads are created here.
     """
 
     def __init__(
@@ -112,19 +112,19 @@ class Daemon(Endpoints):
 
     @property
     def rig(self) -> Rig:
-        """The rig in force."""
+        """The present rig."""
         return self._rendering.rig
 
     @property
     def dead(self) -> bool:
-        """True when there is no working rig left, or another daemon is in the place of this one; the process must end."""
+        """Whether the process must end: there is no working rig, or another daemon has replaced this one."""
         return self._replacement.dead or self.superseded is not None
 
     def supersede(self, by: str) -> None:
-        """Another daemon has the place of this one: zero current at once, no start any more, and the process ends.
+        """Another daemon has replaced this one: zero current at once, no further start, and the process ends.
 
         Args:
-            by: says who.
+            by: the other daemon.
         """
         self.authority.end()
         self.superseded = by
@@ -135,7 +135,7 @@ class Daemon(Endpoints):
         return {**status, "self_check": self.self_check.document()}
 
     def config(self) -> JsonDict:
-        """The config in force."""
+        """The present config."""
         return self.rig.config.model_dump(mode="json")
 
     def metrics(self) -> str:
@@ -149,7 +149,7 @@ class Daemon(Endpoints):
             command.refuse()
             self._faults.refuse()
             self._experiments.refuse_running()
-            self.rig.wait_ticks(1)  # until then nobody knows where the shaft is
+            self.rig.wait_ticks(1)  # the first tick reads the position
             self._rendering.refuse_place()
             judgement = None
             if self.rig.state != layout.RUNNING:
@@ -170,7 +170,7 @@ class Daemon(Endpoints):
         return {**self.status(), "guard": judgement}
 
     def stop(self) -> JsonDict:
-        """Zero current, then amplifier off; ends a running experiment. The motor is off before anything is waited for."""
+        """Zero current, then amplifier off; ends a running experiment. The motor is off before it waits for anything."""
         return self.halt("stop").wait()
 
     def estop(self) -> JsonDict:
@@ -178,7 +178,7 @@ class Daemon(Endpoints):
         return self.halt("estop").wait()
 
     def halt(self, name: str) -> Halt:
-        """Stop at once, by one store that the tick reads; the answer is asked of what is returned.
+        """Stop at once, by one store that the tick reads; the returned object gives the answer.
 
         Args:
             name: ``stop`` or ``estop``.
@@ -190,11 +190,11 @@ class Daemon(Endpoints):
         self._tidying.ask(write)
 
     def _is_tidy(self) -> bool:
-        """Whether what a stop has ended is put away: the experiment, the recording of the run."""
+        """Whether the experiment and the recording that a stop has ended are closed."""
         return not (self._experiments.is_running() or self._rendering.records_revoked())
 
     def clear(self, *, command: Command | None = None) -> JsonDict:
-        """Clear the latched fault; refused when it comes straight back, or was raised after the command came."""
+        """Clear the latched fault; refused if it returns at once, or was raised after the command arrived."""
         command = command or self.authority.arrived(MOTION_S)
         with self._lock:
             command.refuse()
@@ -210,7 +210,7 @@ class Daemon(Endpoints):
         return self.status()
 
     def set(self, settings: dict[str, Any], force: bool = False, *, command: Command | None = None) -> JsonDict:
-        """Change live settings, all together between two ticks."""
+        """Change live settings, all of them between the same two ticks."""
         command = command or self.authority.arrived(MOTION_S)
         with self._lock:
             command.refuse()
@@ -247,7 +247,7 @@ class Daemon(Endpoints):
     def sequence(
         self, steps: list[JsonDict], name: str = "sequence", force: bool = False, *, command: Command | None = None
     ) -> JsonDict:
-        """Releases with settings of their own, one after another."""
+        """Releases one after another, each with its settings."""
         command = command or self.authority.arrived(PREPARED_MOTION_S)
         with self._lock:
             command.refuse()
@@ -287,13 +287,13 @@ class Daemon(Endpoints):
         tick = rig.core.load(atomics.TICKS) + rig.core.load(atomics.MISSED_PERIODS)
         path = rig.recorder.note({**event, "tick": tick})
         if path is None:
-            raise Refused("recording", "nothing is being recorded; 'hapticd record start' begins a recording")
+            raise Refused("recording", "nothing is being recorded; 'hapticd record start' starts a recording")
         return {"path": str(path), "event": event["event"], "tick": tick}
 
     def reload(
         self, path: str | None = None, force: bool = False, *, trusted: bool = True, command: Command | None = None
     ) -> JsonDict:
-        """Read the config anew. Live keys change at once; others replace the rig, which must be off."""
+        """Read the config again. Live keys change at once; other keys need a new rig, and the motor must be off."""
         command = command or self.authority.arrived(PREPARED_MOTION_S)
         source = path or self._source
         if not trusted:
@@ -314,12 +314,12 @@ class Daemon(Endpoints):
         return {**self.status(), "guard": judgement}
 
     def disable(self) -> None:
-        """Zero current and amplifier off at once, and nobody can start it again: the first step of every end."""
+        """Zero current and amplifier off at once, and no further start: the first step of every shutdown."""
         self.authority.end()
-        self.self_check.end()  # before the sockets are removed: they are not to be bound anew
+        self.self_check.end()  # first, else it would bind the removed sockets again
 
     def shutdown(self) -> None:
-        """Zero current, amplifier off, everything released. Safe to call twice."""
+        """Zero current, amplifier off, all resources released. Safe to call twice."""
         self.disable()
         self._reconnector.end()
         with self._lock:
@@ -332,7 +332,7 @@ class Daemon(Endpoints):
         self._supervisor.join(2.0)
 
     def _threads(self) -> dict[str, bool]:
-        """Names of the daemon's threads, and whether each lives; the servo thread's end is a fault."""
+        """Name of each thread to whether it runs; without the servo thread, whose end is a fault."""
         return {
             **self.rig.recorder.alive(),
             **self.self_check.alive(),
@@ -365,17 +365,17 @@ class Daemon(Endpoints):
                     finally:
                         self._lock.release()
             except Exception:
-                log.exception("the supervisor goes on after an error")
+                log.exception("the supervisor continues after an error")
 
     def _tidy(self) -> None:
-        """Close the recording of a run that a stop has ended; off the supervisor's thread, since a disk may hang."""
+        """Close the recording of a run that a stop has ended; not in the supervisor's thread, because a disk may hang."""
         if self._rendering.records_revoked():
             self._rendering.end_recording()
 
     def _apply_live(
         self, config: Config, command: Command, *, moves_origin: bool, force: bool
     ) -> tuple[dict[str, Any], JsonDict | None]:
-        """Put live settings into force; the changed keys, and what the guard says if the theory sees a change."""
+        """Apply live settings; returns the changed keys, and the guard's judgement if the stability depends on them."""
         changed = changed_keys(self.rig.config, config)
         fixed = sorted(key for key in changed if not is_live(key))
         if fixed:
@@ -400,7 +400,7 @@ class Daemon(Endpoints):
         return changed, judgement
 
     def _admit_change(self, config: Config, moves_origin: bool, force: bool) -> JsonDict | None:
-        """Judge live settings: with the shaft where it is if the spring is rendered. None: the theory sees no change."""
+        """Judge live settings, with the present shaft position if the spring is rendered. None: no effect on stability."""
         rig = self.rig
         latency_s, rendered = rig.driver.latency_s, rig.state in (layout.READY, layout.RUNNING)
         if same_loop(rig.config, config, latency_s) and not (rendered and moves_origin):
@@ -415,7 +415,7 @@ class Daemon(Endpoints):
         return rig.guard
 
     def _take_over(self, lost: Rig, driver: Driver) -> None:
-        """The lost device is open again."""
+        """Use the device that was lost and is open again."""
         with self._lock:
             if self.rig is not lost or self._ending.is_set():
                 driver.close()
@@ -429,10 +429,10 @@ def source_name(source: str | None) -> str:
 
 
 def refuse_outside(path: Path, directory: Path) -> None:
-    """Refuse a recording outside the directory that the config names, whatever links lead out of it.
+    """Refuse a recording outside the config's directory, with symbolic links resolved.
 
     Raises:
-        Refused: with both.
+        Refused: with both paths.
     """
     if not path.parent.resolve().is_relative_to(directory.resolve()):
         raise Refused(
@@ -443,10 +443,10 @@ def refuse_outside(path: Path, directory: Path) -> None:
 
 
 def refuse_file(path: str | None, source: str | None) -> None:
-    """Refuse a file that the daemon may read and its caller perhaps may not: an error would quote it.
+    """Refuse to read a file for a caller, who may have no permission to read it: an error message would quote it.
 
     Args:
-        path: that the caller named, or the name of a preset. source: of the config in force.
+        path: from the caller, or the name of a preset. source: of the present config.
 
     Raises:
         Refused: with the path.
@@ -460,7 +460,7 @@ def refuse_file(path: str | None, source: str | None) -> None:
 
 
 def deflection_of(rig: Rig, config: Config, origin_counts: int) -> float:
-    """How far the shaft is from an origin, in the coarse ticks of a config: the middle of its raw count."""
+    """Distance of the shaft from an origin, in coarse ticks of a config; the shaft is in the middle of its raw count."""
     return (rig.counts - origin_counts + 0.5) / config.encoder.decimation
 
 
@@ -481,5 +481,5 @@ def _flat(section: dict[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def is_live(key: str) -> bool:
-    """Whether a dotted key may change between two ticks; the others need a new rig or a restart."""
+    """Whether a dotted key may change between two ticks; other keys need a new rig or a restart."""
     return key in LIVE_KEYS or any(pattern.endswith(".*") and key.startswith(pattern[:-1]) for pattern in LIVE_KEYS)

@@ -1,7 +1,7 @@
 """Experiments as jobs: ``release`` (Fig. 8), ``excite`` and sequences of releases.
 
-One at a time, in a thread of its own, always recorded. An experiment starts from rest and ends with the motor off. What it
-found is computed from its own recording, that is from what the encoder saw, not from the model.
+One at a time, in its own thread, always recorded. An experiment starts from rest and ends with the motor off. Its result is
+computed from its recording, that is from the encoder and not from the model.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ IDLE = {"id": 0, "kind": None, "state": "idle", "progress": 0.0, "result": None}
 
 
 class Experiments:
-    """Begins experiments and knows the newest.
+    """Starts experiments, and keeps the report of the newest.
 
     Args:
-        rendering: the rig in force, and what begins and ends its motion.
-        faults: nothing begins while one is latched.
+        rendering: the present rig, and what starts and ends its motion.
+        faults: no experiment starts while a fault is latched.
 
     Raises:
-        RuntimeError: the system gives no thread.
+        RuntimeError: a thread cannot be created.
     """
 
     def __init__(self, rendering: Rendering, faults: FaultManager) -> None:
@@ -62,7 +62,7 @@ class Experiments:
         self._background = Background("hapticd-experiment")
 
     def report(self) -> dict[str, Any]:
-        """The newest experiment."""
+        """Report of the newest experiment."""
         return self._newest.report() if self._newest else dict(IDLE)
 
     def refuse_running(self) -> None:
@@ -76,25 +76,25 @@ class Experiments:
             raise Refused("busy", f"experiment {newest.id} ({newest.kind}) is running; 'hapticd stop' ends it")
 
     def _admit(self, deflection: float, *, release: bool, force: bool) -> None:
-        """Refuse a start at rest from a deflection in coarse ticks while anything rules it out."""
+        """Refuse a start at rest from a deflection in coarse ticks, if there is any reason against it."""
         self._faults.refuse()
         self.refuse_running()
         rig = self._rendering.rig
         rig.guard = self._rendering.admit(rig.config, deflection, release=release, force=force)
 
     def cancel(self) -> None:
-        """End the one that is running, if any, and wait for it."""
+        """End the running experiment, if any, and wait for it."""
         newest = self._newest
         if newest and newest.state == "running":
             newest.cancelled.set()
             newest.ended.wait(5.0)
 
     def alive(self) -> dict[str, bool]:
-        """Name of its thread, and whether it still runs."""
+        """Name of its thread to whether it runs."""
         return {"hapticd-experiment": self._background.alive()}
 
     def is_running(self) -> bool:
-        """Whether one is running, or its recording not closed yet."""
+        """Whether an experiment is running, or its recording is not closed yet."""
         newest = self._newest
         return newest is not None and newest.state == "running"
 
@@ -147,7 +147,7 @@ class Experiments:
             return self._launch(experiment, f"excite-{name}", command, finished, conclude, **played)
 
     def sequence(self, command: Command, steps: Sequence[Mapping[str, Any]], name: str, force: bool) -> dict[str, Any]:
-        """Releases, one after another, each with settings of its own; any stop or fault ends all of them."""
+        """Releases one after another, each with its settings; a stop or fault ends all of them."""
         rig = self._rendering.rig
         self._faults.refuse()
         self.refuse_running()
@@ -166,7 +166,7 @@ class Experiments:
         return {**job, "sequence": name, "steps": len(running.steps)}
 
     def refuse_sequence(self) -> None:
-        """Refuse while a sequence runs: its settings are its own.
+        """Refuse a change of settings while a sequence runs: it has its own.
 
         Raises:
             Refused: with its number.
@@ -183,7 +183,7 @@ class Experiments:
         conclude: Callable[[Path], dict[str, Any]],
         **rendered: Any,
     ) -> dict[str, Any]:
-        """Begin an experiment, in a recording of its own; one that is on is ended first."""
+        """Start an experiment in its own recording; a running recording is ended first."""
         rig = self._rendering.rig
         rig.recorder.stop()
         path = rig.recorder.start(None, label)
@@ -199,13 +199,13 @@ class Experiments:
 
 
 def excited_deflection(config: Config, table: NDArray[np.float64]) -> float:
-    """The release, in coarse ticks, that is equivalent to an excitation's motion; the guard judges this one.
+    """The release, in coarse ticks, that is equivalent to an excitation's motion; the guard judges this release.
 
-    The place where the spring would hold the shaft moves with current and origin. A step of it is a release; a slow motion
-    of it takes the shaft along at its own speed, whatever the way.
+    The equilibrium position of the spring moves with current and origin. A step of it is equivalent to a release; in a slow
+    motion of it the shaft follows with the same speed, whatever the distance.
 
     Args:
-        config: the configuration in force.
+        config: the present configuration.
         table: shape (2, ticks): current in A, displacement of the origin in raw counts.
     """
     tick_force = config.spring.stiffness * config.resolution
@@ -225,7 +225,7 @@ def run_job(
     finished: Callable[[], bool],
     conclude: Callable[[Path], dict[str, Any]],
 ) -> None:
-    """Wait for the end (or a fault, or a stop), switch off, close the recording, and work out the result."""
+    """Wait for the end (or a fault, or a stop), switch off, close the recording, and compute the result."""
     try:
         ended_early, faulted = wait_out(experiment, command, rig, finished)
         result = {"run": str(path), **conclude(path)}

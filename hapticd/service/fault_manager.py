@@ -1,8 +1,7 @@
-"""A fault from its first tick to its clearing: noticed in the loop, latched on disk, then logged, its history recorded.
+"""Handles a fault from its first tick to its clearing: it is latched on disk, then logged, and its history is recorded.
 
-The latch comes first and waits for nothing: not for the log, not for a thread, not for a descriptor. What cannot be latched
-is tried again for as long as the fault is there. The manager has a lock of its own, so the supervisor notices a fault even
-while a command holds the daemon's lock.
+Latching comes first and waits for nothing: no log, no thread, no descriptor. If it fails, it is tried again as long as the
+fault exists. The manager has its own lock, so the supervisor handles a fault even while a command holds the daemon's lock.
 """
 
 from __future__ import annotations
@@ -34,24 +33,24 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 _AGAIN_S = 1.0
-"""Between two attempts to latch a fault."""
+"""Time between two attempts to latch a fault [s]."""
 
 
 class FaultManager:
-    """Keeps the daemon's fault.
+    """Manages the daemon's fault.
 
     Args:
         latch: the fault that survives a restart.
-        rendering: the rig in force, and the recording of its run, which ends with a fault.
-        source: gives the name of the configuration in force.
+        rendering: the present rig, and the recording of its run, which ends with a fault.
+        source: returns the name of the present configuration.
 
     Attributes:
-        lock: held for as long as fault and rig must agree.
-        counts: how often each code was latched since the daemon began.
-        not_latched: why the fault would not outlive a restart; None where it would, or there is none.
+            lock: held while fault and rig must be consistent.
+            counts: number of latched faults per code since the daemon started.
+            not_latched: why the fault would be lost at a restart; None if it is on disk, or there is none.
 
     Raises:
-        RuntimeError: the system gives no thread.
+            RuntimeError: a thread cannot be created.
     """
 
     def __init__(self, latch: FaultLatch, rendering: Rendering, source: Callable[[], str]) -> None:
@@ -66,7 +65,7 @@ class FaultManager:
         self._prepare()
 
     def active(self) -> JsonDict | None:
-        """The fault that the loop is in, as `hapticd.control.schemas.Fault`; None when it is in none."""
+        """The present fault, as `hapticd.control.schemas.Fault`; None without a fault."""
         if self._rendering.rig.state != layout.FAULT:
             return None
         latched = self._fault
@@ -80,11 +79,11 @@ class FaultManager:
         }
 
     def is_latched(self) -> bool:
-        """Whether the fault that the loop is in has been described and stored."""
+        """Whether the present fault is described and stored."""
         return self._fault is not None
 
     def _remedy(self, code: str) -> str:
-        """What a person does about it, with this rig as it is now."""
+        """The remedy, for the present state of the rig."""
         rig = self._rendering.rig
         if rig.device_lost:
             return faults.REOPENS if rig.config.driver.reconnect else faults.REPLUG
@@ -93,7 +92,7 @@ class FaultManager:
         return faults.KINDS[faults.NUMBERS[code]].remedy
 
     def refuse(self) -> None:
-        """Refuse while a fault is latched, or the enable input that a person must hold is released.
+        """Refuse while a fault is latched, or the enable input is released.
 
         Raises:
             Refused: with the cause.
@@ -105,12 +104,12 @@ class FaultManager:
             raise Refused("released", "the enable input is released (safety.enable): hold it, and start again")
 
     def refuse_new(self) -> None:
-        """Latch a fault that has just been raised, and refuse with it."""
+        """Latch a newly raised fault, and refuse because of it."""
         self.latch_raised()
         self.refuse()
 
     def latch_raised(self) -> None:
-        """Latch a new fault on disk, log it once, record the 10 s before it; try again what could not be latched."""
+        """Latch a new fault on disk, log it once, record the 10 s before it; retry a failed latch."""
         with self.lock:
             if self._fault is not None and self.not_latched and time.monotonic() - self._tried_s > _AGAIN_S:
                 self._store(self._fault)
@@ -136,7 +135,7 @@ class FaultManager:
         )
         if self.not_latched:
             log.error("%s", self.not_latched)
-        # Off the supervisor's thread, which must go on beating while the disk works.
+        # Not in the supervisor's thread, which must send the heartbeat while the disk is busy.
         self._history.ask(lambda: self._keep_past(fault["code"]))
 
     def _store(self, fault: JsonDict) -> None:
@@ -150,32 +149,32 @@ class FaultManager:
             self._history.ask(self._prepare)
 
     def _prepare(self) -> None:
-        """Make the latch ready for the next fault; one that cannot be is made ready when it comes."""
+        """Prepare the latch for the next fault; if that fails, it is prepared when the fault occurs."""
         with self.lock, contextlib.suppress(OSError):
             self._latch.prepare()
 
     def alive(self) -> dict[str, bool]:
-        """Name of its thread, and whether it still runs."""
+        """Name of its thread to whether it runs."""
         return {"hapticd-history": self._history.alive()}
 
     def close(self) -> None:
-        """Give up what the latch had prepared."""
+        """Close the prepared latch."""
         self._history.end(1.0)
         with self.lock:
             self._latch.close()
 
     def confirm_cleared(self, before: int) -> None:
-        """The loop was asked to clear: forget the fault, unless it is there again.
+        """After the loop has cleared: remove the fault, unless it is back.
 
         Args:
-            before: number of the fault that was to be cleared.
+            before: number of the cleared fault.
 
         Raises:
-            Refused: it, or another one, is there.
+            Refused: this fault, or another one, is present.
         """
         with self.lock:
             if self._rendering.rig.state == layout.FAULT:
-                # It may be another one by now.
+                # It may be another fault.
                 self._fault = None
                 self.latch_raised()
                 found = self.active()
@@ -185,14 +184,14 @@ class FaultManager:
             self._latch.remove()
 
     def servo_died(self) -> None:
-        """The servo thread has ended by itself: close the driver, and say so in the loop's place."""
+        """The servo thread has ended by itself: close the driver, and raise the fault instead of the loop."""
         rig = self._rendering.rig
         if rig.servo.alive() or rig.state == layout.FAULT:
             return
         log.critical("the servo thread has ended by itself; closing the driver")
         rig.driver.close()
         with self.lock:
-            # The loop is gone, so its atomics are ours to write.
+            # The loop has ended, so this thread may write its atomics.
             rig.core.store(atomics.FAULT_CODE, faults.DRIVER_ERROR)
             rig.core.store(atomics.MODE, layout.FAULT)
             detail = "the servo thread ended by itself; restart the daemon"

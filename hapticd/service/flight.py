@@ -1,4 +1,4 @@
-"""What a dead daemon left: its fault is latched, its last rows become a run file; at the next start or by ``recover``."""
+"""Recovery after a crash, at the next start or by ``recover``: the fault is latched, the last rows become a run file."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 LOST = f"the last {PAST_S:g} s, and up to a second of what the motor has taken (I²t), do not outlive a crash"
-"""What it is to have none."""
+"""The consequence of having no flight recorder."""
 _CRASH_SUFFIX = ".crash"
 _SIGNAL = re.compile(r"^Fatal Python error: (.+)$", re.MULTILINE)
 _LONGEST_CRASH = 1 << 16
@@ -39,14 +39,14 @@ _PORTION_ROWS = 4096
 
 @dataclass(frozen=True)
 class Recovered:
-    """One flight recorder that became a run file.
+    """A flight recorder that was converted to a run file.
 
     Attributes:
         run: the run file.
-        rows: how many rows it holds.
-        torn: rows that a power cut had torn.
+        rows: number of its rows.
+        torn: number of rows that a power cut left incomplete.
         pid: the dead daemon's process number.
-        reason: why it died, as far as anything tells.
+        reason: why it died, as far as known.
     """
 
     run: Path
@@ -57,12 +57,12 @@ class Recovered:
 
 
 def flight_directory(config: Config) -> Path | None:
-    """Where the flight recorder of a daemon with this config lies; None: nowhere, there is no file system in memory."""
+    """Folder of the flight recorder for this config; None if there is no file system in memory."""
     return Path(config.record.flight_directory) if config.record.flight_directory else memory_directory()
 
 
 def open_ring(config: Config, name: str) -> tuple[FlightRing | None, Grant]:
-    """The flight recorder of a new rig, and what is to be said of it.
+    """The flight recorder of a new rig, and its line for the banner.
 
     Args:
         config: for the directory and the rate.
@@ -82,7 +82,7 @@ def open_ring(config: Config, name: str) -> tuple[FlightRing | None, Grant]:
 
 @contextlib.contextmanager
 def crash_log(config: Config, name: str) -> Iterator[None]:
-    """Have a fatal signal write the stack of every thread beside the flight recorder."""
+    """On a fatal signal, write the stack of every thread to a file next to the flight recorder."""
     directory = flight_directory(config)
     if directory is None or faulthandler.is_enabled():
         yield
@@ -107,14 +107,14 @@ def crash_log(config: Config, name: str) -> Iterator[None]:
 
 
 def recover(directory: Path, name: str, out: Path | None = None) -> list[Recovered]:
-    """Turn every flight recorder of dead daemons into a run file, oldest first; what cannot be is logged and left.
+    """Convert every flight recorder of dead daemons to a run file, oldest first; failures are logged, and the file is left.
 
-    Fault and I²t of one that is left have been taken over all the same, and are not once more the next time.
+    Fault and I²t of such a file have been recovered all the same; the next call does not recover them again.
 
     Args:
-        directory: where they lie.
+        directory: of the flight recorders.
         name: of the daemon; empty for all daemons of this user.
-        out: folder of the run files; None: the dead daemon's own.
+        out: folder of the run files; None: the dead daemon's folder.
     """
     if reason := paths.foreign(directory):
         log.error("nothing is recovered: %s", reason)
@@ -144,7 +144,7 @@ def recover(directory: Path, name: str, out: Path | None = None) -> list[Recover
 
 
 def fault_of(flight: Flight) -> dict[str, Any] | None:
-    """The fault that a dead daemon was in, as `hapticd.servo.faults.describe` gives it; None: it was in none."""
+    """The fault of a dead daemon, as from `hapticd.servo.faults.describe`; None without a fault."""
     number = int(flight.shared[atomics.FAULT_CODE])
     if int(flight.shared[atomics.MODE]) != layout.FAULT or number not in faults.KINDS:
         return None
@@ -161,7 +161,7 @@ def fault_of(flight: Flight) -> dict[str, Any] | None:
 
 
 def heat_left(config: Config, name: str) -> float:
-    """I²t in the flight recorders of dead daemons from which `recover` could not take it over, A² s; 0 where there are none.
+    """I²t in flight recorders of dead daemons that `recover` could not convert, A² s; 0 if there are none.
 
     Args:
         config: for the directory. name: of the daemon.
@@ -178,15 +178,15 @@ def heat_left(config: Config, name: str) -> float:
 
 
 def _taken_over(path: Path) -> Path:
-    """A file beside a flight recorder, once its fault is latched and its I²t kept."""
+    """Path of the marker that fault and I²t of a flight recorder have been recovered."""
     return path.with_suffix(".taken-over")
 
 
 def _latch(name: str, flight: Flight) -> None:
-    """Latch the fault of a dead daemon, unless one is latched: it must not be lost with the process.
+    """Latch the fault of a dead daemon, unless one is latched already.
 
     Raises:
-        OSError: it cannot be written; the flight recorder is left for the next time.
+        OSError: it cannot be written; the flight recorder is left for the next start.
     """
     latch = FaultLatch(name=name)
     fault = fault_of(flight)
@@ -197,7 +197,7 @@ def _latch(name: str, flight: Flight) -> None:
 
 
 def _write(flight: Flight, out: Path | None, crash: str) -> Recovered | None:
-    """The run file; None where there is not one row."""
+    """Write the run file; None if there are no rows."""
     if not flight.rows.size:
         return None
     code, reason = why(flight, crash)
@@ -220,11 +220,11 @@ def _write(flight: Flight, out: Path | None, crash: str) -> Recovered | None:
 
 
 def why(flight: Flight, crash: str = "") -> tuple[str, str]:
-    """Why a daemon died, as far as it is known: a short name and a sentence.
+    """Why a daemon died, as far as known: a short name and a sentence.
 
     Args:
-        flight: what it left.
-        crash: what its fatal signal wrote.
+        flight: its flight recorder.
+        crash: the stacks of its fatal signal.
     """
     mode = int(flight.shared[atomics.MODE])
     state = layout.STATE_NAMES[mode] if 0 <= mode < len(layout.STATE_NAMES) else f"unknown ({mode})"
@@ -244,7 +244,7 @@ def why(flight: Flight, crash: str = "") -> tuple[str, str]:
 
 
 def _died(flight: Flight) -> str:
-    """When its supervisor beat last, UTC: within 50 ms of its death, unless that had stopped before."""
+    """Time of its last heartbeat, UTC: within 50 ms of its death, unless the supervisor had stopped before."""
     instant_s = (flight.clock_ns + int(flight.shared[atomics.HEARTBEAT_NS])) * 1e-9
     with contextlib.suppress(ValueError, OverflowError):
         return datetime.fromtimestamp(instant_s, UTC).isoformat(timespec="milliseconds")

@@ -1,4 +1,4 @@
-"""``hapticd run`` for a person at a terminal: what is being driven, how real-time it is, a live line, a summary.
+"""``hapticd run`` at a terminal: a banner with device and real-time properties, a live line, a summary.
 
 Without a terminal the same facts go to the log: the banner once, then one line for every change of state.
 """
@@ -47,11 +47,11 @@ EXIT_FAULT = 5
 
 
 def banner(daemon: Daemon, socket: Path, source: str, *, starting: bool = False) -> list[str]:
-    """What a person wants to know before touching the handle, one line each.
+    """The lines of the banner: what a user must know before touching the handle.
 
     Args:
-        daemon: the daemon. socket, source: where it listens, and what its config came from.
-        starting: whether the spring is about to be rendered.
+        daemon: the daemon. socket: its path. source: file or preset of its config.
+        starting: whether the spring will be rendered at once.
     """
     rig = daemon.rig
     config = rig.config
@@ -99,10 +99,10 @@ def banner(daemon: Daemon, socket: Path, source: str, *, starting: bool = False)
 
 
 def latch_unwritable(path: Path) -> str | None:
-    """Why a fault would not outlive a restart, and what to do; None where it would.
+    """Why a fault would be lost at a restart, and what to do; None if it would not.
 
     Args:
-        path: of the file that the latched fault is kept in.
+        path: file of the latched fault.
     """
     if why := why_unwritable(path.parent):
         mend = "make that folder writable" + ("" if is_service() else ", or name another one in $XDG_STATE_HOME")
@@ -111,12 +111,12 @@ def latch_unwritable(path: Path) -> str | None:
 
 
 def _number(value: float | None) -> str:
-    """A status document has None for infinity, which is what everything is without a spring."""
+    """A dimensionless number as text; None in the status means infinite, as without a spring."""
     return "∞" if value is None else f"{value:.4g}"
 
 
 def live_line(status: dict[str, Any]) -> str:
-    """One line of the present."""
+    """The present state in one line."""
     timing, recorder = status["timing"], status["recorder"]
     late = timing["wake_us"]
     late_text = f"late p50 {late['p50']:.0f} max {late['max']:.0f} µs" if late["p50"] is not None else "late -"
@@ -134,7 +134,7 @@ def live_line(status: dict[str, Any]) -> str:
 
 
 def summary(status: dict[str, Any]) -> list[str]:
-    """What happened, after the end."""
+    """The lines that are printed at the end."""
     timing = status["timing"]
 
     def quantiles(name: str) -> str:
@@ -154,7 +154,7 @@ def summary(status: dict[str, Any]) -> list[str]:
 
 
 def _state_line(status: dict[str, Any]) -> str:
-    """What ``systemctl status`` shows; changes only when the state does."""
+    """The text for ``systemctl status``; it changes only with the state."""
     fault = status["fault"]
     if fault:
         return f"fault {fault['code']}: {fault['cause']}"
@@ -171,20 +171,20 @@ def run_foreground(
     force: bool = False,
     quiet: bool = False,
 ) -> int:
-    """Run the daemon until a signal ends it; the motor ends at zero current, switched off.
+    """Run the daemon until a signal ends it, with zero current and the amplifier off.
 
     Args:
-        sink: what writes all that is said.
-        source: what the config came from, for a reload. socket: in place of the config's.
-        autostart: begin to render at once. force: also what the guard refuses.
+        sink: writes all output.
+        source: file or preset of the config, for a reload. socket: instead of the config's.
+        autostart: start to render at once. force: even if the guard refuses.
         quiet: no banner, no live line, no summary; warnings only.
 
     Returns:
-        0, or 5 when it ended with a latched fault.
+        0, or 5 if it ended with a latched fault.
 
     Raises:
-        DriverError, RealtimeError: the rig cannot be started. SocketError: the socket cannot be had, or another daemon has
-            taken it since.
+        DriverError, RealtimeError: the rig cannot be started. SocketError: the socket cannot be created, or another daemon
+            has replaced this one.
     """
     console = Console(file=sink.stream, quiet=quiet)
     _log_to(console, sink)
@@ -194,7 +194,7 @@ def run_foreground(
     console.print(
         "starting (the first start compiles the servo loop, about ten seconds) …", style="dim", highlight=False
     )
-    # The claim first: whoever has it is alone with the device. The sockets last, once all threads exist.
+    # The claim comes first: only its holder may open the device. The sockets come last, when all threads exist.
     rules, mode = _access(config)
     with contextlib.ExitStack() as ending:
         notifier = Notifier.from_environment()
@@ -215,7 +215,7 @@ def run_foreground(
         stop_channel = bind(stop_path(path), int(config.api.mode, 8), config.api.group, SOCK_DGRAM)
         ending.callback(stop_channel.close)
         bound = bind(path, mode, config.api.group, claimed=claimed)
-        # The last of these comes first.
+        # They are closed in reverse order.
         for step in (bound.close, server.stop, daemon.disable, notifier.stopping):
             ending.callback(step)
         daemon.stop_channel.listen(stop_channel.socket)
@@ -243,16 +243,16 @@ def run_foreground(
 
 
 def _access(config: Config) -> tuple[Rules, int]:
-    """Who may ask for what, and the mode of the socket's file."""
+    """Roles of the callers, and the mode of the socket's file."""
     if config.api.watch_group is None:
         return Rules(), int(config.api.mode, 8)
-    # Everybody gets as far as the check of the caller's groups; a file has but one group.
+    # A file has only one group, so everybody may connect, and the caller's groups are checked then.
     watch = group_id(config.api.watch_group, "api.watch_group")
     return Rules(group_id(config.api.group, "api.group"), watch), 0o666
 
 
 def _recover(config: Config, name: str) -> None:
-    """Keep what a daemon that was killed on this socket has left."""
+    """Recover the flight recorder of a daemon that was killed on this socket."""
     directory = flight_directory(config)
     for found in recover(directory, name) if directory else ():
         log.warning("%s; its last %d rows are in %s", found.reason, found.rows, found.run)
@@ -263,7 +263,7 @@ def _log_to(console: Console, sink: Sink) -> None:
     handler: logging.Handler = logging.StreamHandler(sink.stream)
     text = "%(levelname)s %(message)s"
     if console.is_terminal:
-        # A console that prints nothing still says what is logged.
+        # With a quiet console the log is still printed.
         console = Console(file=sink.stream) if console.quiet else console
         handler, text = RichHandler(console=console, show_path=False, markup=False), "%(message)s"
     elif stderr_is_journal():
@@ -272,7 +272,7 @@ def _log_to(console: Console, sink: Sink) -> None:
 
 
 def _watch(daemon: Daemon, signals: Signals, console: Console, notifier: Notifier, sink: Sink) -> None:
-    """Show the state until a signal ends the daemon; one without a terminal reads its config anew at SIGHUP."""
+    """Show the state until a signal ends the daemon; without a terminal, SIGHUP reloads the config."""
     shown = asked = None
     off: list[str] = []
     with Live(console=console, auto_refresh=False, transient=True) as live:
@@ -288,7 +288,7 @@ def _watch(daemon: Daemon, signals: Signals, console: Console, notifier: Notifie
             status = daemon.status()
             notifier.status(_state_line(status))
             if console.is_terminal:
-                # A frame is of the moment: none is drawn for a terminal that has not taken what was said before.
+                # No live line for a terminal that has not accepted the earlier output.
                 if not sink.behind:
                     live.update(Text(live_line(status), overflow="ellipsis", no_wrap=True), refresh=True)
             elif status["state"] != shown:

@@ -1,8 +1,8 @@
-"""What no theorem covers is explored further while it is rendered: a start that moves on takes the force away softly.
+"""Further exploration of a rendered spring that no theorem covers: if a start does not come to rest, the force fades out.
 
-The guard has 0.1 s before a motion begins (`hapticd.stability.guard.judge`); here the same search goes on, a tenth of a
-second of one core in each second, for as long as the spring is rendered or until enough starts were tried. The servo loop
-has its priority, and the search gives up the GIL.
+The guard searches for 0.1 s before a motion begins (`hapticd.stability.guard.judge`). Here the same search continues with
+10 % of one core while the spring is rendered, until enough starts were tried. The servo loop has a higher priority, and
+the search releases the GIL.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 ENOUGH: Final = 1 << 16
-"""Starts of one spring and motion."""
+"""Most starts for one spring and motion."""
 
 
 class FurtherStarts:
-    """The search for the spring that is rendered.
+    """The search for the rendered spring.
 
     Args:
-        rendering: what is rendered, and with which motion it was admitted.
+        rendering: the rendered spring, and the motion for which it was admitted.
 
     Raises:
-        RuntimeError: the system gives no thread.
+        RuntimeError: a thread cannot be created.
     """
 
     def __init__(self, rendering: Rendering) -> None:
@@ -41,18 +41,18 @@ class FurtherStarts:
         self._background = Background("hapticd-explore")
 
     def alive(self) -> dict[str, bool]:
-        """Name of its thread, and whether it still runs."""
+        """Name of its thread to whether it runs."""
         return {"hapticd-explore": self._background.alive()}
 
     def go_on(self) -> None:
-        """Try some more starts, in the background; at once back. Asked once a second or so."""
+        """Try some more starts in the background; returns at once. Called about once a second."""
         if self._rendering.rig.state == layout.RUNNING and not self._background.busy():
             self._background.ask(self._try)
 
     def _try(self) -> None:
         rig, judged = self._rendering.rig, self._rendering.judged
         rendered, latency_s = rig.request, rig.driver.latency_s
-        # What was judged last may not have come into force; what was before it is rendered then.
+        # The last judged config may not have been applied; then the one before it is rendered.
         if judged is None or not same_loop(judged[0], rig.config, latency_s):
             judged = self._judged
         if judged is None or not same_loop(judged[0], rig.config, latency_s):

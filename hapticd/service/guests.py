@@ -1,4 +1,4 @@
-"""Who is let in at the control socket, and how many of each user (`hapticd.control.connections`)."""
+"""Admission to the control socket, and the number of connections per user (`hapticd.control.connections`)."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from hapticd.control.json_reply import error_reply
 from hapticd.service.access import Caller, CallerProtocol, Rules, Turns
 
 OTHERS: Final = 32
-"""Connections of a user at a time."""
+"""Most connections of a user at a time."""
 OWN: Final = 128
-"""Of root and of the daemon's own user."""
+"""The same for root and the daemon's own user."""
 
 
 class GuestProtocol(LimitedProtocol, CallerProtocol):
-    """HTTP for who has a role; anybody else is told so, and let go before he has asked for anything."""
+    """HTTP for callers with a role; other connections get an answer 403 and are closed before any request is read."""
 
     rules: Rules
     crowds: Crowds
 
     def crowd(self) -> Crowd | None:
-        """That of the caller's user."""
+        """The connections of the caller's user."""
         caller: Caller | None = self.app_state.get("caller")
         if caller is None or self.rules.role(caller) is None:
             who = "the caller is unknown" if caller is None else f"uid {caller.uid} has no role here"
-            self._turn_away(f"{who}; roles go by the groups api.group and api.watch_group of the config")
+            self._turn_away(f"{who}; roles are given to the groups api.group and api.watch_group of the config")
             return None
         return self.crowds.of(caller.uid, OWN if caller.is_own_user else OTHERS)
 
@@ -37,6 +37,6 @@ class GuestProtocol(LimitedProtocol, CallerProtocol):
 
 
 def guests(rules: Rules, turns: Turns) -> type[GuestProtocol]:
-    """The protocol of a server with these rules, on a loop that goes round in these turns."""
+    """The protocol of a server with these rules and the iterations of its event loop."""
     own = {"rules": rules, "crowds": Crowds(), "turns": turns}
     return cast(type[GuestProtocol], type("GuestProtocol", (GuestProtocol,), own))

@@ -1,7 +1,7 @@
-"""A stop or an estop from its arrival to its answer: no lock, no thread, no descriptor, no line in the log.
+"""A stop or an estop from its arrival to its answer, without any lock, thread, descriptor or log line.
 
-Making a `Halt` is the stop itself: one store that the tick reads. `poll` is asked by whoever answers: the API in its event
-loop, a caller in this process in a loop of its own.
+Creating a `Halt` is the stop itself: one store that the tick reads. The API calls `poll` in its event loop until it has an
+answer; a caller in this process uses `wait`.
 """
 
 from __future__ import annotations
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 
 POLL_S: Final = 0.002
 _OBEYED_S: Final = 1.0
-"""The loop obeys within two ticks; longer than this, and it does not."""
+"""The loop reacts within two ticks; after this time it does not answer [s]."""
 _REPLACED_S: Final = 10.0
-"""How long another rig may take to come up: it obeys in its first tick."""
+"""Longest start of a new rig, which reacts in its first tick [s]."""
 _TIDY_S: Final = 2.0
-"""How long the answer may wait for the end of the recording, once the current is zero."""
+"""Longest wait of the answer for the end of the recording, after the current is zero [s]."""
 _TICKS: Final = 2
 _LONGEST_LOOK_S: Final = 0.1
-"""What lies between two looks counts as waiting up to this: who was frozen has not seen whether the loop obeys."""
+"""Time between two polls counts as waiting up to this: a frozen process did not see whether the loop reacts [s]."""
 
 
 class Halt:
     """One stop.
 
     Args:
-        rendering: the rig in force, which a reload may be about to replace, and the authority.
-        latches: whether it is an estop: a fault is latched, and nothing is waited for but that.
-        is_tidy: whether recording and experiment have ended.
-        status: the answer.
+        rendering: the present rig, which a reload may be replacing, and the authority.
+        latches: whether it is an estop, which latches a fault and waits for nothing else.
+        is_tidy: returns whether recording and experiment have ended.
+        status: returns the answer.
     """
 
     def __init__(
@@ -54,7 +54,7 @@ class Halt:
         self._watch(rendering.rig)
 
     def poll(self) -> JsonDict | None:
-        """The answer; None: ask again.
+        """The answer; None: not yet.
 
         Raises:
             DriverFailure: the loop does not answer.
@@ -74,7 +74,7 @@ class Halt:
         return None
 
     def wait(self) -> JsonDict:
-        """The answer, for a caller that has a thread to wait in.
+        """Wait for the answer, in the caller's thread.
 
         Raises:
             DriverFailure: the loop does not answer.
@@ -84,18 +84,18 @@ class Halt:
         return answer
 
     def _watch(self, rig: Rig) -> None:
-        """Count from here: the tick at hand may have begun before the stop."""
+        """Count ticks from now: the present tick may have begun before the stop."""
         self._watched, self._ticks, self._waited_s = rig, rig.core.load(atomics.TICKS), 0.0
 
     def _obeys(self) -> bool:
         rig = self._rendering.rig
         if rig.closed:
-            return not self._latches  # it ended by way of zero current, and the next one has to be told first
+            return not self._latches  # it ended with zero current; an estop must also reach the next rig
         if rig is not self._watched:
             self._watch(rig)
         if rig.core.load(atomics.TICKS) < self._ticks + _TICKS:
             return False
-        # A command that arrived later may have begun, and a clear that did may have come, since the loop obeyed.
+        # Since then a later command may have started a motion, or cleared the fault.
         if self._latches:
             return rig.core.estops_obeyed >= self._estops
         return rig.state in (layout.OFF, layout.FAULT) or rig.core.ordinal > self._revoked

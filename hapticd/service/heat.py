@@ -1,12 +1,11 @@
-"""What the motor's winding has taken, kept over a reload, a lost device and a restart: I²t above the continuous current.
+"""I²t of the motor's winding above the continuous current, kept over a reload, a lost device and a restart.
 
-The loop adds it up in every tick (`hapticd.servo.gate.check_load`), in A² s, in a word of the flight recorder. At the start,
-once a second, before a rig is replaced and at a clean end it is written beside the latch. A start credits the cooling of the
-time between, continuous_current² a second as the loop does, only after a clean end and only where that time is known: by the
-boot clock within one boot, by the calendar over a reboot if it has not gone backwards. After any other end it begins with
-the larger of what was written last and what the flight recorder has; without one (no file system in memory, a power cut) up
-to a second of heating is lost. A file that cannot be understood counts as a winding at its limit: it was written by a motor
-that ran.
+The loop integrates it in every tick (`hapticd.servo.gate.check_load`), in A² s, in a word of the flight recorder. It is
+written to a file next to the latch at the start, once a second, before a rig is replaced, and at a clean end. A start
+subtracts the cooling since then, continuous_current² per second as in the loop, but only after a clean end and only if that
+time is known: by the boot clock within one boot, by the calendar over a reboot if it has not gone backwards. After any
+other end the start value is the larger of the file's and the flight recorder's; without a flight recorder (no file system
+in memory, a power cut) up to a second of heating is lost. An unreadable file counts as a winding at its limit.
 """
 
 from __future__ import annotations
@@ -32,8 +31,8 @@ log = logging.getLogger(__name__)
 
 _EVERY_S: Final = 1.0
 _HANGS_S: Final = 2.0
-"""Longest wait for a disk that another thread of ours waits for."""
-_NOT_UNDERSTOOD: Final = (ValueError, KeyError, TypeError, RecursionError)
+"""Longest wait for another thread that waits for the disk [s]."""
+_UNREADABLE: Final = (ValueError, KeyError, TypeError, RecursionError)
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
 
 
@@ -55,11 +54,11 @@ class Heat:
         self._failed = ""
 
     def before(self, config: Config, left: float = 0.0) -> float:
-        """I²t with which a daemon begins, A² s; at most what trips ``over_current``.
+        """I²t at the start of a daemon, A² s; at most the limit of ``over_current``.
 
         Args:
             config: for the continuous current and the limit.
-            left: of a daemon that was killed, by its flight recorder, A² s.
+            left: from the flight recorder of a daemon that was killed, A² s.
         """
         limit = i2t_limit(config)
         continuous = config.amplifier.continuous_current
@@ -71,37 +70,37 @@ class Heat:
             cooled = continuous**2 * _known_span_s(kept) if kept["clean"] is True else 0.0
         except FileNotFoundError:
             i2t = cooled = 0.0
-        except (OSError, *_NOT_UNDERSTOOD) as error:
+        except (OSError, *_UNREADABLE) as error:
             log.warning("%s: %s; the motor is taken to be as hot as it may be", self.path, error)
             return limit
         return min(max(0.0, i2t - cooled, left), limit)
 
     def recovered(self, left: float) -> None:
-        """Keep what a killed daemon's flight recorder has, before that is taken away: no cooling is credited then.
+        """Store the I²t of a killed daemon's flight recorder before that is removed; no cooling is subtracted then.
 
         Args:
-            left: I²t at its death, A² s; infinite: as hot as it may be.
+            left: I²t at its death, A² s; infinite: the limit.
 
         Raises:
-            OSError: it cannot be read or written; what the flight recorder has must stay.
+            OSError: the file cannot be read or written; the flight recorder must be kept.
         """
         try:
             before = _i2t(self._kept())
         except FileNotFoundError:
             before = 0.0
-        except _NOT_UNDERSTOOD:
-            return  # as hot as it may be, and that stays
+        except _UNREADABLE:
+            return  # the limit is already stored
         if left > 0.0 or before > 0.0:
             self._store(max(left, before), clean=False)
 
     def follow(self, current: Callable[[], float]) -> None:
-        """Write it down now, so that no file says "clean" of a daemon that runs, and from now on once a second.
+        """Store the I²t now, marked as not clean, and then once a second.
 
         Args:
-            current: gives it, A² s.
+            current: returns it, A² s.
 
         Raises:
-            RuntimeError: the system gives no thread.
+            RuntimeError: a thread cannot be created.
         """
         self._current = current
         self.keep()
@@ -109,16 +108,16 @@ class Heat:
         self._thread.start()
 
     def keep(self) -> None:
-        """Write it down now: the flight recorder that has it is about to go."""
+        """Store it now, before the flight recorder is removed."""
         if self._current is not None:
             self._write(self._current(), clean=False)
 
     def alive(self) -> bool:
-        """Whether it is being written down."""
+        """Whether its thread runs."""
         return self._thread is not None and self._thread.is_alive()
 
     def end(self) -> None:
-        """A clean end: the loop has ended, and the motor cools from now on."""
+        """Store it as a clean end: the loop has ended, and the motor cools."""
         self._ending.set()
         if self._thread is not None and self._current is not None:
             self._thread.join(_HANGS_S)
@@ -128,7 +127,7 @@ class Heat:
         while not self._ending.wait(_EVERY_S):
             assert self._current is not None
             i2t = self._current()
-            if i2t != self._written:  # a motor that stays cold costs the disk nothing
+            if i2t != self._written:  # no write for a cold motor
                 self._write(i2t, clean=False)
 
     def _kept(self) -> Any:
@@ -148,7 +147,7 @@ class Heat:
 
     def _write(self, i2t: float, *, clean: bool) -> None:
         if not self._writing.acquire(timeout=_HANGS_S):
-            return  # whoever writes waits for the disk
+            return  # another thread is waiting for the disk
         try:
             self._store(i2t, clean=clean)
         except OSError as error:
@@ -162,7 +161,7 @@ class Heat:
 
 
 def _i2t(kept: Any) -> float:
-    """I²t of a file's content, A² s; raises one of `_NOT_UNDERSTOOD` where it is none."""
+    """I²t of a file's content, A² s; raises one of `_UNREADABLE` if it is invalid."""
     i2t = float(kept["i2t"])
     if not 0.0 <= i2t < math.inf:
         raise ValueError(f"i2t = {i2t}")
@@ -177,7 +176,7 @@ def _boot() -> str:
 
 
 def _known_span_s(kept: dict[str, Any]) -> float:
-    """Time since it was written, s; 0 where that is not known."""
+    """Time since it was written, s; 0 if unknown."""
     boot = _boot()
     if boot and kept["boot"] == boot:
         return max(0.0, time.clock_gettime(time.CLOCK_BOOTTIME) - float(kept["boot_s"]))

@@ -1,4 +1,4 @@
-"""What every experiment is made of: its report, the wait for a shaft at rest and for its end, and what a release did."""
+"""Parts of every experiment: its report, waiting for rest and for its end, and the result of a release."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Experiment:
         self._began = time.monotonic()
 
     def begin(self) -> None:
-        """The spring is rendered from now on."""
+        """The spring is rendered now: start the clock."""
         self._began = time.monotonic()
 
     def elapsed_s(self) -> float:
@@ -62,12 +62,12 @@ class Experiment:
 
 
 def refuse_deflection(config: Config, counts: int, which: str = "") -> None:
-    """Refuse a release from farther than the shaft may go.
+    """Refuse a release from beyond the shaft's limit.
 
     Args:
-        config: the configuration in force.
+        config: the present configuration.
         counts: the deflection in raw counts.
-        which: of several, for the message.
+        which: name of the step in a sequence, for the message.
 
     Raises:
         Refused: with the limit.
@@ -85,7 +85,7 @@ def wait_for_rest(rig: Rig, command: Command, timeout_s: float = REST_TIMEOUT_S)
     """Counts of a shaft that has not moved for 0.2 s.
 
     Raises:
-        Refused: it keeps moving. Withdrawn: nobody wants to know any more.
+        Refused: it keeps moving. Withdrawn: the command was cancelled.
     """
     deadline = time.monotonic() + timeout_s
     last, since = rig.counts, time.monotonic()
@@ -119,13 +119,13 @@ def wait_out(experiment: Experiment, command: Command, rig: Rig, finished: Calla
 
 
 def release_result(path: Path, decimation: int, origin_counts: int, fault_number: int) -> dict[str, Any]:
-    """What a release did, from its recording.
+    """Result of a release, from its recording.
 
     Returns:
-        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``; None: a trip of the limits came
-        before it could be told), ``held_by_friction`` (it never moved by a raw count), ``final`` position in coarse ticks
-        (true to one raw count), ``rest`` (after how many periods and s, None while moving) and ``oscillation`` of the last
-        quarter (peak to peak in ticks and raw counts, frequency in Hz).
+        ``outcome`` (``decaying``: it came or comes to rest; ``persistent``; ``growing``; None: a limit tripped before it
+        could be determined), ``held_by_friction`` (it never moved by a raw count), ``final`` position in coarse ticks
+        (accurate to one raw count), ``rest`` (after how many periods and s, None while moving) and ``oscillation`` of the
+        last quarter (peak to peak in ticks and raw counts, frequency in Hz).
     """
     run = read_run(path)
     running = (run.columns["flags"] & FLAG_RUNNING) != 0
@@ -139,7 +139,7 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
     tail = counts[-(len(counts) // 4) :]
     outcome: str | None = shown
     if fault_number in _RUNAWAY:
-        # It began at rest: farther out than that, by more than a reading's error, it has gained energy.
+        # It started at rest: at a larger distance, beyond the quantisation, it has gained energy.
         away = np.abs(counts - origin_counts)
         outcome = "growing" if away.max() > away[0] + 1 else None
     rest = None
@@ -155,10 +155,10 @@ def release_result(path: Path, decimation: int, origin_counts: int, fault_number
 
 
 def shown_outcome(counts: NDArray[Any], time_s: NDArray[np.float64]) -> tuple[Outcome, int, bool]:
-    """What an encoder shows of a release that no trip has ended: outcome, the row of the last move, whether it is at rest.
+    """Outcome of a release without a trip, from the encoder; also the row of the last move, and whether it is at rest.
 
-    The rules of `simulate`, on the squared swing of each stretch in place of its energy. It cannot tell a monotone fall of
-    energy from one with rises.
+    The rules of `simulate`, with the squared amplitude of each stretch instead of its energy. From the encoder, a monotone
+    fall of energy cannot be distinguished from one with rises.
 
     Args:
         counts: (n,) of any unit, 4 at least. time_s: (n,) s.
@@ -171,7 +171,7 @@ def shown_outcome(counts: NDArray[Any], time_s: NDArray[np.float64]) -> tuple[Ou
 
 
 def _swing(counts: NDArray[Any]) -> float:
-    """Typical peak to peak: the median over eight stretches, so that one late tick does not make a verdict."""
+    """Typical peak-to-peak amplitude: the median over eight stretches, so that one late tick does not decide the outcome."""
     return float(np.median([np.ptp(part) for part in np.array_split(counts, 8) if len(part)]))
 
 

@@ -1,4 +1,4 @@
-"""Log records in the journal's native protocol, so that a fault's code and cause are fields that ``journalctl`` can filter.
+"""Log records in the journal's native protocol: a fault's code and cause are fields that ``journalctl`` can filter.
 
 ``journalctl HAPTICD_FAULT=over_speed`` finds every over-speed. Used only when standard error is the journal
 (``$JOURNAL_STREAM``, systemd.exec(5)); protocol: systemd.io, "Native Journal Protocol".
@@ -28,7 +28,7 @@ _DEBUG_PRIORITY = 7
 
 
 def stderr_is_journal() -> bool:
-    """Whether what we write to standard error ends up in the journal."""
+    """Whether standard error goes to the journal."""
     device, _, inode = os.environ.get("JOURNAL_STREAM", "").partition(":")
     try:
         found = os.fstat(sys.stderr.fileno())
@@ -38,10 +38,10 @@ def stderr_is_journal() -> bool:
 
 
 class JournalHandler(logging.Handler):
-    """Sends records to the journal; one that cannot be sent goes to standard error, where the journal finds it, too.
+    """Sends records to the journal; if that fails, to standard error, which also goes to the journal.
 
     Args:
-        sink: what sends them, so that nobody waits for a journal that hangs.
+        sink: sends them in its thread, so that no other thread waits for the journal.
         address: the journal's datagram socket.
     """
 
@@ -52,7 +52,7 @@ class JournalHandler(logging.Handler):
         self._socket.setblocking(False)
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Have one record sent."""
+        """Queue one record."""
         try:
             message = cut(self.format(record))
             self._sink.put(partial(self._send, encode(message, record), message))

@@ -1,7 +1,7 @@
-"""The latched fault on disk: a fault outlives the daemon, and only an explicit ``clear`` removes it.
+"""The latched fault on disk: it persists over restarts, and only an explicit ``clear`` removes it.
 
-Its file is prepared before any fault: open, beside its place. To latch takes one write, one sync and one rename, and no new
-descriptor, of which there may be none left by then.
+A temporary file is opened in advance. So latching takes one write, one sync and one rename, and no new descriptor, of which
+there may be none left at a fault.
 """
 
 from __future__ import annotations
@@ -33,15 +33,15 @@ def is_service() -> bool:
 
 
 def daemon_name(socket: Path) -> str:
-    """Name of a daemon for its own files, told apart by the path of its socket."""
+    """Name of a daemon for its files, derived from the path of its socket."""
     return f"{socket.stem}-{hashlib.sha256(os.fsencode(socket.absolute())).hexdigest()[:8]}"
 
 
 class FaultLatch:
-    """One file for one daemon.
+    """The file of one daemon.
 
     Args:
-        socket: of the daemon. name: in its place, `daemon_name`.
+        socket: of the daemon. name: instead of it, `daemon_name`.
     """
 
     def __init__(self, socket: Path | None = None, *, name: str = "") -> None:
@@ -51,11 +51,11 @@ class FaultLatch:
         self._descriptor = self._folder = -1
 
     def load(self) -> dict[str, Any] | None:
-        """The fault latched before a restart: ``code``, ``cause``, ``help``, ``number``; None when there is none.
+        """The fault latched before a restart: ``code``, ``cause``, ``help``, ``number``; None without a fault.
 
-        Beside them ``time``, ``config`` and ``config_digest``, as far as they were written.
+        Also ``time``, ``config`` and ``config_digest``, if they were written.
 
-        A file that cannot be understood counts as a fault too: it says that something happened.
+        An unreadable file counts as a fault.
         """
         try:
             if not self.path.exists():
@@ -75,32 +75,32 @@ class FaultLatch:
         return fault["number"] if fault else 0
 
     def prepare(self) -> None:
-        """Open what `store` writes to, if it is not open yet.
+        """Open the temporary file of `store`, if it is not open yet.
 
         Raises:
-            OSError: the state directory cannot be made, or written.
+            OSError: the state directory cannot be created or written.
         """
         if self._descriptor >= 0:
             return
         self.path.parent.mkdir(parents=True, exist_ok=True)
         if self._folder < 0:
-            for left in self.path.parent.glob(f".{self.path.name}.*.part"):  # by one that was killed
+            for left in self.path.parent.glob(f".{self.path.name}.*.part"):  # of a daemon that was killed
                 left.unlink(missing_ok=True)
             self._folder = os.open(self.path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
         self._descriptor = os.open(self._part, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o600)
 
     def store(self, fault: dict[str, Any]) -> None:
-        """Write the fault, whole or not at all; it is on disk when this returns.
+        """Write the fault, completely or not at all; after the return it is on disk.
 
         Raises:
-            OSError: it is not.
+            OSError: it is not on disk.
         """
         data = (json.dumps(fault, indent=1) + "\n").encode()
         self.prepare()
         try:
             self._write(data)
         except OSError:
-            # The folder may have gone, and with it what was prepared in it.
+            # The folder may be removed, with the prepared file in it.
             self.close()
             self.prepare()
             self._write(data)
@@ -110,7 +110,7 @@ class FaultLatch:
         self.path.unlink(missing_ok=True)
 
     def close(self) -> None:
-        """Give up what is prepared. Safe to call twice; `prepare` and `store` may follow."""
+        """Remove the prepared file. Safe to call twice; `prepare` and `store` may follow."""
         for descriptor in (self._descriptor, self._folder):
             if descriptor >= 0:
                 with contextlib.suppress(OSError):

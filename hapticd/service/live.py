@@ -1,9 +1,9 @@
-"""The live stream: the rows that the recorder takes from the ring, as frames, for whoever looks at them now.
+"""The live stream: the recorder's rows as frames, for all connected readers.
 
-Nothing is done while nobody looks. While somebody does, the recorder's thread only hands over a reference to rows that
-it has copied anyway; the API's event loop encodes them, once for all who look. What costs is to wake, not to encode: all
-readers sleep until the same instant, and the first that wakes makes the frame. The newest frames are kept for those who
-are slow; the row numbers in them (`hapticd.record.frames`) tell each reader what it missed, and nobody waits for another.
+Without a reader it does nothing. With readers, the recorder's thread only passes a reference to rows that it has copied
+anyway; the API's event loop encodes them, once for all readers. Waking up costs more than encoding: all readers sleep until
+the same time, and the first to wake encodes the frame. The newest frames are kept for slow readers; the row numbers
+(`hapticd.record.frames`) show each reader what it missed, and no reader waits for another.
 """
 
 from __future__ import annotations
@@ -22,48 +22,48 @@ from hapticd.service.refusals import Refused
 INBOX_PORTIONS = 256
 GATHER_ROWS = 4096
 WAITING_FRAMES = 32
-"""What a reader may fall behind before it loses its oldest frame: 2.5 s."""
+"""Frames that are kept: a reader that is more than 2.5 s behind loses the oldest."""
 MAX_READERS = 16
 SIGN_OF_LIFE_S = 0.5
 GATHER_S = 0.08
-"""What comes within it travels in one frame: a frame costs every hop the same, however long it is, for what it costs is to
-wake whoever sleeps there."""
+"""Rows of this time form one frame: the cost of a frame hardly depends on its length, because it is that of waking the
+receivers."""
 
 
 class LiveStream:
-    """Hands out frames to readers; the daemon's ``live``."""
+    """Gives frames to readers; the daemon's ``live``."""
 
     def __init__(self) -> None:
         self.watched = False
-        """Whether anybody looks; the recorder's thread asks before it does anything."""
+        """Whether there is a reader; checked by the recorder's thread first."""
         self._readers = 0
         self._inbox: deque[tuple[Rows, Context]] = deque(maxlen=INBOX_PORTIONS)
         self._frames: deque[bytes] = deque(maxlen=WAITING_FRAMES)
         self._made = 0
-        """Frames since the daemon began; the newest of them are kept."""
+        """Number of frames since the daemon started."""
         self._sent_s = 0.0
         self._due_s = 0.0
         self._closed = False
 
     def put(self, rows: Rows, context: Context) -> None:
-        """Take rows, which nobody may change afterwards; called by the recorder's thread, and never waits."""
+        """Add rows, which must not be changed afterwards; called by the recorder's thread, and never waits."""
         if len(rows):
             self._inbox.append((rows, context))
 
     def refuse_more(self) -> None:
-        """Refuse another reader where there are enough.
+        """Refuse another reader if there are too many.
 
         Raises:
-            Refused: 16 look already, or the daemon ends.
+            Refused: there are 16 readers, or the daemon is ending.
         """
         if self._closed or self._readers >= MAX_READERS:
             why = "the daemon ends" if self._closed else f"{MAX_READERS} readers look at the stream already"
             raise Refused("stream", why)
 
     async def chunks(self) -> AsyncIterator[bytes]:
-        """The frames from now on, each with its length before it; an empty one at least every half second.
+        """The frames from now on, each with its length before it; at least an empty one every half second.
 
-        A reader exists from the first chunk that is asked for to the end of the iteration, however that comes about.
+        A reader counts from its first requested chunk to the end of its iteration.
         """
         if not self._readers:
             self._inbox.clear()
@@ -86,11 +86,11 @@ class LiveStream:
                 self._frames.clear()
 
     def close(self) -> None:
-        """End every reader's stream within a frame's time, and take no more; from any thread."""
+        """End every stream within the time of a frame, and accept no new readers; from any thread."""
         self._closed = True
 
     def _encode(self) -> None:
-        """Make frames of what has come, if it is time."""
+        """Encode the waiting rows as frames, if it is time."""
         now_s = time.monotonic()
         if now_s < self._due_s:
             return
@@ -104,7 +104,7 @@ class LiveStream:
             self._sent_s = now_s
 
     def _gather(self) -> tuple[Rows, Context]:
-        """The oldest portion that waits, and those behind it that go on where it ends, under the same settings."""
+        """The oldest waiting rows, and all that follow without a gap and with the same settings."""
         rows, context = self._inbox.popleft()
         parts, count = [rows], len(rows)
         while self._inbox and count < GATHER_ROWS:

@@ -1,8 +1,8 @@
-"""The daemon's lock: one daemon for one socket path, for as long as it lives, whatever becomes of the socket's folder.
+"""The daemon's lock: only one daemon per socket path, even if the socket's folder is removed.
 
-A file of its own in the state directory, which nobody else can open (mode 0600), under ``flock``: the kernel releases it
-with the process, however that ends. The socket's folder is no place for it: any user may lock a folder that he may read,
-and who removes the folder would remove the lock.
+It is a file in the state directory that no other user can open (mode 0600), locked with ``flock``: the kernel releases the
+lock when the process ends. It is not in the socket's folder: any user could lock a folder that he may read, and with the
+folder the lock would be removed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ class HeldError(Exception):
     """Another process has the lock.
 
     Attributes:
-        pid: its process number; None where it has not written it yet.
+        pid: its process number; None if not written yet.
     """
 
     def __init__(self, pid: int | None) -> None:
@@ -34,7 +34,7 @@ class DaemonLock:
     """The lock of the daemon on one socket, held from `take` to `release`.
 
     Attributes:
-        path: the file; its content is the holder's process number.
+        path: of the file; its content is the holder's process number.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,15 +47,15 @@ class DaemonLock:
         """Take the lock of the daemon on a socket.
 
         Raises:
-            HeldError: a living process has it.
-            OSError: the file cannot be made or locked, in a state directory that cannot be written, say.
+            HeldError: a running process has it.
+            OSError: the file cannot be created or locked, for example in a read-only state directory.
         """
         lock = cls(state_directory() / f"{daemon_name(socket)}.lock")
         lock._take()
         return lock
 
     def mend(self) -> bool:
-        """Take it anew where somebody has removed its file; whether that was so. Raises as `take`."""
+        """Take it again if its file was removed; returns whether it was. Raises as `take`."""
         if self._descriptor < 0 or self._is_ours():
             return False
         old = self._descriptor
@@ -64,12 +64,13 @@ class DaemonLock:
         return True
 
     def release(self) -> None:
-        """Remove the file and let go, and leave no folder behind that was made for it alone. Safe to call twice."""
+        """Remove the file, release the lock, and remove the folder if it was created for the lock. Safe to call twice."""
         if self._descriptor < 0:
             return
         with contextlib.suppress(OSError):
             if self._is_ours():
-                # Before it is let go: who opens the old file still finds it locked, and looks again.
+                # Removed before the release: a process that has opened the old file finds it locked, and opens the path
+                # again.
                 self.path.unlink()
         os.close(self._descriptor)
         self._descriptor = -1
@@ -78,7 +79,7 @@ class DaemonLock:
                 folder.rmdir()
 
     def _is_ours(self) -> bool:
-        """Whether the file at the path is the one that we hold."""
+        """Whether the file at the path is the locked one."""
         return _is_at(self.path, self._descriptor)
 
     def _take(self) -> None:

@@ -1,6 +1,6 @@
-"""The daemon's numbers for Prometheus, in its text format, on the same socket as the rest of the API.
+"""Metrics for Prometheus, in its text format, on the API's socket.
 
-Scraping reads what ``status`` reads: nothing stops or even meets the servo thread.
+They come from the same sources as ``status``, so scraping does not disturb the servo thread.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ if TYPE_CHECKING:
 
 CONTENT_TYPE: Final = "text/plain; version=0.0.4; charset=utf-8"
 BOUNDS_S: Final = (1e-6, 2e-6, 5e-6, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2)
-"""Upper bounds of the published histograms, s; the loop's own are finer."""
+"""Upper bounds of the published histograms [s]; the loop's histograms are finer."""
 
 
 class RigCollector(Collector):
-    """One look at a rig.
+    """Metrics of a rig at one time.
 
     Args:
-        rig: what is looked at.
-        status: the daemon's status document of the same moment.
-        faults: how often each fault code was latched since the daemon began.
+        rig: the rig.
+        status: the daemon's status document of the same time.
+        faults: number of latched faults per code since the daemon started.
     """
 
     def __init__(self, rig: Rig, status: dict[str, Any], faults: dict[str, int]) -> None:
@@ -57,7 +57,7 @@ class RigCollector(Collector):
             state.add_metric([name], float(status["state"] == name))
         yield state
         faults = Counter("hapticd_faults", "Faults latched since the daemon began", labels=["code"])
-        for code in NUMBERS:  # those that never came too: a rate needs the 0 before the first
+        for code in NUMBERS:  # also codes with 0: a rate needs the value before the first fault
             if code:
                 faults.add_metric([code], self._faults.get(code, 0))
         yield faults
@@ -86,14 +86,14 @@ class RigCollector(Collector):
 
 
 def exposition(rig: Rig, status: dict[str, Any], faults: dict[str, int]) -> str:
-    """The metrics of one moment in Prometheus' text format 0.0.4."""
+    """The metrics in Prometheus' text format 0.0.4."""
     registry = CollectorRegistry(auto_describe=False)
     registry.register(RigCollector(rig, status, faults))
     return generate_latest(registry).decode()
 
 
 def _histogram(name: str, text: str, counts: NDArray[np.int64]) -> Metric:
-    """The loop's logarithmic histogram in a few round bounds; a value counts where the middle of its bucket lies."""
+    """The loop's logarithmic histogram with a few round bounds; a bucket counts by its middle."""
     counts = counts.copy()
     edges = bucket_edges()
     middles = 0.5 * (edges[:-1] + edges[1:]) * 1e-9

@@ -1,7 +1,7 @@
-"""Talking to systemd: readiness, status text, reload, watchdog (sd_notify(3)). Without systemd every call does nothing.
+"""Messages to systemd: readiness, status text, reload, watchdog (sd_notify(3)). Without systemd every call does nothing.
 
-The watchdog is fed from the ticks of the servo loop, not from the clock of whoever feeds it: a daemon whose servo thread
-hangs goes hungry however lively the rest of it is.
+The watchdog is reset only while the servo loop ticks: a daemon whose servo thread hangs is restarted, even if its other
+threads run.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ log = logging.getLogger(__name__)
 
 
 class Notifier:
-    """The connection to the service manager that started us.
+    """The connection to the service manager.
 
     Args:
-        address: ``$NOTIFY_SOCKET``: a path, or an abstract name after ``@``; None when there is no manager.
-        watchdog_s: ``$WATCHDOG_USEC`` in s; None when no watchdog waits for us.
+        address: ``$NOTIFY_SOCKET``: a path, or an abstract name after ``@``; None without a manager.
+        watchdog_s: ``$WATCHDOG_USEC`` in s; None without a watchdog.
     """
 
     def __init__(self, address: str | None, watchdog_s: float | None = None) -> None:
@@ -30,48 +30,48 @@ class Notifier:
         self._owes_ready = False
         self._socket: socket.socket | None = None
         if self._address is not None:
-            # Made once: a message needs no descriptor. A manager that does not listen must not stop us.
+            # Created once, so that a message needs no new descriptor. A manager that does not listen is no error.
             self._socket = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC)
             self._socket.setblocking(False)
 
     def close(self) -> None:
-        """Close the socket; what is said afterwards is not sent."""
+        """Close the socket; later messages are not sent."""
         if self._socket is not None:
             self._socket.close()
 
     @classmethod
     def from_environment(cls) -> Notifier:
-        """The manager that the environment names; a watchdog meant for another process is not ours."""
+        """The manager of the environment variables; a watchdog for another process is ignored."""
         microseconds, process = os.environ.get("WATCHDOG_USEC"), os.environ.get("WATCHDOG_PID")
         ours = process is None or process == str(os.getpid())
         watchdog_s = int(microseconds) * 1e-6 if microseconds and microseconds.isdigit() and ours else None
         return cls(os.environ.get("NOTIFY_SOCKET"), watchdog_s)
 
     def ready(self) -> None:
-        """The device is open, the servo loop ticks, the socket answers."""
+        """Report that the device is open, the servo loop runs, and the socket answers."""
         self._owes_ready = not self._send("READY=1")
 
     def reloading(self) -> None:
-        """A reload has begun; :meth:`ready` ends it."""
+        """Report the begin of a reload; :meth:`ready` reports its end."""
         self._send(f"RELOADING=1\nMONOTONIC_USEC={time.clock_gettime_ns(time.CLOCK_MONOTONIC) // 1000}")
 
     def stopping(self) -> None:
-        """The end has begun."""
+        """Report the begin of the shutdown."""
         self._send("STOPPING=1")
 
     def status(self, text: str) -> None:
-        """One line for ``systemctl status``; the same one twice is sent once. A READY that was not taken is sent again."""
+        """Send a line for ``systemctl status``, if it has changed. An unsent READY is sent again."""
         if self._owes_ready:
             self.ready()
         if text != self._said and self._send(f"STATUS={text}"):
             self._said = text
 
     def feed(self) -> None:
-        """Tell the watchdog that we live."""
+        """Reset the watchdog."""
         self._send("WATCHDOG=1")
 
     def _send(self, message: str) -> bool:
-        """Whether the manager took it; without a manager there is nobody to be told again."""
+        """Send a message; returns whether the manager received it, True without a manager."""
         if self._socket is None or self._address is None:
             return True
         try:
@@ -83,11 +83,11 @@ class Notifier:
 
 
 class TickWatchdog:
-    """Feeds the watchdog for as long as the servo loop ticks.
+    """Resets the watchdog as long as the servo loop runs.
 
     Args:
         notifier: the manager.
-        ticks: how many ticks the loop has done.
+        ticks: returns the number of ticks of the loop.
     """
 
     def __init__(self, notifier: Notifier, ticks: Callable[[], int]) -> None:
@@ -97,7 +97,7 @@ class TickWatchdog:
         self._fed = -float("inf")
 
     def look(self, now: float) -> bool:
-        """Feed when the loop has ticked since the last look and a fifth of the watchdog's time is over; whether it fed."""
+        """Reset the watchdog if the loop has ticked and a fifth of its time is over; returns whether it was reset."""
         watchdog_s = self._notifier.watchdog_s
         before, self._seen = self._seen, self._ticks()
         if watchdog_s is None or self._seen == before or now - self._fed < watchdog_s / 5:

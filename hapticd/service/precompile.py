@@ -1,7 +1,7 @@
 """``python -m hapticd.service.precompile``: fill the compile cache, so that the daemon's first start is quick.
 
-Importing a module compiles what of it may not wait; the rest is compiled after it.
-``systemd/install.sh`` runs it as the daemon's user on the daemon's cache; what is there already is left alone.
+Importing a module compiles its functions with a signature; functions that are compiled on demand follow.
+``systemd/install.sh`` runs it as the daemon's user on the daemon's cache; cached functions are not compiled again.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ def _modules(package: str) -> Iterator[str]:
 
 
 def main() -> None:
-    """Compile package by package, and say which one it is."""
+    """Compile package by package, and print its name."""
     from drivers.registry import discover
     from hapticd.jit import compile_all
 

@@ -1,8 +1,8 @@
-"""What a start or a live change would do: the servo loop itself, run ahead in virtual time on the config's own plant.
+"""Prediction of a start or a live change: the servo loop itself runs in virtual time on the config's plant.
 
-With limits and the heat of the winding, from where the shaft is, twice: left alone, through the soft start and a second
-more; and held by a hand until the whole force is on, and then let go, which no soft start makes gentler. A trip there is
-part of the stability guard's judgement, which knows whether a motion dies out, and not how large it is on the way
+The simulation has all limits and the present I²t, and starts at the shaft's position. It has two cases: free, through the
+soft start and a second more; and held by a hand until the full force is on, then released, where a soft start does not help.
+A trip becomes part of the stability guard's judgement, which only decides whether a motion dies out, and not how large it is
 (`docs/decisions/0071-soft-start.md`).
 """
 
@@ -28,23 +28,23 @@ if TYPE_CHECKING:
 
 AFTERWARDS_S = 1.0
 LET_GO_S = 0.5
-"""Of the motion of a shaft that is let go: its first swings are the largest, or theory has refused it."""
+"""Simulated time after a release [s]: the first swings are the largest, else theory has refused the motion."""
 _CHUNK = 2048
 _MOST_TICKS = 100_000
-"""So that a long soft start at a high rate is no long wait."""
+"""Bound on the duration of the simulation for a long soft start at a high rate."""
 _HELD = ", held until the whole force is on and then let go,"
 _TICKS_BEFORE = 3
-"""Until the spring before is rendered, with its speed."""
+"""Ticks until the previous spring is rendered, with a known speed."""
 
 
 @dataclass(frozen=True)
 class Motion:
-    """From where the loop runs ahead.
+    """Initial state of the prediction.
 
     Attributes:
-        counts: of the encoder. speed: rad/s or m/s. i2t: the winding's excess, A² s.
-        latency_s: of the driver, as it declares it.
-        before: the config that is rendered, and its origin in counts; None where nothing is.
+        counts: of the encoder. speed: rad/s or m/s. i2t: of the winding, A² s.
+        latency_s: declared by the driver.
+        before: the rendered config and its origin in counts; None if no spring is rendered.
     """
 
     counts: int
@@ -56,13 +56,13 @@ class Motion:
 
 @dataclass(frozen=True)
 class Prediction:
-    """What would happen, and the trip that would end it.
+    """The predicted motion, and the trip that would end it.
 
     Attributes:
-        stored_energy: largest potential of the whole spring on the way, J. peak_current: A. peak_speed: rad/s or m/s.
-        excursion: farthest from the origin, rad or m.
-        fault: number of the trip, 0 for none; with its value, the limit, and when, s after the start or the release.
-        held: whether it is the shaft that was held and let go that trips.
+        stored_energy: largest potential energy of the spring, J. peak_current: A. peak_speed: rad/s or m/s.
+        excursion: largest distance from the origin, rad or m.
+        fault: number of the trip, 0 for none; with its value, its limit, and its time after the start or the release, s.
+        held: whether the trip is in the case of the held shaft.
     """
 
     stored_energy: float
@@ -77,7 +77,7 @@ class Prediction:
 
     @property
     def document(self) -> dict[str, Any]:
-        """It as data, for the guard's document."""
+        """The prediction as data, for the guard's document."""
         return {
             "stored_energy_J": self.stored_energy,
             "peak_current_A": self.peak_current,
@@ -88,7 +88,7 @@ class Prediction:
 
 
 def motion_of(rig: Rig) -> Motion:
-    """Where the shaft of a rig is, how fast, and what holds it."""
+    """Present position and speed of a rig's shaft, and the rendered spring."""
     snapshot, is_rendered = rig.core.snapshot, rig.state == layout.RUNNING
     speed = float(snapshot["velocity"]) if is_rendered else 0.0
     before = (rig.config, rig.origin_counts) if is_rendered else None
@@ -96,10 +96,10 @@ def motion_of(rig: Rig) -> Motion:
 
 
 def predict(config: Config, origin_counts: int, motion: Motion) -> Prediction:
-    """Run the loop ahead.
+    """Predict both cases.
 
     Args:
-        config: to be put into force. origin_counts: of its spring, raw counts. motion: from where.
+        config: to be applied. origin_counts: of its spring, raw counts. motion: initial state.
     """
     alone = _run(config, Request(layout.RUNNING, origin_counts=origin_counts), motion, AFTERWARDS_S)
     if alone.fault or not config.safety.soft_start_s:
@@ -117,7 +117,7 @@ def predict(config: Config, origin_counts: int, motion: Motion) -> Prediction:
 
 
 def _run(config: Config, request: Request, motion: Motion, seconds: float) -> Prediction:
-    """One of both, for so long after the soft start, if it has one."""
+    """Simulate one case, until `seconds` after the soft start, if it has one."""
     driver = LoopbackDriver(
         config.model_copy(update={"driver": Driver(name="loopback")}),
         position=(motion.counts + 0.5) * config.raw_resolution,
@@ -149,7 +149,7 @@ def _run(config: Config, request: Request, motion: Motion, seconds: float) -> Pr
             break
         done = core.load(atomics.RING_HEAD) - first
         taken = np.arange(first, first + done) & (_CHUNK - 1)
-        # What comes after a trip is not what the spring does.
+        # After a trip the motion is not that of the spring.
         taken = taken[: int(np.argmax(np.append(core.ring["flags"][taken] & FLAG_FAULT != 0, True))) + 1]
         if taken.size:
             away = core.truth[taken, 0] - origin
@@ -171,18 +171,18 @@ def _run(config: Config, request: Request, motion: Motion, seconds: float) -> Pr
 
 
 def _potential(config: Config, place: float) -> float:
-    """Of the whole spring at a place from its origin (rad or m), J."""
+    """Potential energy of the full spring at a distance from its origin (rad or m), J."""
     bias = 0.5 if config.spring.half_tick_bias else 0.0
     scale = config.spring.stiffness * config.resolution**2
     return scale * float(spring_potential(place / config.resolution, bias, float(layout.SIDES[config.spring.side])))
 
 
 def weigh(judgement: Judgement, prediction: Prediction, config: Config, force: bool) -> Judgement:
-    """The guard's judgement with what the loop would do: a trip is refused, or overridden, as an unstable motion is.
+    """Combine the guard's judgement with the prediction: a trip is refused, or overridden, like an unstable motion.
 
     Args:
-        judgement: what theory says; ``off`` stays so. prediction: of the same motion.
-        config: its ``safety.guard`` is the policy. force: go on all the same.
+        judgement: of the theory; ``off`` is not changed. prediction: of the same motion.
+        config: its ``safety.guard`` is the policy. force: override a refusal.
     """
     if judgement.verdict == "off":
         return judgement

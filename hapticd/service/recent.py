@@ -1,6 +1,6 @@
-"""Timing since the start and lately: the difference between the histograms now and those of some seconds ago.
+"""Timing statistics since the start and of the last seconds: differences between present and earlier histograms.
 
-The loop only ever counts up. The supervisor keeps a copy a second; nothing of this is in the tick.
+The loop only counts up. The supervisor keeps a copy each second; this needs nothing in the tick.
 """
 
 from __future__ import annotations
@@ -41,14 +41,14 @@ class _Look:
 class RecentTiming:
     """Counters of the last minute.
 
-    `look` is called from the supervisor, `statistics` from any thread.
+    `look` is called by the supervisor, `statistics` by any thread.
     """
 
     def __init__(self) -> None:
         self._looks: deque[_Look] = deque(maxlen=round(max(WINDOWS_S) / _EVERY_S) + 1)
 
     def look(self, core: ServoCore, now_s: float) -> None:
-        """Keep the counters, if it is time; those of another rig are forgotten, and a new rig begins at zero."""
+        """Copy the counters, if it is time. With a new rig earlier copies are dropped, and counters start at zero."""
         if not self._looks or self._looks[-1].core is not core:
             self._looks.clear()
             self._looks.append(_beginning(core, now_s))
@@ -56,12 +56,12 @@ class RecentTiming:
             self._looks.append(_taken(core, now_s))
 
     def statistics(self, core: ServoCore, now_s: float, rate_hz: float) -> dict[str, Any]:
-        """Since the start, and in ``last_10_s`` and ``last_60_s`` the same over as much of that time as there is.
+        """Statistics since the start, and in ``last_10_s`` and ``last_60_s`` of these times, as far as they are available.
 
-        All of it is of one instant: nothing recent is more than what there was since the start.
+        All are of the same instant, so a recent count is never above the count since the start.
 
         Args:
-            core: the loop. now_s: of the clock that `look` was given. rate_hz: the servo rate, for the verdict.
+            core: the loop. now_s: of the same clock as in `look`. rate_hz: the servo rate, for the verdict.
         """
         now = _taken(core, now_s)
         looks = [each for each in tuple(self._looks) if each.core is core]
@@ -88,7 +88,7 @@ def _taken(core: ServoCore, now_s: float) -> _Look:
 
 
 def _beginning(core: ServoCore, now_s: float) -> _Look:
-    """The counters of a loop that has just begun."""
+    """The counters of a loop at its start."""
     return _Look(core, now_s, 0, 0, 0, np.zeros_like(core.late_histogram), np.zeros_like(core.exec_histogram), 0, 0)
 
 
@@ -110,7 +110,7 @@ def _between(first: _Look, last: _Look, rate_hz: float) -> dict[str, Any]:
 
 
 def _quantiles(last: NDArray[np.int64], first: NDArray[np.int64], largest_ns: int) -> dict[str, float | None]:
-    """As `quantiles_us`; values after the first look are known to within their bucket, 3 %, and never exceed the maximum."""
+    """As `quantiles_us`, of the values between two looks; exact to the width of a bucket, 3 %, and at most the maximum."""
     histogram = last - first
     if first.any() and histogram.any():
         largest_ns = min(round(bucket_edges()[np.flatnonzero(histogram)[-1] + 1]), largest_ns)

@@ -1,7 +1,7 @@
-"""A lost device is opened again (``driver.reconnect``): on a new rig, with the fault still latched.
+"""Opens a lost device again (``driver.reconnect``), on a new rig, with the fault still latched.
 
-Opening may take seconds, so it has a thread of its own; the servo loop of the lost device goes on ticking meanwhile, which
-is what the service manager's watchdog looks at.
+Opening may take seconds, so it has its own thread. Meanwhile the servo loop of the lost device continues to tick, which the
+service manager's watchdog needs.
 """
 
 from __future__ import annotations
@@ -27,12 +27,12 @@ RETRY_S = 1.0
 
 
 class Reconnector:
-    """Opens a lost device until it answers.
+    """Tries to open a lost device until it answers.
 
     Args:
-        rig: gives the rig in force.
-        is_latched: whether its fault is described and on disk; until then its driver is left as it is.
-        take_over: puts a rig on an open driver in the place of another one; called from this thread.
+        rig: returns the present rig.
+        is_latched: returns whether its fault is described and on disk; before that, its driver is not touched.
+        take_over: replaces a rig by one with the opened driver; called from this thread.
     """
 
     def __init__(
@@ -46,11 +46,11 @@ class Reconnector:
         self._thread.start()
 
     def alive(self) -> bool:
-        """Whether its thread still runs."""
+        """Whether its thread runs."""
         return self._thread.is_alive()
 
     def end(self) -> None:
-        """No further attempt. Does not wait for one that is under way: what it opens is closed at once."""
+        """Stop trying. It does not wait for a running attempt, whose device is closed at once."""
         self._ending.set()
 
     def _run(self) -> None:
@@ -63,7 +63,7 @@ class Reconnector:
                     self._attempt(rig)
                 except Exception as error:
                     if self._is_news(error):
-                        log.exception("reconnecting goes on after an error")
+                        log.exception("reconnecting continues after an error")
 
     def _attempt(self, rig: Rig) -> None:
         if rig is not self._abandoned:
@@ -78,6 +78,6 @@ class Reconnector:
         self._take_over(rig, driver)
 
     def _is_news(self, error: Exception) -> bool:
-        """Whether this attempt ended differently from the last; a repeated error is logged once."""
+        """Whether the error differs from that of the last attempt; a repeated error is logged once."""
         before, self._said = self._said, str(error)
         return self._said != before

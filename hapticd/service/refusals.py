@@ -1,4 +1,4 @@
-"""How the daemon says that it cannot do what it was asked for."""
+"""Exceptions with which the daemon refuses or fails a request."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from typing import Any
 
 
 class Refused(Exception):  # noqa: N818 - an answer, not an error of the program
-    """The daemon understood and says no, in its present state (HTTP 409).
+    """A valid request is refused in the daemon's present state (HTTP 409).
 
     Attributes:
         code, message: of the answer.
-        choice: for who offers it as a choice: ``reason`` (the message without what to do about it), ``remedies`` (changes
-            that are enough, one by one) and ``force`` (whether it can be asked for all the same).
+        choice: for a user interface: ``reason`` (the message without the remedy), ``remedies`` (changes, each of which is
+            sufficient) and ``force`` (whether ``force`` overrides the refusal).
     """
 
     def __init__(self, code: str, message: str, choice: Mapping[str, Any] | None = None) -> None:
@@ -23,4 +23,4 @@ class Refused(Exception):  # noqa: N818 - an answer, not an error of the program
 
 
 class DriverFailure(Exception):  # noqa: N818 - named as the public exit code is: "device or driver failure"
-    """The device or its driver failed while a request was carried out (HTTP 502)."""
+    """The device or its driver failed while a request was executed (HTTP 502)."""

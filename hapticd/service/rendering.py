@@ -1,6 +1,6 @@
-"""The rig in force, and what begins and ends its motion: the authority, the guard, the recording of a run.
+"""The present rig, and what starts and ends its motion: the authority, the guard, the recording of a run.
 
-One for one daemon, shared by its commands, its experiments and its fault manager.
+Each daemon has one, shared by its commands, its experiments and its fault manager.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 
 ANSWER_S = 1.0
-"""The loop answers within a tick; longer than this, and it does not."""
+"""The loop answers within a tick; after this time it does not answer [s]."""
 
 
 class Rendering:
-    """Begins and ends motion on the rig in force.
+    """Starts and ends motion on the present rig.
 
     Attributes:
-        rig: the rig in force; a reload replaces it.
-        authority: who may set it in motion.
-        judged: the config and the motion, a deflection in coarse ticks, that the guard let pass last, and whether it
-            admitted them; they were forced otherwise, or it only warned. None before the first.
+        rig: the present rig; a reload replaces it.
+        authority: decides which command may move it.
+        judged: the last config and motion (a deflection in coarse ticks) after the guard, and whether the guard admitted
+            them; otherwise they were forced, or it only warned. None before the first.
     """
 
     def __init__(self, rig: Rig, authority: Authority) -> None:
@@ -56,15 +56,15 @@ class Rendering:
         release: bool = False,
         force: bool = False,
     ) -> JsonDict:
-        """Ask the guard about a config, and a motion from rest at a deflection in coarse ticks; its answer as data.
+        """The guard's judgement, as data, of a config and a motion from rest at a deflection in coarse ticks.
 
         Args:
-            config: to be put into force. deflection: None where no motion begins.
-            origin_counts: of the spring that is rendered from now on: the loop is run ahead. None: it is not.
-            release: whether a smaller deflection can be asked for. force: go on all the same.
+            config: to be applied. deflection: None if no motion starts.
+            origin_counts: of the new spring, for a prediction of the motion; None for no prediction.
+            release: whether a smaller deflection is a possible remedy. force: override a refusal.
 
         Raises:
-            Refused: the motion would not die out, or pass a limit.
+            Refused: the motion would not die out, or would exceed a limit.
         """
         judgement = judge(config, self.rig.driver.latency_s, deflection=deflection, release=release, force=force)
         if origin_counts is not None and judgement.verdict != "off":
@@ -74,22 +74,22 @@ class Rendering:
         return document
 
     def switch_off(self) -> None:
-        """Amplifier off, the recording of a run ended."""
+        """Switch the amplifier off, and end the recording of a run."""
         self.rig.switch_off()
         self.rig.wait(lambda: self.rig.state == layout.OFF, ANSWER_S)
         self.end_recording()
 
     def run(self, command: Command, refuse_fault: Callable[[], None], **rendered: Any) -> None:
-        """Begin a command's motion and wait until the loop renders, or reports why it does not.
+        """Start a command's motion, and wait until the loop renders or reports why it does not.
 
         Args:
-            command: that asks for it.
-            refuse_fault: raises what a latched fault is refused with.
-            rendered: what is rendered beside the spring (`Rig.run`).
+            command: the command.
+            refuse_fault: raises `Refused` for a latched fault.
+            rendered: what is rendered in addition to the spring (`Rig.run`).
 
         Raises:
-            Withdrawn: it may not begin any more. Refused: a fault.
-            DriverFailure: the loop does not begin to render.
+            Withdrawn: the command was revoked. Refused: a fault.
+            DriverFailure: the loop does not start to render.
         """
         rig = self.rig
         timeout = (rig.config.safety.enable_timeout_s or 60.0) + ANSWER_S
@@ -101,10 +101,10 @@ class Rendering:
             command.refuse()
         if rig.state != layout.RUNNING:
             rig.switch_off()
-            raise DriverFailure(f"the servo loop did not begin to render within {timeout:g} s")
+            raise DriverFailure(f"the servo loop did not start to render within {timeout:g} s")
 
     def refuse_place(self) -> None:
-        """Refuse to render where the origin's place is not known, or beyond ``safety.max_excursion`` from the shaft."""
+        """Refuse to render if the origin's position is unknown, or more than ``safety.max_excursion`` from the shaft."""
         rig = self.rig
         limit, unit = rig.config.safety.max_excursion, "m" if rig.config.is_linear else "rad"
         away = (rig.counts - rig.origin_counts) * rig.config.raw_resolution
@@ -129,7 +129,7 @@ class Rendering:
             )
 
     def begin_recording(self, label: str, command: Command) -> None:
-        """Record the run of a command, if ``record.enabled`` and the disk allow; it is never a reason not to run."""
+        """Record the run of a command, if ``record.enabled`` and the disk allow it; a failure does not prevent the run."""
         if not self.rig.config.record.enabled:
             return
         self.end_recording()
@@ -141,7 +141,7 @@ class Rendering:
                 log.warning("this run is not recorded: %s", error)
 
     def end_recording(self) -> None:
-        """End what :meth:`begin_recording` began; a recording that was asked for goes on."""
+        """End the recording of :meth:`begin_recording`; a recording that a client has started continues."""
         with self._recording:
             if self._recorded is not None:
                 with contextlib.suppress(RecordingError):
@@ -149,17 +149,17 @@ class Rendering:
                 self._recorded = None
 
     def leave_recording(self) -> None:
-        """What is being recorded now was asked for: :meth:`end_recording` leaves it alone."""
+        """Mark the present recording as started by a client: :meth:`end_recording` does not end it."""
         self._recorded = None
 
     def records_revoked(self) -> bool:
-        """Whether a run is still being recorded that a stop has ended."""
+        """Whether a run that a stop has ended is still being recorded."""
         recorded = self._recorded
         return recorded is not None and recorded.is_revoked()
 
 
 def enforce(judgement: Judgement) -> JsonDict:
-    """What the guard says, as data; a warning goes into the log.
+    """The guard's judgement as data; a warning is logged.
 
     Raises:
         Refused: the guard refuses.

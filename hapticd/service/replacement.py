@@ -1,4 +1,4 @@
-"""Another rig in the place of the one in force: for a config that no running rig can take, or for a device that is back."""
+"""Replaces the rig: for a config that the present rig cannot apply, or for a device that is connected again."""
 
 from __future__ import annotations
 
@@ -30,11 +30,11 @@ class Replacement:
     """Replaces the rig. Its methods are called with the daemon's lock held.
 
     Args:
-        rendering: holds the rig in force.
-        live: of every rig. heat: what the motor has taken.
+        rendering: has the present rig.
+        live: stream for every rig. heat: I²t of the motor.
 
     Attributes:
-        dead: True when there is no working rig left; the process must end.
+        dead: whether there is no working rig; the process must end.
     """
 
     def __init__(
@@ -45,11 +45,11 @@ class Replacement:
         self._live, self._heat = live, heat
 
     def with_config(self, config: Config, fixed: list[str], force: bool) -> JsonDict:
-        """A rig for a config in which the keys ``fixed`` differ; what the guard says of it.
+        """A rig for a config in which the keys ``fixed`` differ; returns the guard's judgement.
 
         Raises:
-            Refused: the spring is rendered, the daemon would have to restart, or no driver or guard for it.
-            DriverFailure: it failed, and the config before it is in force again.
+            Refused: the spring is rendered, the daemon must be restarted for it, or the driver or the guard refuses it.
+            DriverFailure: it failed, and the previous config is applied again.
         """
         if self._rendering.rig.state in (layout.READY, layout.RUNNING):
             raise Refused(
@@ -62,10 +62,10 @@ class Replacement:
         try:
             latency_s = drivers.create(config).latency_s
         except DriverError as error:
-            raise Refused("driver", f"{error}; the configuration in force stays") from error
+            raise Refused("driver", f"{error}; the present configuration stays") from error
         judgement = enforce(judge(config, latency_s, force=force))
         old = self._rendering.rig
-        self._faults.latch_raised()  # with its numbers, which go with the rig
+        self._faults.latch_raised()  # before the rig, which has its value and limit, is closed
         old.close(self._heat.keep)
         try:
             self._put(config, old.fault_number, known=old.position_known)
@@ -83,7 +83,7 @@ class Replacement:
         return judgement
 
     def on_device(self, lost: Rig, driver: Driver) -> None:
-        """The lost device is open again: a new rig on it, with the fault still latched."""
+        """A new rig on the device that was lost and is open again, with the fault still latched."""
         self._experiments.cancel()
         lost.close(self._heat.keep)
         try:
@@ -98,7 +98,7 @@ class Replacement:
         )
 
     def _put(self, config: Config, fault: int, driver: Driver | None = None, *, known: bool) -> None:
-        # An estop that comes while the rig is replaced is for the new one.
+        # An estop during the replacement is for the new rig.
         before, words = self._rendering.rig.core, self._rendering.authority.words
         self._rendering.rig = Rig(
             config,

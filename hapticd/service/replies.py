@@ -1,4 +1,4 @@
-"""What becomes of an error: a reply in the one shape (`hapticd.control.json_reply`), never a traceback."""
+"""Error replies: all have the same form (`hapticd.control.json_reply`), and never a traceback."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ from hapticd.servo.excitation import ExcitationError
 
 MAX_BODY_BYTES = 64 * 1024
 UNLIMITED_PATHS = frozenset({"/estop", "/stop"})
-"""A stop is never refused for its form; its body is not even read."""
+"""A stop is never refused because of its body, which is not read."""
 
 ANSWERS = (Refused, Withdrawn, ConfigError, ExcitationError, DriverFailure, RecordingError)
-"""Exceptions of the daemon that are answers to the request; every other one is a failure inside the daemon."""
+"""Exceptions that are answers to a request; any other exception is an internal error."""
 
 LONGEST_QUOTE = 60
 
@@ -37,11 +37,11 @@ class Internal(Exception):  # noqa: N818 - carries no text of its own on purpose
 
 
 def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
-    """Register the body limit and a handler for every exception a request can meet.
+    """Register the body limit and a handler for every exception of a request.
 
     Args:
         app: the application.
-        bodies: path to body model, to name the fields that exist when an unknown one is sent.
+        bodies: path to body model, whose fields are listed in the error about an unknown field.
     """
 
     def answer(status: int, code: str, text: str = "") -> Callable[[Request, Exception], Awaitable[Response]]:
@@ -90,7 +90,7 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
         (ExcitationError, answer(422, "excitation")),
         (DriverFailure, answer(502, "driver")),
         (RecordingError, answer(409, "recording")),
-        (Internal, answer(500, "internal", "the daemon failed inside itself while answering; its log has the details")),
+        (Internal, answer(500, "internal", "internal error of the daemon; its log has the details")),
         (RequestValidationError, invalid),
         (HTTPException, http),
     ):
@@ -99,7 +99,7 @@ def install(app: FastAPI, bodies: Mapping[str, type[BaseModel]]) -> None:
 
 
 def describe(problem: Mapping[str, Any], fields: list[str]) -> str:
-    """One sentence about one problem pydantic found in a body."""
+    """One sentence about a problem that pydantic found in a body."""
     where = ".".join(str(part) for part in problem["loc"][1:])
     kind, value = problem["type"], problem.get("input")
     if kind == "extra_forbidden":
@@ -111,19 +111,19 @@ def describe(problem: Mapping[str, Any], fields: list[str]) -> str:
     if not where:
         return "the body must be a JSON object (Content-Type: application/json)"
     message = problem["msg"][:1].lower() + problem["msg"][1:]
-    if kind == "rule" and isinstance(value, list):  # the rule names what in it is wrong
+    if kind == "rule" and isinstance(value, list):  # its message names the wrong element
         return f"{where}: {message}"
     return f"{where}: {message}, got {quote(value)}"
 
 
 def quote(value: Any) -> str:
-    """``value`` as JSON would write it (NaN and Infinity included), cut to a readable length."""
+    """``value`` as JSON (with NaN and Infinity), cut to a readable length."""
     text = json.dumps(value, default=str)
     return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}…"
 
 
 class BodyLimit:
-    """Reads the body before the application does, up to a limit, whether or not its length was announced."""
+    """Reads the body before the application, up to a limit, also without a Content-Length."""
 
     def __init__(self, app: ASGIApp) -> None:
         self.app = app

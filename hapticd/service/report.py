@@ -1,4 +1,4 @@
-"""The daemon's status: what the loop's atomics, the recorder and the theory say, in one document."""
+"""The daemon's status in one document: the loop's atomics, the recorder, and the theory."""
 
 from __future__ import annotations
 
@@ -57,13 +57,13 @@ def status(
 
 
 def _timing(rig: Rig, recent: RecentTiming) -> JsonDict:
-    """Since the start, and lately."""
+    """Timing statistics since the start, and of the last seconds."""
     rate_hz = rig.config.servo.rate_hz
     return {"rate_hz": rate_hz, **recent.statistics(rig.core, time.monotonic(), rate_hz)}
 
 
 def _passivity(rig: Rig) -> JsonDict:
-    """What the passivity observer books since the start; null where it is off."""
+    """Energies of the passivity observer since the start; null if it is off."""
     mode = rig.config.safety.passivity
     return {"mode": mode, **(rig.core.passivity() if mode != "off" else dict.fromkeys(rig.core.passivity()))}
 

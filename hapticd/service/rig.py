@@ -1,6 +1,6 @@
-"""One rig: an open driver, its servo thread and the recorder that empties its ring.
+"""One rig: an open driver, its servo thread, and the recorder that empties its ring.
 
-A rig is what a reload with another driver replaces as a whole. It knows nothing of experiments or of the network.
+A reload with another driver replaces the whole rig. It does not depend on experiments or on the network.
 """
 
 from __future__ import annotations
@@ -61,18 +61,18 @@ class Rig:
     """Driver, servo thread and recorder of one configuration.
 
     Args:
-        config: the configuration in force.
+        config: the present configuration.
         latched_fault: fault number from before a restart, or 0.
-        live: who looks at the rows while they come; None: nobody can.
-        name: of this daemon, for its flight recorder; empty: it has none.
-        driver: open already; None: it is opened here.
-        position_known: False where the encoder may have begun to count anew since somebody said where the origin is.
-        words: of the authority over motion (`hapticd.servo.authority`); None: nobody revokes anything.
-        estops_obeyed: by the rig before this one. i2t: of the current that has flowed through the motor before, A² s.
+        live: the live stream; None for none.
+        name: of this daemon, for its flight recorder; empty for no flight recorder.
+        driver: an open driver; None: it is opened here.
+        position_known: False if the encoder may have restarted since the origin was set.
+        words: of the authority over motion (`hapticd.servo.authority`); None: commands are never revoked.
+        estops_obeyed: by the previous rig. i2t: of the motor at the start, A² s.
 
     Raises:
-        DriverError: the device cannot be opened.
-        RealtimeError: real time is required and refused.
+            DriverError: the device cannot be opened.
+            RealtimeError: real-time scheduling is required, and the system refuses it.
     """
 
     def __init__(
@@ -106,18 +106,18 @@ class Rig:
             i2t=i2t,
         )
         self.closed = False
-        """Whether its loop has ended, by way of zero current and amplifier off."""
+        """Whether its loop has ended, with zero current and the amplifier off."""
         self.core = self.servo.core
         self._asking = threading.Lock()
         self._live = live
         self._rows_taken = 0
         self.guard: dict[str, Any] | None = None
-        """What the stability guard said last of this rig; goes into every run."""
+        """The stability guard's last judgement for this rig; it is stored in every run."""
         self.position_known = position_known
-        """False: nothing is rendered before the origin is set anew."""
+        """If False, nothing is rendered before the origin is set again."""
         self.settings_epoch = 0
-        """Counts the changes of config and origin, from the start of this rig."""
-        # Before the servo: once that runs, nothing slow may stand between it and the supervisor's heartbeat.
+        """Number of changes of config and origin since the start of this rig."""
+        # Before the servo: when the loop runs, it needs the supervisor's heartbeat soon.
         self.energy = EnergyEstimate(config, self.driver.latency_s, self.origin_counts)
         self._energy_settings = (config, self.origin_counts)
         self._described: Any = None
@@ -142,7 +142,7 @@ class Rig:
         return parameters(self.config, self.request, latency_s=self.driver.latency_s)
 
     def _drain(self) -> Iterator[Rows]:
-        """Rows for the recorder. Energies are updated with each batch; a changed setting takes effect within one batch."""
+        """Rows for the recorder. Energies are updated with each batch; a changed setting applies within one batch."""
         self._describe()
         for rows in self.core.drain_batches():
             settings = (self.config, self.origin_counts)
@@ -154,13 +154,13 @@ class Rig:
             yield rows
 
     def _describe(self) -> None:
-        """Tell the flight recorder what a run would say of itself now, if that has changed."""
+        """Update the metadata in the flight recorder, if they have changed."""
         if self.flight is not None and self._described != (now := (self.config, self.origin_counts, self.guard)):
             self._described = now
             self.flight.describe(self._metadata())
 
     def _show(self, rows: Rows) -> None:
-        """Hand the rows to those who look, if any does; rows that the ring dropped keep their place in the numbering."""
+        """Pass the rows to the live stream, if it has readers; dropped rows are counted in the row numbers."""
         self._rows_taken += len(rows)
         if self._live is not None and self._live.watched:
             first = self._rows_taken + self.core.dropped() - len(rows)
@@ -181,12 +181,12 @@ class Rig:
 
     @property
     def grants(self) -> list[Grant]:
-        """The real-time features that were requested, and which were granted."""
+        """The requested real-time features, and whether they were granted."""
         return self.servo.grants + ([] if self.flight_grant is None else [self.flight_grant])
 
     @property
     def origin_counts(self) -> int:
-        """Raw count of the spring's origin in force."""
+        """Raw count of the spring's origin."""
         moved = self.request.origin_counts
         return self.config.origin_counts if moved is None else moved
 
@@ -202,16 +202,16 @@ class Rig:
 
     @property
     def device_lost(self) -> bool:
-        """Whether the driver has said that its device is lost, before or after another fault."""
+        """Whether the driver has reported a lost device, before or after another fault."""
         return self.core.load(atomics.DEVICE_LOST) != 0
 
     @property
     def held(self) -> bool:
-        """Whether the device said last that a person holds its enable input."""
+        """Whether the enable input is held, as last reported by the device."""
         return self.core.load(atomics.HELD) != 0
 
     def position_unknown(self) -> str | None:
-        """Why the origin's place is not known, and what to do about it; None where it is."""
+        """Why the origin's position is unknown, and what to do; None if it is known."""
         if self.position_known:
             return None
         return (
@@ -225,21 +225,21 @@ class Rig:
         return self.core.load(atomics.COUNTS)
 
     def ask(self, config: Config | None = None, **changes: Any) -> None:
-        """Publish a changed request and/or config as one whole parameter set."""
+        """Publish a changed request or config, or both, as one parameter set."""
         with self._asking:
             self._publish(config, changes)
 
     def switch_off(self) -> None:
-        """Request ``off``, without a word about commands that wait to begin. Does not wait."""
+        """Request ``off``, without revoking waiting commands. Does not wait."""
         self.ask(state=layout.OFF, **ALONE)
 
     def run(self, command: Command, **rendered: Any) -> None:
-        """Ask for ``running`` in the name of a command, in the one step in which it begins.
+        """Request ``running`` for a command, in the atomic step in which the command begins.
 
         Args:
-            command: that asks for it.
-            rendered: what of the request (`hapticd.servo.core.Request`) is rendered beside the spring; nothing of what any
-                command before has asked for.
+            command: the command.
+            rendered: fields of the request (`hapticd.servo.core.Request`) that are rendered in addition to the spring;
+                earlier requests are discarded.
 
         Raises:
             Withdrawn: it may not begin any more; nothing is asked.
@@ -250,7 +250,7 @@ class Rig:
             )
 
     def change(self, command: Command, config: Config, **changes: Any) -> None:
-        """Put another config into force in the name of a command, in the one step in which it begins.
+        """Apply another config for a command, in the atomic step in which the command begins.
 
         Raises:
             Withdrawn: it may not begin any more; nothing is asked.
@@ -260,7 +260,7 @@ class Rig:
 
     @contextlib.contextmanager
     def origin_at(self, counts: int) -> Iterator[None]:
-        """Move the origin, and back again where what follows fails."""
+        """Move the origin; restore it if the body fails."""
         before, known = self.request.origin_counts, self.position_known
         self.ask(origin_counts=counts)
         try:
@@ -271,7 +271,7 @@ class Rig:
             raise
 
     def clear(self, command: Command) -> None:
-        """Ask for ``off`` and the end of the fault, in the one step in which the command begins. Does not wait.
+        """Request ``off`` and clear the fault, in the atomic step in which the command begins. Does not wait.
 
         Raises:
             Withdrawn: it may not begin any more; nothing is asked.
@@ -280,10 +280,10 @@ class Rig:
             command.begin(lambda ordinal: self._publish(None, {**ALONE, "state": layout.OFF, "clear": ordinal}))
 
     def fade_out(self, rendered: Request, fault: tuple[int, float, float]) -> None:
-        """Take the force back softly, then have the loop in a fault; nothing where another command has begun meanwhile.
+        """Fade the force out, then raise a fault in the loop; no effect if another command has begun meanwhile.
 
         Args:
-            rendered: what was asked of the loop. fault: number, value and limit.
+            rendered: the request to the loop. fault: number, value and limit.
         """
         self._change_rendered(rendered, faded=True)
         fading_s = self.config.safety.soft_start_s or 0.0
@@ -291,7 +291,7 @@ class Rig:
         self._change_rendered(rendered, fault=fault)
 
     def _change_rendered(self, rendered: Request, **changes: Any) -> None:
-        """Publish changes of a request, if its command is still the one that renders."""
+        """Publish changes of a request, if its command is still rendering."""
         with self._asking:
             if (self.request.ordinal, self.request.state) == (rendered.ordinal, layout.RUNNING):
                 self._publish(None, changes)
@@ -307,12 +307,12 @@ class Rig:
         self.core.publish(self._parameters())
 
     def wait_ticks(self, ticks: int) -> bool:
-        """Wait until the loop has done that many more ticks; False when it does not."""
+        """Wait until the loop has done this number of ticks; False on a time-out."""
         target = self.core.load(atomics.TICKS) + ticks
         return self.wait(lambda: self.core.load(atomics.TICKS) >= target, 1.0 + ticks * self.config.period)
 
     def wait(self, condition: Callable[[], bool], timeout_s: float) -> bool:
-        """Poll until ``condition`` holds; False when it did not in time."""
+        """Poll until ``condition`` is true; False on a time-out."""
         deadline = time.monotonic() + timeout_s
         while not condition():
             if time.monotonic() > deadline:
@@ -321,19 +321,19 @@ class Rig:
         return True
 
     def applied(self) -> bool:
-        """Whether the loop has taken the newest parameter set."""
+        """Whether the loop uses the newest parameter set."""
         return self.core.load(atomics.APPLIED) == self.core.load(atomics.SEQUENCE)
 
     def close(self, before_removal: Callable[[], None] = lambda: None) -> None:
-        """Zero current, amplifier off, thread and recording ended, device released; whatever fails on the way is logged.
+        """Zero current, amplifier off, thread and recording ended, device released; failures are logged.
 
         Args:
-            before_removal: keeps what only the flight recorder has; called where the loop has ended, before that goes.
+            before_removal: saves data of the flight recorder; called after the loop has ended, before its removal.
         """
         ended = self.servo.stop()
         if not ended:
             log.error(
-                "the servo thread does not answer; the driver is closed under it so that the device sees no command"
+                "the servo thread does not answer; the driver is closed anyway, so that the device gets no command"
             )
         try:
             self.driver.close()

@@ -1,8 +1,8 @@
-"""The daemon looks at itself once a second: what it can mend it mends; what not, it says in `status` and in the log.
+"""The self-check, once a second: it repairs what it can, and reports the rest in `status` and in the log.
 
-Two permanent threads, so that a disk that hangs keeps nobody from seeing that a socket is gone: one for what is in memory,
-one for what asks the disk of the recordings. No lock is taken, and nothing here is waited for by a stop or by the heartbeat.
-A check that hangs is seen by its age in `status`. What is found is written to the log when it changes.
+It has two permanent threads, one for checks in memory and one for checks of the recordings' disk, so that a hanging disk
+does not hide a lost socket. It takes no lock, and neither a stop nor the heartbeat waits for it. A hanging check shows by
+its age in `status`. A result is logged when it changes.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ log = logging.getLogger(__name__)
 
 PERIOD_S = 1.0
 HANGS_S = 5.0
-"""Age of a check after which it is said that it hangs."""
+"""Age of a check after which it is reported as hanging [s]."""
 
 
 @dataclass(frozen=True)
 class Look:
-    """What one look of a check found.
+    """Result of one check.
 
     Attributes:
-        found: what is not as it should be; None: all is well. A new text here or in `done` is a new line in the log.
-        done: what was done about it, or what a person can do.
-        mended: whether it is right again.
-        figures: numbers that are shown in any case, unit in the name.
-        said: whether the log has it already.
+        found: the problem; None for none. A new text here or in `done` is logged.
+        done: what was done about it, or what the user can do.
+        mended: whether it is repaired.
+        figures: numbers that are always shown, with the unit in the name.
+        said: whether it is already in the log.
     """
 
     found: str | None = None
@@ -47,7 +47,7 @@ Check = Callable[[], Look]
 
 @dataclass(frozen=True)
 class _Entry:
-    """What is known from a check. Replaced as a whole, so that a reader needs no lock."""
+    """State of a check. It is replaced as a whole, so that a reader needs no lock."""
 
     check: Check
     slow: bool
@@ -57,15 +57,15 @@ class _Entry:
     done: str | None = None
     time: str | None = None
     last: tuple[str, str] | None = None
-    """What the look before found and did; `found` and `done` stay when all is well again."""
+    """The previous result; `found` and `done` are kept after the repair."""
     figures: Mapping[str, float | None] = field(default_factory=dict)
 
 
 class SelfCheck:
-    """Looks once a second; its threads exist from the start, and checks may be added at any time.
+    """Runs all checks once a second; its threads are created at the start, and checks may be added at any time.
 
     Raises:
-        RuntimeError: the system gives no thread.
+        RuntimeError: a thread cannot be created.
     """
 
     def __init__(self, period_s: float = PERIOD_S) -> None:
@@ -81,17 +81,17 @@ class SelfCheck:
             thread.start()
 
     def add(self, name: str, check: Check, *, slow: bool = False) -> None:
-        """Look at one more thing from now on.
+        """Add a check.
 
         Args:
-            name: what is looked at, for `status` and log.
+            name: of the check, for `status` and log.
             check: called once a second.
-            slow: it asks a disk, or something else that may hang.
+            slow: whether it accesses a disk, or may hang for another reason.
         """
         self._entries = {**self._entries, name: _Entry(check, slow, time.monotonic())}
 
     def document(self) -> list[dict[str, Any]]:
-        """What was found, as `hapticd.control.schemas.SelfCheck`, one for each check; waits for nothing."""
+        """Results of all checks, as `hapticd.control.schemas.SelfCheck`; waits for nothing."""
         now = time.monotonic()
         return [
             {
@@ -107,19 +107,19 @@ class SelfCheck:
         ]
 
     def alive(self) -> dict[str, bool]:
-        """Names of its threads, and whether each still runs."""
+        """Name of each thread to whether it runs."""
         return {thread.name: thread.is_alive() for thread in self._threads}
 
     def end(self) -> None:
-        """Look no more. Does not wait for a look that is under way."""
+        """Stop checking. It does not wait for a running check."""
         self._ending.set()
 
     def look(self, *, slow: bool) -> None:
-        """One round, in the calling thread."""
+        """Run the checks once, in the calling thread."""
         for name, entry in self._entries.items():
             if entry.slow == slow and not self._ending.is_set():
                 look = _asked(entry.check)
-                if not self._ending.is_set():  # else what it saw is the end itself
+                if not self._ending.is_set():  # during the shutdown the results are meaningless
                     self._entries[name] = _after(name, entry, look)
 
     def _run(self, slow: bool) -> None:
@@ -127,7 +127,7 @@ class SelfCheck:
             self.look(slow=slow)
 
     def _hanging(self) -> Look:
-        """Whether another check has not answered for long."""
+        """Report checks that have not returned for a long time."""
         now = time.monotonic()
         hanging = [name for name, entry in self._entries.items() if entry.slow and now - entry.answered > HANGS_S]
         if not hanging:
@@ -140,12 +140,12 @@ class SelfCheck:
 def _asked(check: Check) -> Look:
     try:
         return check()
-    except Exception as error:  # whatever broke, the others are looked at
+    except Exception as error:  # an error in one check must not end the others
         return Look(f"the look at it failed: {type(error).__name__}: {error}")
 
 
 def _after(name: str, entry: _Entry, look: Look) -> _Entry:
-    """The entry after one more look; the log has what is new."""
+    """The new state of a check; changes are logged."""
     entry = replace(entry, answered=time.monotonic(), figures=look.figures, ok=look.found is None or look.mended)
     if look.found is None:
         return replace(entry, last=None)

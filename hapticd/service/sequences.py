@@ -1,9 +1,9 @@
-"""Sequences: a list of settings with one release each, as one experiment that any stop, fault or cancellation ends.
+"""Sequences: a list of settings with one release each, as one experiment, which a stop, fault or cancellation ends.
 
-The first step begins in the command's own request, with the daemon's lock held; those after it in the experiments' thread,
-under an ordinal that is the command's: whatever revokes the command revokes all of its steps. Each step is a run file of its
-own, with the config that was in force in it, so that every tool reads it as any other release; ``sequence`` in its metadata
-says of what it is a step. What was in force before comes back at the end, with the motor off.
+The first step starts in the command's request, with the daemon's lock held; later steps start in the experiments' thread,
+with the command's ordinal: what revokes the command revokes all of its steps. Each step is a run file with its config, like
+any other release; ``sequence`` in its metadata names the sequence. At the end the previous settings are restored, with the
+motor off.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ class Step:
     """One release.
 
     Attributes:
-        settings: dotted live keys, beside what was in force before the sequence. config: with them.
+        settings: dotted live keys, changed from the config before the sequence. config: with these settings.
         counts: the deflection in raw counts. duration_s: recorded time.
     """
 
@@ -58,15 +58,15 @@ class Step:
 
     @property
     def deflection(self) -> float:
-        """Coarse ticks of its own config."""
+        """The deflection in coarse ticks of its config."""
         return self.counts / self.config.encoder.decimation
 
 
 class Running(Experiment):
-    """A sequence that runs, or has run.
+    """A running or finished sequence.
 
     Args:
-        name: of it. steps: in order.
+        name: of the sequence. steps: in order.
     """
 
     def __init__(self, name: str, steps: Sequence[Step]) -> None:
@@ -77,15 +77,15 @@ class Running(Experiment):
         self.result = self.results()
 
     def results(self, **more: Any) -> dict[str, Any]:
-        """What has come of it so far."""
+        """The results so far."""
         return {"sequence": self.name, "steps": len(self.steps), "runs": list(self.runs), **more}
 
     def step_is_over(self) -> bool:
-        """Whether the step at hand has lasted as long as it should."""
+        """Whether the duration of the present step is over."""
         return self.elapsed_s() >= self.steps[len(self.runs)].duration_s
 
     def report(self) -> dict[str, Any]:
-        """As of any experiment, and how far it is."""
+        """As for any experiment, with the present step."""
         done_s = sum(step.duration_s for step in self.steps[: len(self.runs)])
         at = (done_s + min(self.elapsed_s(), self.duration_s - done_s)) / self.duration_s
         progress = min(0.99, at) if self.state == "running" else 1.0
@@ -98,11 +98,12 @@ class Running(Experiment):
 
 
 def plan(rig: Rig, steps: Sequence[Mapping[str, Any]]) -> list[Step]:
-    """What the steps ask for, on the settings in force.
+    """The steps, based on the present settings.
 
     Raises:
-        Refused: a step asks for a key that is not live, a rate that the driver has not, or a deflection beyond the limit.
-        ConfigError: a setting is wrong.
+        Refused: a step has a key that is not live, a rate that the driver does not support, or a deflection beyond the
+            limit.
+        ConfigError: a setting is invalid.
     """
     return [_planned(rig, step, f"step {number}") for number, step in enumerate(steps, 1)]
 
@@ -121,10 +122,11 @@ def _planned(rig: Rig, step: Mapping[str, Any], which: str) -> Step:
 
 
 class Sequences:
-    """Plays them.
+    """Runs sequences.
 
     Args:
-        rendering: the rig in force, and what begins and ends its motion. fault_manager: nothing begins while one is latched.
+        rendering: the present rig, and what starts and ends its motion. fault_manager: no step starts while a fault is
+            latched.
     """
 
     def __init__(self, rendering: Rendering, fault_manager: FaultManager) -> None:
@@ -146,10 +148,10 @@ class Sequences:
                 raise Refused(refused.code, f"step {number}: {refused.message}", choice) from refused
 
     def begin(self, running: Running, command: Command, force: bool) -> Path:
-        """Begin the next step; its run file.
+        """Start the next step; returns its run file.
 
         Raises:
-            Withdrawn: a stop has come, or whoever may cancel it has. Refused: a fault, the guard, or a shaft that moves.
+            Withdrawn: a stop or a cancellation. Refused: a fault, the guard, or a moving shaft.
             DriverFailure, RecordingError: it cannot be rendered, or recorded.
         """
         rig, number = self._rendering.rig, len(running.runs) + 1
@@ -181,7 +183,7 @@ class Sequences:
         return path
 
     def go_on(self, running: Running, rig: Rig, command: Command, path: Path, before: Config, force: bool) -> None:
-        """To the end of the step that has begun, and on to the last one; in the experiments' thread."""
+        """Finish the started step, then run the others; in the experiments' thread."""
         further = command.further(lambda: not running.cancelled.is_set())
         more: dict[str, Any] = {}
         try:
@@ -212,7 +214,7 @@ class Sequences:
 
 
 def restore(rig: Rig, before: Config) -> None:
-    """Put the settings before into force again, with the motor off; no motion begins by it: nothing can forbid it."""
+    """Restore the previous settings, with the motor off. No motion starts, so this is never refused."""
     rig.switch_off()
     rig.wait(lambda: rig.state in (layout.OFF, layout.FAULT), _ANSWER_S)
     rig.ask(before)

@@ -1,7 +1,7 @@
-"""Signals of the daemon: which end it, which has it read its config anew, and zero current before anything else is done.
+"""Signal handlers: each sets zero current first. Some signals end the daemon, one reloads its config.
 
-From a terminal no key may leave the current as it is. SIGINT, SIGQUIT and a closed window end the daemon; SIGTSTP stops the
-motor and does not suspend the process, for a suspended daemon watches nothing.
+A key in the terminal must never leave a current on. SIGINT, SIGQUIT and a closed window end the daemon; SIGTSTP stops the
+motor and does not suspend the process, because a suspended daemon supervises nothing.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ log = logging.getLogger(__name__)
 
 
 class Signals:
-    """Takes the signals of this process; made in its main thread.
+    """Handles the signals of this process; created in its main thread.
 
     Attributes:
-        ending: whether one has come that ends the daemon.
+        ending: whether a signal that ends the daemon has arrived.
 
     Raises:
-        RuntimeError: the system gives no thread.
+        RuntimeError: a thread cannot be created.
     """
 
     def __init__(self) -> None:
@@ -43,26 +43,26 @@ class Signals:
             signal.signal(number, self._end)
         if not has_terminal():
             signal.signal(signal.SIGHUP, self._reload)
-        elif signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # nohup wants it to go on
+        elif signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:  # with nohup it continues
             signal.signal(signal.SIGHUP, self._end)
         signal.signal(signal.SIGTSTP, self._suspend)
-        # Said from the background, or asked there: no reason to freeze with a current on.
+        # Terminal access in the background must not suspend the process with a current on.
         signal.signal(signal.SIGTTOU, signal.SIG_IGN)
         signal.signal(signal.SIGTTIN, signal.SIG_IGN)
 
     def halt_with(self, disable: Callable[[], None], stop: Callable[[], object]) -> None:
-        """A daemon is there; a signal that ends it has come already, perhaps.
+        """Set the functions of the daemon; an ending signal may have arrived already.
 
         Args:
-            disable: zero current at once, and no start any more. stop: the same, and it may be started again. Both are
-                called in the signal's handler, so that they may wait for nothing.
+            disable: zero current at once, and no further start. stop: zero current, and it may be started again. Both are
+                called in the signal handler, so they must not wait.
         """
         self._disable, self._stop = disable, stop
         if self.ending:
             disable()
 
     def wait(self, timeout_s: float) -> Literal["end", "reload"] | None:
-        """What a signal asks for; None when none has come in time."""
+        """Wait for a signal; None on a time-out."""
         try:
             return self._came.get(timeout=timeout_s)
         except Empty:
@@ -86,7 +86,7 @@ class Signals:
 
 
 def has_terminal() -> bool:
-    """Whether this process has a controlling terminal, whose end is to be its own."""
+    """Whether this process has a controlling terminal; the daemon ends with it."""
     try:
         os.close(os.open("/dev/tty", os.O_RDONLY | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC))
     except OSError:
@@ -95,7 +95,7 @@ def has_terminal() -> bool:
 
 
 def _log_suspend() -> None:
-    log.warning("SIGTSTP (Ctrl-Z): the motor is stopped, the daemon goes on: suspended it would watch nothing")
+    log.warning("SIGTSTP (Ctrl-Z): the motor is stopped, the daemon continues: suspended, it would supervise nothing")
 
 
 def _log_stacks() -> None:

@@ -1,8 +1,7 @@
-"""All that leaves the daemon by terminal, standard error, log and journal: one thread writes it, and nobody waits for that.
+"""One thread writes all output of the daemon to terminal, standard error, log and journal; no other thread waits for it.
 
-A terminal that nobody reads (Ctrl-S, a dead ssh), a full pipe and a journal that hangs block this thread alone. What then
-finds no room in the queue is dropped and counted, and one line says how much it was as soon as something can be written
-again.
+A blocked terminal (Ctrl-S, a dead ssh), a full pipe or a hanging journal block only this thread. Lines that do not fit into
+the queue are dropped and counted; one line reports their number as soon as writing works again.
 """
 
 from __future__ import annotations
@@ -24,25 +23,25 @@ from hapticd.service.background import Background
 log = logging.getLogger(__name__)
 
 ROOM = 1000
-"""Lines that may wait; in an hour without a fault the daemon says less."""
+"""Capacity of the queue [lines]; in an hour without a fault the daemon writes fewer."""
 LONGEST = 1 << 14
-"""Characters of one of them: a request may put 64 KiB into a line of the log."""
+"""Longest line [characters]: a request may put 64 KiB into a line of the log."""
 END_S = 0.5
-"""What is left at the end has this long."""
+"""Time for the remaining lines at the end [s]."""
 _FEW = 2
 _POLL_S = 0.005
 
 
 class Sink:
-    """The thread ``hapticd-sink`` and what it still has to write. Made before anything that could have to be stopped.
+    """The thread ``hapticd-sink`` and its queue. Created before everything else.
 
     Raises:
-        RuntimeError: the system gives no thread.
+        RuntimeError: a thread cannot be created.
     """
 
     def __init__(self) -> None:
         self._thread = Background("hapticd-sink")
-        # Reentrant: a finalizer may say something at any allocation.
+        # Reentrant: a finalizer may write at any allocation.
         self._counting = threading.RLock()
         self._dropped = self._told = 0
         self._failed = False
@@ -51,28 +50,28 @@ class Sink:
 
     @property
     def stream(self) -> TextIO:
-        """Standard error by way of this sink."""
+        """Standard error through this sink."""
         return cast(TextIO, self._stderr)
 
     @property
     def dropped(self) -> int:
-        """Lines that were lost: the queue was full, or writing failed."""
+        """Number of lost lines: the queue was full, or writing failed."""
         return self._dropped
 
     @property
     def behind(self) -> bool:
-        """Whether what was said before is still to be written, or cannot be: no time for what is of the moment only."""
+        """Whether lines are still waiting, or cannot be written: then a live line is left out."""
         return self._failed or self._thread.waiting() > _FEW
 
     def alive(self) -> bool:
-        """Whether the thread still runs."""
+        """Whether the thread runs."""
         return self._thread.alive()
 
     def put(self, write: Callable[[], object]) -> None:
-        """Have something written after what waits already; never blocks, never raises.
+        """Queue an output; never blocks, never raises.
 
         Args:
-            write: writes it, for as long as that may take; raises OSError where it cannot.
+            write: writes it, and may block; raises OSError on a failure.
         """
         if self._thread.waiting() < ROOM:
             self._thread.ask(partial(self._write, write))
@@ -80,14 +79,14 @@ class Sink:
             self._lose()
 
     def take_stderr(self) -> None:
-        """Put `stream` in the place of ``sys.stderr``: warnings, tracebacks of threads and ``print`` go here, too."""
+        """Replace ``sys.stderr`` by `stream`, also for warnings, tracebacks of threads and ``print``."""
         if self._before is None:
             self._before, sys.stderr = sys.stderr, self.stream
 
     def end(self, timeout_s: float = END_S) -> bool:
-        """Give what waits some time; whether all of it is written. Safe to call twice.
+        """Give the waiting lines some time; returns whether all are written. Safe to call twice.
 
-        Where it is, ``sys.stderr`` is again what it was. Else it stays here, and who still says something does not hang.
+        If so, ``sys.stderr`` is restored. Otherwise it stays replaced, so that further output does not hang.
         """
         deadline = time.monotonic() + timeout_s
         while self._thread.waiting() and time.monotonic() < deadline:
@@ -98,7 +97,7 @@ class Sink:
         return ended
 
     def write_now(self, text: str) -> None:
-        """Write to standard error, however long that takes; for what `put` was given.
+        """Write to standard error, and block if necessary; for functions given to `put`.
 
         Raises:
             OSError, ValueError: it cannot be written.
@@ -108,7 +107,7 @@ class Sink:
     def _write(self, write: Callable[[], object]) -> None:
         try:
             write()
-        except (OSError, ValueError):  # a terminal or a reader that is gone; a closed file
+        except (OSError, ValueError):  # a closed terminal, pipe or file
             self._failed = True
             self._lose()
             return
@@ -116,7 +115,7 @@ class Sink:
         if self._dropped != self._told and self._thread.waiting() < ROOM // 2:
             with self._counting:
                 lost, self._told = self._dropped - self._told, self._dropped
-            log.warning("%d lines that were said before this one are lost: nobody read them in time", lost)
+            log.warning("%d lines before this one are lost: they were not read in time", lost)
 
     def _lose(self) -> None:
         with self._counting:
@@ -127,9 +126,9 @@ class SinkStream(io.TextIOBase):
     """A text stream whose ``write`` only queues.
 
     Args:
-        sink: what writes it.
-        below: the stream in whose place this one is; None where there is none, as after ``2>&-``: all is thrown away, for
-            the number of its descriptor may be a device's by now.
+        sink: writes it.
+        below: the replaced stream; None if there is none, as after ``2>&-``: then all output is discarded, because the
+            number of its descriptor may now belong to a device.
     """
 
     def __init__(self, sink: Sink, below: TextIO | None) -> None:
@@ -141,17 +140,17 @@ class SinkStream(io.TextIOBase):
 
     @property
     def encoding(self) -> str:  # type: ignore[override]
-        """Of the stream below."""
+        """Encoding of the stream below."""
         return getattr(self._below, "encoding", None) or "utf-8"
 
     def write(self, text: str, /) -> int:
-        """Queue a text, of which at most `LONGEST` characters are written."""
+        """Queue a text, cut to `LONGEST` characters."""
         if text and self._below is not None:
             self._sink.put(partial(self.write_now, cut(text)))
         return len(text)
 
     def write_now(self, text: str) -> None:
-        """Write a text, however long that takes; for the sink's thread alone.
+        """Write a text, and block if necessary; for the sink's thread only.
 
         Raises:
             OSError, ValueError: it cannot be written.
@@ -167,7 +166,7 @@ class SinkStream(io.TextIOBase):
         return True
 
     def flush(self) -> None:
-        """Nothing: waiting is what this is to prevent."""
+        """Do nothing, because it must not wait."""
 
     def isatty(self) -> bool:
         """Whether the stream below is a terminal."""
@@ -185,14 +184,14 @@ class SinkStream(io.TextIOBase):
 
 
 def cut(text: str) -> str:
-    """At most `LONGEST` characters of a text, and how many it had."""
+    """A text cut to `LONGEST` characters, with its original length."""
     return text if len(text) <= LONGEST else f"{text[:LONGEST]} … ({len(text)} characters)\n"
 
 
 def write_all(descriptor: int, data: bytes) -> None:
-    """Write all of it, however long that takes, also where somebody has made the descriptor a non-blocking one.
+    """Write all data, and block if necessary, also on a non-blocking descriptor.
 
-    Past Python's own buffer and its lock: a thread that hangs here must not keep the process from ending.
+    It bypasses Python's buffer and its lock: a thread that hangs here must not prevent the end of the process.
     """
     left = memoryview(data)
     while left:

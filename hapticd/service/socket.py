@@ -1,9 +1,9 @@
-"""The daemon's Unix sockets: bound once, with group and mode set before anybody can connect, removed only if still ours.
+"""The daemon's Unix sockets: group and mode are set before any connection, and a file is removed only if it is our own.
 
-Two daemons on one path must not both win, and a file left by a killed daemon must not stop the next one. So "does anybody
-answer there?", asked of both sockets, and the bind happen under the daemon's lock (`hapticd.service.lock`), which is held
-for as long as the control socket is. What is removed while the daemon runs is bound anew (`BoundSocket.rebind`;
-`hapticd.service.self_check` looks), unless another daemon answers there by then.
+Two daemons must not use the same path, and the file of a killed daemon must not prevent the next start. So the check
+whether a daemon answers on either socket, and the bind, are done with the daemon's lock (`hapticd.service.lock`), which is
+held as long as the control socket. A socket that was removed is bound again (`BoundSocket.rebind`, called by
+`hapticd.service.self_check`), unless another daemon answers there.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from hapticd.config import paths
 from hapticd.service.lock import DaemonLock, HeldError
 
 MAX_PATH_BYTES = 107
-"""``sun_path`` holds 108 bytes, the last one a zero."""
+"""``sun_path`` has 108 bytes, including the final zero."""
 
 BACKLOG = 128
 PROBE_TIMEOUT_S = 1.0
 _CHANGE_S = 2.0
-"""Longest wait of an end for a file system that hangs under `BoundSocket.rebind`."""
+"""Longest wait of `BoundSocket.close` for a hanging `BoundSocket.rebind` [s]."""
 
 log = logging.getLogger(__name__)
 
@@ -44,27 +44,27 @@ class TakenError(SocketError):
 
 @dataclass(frozen=True)
 class Claim:
-    """The right to be the one daemon for a socket path.
+    """The exclusive right to a socket path.
 
     Attributes:
-        lock: of the daemon; None where there can be none, which has been said.
+        lock: of the daemon; None if it cannot be created, which has been logged.
     """
 
     lock: DaemonLock | None
 
     def release(self) -> None:
-        """Let go. Safe to call twice, and where the bound socket that has the lock is closed."""
+        """Release it. Safe to call twice, and after the bound socket with the lock is closed."""
         if self.lock is not None:
             self.lock.release()
 
 
 class BoundSocket:
-    """A socket and the file that stands for it.
+    """A socket and its file.
 
     Attributes:
-        path: the file.
-        socket: the socket; of a stream, another one after `rebind`.
-        lock: the daemon's lock, released with the socket; None where there is none.
+        path: of the file.
+        socket: the socket; a stream socket is replaced by `rebind`.
+        lock: the daemon's lock, released with the socket; None for none.
     """
 
     def __init__(self, path: Path, mode: int, owner: int | None, kind: int, lock: DaemonLock | None) -> None:
@@ -75,22 +75,22 @@ class BoundSocket:
         self.socket, self._file = _listen(path, mode, owner, kind)
 
     def intact(self) -> bool:
-        """Whether the file at the path is ours. While the socket is open its inode is not used again."""
+        """Whether the file at the path is our own. While the socket is open, its inode is not reused."""
         try:
             return os.path.samestat(self.path.lstat(), self._file)
         except OSError:
             return False
 
     def rebind(self) -> socket.socket:
-        """Bind anew in the place, the folder made again.
+        """Bind to the path again, and create the folder if needed.
 
         Returns:
-            The socket that listens from now on. Of datagrams it is the same object with the same descriptor, so that who
-            waits on the number goes on. Of a stream it is another one; who accepted on the old one closes that.
+            The listening socket. A datagram socket keeps its object and descriptor, so that a waiting thread continues. A
+            stream socket is a new one; the caller closes the old one.
 
         Raises:
             TakenError: another daemon answers there.
-            SocketError: something else is in the way, or the system refuses; or it is closed.
+            SocketError: the path exists and is no socket, the system refuses, or the socket is closed.
         """
         with self._changing, _as_socket_error(self.path):
             if self._closed:
@@ -105,7 +105,7 @@ class BoundSocket:
             return self.socket
 
     def close(self) -> None:
-        """Close the socket and remove its file, unless another has been put there since; then let go of the lock."""
+        """Close the socket, remove its file if it is still our own, and release the lock."""
         free = self._changing.acquire(timeout=_CHANGE_S)
         self._closed = True
         try:
@@ -121,18 +121,18 @@ class BoundSocket:
 
 
 def stop_path(path: Path) -> Path:
-    """Where the stop channel of the daemon with this control socket lies."""
+    """Path of the stop channel that belongs to a control socket."""
     return path.with_name(f"{path.name}.stop")
 
 
 def claim(path: Path) -> Claim:
-    """Be the one daemon for this socket and its stop channel, before the device is opened and the sockets bound.
+    """Claim a socket path and its stop channel, before the device is opened and the sockets are bound.
 
     Returns:
-        What `bind` needs.
+        The claim, for `bind`.
 
     Raises:
-        SocketError: another daemon is there, something else is in the way, or the system refuses.
+        SocketError: another daemon runs there, the path exists and is no socket, or the system refuses.
     """
     path = _short(path)
     claimed = Claim(_take_lock(path))
@@ -163,17 +163,17 @@ def bind(
     kind: int = socket.SOCK_STREAM,
     claimed: Claim | None = None,
 ) -> BoundSocket:
-    """Create a socket of the daemon's and, of a stream, listen on it and hold the daemon's lock.
+    """Create a socket of the daemon; for a stream socket, also listen on it and hold the daemon's lock.
 
     Args:
-        path: where; a missing directory is made with mode 0755, a stale socket file is replaced.
+        path: of the socket; a missing folder is created with mode 0755, a stale socket file is replaced.
         mode: permission bits of the socket; who may write to it may command the motor.
         group: owning group by name or number, None for the process's own.
-        kind: ``SOCK_STREAM`` for the control socket; ``SOCK_DGRAM`` for one beside it, of the daemon that has that.
-        claimed: by `claim`, released with the socket; None: a control socket is claimed here.
+        kind: ``SOCK_STREAM`` for the control socket; ``SOCK_DGRAM`` for the stop channel of the same daemon.
+        claimed: from `claim`, released with the socket; None: a control socket is claimed here.
 
     Raises:
-        SocketError: another daemon is there, something else is in the way, or the system refuses.
+        SocketError: another daemon runs there, the path exists and is no socket, or the system refuses.
     """
     path = _short(path)
     owner = group_id(group, "api.group") if group is not None else None
@@ -189,7 +189,7 @@ def bind(
 
 
 def _take_lock(path: Path) -> DaemonLock | None:
-    """The daemon's lock; None, and a word about it, where there can be none."""
+    """The daemon's lock; None, with a warning in the log, if it cannot be created."""
     try:
         return DaemonLock.take(path)
     except HeldError as held:
@@ -208,7 +208,7 @@ def _take_lock(path: Path) -> DaemonLock | None:
 
 
 def _prepare(path: Path, kind: int) -> None:
-    """Make the folder, and room in it."""
+    """Create the folder, and remove a stale socket in it."""
     path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
     if reason := paths.foreign(path.parent):
         raise SocketError(f"cannot create the control socket {path}: {reason}, or choose another socket with --socket")
@@ -228,7 +228,7 @@ def _as_socket_error(path: Path) -> Iterator[None]:
 
 
 def _permission(path: Path, error: PermissionError) -> str:
-    """What was refused, and how to get it."""
+    """What was refused, and the remedy."""
     if path.parent.is_dir() and os.access(path.parent, os.W_OK):
         return str(error.strerror)
     what = "write to" if path.parent.is_dir() else "make"
@@ -239,7 +239,7 @@ def _permission(path: Path, error: PermissionError) -> str:
 
 
 def _make_room(path: Path, kind: int) -> None:
-    """Remove a stale socket; refuse a live one and anything that is no socket."""
+    """Remove a stale socket; refuse a live one, and a file that is not a socket."""
     try:
         found = path.lstat().st_mode
     except FileNotFoundError:
@@ -256,7 +256,7 @@ def _make_room(path: Path, kind: int) -> None:
 
 
 def _answers(path: Path, kind: int) -> bool:
-    """Whether somebody has a socket open there. One of datagrams is told nothing by this."""
+    """Whether a process has this socket open. A datagram socket does not receive anything from this check."""
     with socket.socket(socket.AF_UNIX, kind) as probe:
         probe.settimeout(PROBE_TIMEOUT_S)
         try:
@@ -264,10 +264,10 @@ def _answers(path: Path, kind: int) -> bool:
         except (ConnectionRefusedError, FileNotFoundError):
             return False
         except (TimeoutError, BlockingIOError):
-            return True  # somebody listens, with a full queue
+            return True  # a process listens, with a full queue
         except OSError as error:
             if error.errno == errno.EPROTOTYPE:
-                return True  # somebody, of the other kind
+                return True  # a process has a socket of the other kind
             raise
     return True
 
@@ -277,8 +277,8 @@ def _listen(path: Path, mode: int, owner: int | None, kind: int) -> tuple[socket
     server = socket.socket(socket.AF_UNIX, kind)
     made = False
     try:
-        # Nobody can connect before listen(), so owner and mode are right from the first moment that matters, without
-        # changing the umask, which belongs to the whole process and its other threads.
+        # Before listen() nobody can connect, so owner and mode may be set after bind(). The umask is not changed, because
+        # it belongs to the whole process.
         server.bind(os.fspath(path))
         made = True
         if owner is not None:
@@ -300,10 +300,10 @@ def group_id(group: str | None, key: str) -> int:
 
     Args:
         group: the group.
-        key: where it stands in the config, for messages.
+        key: its config key, for messages.
 
     Raises:
-        SocketError: there is none of that name.
+        SocketError: the group does not exist.
     """
     if group is None:
         return os.getegid()

@@ -1,4 +1,4 @@
-"""Looking at recordings: the signals that a person asks of a run, and their picture. Behind ``hapticd plot``."""
+"""Signals and figures of recordings, for ``hapticd plot``."""
 
 from hapticd.view.compare import Difference, difference
 from hapticd.view.figure import PANELS, run_figure

@@ -1,15 +1,15 @@
-"""Frequency responses of a recorded excitation: the device, and the impedance that a hand at it feels, beside the model's.
+"""Frequency responses of a recorded excitation: the device and the rendered impedance, compared with the model.
 
-The excitation e(t), a torque or force, is what was commanded beyond the rendered spring's; it is known to the last digit and
-depends on nothing in the loop, so that with it as the reference the loop being closed makes no bias (T. Söderström and
-P. Stoica, "System Identification", 1989, ch. 10). With S the cross spectra by Welch's method, X the encoder's motion, U all
-that was commanded, and h the converter's hold with the loop's delay,
+The excitation e(t), a torque or force, is the command without the part of the rendered spring. It is known exactly and does
+not depend on the loop, so as a reference it gives estimates without bias in closed loop (T. Söderström and P. Stoica,
+"System Identification", 1989, ch. 10). S are cross spectra by Welch's method, X is the encoder's motion, U the whole
+command, and h the zero-order hold of the converter with the loop's delay:
 
     device   X/(h U)    = S_ex / (h S_eu),     of a free device 1/(m s² + b s)
     felt     Z = h E/(s X) = h S_ee / (s S_ex),  `hapticd.stability.linear_loop.impedance` without ticks and friction
 
-The model's are those of a simulation of the same excitation by the run's own config, ticks and friction included, and put
-through the same estimate; the linear theory stands beside them.
+The model's responses come from a simulation of the same excitation with the run's config, quantisation and friction
+included, by the same estimate. The linear theory is shown for comparison.
 """
 
 from __future__ import annotations
@@ -39,14 +39,14 @@ if TYPE_CHECKING:
 
 FEWEST_ROWS: Final = 1024
 _SEGMENTS: Final = 8
-"""Of half a segment each: enough for a coherence that says something, few enough for low frequencies."""
+"""Number of half-overlapping segments: enough for a meaningful coherence, few enough for low frequencies."""
 _LONGEST: Final = 1 << 14
 _EXCITED: Final = 1e-3
-"""Share of the largest spectral density that the excitation has to have at a frequency."""
+"""Least spectral density of the excitation at a frequency, as a share of the largest."""
 _HIGHEST: Final = 0.4
-"""Of the servo rate: above, what is held from tick to tick is no sine any more."""
+"""Highest frequency, as a share of the servo rate: above it the zero-order hold distorts a sine too much."""
 SEEN: Final = 0.8
-"""Coherence from which on measurement and model are compared."""
+"""Least coherence at which measurement and model are compared."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class Response:
     """Responses at m frequencies; in rad/(N m) and N m s/rad, or m/N and N s/m.
 
     Attributes:
-        hz: (m,). device, felt: (m,) complex. device_coherence: (m,) of all that is commanded with the motion.
+        hz: (m,). device, felt: (m,) complex. device_coherence: (m,) of the whole command with the motion.
         felt_coherence: (m,) of the excitation with the motion.
     """
 
@@ -70,9 +70,9 @@ class Curve:
     """One response, m frequencies.
 
     Attributes:
-        title: what it is. unit: of its magnitude.
+        title: name of the response. unit: of its magnitude.
         measured, theory: (m,) complex. coherence: (m,) of the measurement.
-        simulated: (m,) of the model by the same estimate; None where its simulation ended in a fault.
+        simulated: (m,) of the model by the same estimate; None if its simulation ended in a fault.
     """
 
     title: str
@@ -99,11 +99,11 @@ class Curve:
 
 @dataclass(frozen=True)
 class Bode:
-    """A run's responses, and the model's.
+    """The responses of a run and of its model.
 
     Attributes:
-        name: of the run's file. hz: (m,) frequencies. device, impedance: of the device, and as a hand at it feels it.
-        filled: ticks of which the run has no row.
+        name: of the run's file. hz: (m,) frequencies. device: response of the device. impedance: rendered impedance.
+        filled: number of ticks without a row in the run.
     """
 
     name: str
@@ -114,20 +114,20 @@ class Bode:
 
     @property
     def document(self) -> dict[str, Any]:
-        """In numbers, as ``hapticd plot --bode --json`` has it."""
+        """The document of ``hapticd plot --bode --json``."""
         parts = {"device": self.device.document, "impedance": self.impedance.document}
         return {"hz": self.hz, "filled": self.filled, **parts}
 
 
 def bode(run: Run, model: Config | None = None) -> Bode:
-    """The frequency responses of a run in which an excitation was played.
+    """The frequency responses of a run with an excitation.
 
     Args:
-        run: as `hapticd.record.read_run` gives it. model: in the place of the run's own config.
+        run: from `hapticd.record.read_run`. model: instead of the run's config.
 
     Raises:
-        RunFileError: it has no excitation, too little of it, or no encoder counts and currents to tell from.
-        ConfigError: its config is not valid.
+        RunFileError: it has no excitation, a too short one, or no encoder counts and currents.
+        ConfigError: its config is invalid.
     """
     needed = ("tick", "encoder_counts", "current_command_A", "force_command", "flags")
     if missing := [name for name in needed if name not in run.columns]:
@@ -184,7 +184,7 @@ def bode(run: Run, model: Config | None = None) -> Bode:
 
 
 def _simulated(config: Config, added: FloatArray, hz: FloatArray, loop: Loop) -> Response | None:
-    """The responses of the model, to the same excitation, at the same frequencies."""
+    """The responses of the model to the same excitation, at the same frequencies."""
     blocks: list[NDArray[Any]] = []
     gain = config.amplifier.torque_constant
     report = simulate(
@@ -207,7 +207,7 @@ def _simulated(config: Config, added: FloatArray, hz: FloatArray, loop: Loop) ->
 def _estimate(
     added: FloatArray, commanded: FloatArray, position: FloatArray, loop: Loop, only: FloatArray | None = None
 ) -> Response:
-    """Device and felt impedance from signals at every tick, (n,), at the frequencies that are excited, or at given ones."""
+    """Device response and rendered impedance from signals at every tick, (n,), at the excited or at given frequencies."""
     rate = 1.0 / loop.period
     segment = int(min(_LONGEST, max(FEWEST_ROWS // 4, 2 * added.size // (_SEGMENTS + 1))))
     how: dict[str, Any] = {"fs": rate, "nperseg": segment, "detrend": "linear"}
@@ -235,7 +235,7 @@ def _polar(values: ComplexArray) -> dict[str, FloatArray]:
 
 
 def difference(found: ComplexArray, model: ComplexArray, agreement: FloatArray) -> dict[str, float | int | None]:
-    """How far two responses lie apart where the coherence is at least `SEEN`: RMS in dB and in degrees, and at how many."""
+    """RMS difference of two responses in dB and degrees, where the coherence is at least `SEEN`; and their number."""
     seen = (agreement >= SEEN) & np.isfinite(found) & np.isfinite(model) & (found != 0) & (model != 0)
     if not seen.any():
         return {"magnitude_db": None, "phase_deg": None, "frequencies": 0}

@@ -1,4 +1,4 @@
-"""The Bode plot of a run: the device on the left, the impedance that a hand feels on the right."""
+"""The Bode plot of a run: the device on the left, the rendered impedance on the right."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _UNSURE = {"color": BLUE, "lw": 0.7, "alpha": 0.4}
 
 
 def bode_figure(found: Bode) -> RunFigure:
-    """Magnitude, phase and coherence of both over the frequency."""
+    """Magnitude, phase and coherence of both over frequency."""
     with style():
         figure = RunFigure(figsize=(11.0, 8.0), layout="constrained")
         axes = figure.subplots(3, 2, sharex=True, height_ratios=(3, 2, 1.2))

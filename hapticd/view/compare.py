@@ -1,4 +1,4 @@
-"""Two runs on one time axis: the second less the first, from the moment at which each spring was rendered."""
+"""The difference of two runs, on a time axis from the start of rendering in each."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Difference:
-    """The second run less the first, where both are known.
+    """The second run minus the first, at times in both.
 
     Attributes:
         time_s: (m,) of the first run's rows. position: (m,) in its unit. current: (m,) in its unit.
@@ -34,7 +34,7 @@ class Difference:
 
     @property
     def document(self) -> dict[str, Any]:
-        """RMS and largest difference, as ``hapticd plot --json`` has them."""
+        """RMS and largest difference, for ``hapticd plot --json``."""
         return {
             "rows": self.time_s.size,
             "duration_s": float(np.ptp(self.time_s)),
@@ -44,10 +44,10 @@ class Difference:
 
 
 def difference(first: Signals, second: Signals) -> Difference:
-    """Take the first run from the second; between the second's rows a straight line.
+    """Subtract the first run from the second, which is interpolated linearly.
 
     Raises:
-        RunFileError: they have no time in common, or their positions or commands are not in one unit.
+        RunFileError: they have no time in common, or different units of position or command.
     """
     for name, one, other in (
         ("positions", first.position_unit, second.position_unit),

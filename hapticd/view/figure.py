@@ -1,4 +1,4 @@
-"""The picture of a run, or of two over each other: trace, phase plane, spectrum, energy, lateness, difference."""
+"""The figure of one or two runs: trace, phase plane, spectrum, energy, lateness, difference."""
 
 from __future__ import annotations
 
@@ -18,18 +18,18 @@ if TYPE_CHECKING:
     from hapticd.view.signals import Signals
 
 _POINTS: Final = 20_000
-"""A drawing cannot show more points than this across; a longer run is thinned."""
+"""Most points of a line; a longer run is decimated."""
 _COLOURS: Final = (BLUE, ORANGE)
 _BY_RUN: Final = ("trace", "phase", "spectrum", "lateness")
-"""Panels in which each run has its own colour."""
+"""Panels with a colour for each run."""
 _EVENTS: Final = 12
-"""More marks than this would hide the trace."""
+"""Most event marks; more would hide the trace."""
 
 Draw = Callable[[Any, "Sequence[Signals]"], None]
 
 
 class RunFigure(Figure):
-    """A figure that a notebook shows although pyplot was never imported."""
+    """A figure that a notebook shows without pyplot."""
 
     def _repr_png_(self) -> bytes:
         picture = io.BytesIO()
@@ -40,16 +40,16 @@ class RunFigure(Figure):
 def run_figure(
     first: Signals, second: Signals | None = None, *, only: Sequence[str] | None = None, title: str | None = None
 ) -> RunFigure:
-    """Draw one run, or two over each other with their difference.
+    """Plot one run, or two runs and their difference.
 
     Args:
-        first: the run. second: another, drawn over it.
+        first: the run. second: another run, plotted over it.
         only: some of `PANELS`; all that apply by default.
-        title: above it; the names of the files by default.
+        title: of the figure; by default the names of the files.
 
     Raises:
-        ValueError: no such panel.
-        RunFileError: the difference is asked for, and the two have no time or no unit in common.
+            ValueError: an unknown panel.
+            RunFileError: the difference is requested, and the runs have no time or unit in common.
     """
     both = (first,) if second is None else (first, second)
     names = list(only) if only else [name for name in PANELS if name != "difference" or second is not None]
@@ -68,9 +68,9 @@ def run_figure(
             drawn = {line.get_color() for name in names if name in _BY_RUN for line in axes[name].lines}
             named = [(colour, each.run.path.name) for colour, each in zip(_COLOURS, both, strict=True)]
             if handles := [_line(colour, name) for colour, name in named if colour in drawn]:
-                # below all: above, two long names would run into the title
+                # below the panels: above them, two long names would overlap the title
                 figure.legend(handles=handles, loc="outside lower right", ncols=2)
-        # as for every figure of the project: what is drawn later must have the look, too
+        # also for parts that are drawn later
         figure.draw_without_rendering()
     return figure
 
@@ -82,7 +82,7 @@ def _line(colour: str, label: str) -> Any:
 
 
 def _mosaic(names: Sequence[str]) -> list[list[str]]:
-    """Two panels a row; the trace takes a row of its own, and the last panel what is left."""
+    """Two panels per row; the trace has its own row, and the last panel fills its row."""
     rows = [["trace", "trace"]] if "trace" in names else []
     rest = [name for name in names if name != "trace"]
     rows += [rest[at : at + 2] if at + 1 < len(rest) else [rest[at]] * 2 for at in range(0, len(rest), 2)]
@@ -183,7 +183,7 @@ def _lateness(axis: Any, both: Sequence[Signals]) -> None:
     axis.set_title("Lateness of the wake (line) and duration of the tick (dotted)")
     known = [(colour, each) for colour, each in zip(_COLOURS, both, strict=False) if each.late_s is not None]
     if not known:
-        _nothing(axis, "virtual time, or no lateness recorded: nothing was late")
+        _nothing(axis, "no lateness: virtual time, or not recorded")
         return
     period = 1e6 * known[0][1].period_s
     for colour, each in known:
@@ -198,7 +198,7 @@ def _lateness(axis: Any, both: Sequence[Signals]) -> None:
 
 
 def _exceeded(values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Values in order, and the share of values that are at least as large."""
+    """Sorted values, and the share of values that are at least as large."""
     ordered = np.sort(np.maximum(values, 1e-3))
     share = 1.0 - np.arange(ordered.size) / ordered.size
     rough = max(1, ordered.size // _POINTS)
@@ -241,4 +241,4 @@ PANELS: Final[dict[str, Draw]] = {
     "lateness": _lateness,
     "difference": _difference,
 }
-"""Name → what draws it."""
+"""Name of each panel to its drawing function."""

@@ -1,7 +1,7 @@
-"""What a person asks of a run: motion in SI units, an estimate of its velocity, spectra and lateness.
+"""Signals of a run: motion in SI units, estimated velocity, spectra and lateness.
 
-Position is the middle of the encoder's cell, (counts − origin + ½) · resolution, from the spring's origin where the run
-knows it. Velocity is that position's slope by a Savitzky-Golay filter (a quartic over seven samples), which has no lag.
+Position is the middle of the encoder's cell, (counts − origin + ½) · resolution, from the spring's origin if the run has
+it. Velocity is its derivative by a Savitzky-Golay filter (a quartic over seven samples), which has no lag.
 """
 
 from __future__ import annotations
@@ -29,10 +29,10 @@ if TYPE_CHECKING:
 _LONGEST_NAME = 32
 SLOPE_SAMPLES = 7
 _SEGMENT = 4096
-"""Samples a segment of a spectrum has at most; a longer run is averaged over half-overlapping ones."""
+"""Most samples of a segment; the spectrum of a longer run is averaged over half-overlapping segments."""
 
 _PADDING = 4
-"""Segments are padded with zeros to this many lengths: the peak of a short run is found between its own few lines."""
+"""Zero padding, in lengths of a segment: it refines the frequency of the peak in a short run."""
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Spectrum:
     """One-sided amplitude spectral density (Welch, Hann window, mean removed).
 
     Attributes:
-        hz: (m,) above 0. density: (m,) of the signal's unit per √Hz. peak_hz: where it is largest.
+        hz: (m,) above 0. density: (m,) in the signal's unit per √Hz. peak_hz: frequency of its maximum.
     """
 
     hz: FloatArray
@@ -57,18 +57,17 @@ class Signals:
     """A run as signals; n rows.
 
     Attributes:
-        run: what was read. config: its own config; None where it carries none or no valid one.
-        time_s: (n,) from the first row in which the spring was rendered, else from the first.
+        run: the run. config: its own config; None if it has no valid one.
+        time_s: (n,) from the first row with the spring rendered, else from the first row.
         position: (n,) in ``position_unit``, from the spring's origin. velocity: (n,) estimated, per s.
-        current: (n,) commanded, A; or the force where the run has no current. current_unit: its unit.
+        current: (n,) commanded, A; or the force if the run has no current. current_unit: its unit.
         running: (n,) whether the spring was rendered.
-        tick: one coarse tick in ``position_unit``; None where it is not known.
-        position_unit: ``rad``, ``m``, or ``count`` where the resolution is not known.
-        late_s, exec_s: (n,) lateness of the wake and duration of the tick; None where the run does not have them, or where
-            its time is virtual.
-        missed: ticks before which periods were skipped.
-        period_s: median period. events: (time, name) of what was noted on the way.
-        energy: ledger of the last start; None where there is none, and then why.
+        tick: one coarse tick in ``position_unit``; None if unknown.
+        position_unit: ``rad``, ``m``, or ``count`` if the resolution is unknown.
+        late_s, exec_s: (n,) lateness of the wake-up and duration of the tick; None if not recorded, or in virtual time.
+        missed: number of ticks after skipped periods.
+        period_s: median period. events: (time, name) of notes, markers and changes.
+        energy: ledger of the last start; None if there is none, with the reason in `why_no_energy`.
     """
 
     run: Run
@@ -91,7 +90,7 @@ class Signals:
     notes: tuple[str, ...] = field(default=())
 
     def spectrum(self, values: FloatArray) -> Spectrum | None:
-        """Spectrum of a signal of this run, (n,), over the rows in which the spring was rendered; None below 16 rows."""
+        """Spectrum of a signal of this run, (n,), over the rows with the spring rendered; None below 16 rows."""
         part = values[self.running] if self.running.any() else values
         if part.size < 16 or not np.all(np.isfinite(part)):
             return None
@@ -101,7 +100,7 @@ class Signals:
 
     @property
     def document(self) -> dict[str, Any]:
-        """The run in numbers, as ``hapticd plot --json`` has it."""
+        """The document of ``hapticd plot --json``."""
         spectrum = self.spectrum(self.position)
         energy = self.energy.report if self.energy is not None else None
         return {
@@ -119,7 +118,7 @@ class Signals:
 
 
 def first_seconds(run: Run, duration_s: float) -> Run:
-    """The run's first seconds, from the first row in which the spring was rendered (else from the first)."""
+    """The first `duration_s` seconds of a run, from the first row with the spring rendered (else from the first row)."""
     time_s = run.columns["time_s"]
     flags = run.columns.get("flags")
     rendered = np.flatnonzero(flags & FLAG_RUNNING) if flags is not None else np.zeros(0, dtype=np.intp)
@@ -132,19 +131,19 @@ def signals(run: Run, config: Config | None = None) -> Signals:
     """A run as signals.
 
     Args:
-        run: as `hapticd.record.read_run` gives it.
-        config: for a run that carries none: its encoder gives the unit, its model the energy.
+        run: from `hapticd.record.read_run`.
+        config: for a run without one: its encoder for the unit, its model for the energy.
 
     Raises:
-        RunFileError: fewer than two rows, or time stamps that do not rise.
-        ConfigError: the run's own config is not valid.
+            RunFileError: fewer than two rows, or time stamps that do not increase.
+            ConfigError: the run's own config is invalid.
     """
     time_s = np.asarray(run.columns["time_s"], dtype=np.float64)
     if time_s.size < 2:
-        raise RunFileError(f"{run.path} has {time_s.size} row(s): nothing to look at")
+        raise RunFileError(f"{run.path} has {time_s.size} row(s); at least 2 are needed")
     period = float(np.median(np.diff(time_s)))
     if not period > 0.0:
-        raise RunFileError(f"{run.path}: its time stamps do not rise")
+        raise RunFileError(f"{run.path}: its time stamps do not increase")
     stored = run.metadata.get("config")
     config = parse_config(stored, f"config of {run.path.name}") if stored else config
     columns = run.columns
@@ -216,7 +215,7 @@ def _energy(run: Run, config: Config | None) -> tuple[RunEnergy | None, str | No
 
 
 def _events(run: Run, time_s: FloatArray) -> list[tuple[float, str]]:
-    """Changes of settings and lost rows; the recorder's own end of the run is no event to a reader."""
+    """Changes of settings and lost rows, without the recorder's mark for the end of the run."""
     found = []
     for event in run.events:
         name = ", ".join(event["changed"]) if event.get("changed") else str(event.get("event", ""))

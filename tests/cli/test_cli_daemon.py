@@ -176,7 +176,7 @@ def test_ctrl_c_during_an_experiment_stops_the_motor(
     outcome = daemon("release", "--deflection", "20.3", "--json")
     assert (outcome.code, outcome.out) == (130, "")
     assert control.calls[-1] == ("stop",)
-    assert outcome.err == "hapticd: the daemon was told to stop\nhapticd: interrupted\n"
+    assert outcome.err == "hapticd: a stop was sent to the daemon\nhapticd: interrupted\n"
 
 
 def test_ctrl_c_while_an_experiment_begins_stops_the_motor_too(

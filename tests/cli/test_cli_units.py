@@ -40,7 +40,7 @@ def test_check_takes_a_speed(hapticd: Run) -> None:
     ("words", "said"),
     [
         (("check", "--deflection", "2mm"), "the device is rotary"),
-        (("simulate", "--duration", "1", "--velocity", "2rad"), "is no velocity"),
+        (("simulate", "--duration", "1", "--velocity", "2rad"), "is not a velocity"),
         (("simulate", "--duration", "-5ms"), "'-5ms' is not above zero"),
         (("simulate", "--duration", "5weeks"), "unknown unit 'weeks'"),
         (("simulate", "--duration", "1", "--deflection", "0,5rad"), "the decimal sign is a point: 0.5rad"),

@@ -45,7 +45,7 @@ def test_check_lists_it_and_calls_nothing_proven() -> None:
     found = hapticd.check({"plant": {"inertia": 6.3e-6}})
     assert found.document["assumed"] == ["plant.viscous", "plant.coulomb"]
     assert found.document["proven"] is False
-    assert "assumed, for the config does not say it: plant.viscous = " in found.warnings[-1]
+    assert "assumed, because the config does not give it: plant.viscous = " in found.warnings[-1]
     sure = hapticd.check({"plant": {"inertia": 6.3e-6, "viscous": 9e-6, "coulomb": 2e-3}})
     assert "assumed" not in sure.document
     assert sure.document["proven"] is True

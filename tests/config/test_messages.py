@@ -49,8 +49,8 @@ WRONG = [
     ("safety: {max_velocity: -3}", "safety.max_velocity = -3: must be at least 0 rad/s (0 or null: no limit)"),
     (
         "servo: {clock: sync}\nsafety: {missed_exchanges: 0}",
-        "safety.missed_exchanges = null: must be a number under servo.clock = sync: a producer that falls silent would be "
-        "no fault, and no tick",
+        "safety.missed_exchanges = null: must be a number with servo.clock = sync: otherwise a producer that stops would "
+        "cause no tick and no fault",
     ),
     ("safety: {heartbeat_timeout_s: 0}", "safety.heartbeat_timeout_s = 0: must be at least 0.2 s"),
     # names, switches, text
@@ -83,9 +83,9 @@ WRONG = [
     ),
     ("servo: {overrun: skip}", "servo.overrun = skip: must be a section of keys, such as overrun: {policy: …}"),
     ("- servo", "must be a mapping of sections, such as servo: {rate_hz: 1000}"),
-    ("version: 2", "version = 2: is of a newer hapticd, this one reads up to version 1: install the newer one"),
-    ("version: 0", "version = 0: is no version; this hapticd writes 1"),
-    ('version: "1"', 'version = "1": is no version; this hapticd writes 1'),
+    ("version: 2", "version = 2: is from a newer hapticd; this one reads up to version 1: install the newer one"),
+    ("version: 0", "version = 0: is not a version; this hapticd writes 1"),
+    ('version: "1"', 'version = "1": is not a version; this hapticd writes 1'),
     # between keys
     (
         "encoder: {counts_per_rev: 8192, counts_per_metre: 1e5}",
@@ -105,7 +105,7 @@ WRONG = [
     ),
     (
         "amplifier: {bandwidth_hz: 0.01}",
-        "amplifier.bandwidth_hz = 0.01: is a lag of 22281.7 servo periods, and 4000 is the most; "
+        "amplifier.bandwidth_hz = 0.01: is a lag of 22281.7 servo periods; must be at most 4000: "
         "must be at least 0.05576 Hz, or 0 for no lag",
     ),
     (
@@ -166,7 +166,7 @@ WRONG = [
     ),
     (
         "plant: {effects: [{name: backlash, gap: 0.1}, {name: flexible_coupling, f_r: 20}]}",
-        "plant.effects[1].name = flexible_coupling: does not go with backlash, plant.effects[0]; give one of them",
+        "plant.effects[1].name = flexible_coupling: excludes backlash, plant.effects[0]; give one of them",
     ),
     (
         "plant: {effects: [{name: torque_ripple, orders: 7, amplitudes: [1]}]}",
@@ -197,7 +197,7 @@ WRONG = [
     ("# nothing yet\n", "is empty; write {} for the built-in defaults"),
     ("spring: {stiffness: 1}\nspring: {origin: 1}", "spring: given twice, on lines 1 and 2"),
     ("spring: {side: both, side: both}", "spring.side: given twice, on line 1"),
-    ("spring:\n\tstiffness: 1", "line 2, column 1: a tab; YAML is indented with spaces"),
+    ("spring:\n\tstiffness: 1", "line 2, column 1: a tab; YAML must be indented with spaces"),
     (
         "a: b: c",
         "line 1, column 5: not valid YAML: a ':' where no key is expected; check the indentation of the lines above",
@@ -212,7 +212,7 @@ WRONG = [
     ("servo: &loop {overrun: *loop}", "servo.overrun: an alias that contains itself"),
     ("servo: !%0A", 'servo: line 1: "" cannot be read as "!\\n"'),
     ("? [a, b]\n: 1", "line 1: a key must be a plain word"),
-    ("servo: {<<: 5}", "servo: line 1: << takes a mapping"),
+    ("servo: {<<: 5}", "servo: line 1: << needs a mapping"),
     ("[" * 5000, "is nested too deeply"),
     (
         "\n".join(f"{name}: &{name} [{', '.join([item] * 10)}]" for item, name in ALIASES),

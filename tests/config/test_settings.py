@@ -72,7 +72,7 @@ def test_all_wrong_settings_are_reported_with_their_source() -> None:
 
 
 def test_a_setting_does_not_change_the_kind_of_device() -> None:
-    with pytest.raises(ConfigError, match="cannot turn a rotary device into a linear one"):
+    with pytest.raises(ConfigError, match="cannot change a rotary device to a linear one"):
         apply_settings(Config(), {"encoder.counts_per_rev": "null", "encoder.counts_per_metre": "1e5"})
 
 

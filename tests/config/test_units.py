@@ -171,9 +171,9 @@ def test_a_number_in_the_unit_of_its_place(text: str, unit: str, value: float) -
 @pytest.mark.parametrize(
     ("text", "unit", "said"),
     [
-        ("3Nm", "N m/rad", "is of another kind; give it in N m/rad"),
+        ("3Nm", "N m/rad", "is another quantity; give it in N m/rad"),
         ("3 stone", "kg", "unknown unit 'stone'; give it in kg"),
-        ("5 Hz", "rad/s", "is of another kind"),
+        ("5 Hz", "rad/s", "is another quantity"),
         ("2024-01-01", "Hz", "is not a number"),
     ],
 )
@@ -209,12 +209,12 @@ def test_units_in_config_files_settings_and_effects() -> None:
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        ({"spring": {"stiffness": "3 N/m"}}, 'spring.stiffness = "3 N/m": is of another kind; give it in N m/rad'),
+        ({"spring": {"stiffness": "3 N/m"}}, 'spring.stiffness = "3 N/m": is another quantity; give it in N m/rad'),
         ({"servo": {"rate_hz": "1 kilo"}}, "servo.rate_hz = \"1 kilo\": unknown unit 'kilo'; give it in Hz"),
         ({"spring": {"stiffness": "5"}}, 'spring.stiffness = "5": must be a number in N m/rad; write 5 without quotes'),
         (
             {"plant": {"effects": [{"name": "stribeck", "s": 0.4, "omega_s": "3 N"}]}},
-            'plant.effects[0].omega_s = "3 N": is of another kind; give it in rad/s',
+            'plant.effects[0].omega_s = "3 N": is another quantity; give it in rad/s',
         ),
         ({"servo": {"rate_hz": "-1 kHz"}}, "servo.rate_hz = -1000: must be"),
     ],

@@ -152,7 +152,7 @@ def test_the_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) ->
         assert document["round_trip_us"]["exchanges"] == 20
         assert main(["doctor", "--device", str(path)]) == 0
         report = capsys.readouterr().out
-        assert "not looked at: it needs the output stage on" in report
+        assert "not tested: it needs the output stage on" in report
         assert "█" in report
     assert main(["doctor", "--device", str(path)]) == 4
     assert main(["doctor", "--device"]) == 2

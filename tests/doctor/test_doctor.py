@@ -92,7 +92,7 @@ def test_processors(tmp_path: Path) -> None:
     assert "isolcpus=1" in isolation(found, config(servo__cpu=1)).fix
     assert isolation(found, config(servo__cpu=9)).level is Level.BAD
     struck = interrupts(found, config(servo__cpu=3))
-    assert struck.found.startswith("1 may strike")
+    assert struck.found.startswith("1 may be handled")
     assert "echo 0,1,2 > /proc/irq/$i" in struck.fix
 
 

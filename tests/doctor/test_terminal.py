@@ -93,7 +93,7 @@ def test_only_what_is_agreed_to(
     report = capsys.readouterr().out
     assert rows(log, "ENABLE").size == enabled
     assert (log["command_A"].max() > 0.0) == (ramp == "y")
-    assert ("not looked at: it needs current in the motor" in report) == (ramp == "n")
+    assert ("not tested: it needs current in the motor" in report) == (ramp == "n")
     assert "counts/s, at most" in terminal.shown  # the bar while the knob is turned
     assert "█" in terminal.shown
     assert [question in terminal.shown for question in terminal.answers] == [True] * 4

@@ -19,7 +19,7 @@ from .fake_control import FAULT, FakeControl, renew, serve
 
 TOO_LARGE = json.dumps({"settings": {"spring.stiffness": "9" * 70_000}})
 
-PATH = 'path: the daemon has a working directory of its own: give an absolute path, got "run.arrow"'
+PATH = 'path: the daemon has its own working directory: give an absolute path, got "run.arrow"'
 
 WRONG = [
     ("GET", "/nothing", "", 404, "not_found", "no such path: /nothing; /openapi.json lists them all"),

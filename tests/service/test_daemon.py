@@ -293,7 +293,7 @@ def test_reload_that_names_no_driver_leaves_everything_in_force(
         other = tmp_path / "other.yaml"
         record = {"directory": str(tmp_path / "runs")}
         other.write_text(config_to_yaml(config(driver={"name": "loopbak"}, record=record)))
-        with pytest.raises(Refused, match=r"did you mean 'loopback'.*the configuration in force stays"):
+        with pytest.raises(Refused, match=r"did you mean 'loopback'.*the present configuration stays"):
             daemon.reload(str(other))
         assert daemon.status()["state"] == "off"
         other.write_text(config_to_yaml(config(api={"socket": "/tmp/elsewhere.sock"}, record=record)))

@@ -82,7 +82,7 @@ def test_nobody_waits_for_a_full_pipe_and_one_line_says_how_much_is_lost() -> No
         finally:
             module.log.removeHandler(handler)
         assert said[: ROOM + 1] == [str(number) for number in range(ROOM + 1)]
-        assert said[ROOM + 1 :] == ["200 lines that were said before this one are lost: nobody read them in time"]
+        assert said[ROOM + 1 :] == ["200 lines before this one are lost: they were not read in time"]
         assert sink.end(PATIENCE_S)
 
 

@@ -114,7 +114,7 @@ def test_whoever_is_not_there_is_told_apart(path: Path) -> None:
     assert said() == f"no daemon answers on {path}; {start}"
     with socket.socket(socket.AF_UNIX) as left:
         left.bind(str(path))
-    assert said() == f"no daemon answers on {path}, which is left of one that has ended; {start}"
+    assert said() == f"no daemon answers on {path}, which is left from one that has ended; {start}"
     path.unlink()
     path.write_text("")
     assert said() == f"no daemon answers on {path}, which is no socket; {start}"
@@ -123,7 +123,7 @@ def test_whoever_is_not_there_is_told_apart(path: Path) -> None:
 def test_a_full_queue_is_no_missing_daemon(path: Path) -> None:
     with mute_api(path, backlog=0), socket.socket(socket.AF_UNIX) as first:
         first.connect(str(path))
-        with pytest.raises(DaemonUnreachable, match=r"runs and has taken no connection for 0\.1 s"):
+        with pytest.raises(DaemonUnreachable, match=r"runs but has accepted no connection for 0\.1 s"):
             Client(path, timeout_s=0.1).status()
 
 
@@ -162,7 +162,7 @@ def test_who_may_not_is_told_who_may() -> None:
             place.chmod(0o660)
             with as_nobody(ask) as said:
                 owner = f"(owner 0, group {os.getegid()}, mode 0660)"
-                told = f"no permission to talk to the daemon on {place} {owner}; ask to be taken into its group"
+                told = f"no permission to use the daemon on {place} {owner}; ask to be added to its group"
                 assert said.decode() == told
 
 

@@ -88,7 +88,7 @@ def test_a_log_that_is_read_again_says_what_it_lost(rig: Rig) -> None:
         assert f"hapticd_log_dropped_lines_total {lost}.0\n" in rig.client.metrics()
         reader = os.open(output, os.O_RDONLY)
         found = b""
-        while b" are lost: nobody read them in time\n" not in found:
+        while b" are lost: they were not read in time\n" not in found:
             found += os.read(reader, 1 << 16)
         os.close(reader)
         (line,) = (line for line in found.decode().splitlines() if "are lost" in line)
@@ -117,7 +117,7 @@ def test_the_keys_of_a_terminal_leave_no_current(rig: Rig) -> None:
     rig.render()
     said = b""
     os.write(master, b"\x1a")
-    while b"suspended it would watch nothing" not in b" ".join(said.split()):
+    while b"suspended, it would supervise nothing" not in b" ".join(said.split()):
         said += os.read(master, 1 << 16)
     assert rig.client.status()["state"] == "off"
     rig.render()

@@ -82,7 +82,7 @@ def test_with_virtual_damping_the_exact_loop_and_the_passivity_bound_are_asked()
 
 def test_impossible_correlations_are_refused() -> None:
     correlation = {"inertia_viscous": 0.9, "inertia_coulomb": 0.9, "viscous_coulomb": -0.9}
-    with pytest.raises(ConfigError, match="no errors can be correlated like this"):
+    with pytest.raises(ConfigError, match="this is no correlation matrix"):
         parse_config({"plant": {"uncertainty": {"correlation": correlation}}}, "test")
 
 
