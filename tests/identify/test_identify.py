@@ -94,9 +94,9 @@ def test_a_single_swing_is_said_to_tell_too_little(found: Identified) -> None:
     """All there is after a release is over within a fraction of a second; its delay and viscous friction hardly part."""
     config = {"spring": {"stiffness": 0.004}, "plant": {"inertia": 9e-6, "coulomb": 3e-4}}
     swing = identify([readable(simulate(config, 3.0, deflection=900), load_config(None))], load_config(None))
-    said = [text for text in swing.warnings if "too little to know how sure" in text]
+    said = [text for text in swing.warnings if "too little for reliable intervals" in text]
     assert len(said) == 1
-    assert not any("too little to know how sure" in text for text in found.warnings)
+    assert not any("too little for reliable intervals" in text for text in found.warnings)
 
 
 def test_no_recording_and_no_motion_are_refused() -> None:

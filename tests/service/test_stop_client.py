@@ -117,7 +117,7 @@ def test_whoever_is_not_there_is_told_apart(path: Path) -> None:
     assert said() == f"no daemon answers on {path}, which is left from one that has ended; {start}"
     path.unlink()
     path.write_text("")
-    assert said() == f"no daemon answers on {path}, which is no socket; {start}"
+    assert said() == f"no daemon answers on {path}, which is not a socket; {start}"
 
 
 def test_a_full_queue_is_no_missing_daemon(path: Path) -> None:

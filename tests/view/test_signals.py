@@ -91,8 +91,8 @@ def test_first_seconds_are_counted_from_the_rendering() -> None:
 @pytest.mark.parametrize(
     ("columns", "said"),
     [
-        ({"time_s": np.zeros(1)}, "nothing to look at"),
-        ({"time_s": np.zeros(4000)}, "do not rise"),
+        ({"time_s": np.zeros(1)}, "at least 2 are needed"),
+        ({"time_s": np.zeros(4000)}, "do not increase"),
     ],
 )
 def test_what_cannot_be_drawn_says_why(columns: dict[str, Any], said: str) -> None:
