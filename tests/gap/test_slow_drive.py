@@ -65,4 +65,4 @@ def test_the_inertia_is_the_one_that_leaves_less_force_and_the_friction_that_ris
     stribeck = next(step for step in found.steps if step.effect == "stribeck")
     assert stribeck.parameters["s"].value < -0.3
     assert found.gap.held_out_after < 0.6 * found.gap.held_out_before
-    assert any("held between" in warning for warning in found.recording["warnings"])
+    assert any("kept between" in warning for warning in found.recording["warnings"])

@@ -1,4 +1,4 @@
-"""From what was found to one of five answers, and the sentence that says it."""
+"""From the findings to one of five verdicts, with its sentence."""
 
 from __future__ import annotations
 
