@@ -28,6 +28,9 @@ FRAMES = {
 
 ORIGINS = {"start": 0, "enabled": 1}
 """What ``at_s`` counts from: the device's start, or the first time its amplifier is enabled."""
+SIGNAL = 2
+FAULT_ORIGINS = {**ORIGINS, "signal": SIGNAL}
+"""A fault may also wait for SIGUSR1."""
 
 DROP, CORRUPT, DUPLICATE, DELAY, REORDER = range(5)
 GARBAGE, FREEZE_COUNTER, ENCODER_GLITCH, UNPLUG, SILENT = range(5, 10)
@@ -125,7 +128,10 @@ def fault_table(faults: Iterable[Mapping[str, Any]]) -> NDArray[np.int64]:
 def _row(fault: Mapping[str, Any]) -> list[int]:
     row = [0] * w.FAULT_WORDS
     row[w.FAULT_KIND] = KINDS[fault["kind"]].number
-    row[w.FAULT_FROM] = fault["from"]
+    if fault["from"] == SIGNAL:
+        row[w.FAULT_STATE] = w.UNSIGNALLED
+    else:
+        row[w.FAULT_FROM] = fault["from"]
     row[w.FAULT_AT_NS] = to_ns(fault["at_s"])
     row[w.FAULT_FRAMES] = fault.get("frames", 0)
     row[w.FAULT_COUNT] = row[w.FAULT_LEFT] = fault.get("count", 1)

@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -29,8 +30,9 @@ def run_device(
     """Run a device until SIGTERM or SIGINT, or until its service ends; must be called from the main thread.
 
     The service runs in a thread of its own under SCHED_FIFO where that is granted. This thread prints one JSON line on
-    stdout (``ready``, ``device``, ``pid``, and what ``ready`` adds), then writes the log. On a signal it sets the
-    service's STOP word, waits for it, and writes the log to its end.
+    stdout (``ready``, ``device``, ``pid``, and what ``ready`` adds), then writes the log. On one of these signals it
+    sets the service's STOP word, waits for it, and writes the log to its end. SIGUSR1 is for the script's next fault that
+    waits for one.
 
     Args:
         sim: the device's memory. serve: the service; returns soon after ``sim.s[STOP]`` is set.
@@ -57,10 +59,18 @@ def run_device(
     def stop(number: int, frame: object) -> None:
         sim.s[w.STOP] = 1
 
+    def signalled(number: int, frame: object) -> None:
+        for fault in sim.faults:
+            if fault[w.FAULT_STATE] == w.UNSIGNALLED:
+                fault[w.FAULT_AT_NS] += time.monotonic_ns() - sim.s[w.START_NS]
+                fault[w.FAULT_STATE] = w.WAITING
+                break
+
     writer = LogWriter(log_path, {"device": device}) if log_path else None
     try:
         for number in (signal.SIGTERM, signal.SIGINT):
             signal.signal(number, stop)
+        signal.signal(signal.SIGUSR1, signalled)
         thread = threading.Thread(target=body, name=f"sim-{device}")
         thread.start()
         print(json.dumps({"ready": True, "device": device, **ready, "pid": os.getpid()}), flush=True)

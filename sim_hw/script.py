@@ -164,7 +164,7 @@ class _Reader:
 
     def _fault_value(self, fault: Mapping[str, Any], key: str, name: str) -> Any:
         if name == "from":
-            return self._choice(fault, key, name, kinds.ORIGINS, "start")
+            return self._choice(fault, key, name, kinds.FAULT_ORIGINS, "start")
         if name == "frames":
             return self._choice(fault, key, name, kinds.FRAMES[self._device], "any")
         if name == "object":

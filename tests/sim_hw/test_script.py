@@ -78,14 +78,16 @@ def test_table_of_faults(tmp_path: Path) -> None:
         "- {kind: silent, at_s: 1, duration_s: forever}\n"
         "- {kind: wrong_version}\n"
         "- {kind: reboot, at_s: 2}\n"
+        "- {kind: unplug, at_s: 0.5, from: signal}\n"
     )
     script = load_script(path, "serial")
-    delay, silent, reboot = script.faults
+    delay, silent, reboot, signalled = script.faults
     assert (delay[w.FAULT_KIND], delay[w.FAULT_FROM], delay[w.FAULT_FRAMES]) == (kinds.DELAY, 1, kinds.REPLY)
     assert (delay[w.FAULT_AT_NS], delay[w.FAULT_LEFT], delay[w.FAULT_DELAY_NS]) == (250_000_000, 3, 2_000_000)
     assert silent[w.FAULT_DURATION_NS] == w.FAR_NS == kinds.to_ns(math.inf)
     assert silent[w.FAULT_FROM] == 0
     assert reboot[w.FAULT_DURATION_NS] == 100_000_000
+    assert (reboot[w.FAULT_STATE], signalled[w.FAULT_STATE], signalled[w.FAULT_FROM]) == (w.WAITING, w.UNSIGNALLED, 0)
     assert script.wrong_version == 0xFF
 
 

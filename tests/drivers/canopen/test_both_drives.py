@@ -28,6 +28,7 @@ from drivers.interface import (
     MISSED,
     OK,
     STATUS_ENABLED,
+    STATUS_HELD,
     X_COUNTS,
     X_CURRENT_MEASURED,
     X_DEVICE_CODE,
@@ -265,6 +266,22 @@ def test_a_drive_that_lets_go_by_itself(start: Start) -> None:
         assert 0.0 in read_log(rig.log)["applied_A"]
 
 
+SWITCH = [
+    {"kind": "enable_released", "at_s": 0.0, "from": "signal"},
+    {"kind": "enable_released", "at_s": 0.0, "from": "signal", "duration_s": 1e-6},
+]
+"""A finger at the enable switch: with the first SIGUSR1 it lets go, with the second it holds again."""
+
+
+def test_the_enable_is_an_input_that_the_drive_leaves_to_the_loop(start: Start) -> None:
+    rig = start(faults=SWITCH)
+    with rig.driven(enable_bit=16) as steps:
+        assert steps.x[X_STATUS] == STATUS_ENABLED | STATUS_HELD
+        for status in (STATUS_ENABLED, STATUS_ENABLED | STATUS_HELD):
+            rig.process.send_signal(signal.SIGUSR1)
+            wait_until(lambda wanted=status: wait_for(steps, OK) == OK and steps.x[X_STATUS] == wanted, "the hand")
+
+
 def test_a_count_that_jumps_for_one_sample_is_passed_on(start: Start) -> None:
     rig = start(faults=[fault("encoder_glitch", counts=100_000, count=1)])
     with rig.driven() as steps:
@@ -308,6 +325,11 @@ REFUSED: list[tuple[tuple[str, ...], dict[str, Any], str]] = [
     (("--set", "0x6072=1000"), {}, "max torque 0x6072 = 1000 ‰ clips the command at 1.99 A"),
     (("--set", "0x2110=100"), {}, "amplifier.peak_current = 6 A is 6 times the limit that the drive came with"),
     (("--set", "0x6502=4"), {"profile": "cia402"}, ""),
+    (
+        ("--missing", "0x60FD"),
+        {"enable_bit": 16},
+        "driver.enable_bit = 16: the drive, or its EDS, has no digital inputs",
+    ),
     (("--missing", "0x2113"), {}, "the drive has no object 0x2113, though the EDS copley.eds has it"),
     (("--node-id", "7"), {}, "node 1 does not answer, but there is node 7: set driver.node_id = 7"),
 ]

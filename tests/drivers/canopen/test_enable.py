@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 from drivers import DriverConfigError, DriverError, create
 from drivers.canopen import layout as w
-from drivers.interface import MISSED, OK, STATUS_ENABLED, STATUS_HELD, X_COUNTS, X_STATUS
+from drivers.interface import MISSED, OK, STATUS_ENABLED, STATUS_HELD, X_STATUS
 from tests.drivers.canopen.test_bring_up import Bench, bench
 from tests.drivers.canopen.test_exchange import ENABLED, enable
-from tests.drivers.canopen.test_simulated_drive import Steps, config, opened, simulated_drive
+from tests.drivers.canopen.test_simulated_drive import config
 from tests.drivers.canopen.wire import Wire
-from tests.polling import wait_until
 
 __all__ = ["bench"]
 HELD, RELEASED = "< 281#00000100", "< 281#FFFFFEFF"
@@ -78,20 +76,3 @@ def test_which_input_must_be_said() -> None:
         DriverConfigError, match=r"safety.enable = true: driver canopen needs driver.enable_bit, 0 to 31"
     ):
         create(settings)
-
-
-@pytest.mark.realtime
-def test_the_simulated_drive_has_one(tmp_path: Path) -> None:
-    script = tmp_path / "script.yaml"
-    script.write_text("faults: [{kind: enable_released, at_s: 0.2, from: enabled}]")
-    socket = str(tmp_path / "bus")
-    with (
-        simulated_drive("--socket", socket, "--script", str(script)),
-        opened(config(100, interface="unix_seqpacket", channel=socket, enable_bit=16)) as driver,
-    ):
-        steps = Steps(driver)
-        steps.enable()
-        assert steps.x[X_STATUS] & STATUS_HELD
-        wait_until(lambda: steps.tick(1) == OK and not steps.x[X_STATUS] & STATUS_HELD, "the release")
-        assert steps.x[X_STATUS] == STATUS_ENABLED
-        assert steps.x[X_COUNTS] == 0

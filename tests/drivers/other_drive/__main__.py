@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import os
 import signal
@@ -56,7 +57,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
     signal.signal(signal.SIGTERM, end)
     drive = Drive(wire, given.node_id, axis, Book(given.log), script)
+    signal.signal(signal.SIGUSR1, lambda number, frame: drive.signalled())
     print(json.dumps({"ready": True, "device": "canopen", "pid": os.getpid()}), flush=True)
+    with contextlib.suppress(PermissionError):  # before what else runs here, as a processor of its own would be
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(60))
     drive.serve(lambda: bool(ended))
     return 0
 

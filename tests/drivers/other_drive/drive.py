@@ -16,7 +16,7 @@ from durand.services.sdo.server import SDODomainAbort
 from tests.drivers.other_drive import states
 from tests.drivers.other_drive.axis import Axis, approach, held_within, signed
 from tests.drivers.other_drive.book import Book
-from tests.drivers.other_drive.objects import CYCLIC_TORQUE, OBJECTS, RECORDS, Objects, key_of
+from tests.drivers.other_drive.objects import CYCLIC_TORQUE, FIRST_INPUT, OBJECTS, RECORDS, Objects, key_of
 from tests.drivers.other_drive.troubles import FRAME_KINDS, KINDS, FrameTrouble
 from tests.drivers.other_drive.wires import Frame, Wire
 
@@ -33,7 +33,8 @@ class Drive:
     Args:
         wire: the bus. node_id: 1…127. axis: what it moves. book: what happens is written there.
         script: hand, start and faults (docs/reference/simulated-hardware.md). ``start`` has three keys more, each by object:
-            ``refuse_read`` and ``refuse_write`` (SDO abort code), ``slow`` (s that an answer takes).
+            ``refuse_read`` and ``refuse_write`` (SDO abort code), ``slow`` (s that an answer takes); and ``sto``: the enable
+            switch opens Safe Torque Off as well as the first digital input.
     """
 
     def __init__(
@@ -65,7 +66,8 @@ class Drive:
         self._troubles: list[FrameTrouble] = []
         self._later: list[tuple[int, int, bool, Frame]] = []
         self._order = itertools.count()
-        self._deaf_until = self._mute_until = 0
+        self._deaf_until = self._mute_until = self._open_until = 0
+        self._sto = bool(start.get("sto"))
         self._glitch, self._twin, self._lie = [0, 0], [0, 0], (1.0, 0.0)
         self._born = self._now = self._axis.at_ns = time.monotonic_ns()
         self._first_enabled: int | None = None
@@ -244,6 +246,8 @@ class Drive:
     def _control(self, word: int) -> None:
         before, self._word = self._word, word
         new = states.after(self.state, word, before, self.objects.read(0x605A, 0))
+        if self._is_inhibited and new in states.POWERED:
+            new = states.OFF
         if self.state == states.FAULTY and new != states.FAULTY:
             self.objects.write(0x603F, 0, 0)
             self.node.emcy.set(0, 0)
@@ -286,6 +290,16 @@ class Drive:
         word |= 0x4000 if abs(self._axis.speed) > 0.1 else 0
         if word != self.objects.read(0x6041, 0):
             self.objects.write(0x6041, 0, word)
+
+    @property
+    def _is_open(self) -> bool:
+        """Whether nobody holds the enable."""
+        return self._now < self._open_until
+
+    @property
+    def _is_inhibited(self) -> bool:
+        """Safe Torque Off: no power stage, whatever the controlword says."""
+        return self._sto and self._is_open
 
     # Power stage.
 
@@ -335,6 +349,7 @@ class Drive:
         self._show()
         for index, value in (
             *((0x6063, counter), (0x6064, counter), (0x221C, round(100 * told))),
+            (0x60FD, 0 if self._is_open else FIRST_INPUT),
             *((0x6077, round(told / per)), (0x6074, round(self._demand / per))),
         ):
             self.objects.write(index, 0, value)
@@ -369,8 +384,15 @@ class Drive:
     # Faults.
 
     def _is_due(self, planned: Mapping[str, Any]) -> bool:
-        begin = self._first_enabled if planned.get("from") == "enabled" else self._born
+        begin = {"enabled": self._first_enabled, "signal": None}.get(planned.get("from", ""), self._born)
         return begin is not None and self._now >= begin + 1e9 * planned["at_s"]
+
+    def signalled(self) -> None:
+        """The next fault that waits for a signal is due as long after this as it says."""
+        waiting = [one for one in self._plan if one.get("from") == "signal"]
+        if waiting:
+            waiting[0]["at_s"] += 1e-9 * (time.monotonic_ns() - self._born)
+            waiting[0]["from"] = "start"
 
     def _strike(self, fault: dict[str, Any]) -> None:
         kind, until = fault["kind"], _FOREVER
@@ -394,6 +416,10 @@ class Drive:
             self._lie = fault.get("factor", 1.0), fault.get("current", 0.0)
         elif kind == "silent":
             self._mute_until = until
+        elif kind == "enable_released":
+            self._open_until = until
+            if self._is_inhibited and self.state in states.POWERED:
+                self._enter(states.OFF)
         elif kind == "bus_off":
             self._wire.bus_off()
             self._mute_until = self._deaf_until = until

@@ -8,6 +8,7 @@ from durand.datatypes import DatatypeEnum as Type
 from durand.object_dictionary import ObjectDictionary
 
 CYCLIC_TORQUE = 10
+FIRST_INPUT = 0x10000
 _RO, _RW = "ro", "rw"
 OBJECTS: dict[int, tuple[str, Type, str, int]] = {
     0x100C: ("guard time", Type.UNSIGNED16, _RW, 0),
@@ -31,6 +32,7 @@ OBJECTS: dict[int, tuple[str, Type, str, int]] = {
     0x6076: ("motor rated torque", Type.UNSIGNED32, _RW, 58),
     0x6077: ("torque actual value", Type.INTEGER16, _RO, 0),
     0x6087: ("torque slope", Type.UNSIGNED32, _RW, 1000),
+    0x60FD: ("digital inputs", Type.UNSIGNED32, _RO, FIRST_INPUT),
     0x6502: ("supported drive modes", Type.UNSIGNED32, _RO, 1 << CYCLIC_TORQUE - 1),
     0x2110: ("peak current limit", Type.INTEGER16, _RW, 600),
     0x2111: ("continuous current limit", Type.INTEGER16, _RW, 200),

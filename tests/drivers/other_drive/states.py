@@ -6,6 +6,8 @@ from typing import Final
 
 OFF, READY, ON, ENABLED = "switch on disabled", "ready to switch on", "switched on", "operation enabled"
 STOPPING, REACTING, FAULTY = "quick stop active", "fault reaction active", "fault"
+POWERED: Final = (READY, ON, ENABLED, STOPPING)
+"""States that need what Safe Torque Off takes away."""
 
 SHOWN: Final = {OFF: 0x40, READY: 0x21, ON: 0x23, ENABLED: 0x27, STOPPING: 0x07, REACTING: 0x0F, FAULTY: 0x08}
 """Bits 0…3, 5 and 6 of the statusword."""

@@ -11,7 +11,7 @@ FRAME_KINDS: Final = ("drop", "corrupt", "duplicate", "delay", "reorder")
 KINDS: Final = (
     *(*FRAME_KINDS, "garbage", "freeze_counter", "encoder_glitch", "unplug", "silent", "wrong_version", "bus_off"),
     *("emcy", "leave_operation_enabled", "reboot", "encoder_fault", "amplifier_fault", "external_stop"),
-    *("measured_current", "second_node", "foreign_sdo"),
+    *("measured_current", "second_node", "foreign_sdo", "enable_released"),
 )
 """As the log counts them."""
 
