@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import signal
+import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from math import pi
 from pathlib import Path
 from typing import Any, Final
 
+import numpy as np
 import pytest
 
 from benchmarks.commission import Nobody, no_bar
@@ -19,6 +22,8 @@ from hapticd.hil.cases import FIRMWARE_CONFIG, FIRMWARE_RATE_HZ, slower_rig
 from hapticd.hil.device import Device
 from hapticd.hil.matrix import with_enable
 from hapticd.plant.hand import turning_force
+from sim_hw.log import DISABLE
+from tests.drivers.canopen.test_both_drives import SWITCH
 from tests.firmware.builds import NO_WATCHDOG, require
 from tests.hil.test_other_drive import OtherDrive
 
@@ -29,7 +34,17 @@ WIRES: Final[dict[str, dict[str, Any]]] = {
 FIRMWARE: Final = "mps2-an385"
 pytestmark = [pytest.mark.realtime, pytest.mark.usefixtures("forked")]
 BEFORE: Final = ("doctor", "zero_current", "by_hand")
-RELEASED_S: Final = 8.0
+MOST_RELEASES: Final = 12
+"""A step that the machine disturbs is tried again."""
+SWUNG_COMMANDS: Final = 400
+PATIENT: Final = {
+    "servo.rate_hz": FIRMWARE_RATE_HZ,
+    "driver.watchdog_ms": 1000,
+    "safety.missed_exchanges": 100,
+    "safety.guard": "off",
+}
+"""Nothing but the hand ends the swing, and it begins at once."""
+ATTEMPTS: Final = 3
 TURNED_AT_S: Final = (1.5, 7.0)
 
 
@@ -45,7 +60,17 @@ def hand(config: Config) -> list[dict[str, Any]]:
     return steps
 
 
-def results(
+def results(wire: str, folder: Path, *steps: str, **given: Any) -> dict[str, Result]:
+    """What steps find on a device of that wire, anew where this machine disturbed them; see `_results`."""
+    for attempt in range(ATTEMPTS):
+        found = _results(wire, folder / str(attempt), *steps, **given)
+        disturbed = [result.finding for result in found.values() if result.result == "disturbed"]
+        if not disturbed:
+            return found
+    pytest.skip(disturbed[0])
+
+
+def _results(
     wire: str,
     folder: Path,
     *steps: str,
@@ -53,10 +78,11 @@ def results(
     plant: Mapping[str, Any] | None = None,
     faults: Sequence[Mapping[str, Any]] = (),
     rate_hz: float = 1000.0,
-    operator: Nobody | None = None,
+    settings: Mapping[str, Any] | None = None,
+    operator: Callable[[Device], Nobody] = lambda device: Nobody(),
     image: Path | None = None,
 ) -> dict[str, Result]:
-    """What steps find on a device of that wire; those that come before are taken as passed."""
+    """Once; the steps that come before are taken as passed."""
     board = None
     if wire == "firmware":
         require(FIRMWARE, image)
@@ -65,6 +91,8 @@ def results(
         config = slower_rig(testbed, testbed.servo.rate_hz, FIRMWARE_RATE_HZ)
     else:
         config = parse_config({"driver": WIRES[wire], "servo": {"rate_hz": rate_hz}}, wire)
+    if settings:
+        config = apply_settings(config, dict(settings), source=wire)
     if "enable" in steps:
         config = with_enable(config)
     real = apply_settings(config, dict(plant), source="the device") if plant else config
@@ -79,16 +107,13 @@ def results(
         device.wait_ready()
         data = config.model_dump()
         data["driver"] |= device.options
-        with Rig(parse_config(data, wire), folder, operator or Nobody(), lambda text: None, no_bar, Given()) as rig:
+        with Rig(parse_config(data, wire), folder, operator(device), lambda text: None, no_bar, Given()) as rig:
             friction = {"friction_A": config.plant.coulomb / config.amplifier.torque_constant}
             passed = {
                 name: Result("pass", "taken as passed", friction) for name in (*BEFORE, "sign") if name not in steps
             }
             run.State(folder, rig.config).save(passed, 0.0)
-            found = run.commission(rig, only=steps)
-    if disturbed := [result.finding for result in found.values() if result.result == "disturbed"]:
-        pytest.skip(disturbed[0])
-    return found
+            return run.commission(rig, only=steps)
 
 
 @pytest.mark.parametrize("wire", [*WIRES, "firmware"])
@@ -138,22 +163,58 @@ def test_watchdog(wire: str, works: int, tmp_path: Path) -> None:
     assert found["watchdog"].dangerous == (not works)
 
 
-@pytest.mark.parametrize("wire", [*WIRES, "firmware"])
-def test_the_enable(wire: str, tmp_path: Path) -> None:
-    """Let go of with the amplifier off, from the device's start until it is asked for; then while the shaft swings."""
-    begun = time.monotonic()
+class Finger(Nobody):
+    """At the device's enable switch: does as it is told, and lets go of a swinging shaft once it has seen the current."""
 
-    class InTime(Nobody):
-        def does(self, request: str) -> bool:
-            if request.startswith("Let go") and time.monotonic() - begun > RELEASED_S:
-                pytest.skip("this machine is too slow: the hand holds the enable again before the step begins")
-            return True
+    def __init__(self, device: Device) -> None:
+        self._device, self._held, self._swings = device, True, False
+        self._watching = threading.Thread()
 
-    released = [
-        {"kind": "enable_released", "at_s": 0.0, "from": "start", "duration_s": RELEASED_S + 2.0},
-        {"kind": "enable_released", "at_s": 4.0, "from": "enabled", "duration_s": 2.0},
-    ]
-    found = results(wire, tmp_path, "enable", faults=released, operator=InTime())["enable"]
+    def does(self, request: str) -> bool:
+        """Follow a request; the one before is over."""
+        self._swings = False
+        if self._watching.is_alive():
+            self._watching.join()
+        if request.startswith("The shaft is going to swing"):
+            self._swings = True
+            self._watching = threading.Thread(target=self._let_go_of_a_swing, daemon=True)
+            self._watching.start()
+        else:
+            self._switch(held=request.startswith("Hold"))
+        return True
+
+    def _switch(self, *, held: bool) -> None:
+        if held != self._held:
+            self._held = held
+            self._device.signal(signal.SIGUSR1)
+
+    def _let_go_of_a_swing(self) -> None:
+        asked_ns = time.monotonic_ns()
+        for seen, held in ((self._pushed, False), (self._off, True)):
+            while not seen(asked_ns):
+                if not self._swings:
+                    return
+                time.sleep(0.02)
+            asked_ns = time.monotonic_ns()
+            self._switch(held=held)
+
+    def _pushed(self, since_ns: int) -> bool:
+        log = self._device.read_log()
+        return int(np.count_nonzero(log.command_A[log.time_ns > since_ns])) > SWUNG_COMMANDS
+
+    def _off(self, since_ns: int) -> bool:
+        log = self._device.read_log()
+        return bool(np.any(log.event[log.time_ns > since_ns] == DISABLE))
+
+
+@pytest.mark.parametrize("wire", [*WIRES, "firmware", "other drive"])
+def test_the_enable(wire: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let go of with the amplifier off, then while the shaft swings; the finger waits for what it sees, as a person does."""
+    if wire == "other drive":
+        monkeypatch.setattr("tests.commission.test_wires.Device", OtherDrive)
+        wire = "can"
+    released = SWITCH * MOST_RELEASES
+    found = results(wire, tmp_path, "enable", faults=released, operator=Finger, settings=PATIENT)["enable"]
     assert found.result == "pass", found
     assert found.figures["fault"] == "enable_released"
 
