@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hapticd.commission.bench import constant
-from hapticd.commission.step import Picture, Result, line, skipped
+from hapticd.commission.step import Picture, Result, Seen, line, skipped
 from hapticd.config.limits import limits_off
 from hapticd.config.text import significant
 from hapticd.doctor import examine
@@ -39,28 +39,25 @@ RATIOS: Final = (0.1, 0.125, 0.25, 0.5, 2.0, 4.0, 8.0, 10.0)
 
 
 def look_at_machine(rig: Rig) -> Result:
-    """`hapticd doctor`, and whether the config says what a safe motion needs."""
+    """Looks whether this machine and its ports are fit, and the config has the limits of a safe motion; nothing moves."""
     found = examine(rig.config)
     off = [key for key in limits_off(rig.config) if key in NEEDED]
     figures = {"bad": found.named(Level.BAD), "note": found.named(Level.NOTE)}
     if off:
-        return Result(
-            "fail",
+        return Seen(figures, {"needed": ", ".join(NEEDED)}, dangerous=True).fails(
             f"the config leaves out {', '.join(off)}: nobody knows what a small current or a small motion is",
-            figures,
-            {"needed": ", ".join(NEEDED)},
             "a limit that is 0 or null is none",
             "set them from the motor's data sheet and the room that the rig has, then begin again",
-            dangerous=True,
         )
+    seen = Seen(figures, {"bad": "none"})
     if not found.fit:
         worst = next(finding for finding in found.findings if finding.level is Level.BAD)
-        return Result("fail", found.verdict, figures, {"bad": "none"}, f"{worst.name}: {worst.found}", worst.fix)
-    return Result("pass", found.verdict, figures, {"bad": "none"})
+        return seen.fails(found.verdict, f"{worst.name}: {worst.found}", worst.fix)
+    return seen.passes(found.verdict)
 
 
 def hold_zero(rig: Rig) -> Result:
-    """The amplifier on at zero current: nothing may move, and nothing may flow."""
+    """Switches the amplifier on at zero current for 1.5 s; the shaft should stand where it is."""
     with rig.bench() as bench:
         trace = bench.run(constant(0.0), QUIET_S, travel=_turn(rig.config) / 2)
     travel = int(np.ptp(trace.counts))
@@ -69,33 +66,26 @@ def hold_zero(rig: Rig) -> Result:
     most = 0.02 * rig.rated
     figures = {"travel_counts": travel, "measured_A": flowing, "on_s": float(trace.t[-1])}
     limit = {"travel_counts": allowed, "measured_A": most}
+    picture = Picture("s", "counts", (line("encoder", trace.t, trace.counts, "steps"),))
+    seen = Seen(figures, limit, picture, dangerous=travel > allowed)
     if travel > allowed:
-        return Result(
-            "fail",
+        return seen.fails(
             f"the shaft moves by {travel} counts though no current is asked for",
-            figures,
-            limit,
             "an offset of the amplifier above friction, a load that pulls, or noise on the encoder's lines",
             "trim the amplifier's offset; hold a rig that would fall; look at the encoder's shield and supply",
-            dangerous=True,
-            picture=_counts_over_time(trace),
         )
     if flowing is not None and abs(flowing) > most:
-        return Result(
-            "fail",
+        return seen.fails(
             f"{flowing:.3g} A flow though none is asked for",
-            figures,
-            limit,
             "an offset of the current's measurement or of the amplifier",
             "have the amplifier zero itself, or trim it",
-            picture=_counts_over_time(trace),
         )
     said = "" if flowing is None else f", {1e3 * flowing:.2g} mA measured"
-    return Result("pass", f"the shaft stands{said}", figures, limit, picture=_counts_over_time(trace))
+    return seen.passes(f"the shaft stands{said}")
 
 
 def turn_by_hand(rig: Rig) -> Result:
-    """One turn forwards, one back: direction, resolution, jumps, index pulses, and how the shaft comes to rest."""
+    """Asks you to turn the shaft to and fro at zero current; watches direction, resolution, jumps, index and friction."""
     config = rig.config
     turn = _turn(config)
     what = "by 10 mm" if config.is_linear else "by exactly one turn, to the mark where it was"
@@ -126,13 +116,13 @@ def turn_by_hand(rig: Rig) -> Result:
         "index_pulses": "1 at least" if reports else "this driver reports no index",
     }
     fault = _what_is_wrong(figures, reports, config) or _index_distance(there, back, figures, config)
-    picture = _two_turns(there, back)
+    lines = line("forwards", there.t, there.counts), line("back", there.t[-1] + back.t, back.counts)
+    # which way is positive decides what the sign of the motor is compared with
+    seen = Seen(figures, limit, Picture("s", "counts", lines), dangerous=True)
     if fault:
-        finding, cause, remedy = fault
-        # which way is positive decides what the sign of the motor is compared with
-        return Result("fail", finding, figures, limit, cause, remedy, dangerous=True, picture=picture)
+        return seen.fails(*fault)
     index = f"{figures['index_pulses']} index pulses" if reports else "this driver reports no index"
-    return Result("pass", f"{travel:+d} counts for one turn, {index}", figures, limit, picture=picture)
+    return seen.passes(f"{travel:+d} counts for one turn, {index}")
 
 
 def _what_is_wrong(figures: dict[str, Any], reports: bool, config: Config) -> tuple[str, str, str] | None:
@@ -232,15 +222,3 @@ def _turn(config: Config) -> float:
 
 def _counts_a_turn(config: Config) -> float:
     return _turn(config) / config.raw_resolution
-
-
-def _counts_over_time(trace: Trace) -> Picture:
-    return Picture("s", "counts", (line("encoder", trace.t, trace.counts, "steps"),))
-
-
-def _two_turns(there: Trace, back: Trace) -> Picture:
-    return Picture(
-        "s",
-        "counts",
-        (line("forwards", there.t, there.counts), line("back", there.t[-1] + back.t, back.counts)),
-    )

@@ -93,6 +93,11 @@ def constant(current: float) -> Rule:
     return lambda sample: current
 
 
+def in_turn(each_s: float, *currents: float | None) -> Rule:
+    """A rule that gives one after the other, each for a time in s, and stays with the last."""
+    return lambda sample: currents[min(int(sample.t / each_s), len(currents) - 1)]
+
+
 class Bench:
     """An open driver.
 

@@ -6,6 +6,7 @@ import platform
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
+from hapticd.commission.step import skipped
 from hapticd.commission.steps import STEPS
 from hapticd.config import config_digest
 from hapticd.record.metadata import utc_now
@@ -22,14 +23,12 @@ def certificate(rig: Rig) -> dict[str, Any]:
     """The keys of ``hapticd commission --json``."""
     steps = []
     for step in STEPS:
-        result = rig.results.get(step.name)
-        entry: dict[str, Any] = {"name": step.name, "title": step.title, "will": step.will}
-        if result is None:
-            steps.append({**entry, "result": "skipped", "figures": {}, "limit": {}, "skipped": "not done yet"})
-            continue
+        result = rig.results.get(step.name) or skipped("not done yet")
         steps.append(
             {
-                **entry,
+                "name": step.name,
+                "title": step.title,
+                "will": step.will,
                 "result": result.result,
                 "figures": dict(result.figures),
                 "limit": dict(result.limit),

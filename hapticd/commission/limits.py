@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from hapticd.client import settings_for_a_while, stop_channel
-from hapticd.commission.step import DisturbedError, Picture, Result, StepError, line, skipped
+from hapticd.commission.step import DisturbedError, Picture, Result, Seen, StepError, line, skipped
 from hapticd.hil.errors import HilError
 from hapticd.record import read_run
 
@@ -49,7 +49,7 @@ FEWEST_COUNTS: Final = 12
 
 
 def estop(rig: Rig) -> Result:
-    """`estop` while current flows: when does the loop say zero, and when does the motion."""
+    """Starts a daemon, swings the shaft at 5 Hz, sends estop, and times zero current and the end of the push."""
     with _swinging(rig) as (daemon, job):
         begun, begun_ns = time.monotonic(), time.monotonic_ns()
         state = stop_channel.ask(daemon.client.socket_path, "estop", 1.0)
@@ -60,27 +60,22 @@ def estop(rig: Rig) -> Result:
         daemon.client.clear()
     figures: dict[str, Any] = {"obeyed_ms": 1e3 * obeyed, "answer": state, "fault": code}
     limit = {"obeyed_ms": 1e3 * STOP_LIMIT_S, "fault": "estop"}
-    picture = _end_of_swing(rig, found, figures)
+    seen = Seen(figures, limit, _end_of_swing(rig, found, figures), dangerous=True)
     if code == "estop" and STOP_LIMIT_S < obeyed < STOP_LIMIT_S + late_s:
         raise DisturbedError(
             f"the answer to estop took {1e3 * obeyed:.0f} ms, and programs waited for {1e3 * late_s:.0f} ms"
         )
     if state != "fault" or code != "estop" or obeyed > STOP_LIMIT_S:
-        return Result(
-            "fail",
+        return seen.fails(
             f"zero current {1e3 * obeyed:.0f} ms after estop; the answer was {state}, the fault {code}",
-            figures,
-            limit,
             "this machine keeps the servo loop waiting",
             "hapticd doctor, hapticd latency",
-            dangerous=True,
-            picture=picture,
         )
-    return Result("pass", f"zero current within {1e3 * obeyed:.1f} ms of the command", figures, limit, picture=picture)
+    return seen.passes(f"zero current within {1e3 * obeyed:.1f} ms of the command")
 
 
 def enable(rig: Rig) -> Result:
-    """The enable let go and held again: its input follows, the current ends, and nothing begins by itself."""
+    """Asks you to let go of the enable and to hold it again, first with the amplifier off, then while the shaft swings."""
     if not rig.config.safety.enable:
         return skipped("safety.enable is false: nobody has to hold anything")
     with rig.bench() as bench:
@@ -88,14 +83,10 @@ def enable(rig: Rig) -> Result:
             if not rig.operator.does(f"{what}. It has {HAND_S:g} s from Enter"):
                 return skipped("nobody was there to let go of the enable")
             if bench.wait_held(held, HAND_S) is None:
-                return Result(
-                    "fail",
+                return Seen({"held": not held}, {"held": held}, dangerous=True).fails(
                     f"the enable input reads {'released' if held else 'held'} whatever the hand does",
-                    {"held": not held},
-                    {"held": held},
                     "a bridge or a broken wire at the switch, or another input than the config says",
                     "the switch and its wire with a meter; driver.enable_bit on a CAN drive",
-                    dangerous=True,
                 )
         if bench.hand_is_simulated:
             return Result(
@@ -108,32 +99,25 @@ def enable(rig: Rig) -> Result:
         found = daemon.client.wait(job)["result"] or {}
         fault = _fault(daemon)
         daemon.wait_until(lambda: daemon.client.status()["enable"]["held"], "the enable was held again", HAND_S)
-        seen = [_state_after(daemon)]
+        states = [_state_after(daemon)]
         if fault:
             daemon.client.clear()
-            seen.append(_state_after(daemon))
-    figures: dict[str, Any] = {"fault": fault, "held_again": seen[0][0], "cleared": seen[-1][0]}
+            states.append(_state_after(daemon))
+    figures: dict[str, Any] = {"fault": fault, "held_again": states[0][0], "cleared": states[-1][0]}
     limit = {"fault": "enable_released", "held_again": "fault", "cleared": "off"}
-    picture = _end_of_swing(rig, found, figures)
+    seen = Seen(figures, limit, _end_of_swing(rig, found, figures), dangerous=True)
     figures.pop("zero_by_motion_ms", None)  # a hand lets go at any phase of the swing
     if (
         fault != "enable_released"
-        or [state for state, _ in seen] != ["fault", "off"]
-        or any(flows for _, flows in seen)
+        or [state for state, _ in states] != ["fault", "off"]
+        or any(flows for _, flows in states)
     ):
-        return Result(
-            "fail",
-            f"after the release the fault was {fault}; held again, {' then '.join(state for state, _ in seen)}",
-            figures,
-            limit,
+        return seen.fails(
+            f"after the release the fault was {fault}; held again, {' then '.join(state for state, _ in states)}",
             "nobody let go in time, or the loop went on without the enable",
             "this step again; the daemon's log",
-            dangerous=True,
-            picture=picture,
         )
-    return Result(
-        "pass", "released, the current ends; held again, nothing begins by itself", figures, limit, picture=picture
-    )
+    return seen.passes("released, the current ends; held again, nothing begins by itself")
 
 
 def _fault(daemon: DaemonProcess) -> str | None:
@@ -220,7 +204,7 @@ def _lag(
 
 
 def trips(rig: Rig) -> Result:
-    """Limits of speed and excursion set low, and a motion that goes beyond them."""
+    """Sets both limits to a twentieth, and lets current steps run beyond them."""
     config = rig.config
     safety = config.safety
     assert safety.max_velocity is not None
@@ -257,21 +241,14 @@ def trips(rig: Rig) -> Result:
             near = slice(max(0, ended - 200), ended + 200)
             lines.append(line(code, t[near] - t[ended], shown[near] / value))
             marks = {"zero current": 0.0}
-    picture = Picture("s", "of the low limit", tuple(lines), marks)
+    seen = Seen(figures, limit, Picture("s", "of the low limit", tuple(lines), marks), dangerous=True)
     if problems:
-        return Result(
-            "fail",
+        return seen.fails(
             "; ".join(problems),
-            figures,
-            limit,
             "the loop does not see the motion as the config says, or runs late",
             "the encoder's resolution; hapticd latency",
-            dangerous=True,
-            picture=picture,
         )
-    return Result(
-        "pass", "both trips at their low values, zero current in the same tick", figures, limit, picture=picture
-    )
+    return seen.passes("both trips at their low values, zero current in the same tick")
 
 
 def _steps(daemon: DaemonProcess, rig: Rig) -> int:

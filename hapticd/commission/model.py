@@ -9,7 +9,7 @@ import numpy as np
 
 from hapticd.api.theory import check
 from hapticd.client import RequestRefused, settings_for_a_while
-from hapticd.commission.step import Picture, Result, StepError, line
+from hapticd.commission.step import Picture, Result, Seen, StepError, line
 from hapticd.config import load_config
 from hapticd.config.editing import text_of
 from hapticd.figures.files import write_text
@@ -42,7 +42,7 @@ PULL: Final = 5.0
 
 
 def identify(rig: Rig) -> Result:
-    """`hapticd identify --live`: inertia, friction, delay, sign; the config beside it."""
+    """Plays chirps that grow until the shaft moves, then two of 12 s, and finds inertia, friction and delay."""
     config = rig.config
     with rig.daemon() as daemon:
         try:
@@ -74,42 +74,40 @@ def identify(rig: Rig) -> Result:
         "delay_us": 1e6 * (found.declared_delay_s + DELAY_TOLERANCE_S),
         "sign": 1,
     }
-    picture = _motion(kept[-1], config)
-
-    def bad(finding: str, cause: str, remedy: str) -> Result:
-        return Result("fail", finding, figures, limit, cause, remedy, picture=picture)
-
+    seen = Seen(figures, limit, _motion(kept[-1], config))
     if found.sign < 0:
-        return bad("the encoder counts against the torque", "a lead or a channel was exchanged since", "begin again")
+        return seen.fails(
+            "the encoder counts against the torque", "a lead or a channel was exchanged since", "begin again"
+        )
     if implied is not None:
         limit["torque_constant_implied"] = f"{config.amplifier.torque_constant:g} ± {100 * KNOWN_TOLERANCE:g} %"
         off = implied.value / config.amplifier.torque_constant
         if abs(off - 1.0) > KNOWN_TOLERANCE:
-            return bad(
+            return seen.fails(
                 f"the inertia that was given needs a torque constant of {implied.value:.4g}, "
                 f"{off:.3g} times the config's {config.amplifier.torque_constant:g}",
                 "the constant of another winding or in another unit, or a current that is not what the drive says",
                 f"amplifier.torque_constant: {implied.value:.4g}, if the inertia is right",
             )
     elif not 1.0 / INERTIA_FACTOR < ratio < INERTIA_FACTOR:
-        return bad(
+        return seen.fails(
             f"the inertia is {ratio:.3g} times the config's",
             "plant.inertia was a guess; or amplifier.torque_constant is off by that factor: counts and currents cannot tell",
             f"a step with a known weight tells; then go on with {rig.identified.name}",
         )
     if late > DELAY_TOLERANCE_S:
-        return bad(
+        return seen.fails(
             f"the current comes {1e6 * found.delay.value:.0f} µs after the sample, {1e6 * found.declared_delay_s:.0f} µs "
             "are declared",
             "a filter or a buffer in the drive",
             "switch it off, or declare it: driver.latency_s",
         )
     said = f"inertia {found.inertia.value:.4g}, {ratio:.3g} of the config's; delay {1e6 * found.delay.value:.0f} µs"
-    return Result("pass", said, figures, limit, picture=picture)
+    return seen.passes(said)
 
 
 def gap(rig: Rig) -> Result:
-    """`hapticd gap` on the identification's recordings with the identified model."""
+    """Compares the recordings with the identified model and names what is missing; nothing moves."""
     model = load_config(str(rig.identified))
     recordings = [load_recording(rig.runs / name, model) for name in rig.document("identify")["recordings"][1:]]
     with rig.bar("gap") as bar:
@@ -119,21 +117,18 @@ def gap(rig: Rig) -> Result:
         "effects": list(found.effects),
         "statement": found.statement,
     }
-    limit = {"verdict": "not unexplained"}
+    seen = Seen(figures, {"verdict": "not unexplained"})
     if found.verdict == "unexplained":
-        return Result(
-            "fail",
+        return seen.fails(
             found.statement,
-            figures,
-            limit,
             "the rig does something that no law of the catalogue describes",
             "look at hapticd gap's report of the recordings",
         )
-    return Result("pass", found.statement, figures, limit)
+    return seen.passes(found.statement)
 
 
 def fig_8(rig: Rig) -> Result:
-    """The four releases of the paper's Fig. 8 beside exact simulations of the identified model and its uncertainty."""
+    """Releases the shaft four times as in Fig. 8; the last of them grows on purpose until the over-speed trip ends it."""
     model = load_config(str(rig.identified))
     done, skips = [], []
     with rig.daemon(model) as daemon:
@@ -169,22 +164,19 @@ def fig_8(rig: Rig) -> Result:
     if problems and len(disturbed) == len(problems):
         names = ", ".join(disturbed)
         return Result("disturbed", f"in every try of {names}", figures, limit)
+    seen = Seen(figures, limit, picture)
     if problems:
-        return Result(
-            "fail",
+        return seen.fails(
             "; ".join(problems),
-            figures,
-            limit,
             "what gap has named above, or a delay that is not declared",
             "hapticd gap on these recordings; hapticd latency",
-            picture=picture,
         )
     said = ", ".join(f"{one.name} {one.report['outcome']}" for one in cases)
-    return Result("pass", f"as simulated: {said}", figures, limit, picture=picture)
+    return seen.passes(f"as simulated: {said}")
 
 
 def largest_stiffness(rig: Rig) -> Result:
-    """Theory's largest stiffness, and releases at growing ones until one does not come to rest."""
+    """Releases the shaft for 1 s each at growing stiffness, from a quarter of what theory admits, until it does not rest."""
     model = load_config(str(rig.identified))
     bounds = {key: value for key, value in check(model).document["stiffness_max"].items() if value}
     if not bounds or not np.isfinite(max(bounds.values())):
@@ -212,19 +204,16 @@ def largest_stiffness(rig: Rig) -> Result:
     limit = {"by_trial": ADMITTED * theory}
     xs, ys = zip(*((stiffness, float(outcome == "decaying")) for stiffness, outcome in tried), strict=True)
     picture = Picture("stiffness", "comes to rest", (line("trials", xs, ys, "dots"),), {"theory": theory})
+    seen = Seen(figures, limit, picture)
     if figures["by_trial"] < ADMITTED * theory * (1.0 - 1e-9):
-        return Result(
-            "fail",
+        return seen.fails(
             f"{tried[-1][1]} at {tried[-1][0]:.3g}, and theory promises rest up to {theory:.3g}",
-            figures,
-            limit,
             "a delay or an elasticity that the model does not have",
             "hapticd gap on the identification's recordings",
-            picture=picture,
         )
     beyond = f"; {tried[-1][1]} at {tried[-1][0]:.3g}" if figures["first_that_does_not"] else ""
     said = f"theory {theory:.3g}, at rest up to {max(rests):.3g} by trial{beyond}"
-    return Result("pass", said, figures, limit, picture=picture)
+    return seen.passes(said)
 
 
 def _trial(daemon: DaemonProcess, model: Config, stiffness: float) -> str:

@@ -66,7 +66,7 @@ def _page(rig: Rig, document: dict[str, Any]) -> str:
 
 
 def _said(step: dict[str, Any]) -> str:
-    said = str(step.get("finding") or step["skipped"] or "")
+    said = str(step["finding"])
     return said[:1].upper() + said[1:]
 
 
@@ -79,7 +79,7 @@ def _section(rig: Rig, step: dict[str, Any]) -> str:
     result = rig.results.get(step["name"])
     picture = _drawn(result.picture) if result is not None and result.picture is not None else ""
     trap = ""
-    if step.get("remedy"):
+    if step["remedy"]:
         likely = f"<p>Likely: {escape(step['cause'])}.</p>" if step["cause"] else ""
         trap = (
             f'<div class="trap wide"><p><b>{escape(_said(step).rstrip("."))}.</b></p>{likely}'

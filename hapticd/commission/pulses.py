@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticd.commission.step import Picture, Result, StepError, line, skipped
+from hapticd.commission.bench import in_turn
+from hapticd.commission.step import Picture, Result, Seen, StepError, line, skipped
 from hapticd.config.text import significant
 
 if TYPE_CHECKING:
-    from hapticd.commission.bench import Bench, Sample, Trace
+    from hapticd.commission.bench import Sample, Trace
     from hapticd.commission.rig import Rig
 
 PULSE_S: Final = 0.05
@@ -32,7 +33,7 @@ CONSTANT_TOLERANCE: Final = 0.1
 
 
 def sign(rig: Rig) -> Result:
-    """A current to one side, then to the other: which way, and how much acceleration an ampere makes."""
+    """Gives a hundredth, then a tenth of the rated current for 50 ms, to one side and back; hands off."""
     config = rig.config
     expected = config.amplifier.torque_constant / config.plant.inertia
     slack = MOVED_COUNTS * config.raw_resolution
@@ -43,14 +44,16 @@ def sign(rig: Rig) -> Result:
             def allowed(t: float, current: float = current) -> float:
                 return slack + ACCELERATION_FACTOR * 0.5 * expected * current * t * t + slack
 
-            trace = _pulse(bench, current, allowed)
+            trace = bench.run(in_turn(PULSE_S, current, 0.0), 2 * PULSE_S, travel=allowed)
             # what friction lets a hundredth do says which way; how much, the tenth
             moved = abs(trace.counts[-1] - trace.counts[0]) >= MOVED_COUNTS
             if moved and (share > SHARES[0] or trace.cut or trace.position[-1] < 0):
                 break
             bench.rest()
         bench.rest()
-        back = None if trace.cut or not moved else _pulse(bench, -current, allowed)
+        back = None
+        if moved and not trace.cut:
+            back = bench.run(in_turn(PULSE_S, -current, 0.0), 2 * PULSE_S, travel=allowed)
         bench.rest()
     driven, coasted = _accelerations(trace, PULSE_S)
     towards = np.sign(trace.position[-1])
@@ -66,54 +69,50 @@ def sign(rig: Rig) -> Result:
         "friction_A": float(abs(coasted) / abs(gain)) if gain else None,
     }
     limit = {"ratio": f"{1 / ACCELERATION_FACTOR:.2g} to {ACCELERATION_FACTOR:g}", "counts": "positive"}
-    picture = _pulse_picture(trace, config.raw_resolution)
-
-    def bad(finding: str, cause: str, remedy: str) -> Result:
-        return Result("fail", finding, figures, limit, cause, remedy, dangerous=True, picture=picture)
-
+    seen = Seen(figures, limit, _pulse_picture(trace, config.raw_resolution), dangerous=True)
     if not moved:
-        return bad(
+        return seen.fails(
             f"nothing moves up to {current:.3g} A, {100 * SHARES[-1]:.0f} % of the rated current",
             "a motor lead is off, the amplifier gives no current, the brake is on, or friction holds the shaft",
             "the motor's leads and the amplifier's output with a meter",
         )
     if towards < 0:
-        return bad(
+        return seen.fails(
             f"positive current turns the shaft backwards ({figures['counts']} counts at {current:.3g} A)",
             "the motor's two leads are exchanged: the spring would push away from its origin, and run away",
             "exchange the motor's leads; the encoder is right, as the step before has shown",
         )
     if trace.cut or ratio > ACCELERATION_FACTOR:
-        return bad(
+        return seen.fails(
             f"{current:.3g} A accelerate the shaft {significant(ratio)} times as much as the config says",
             "the device takes the command for another unit or has another rated current; or the config's inertia is far off",
             "the drive's rated current and unit of the command, amplifier.dac_full_scale, plant.inertia",
         )
     if ratio < 1.0 / ACCELERATION_FACTOR:
-        return bad(
+        return seen.fails(
             f"{current:.3g} A accelerate the shaft {significant(ratio)} times as much as the config says",
             "less current flows than is commanded, or more is moved than the config knows",
             "the drive's rated current and unit of the command, amplifier.dac_full_scale, plant.inertia",
         )
     if back is None or back.counts[-1] >= back.counts[0]:
-        return bad(
+        return seen.fails(
             "negative current does not turn the shaft back",
             "the amplifier drives one way only",
             "the amplifier's mode and enable inputs",
         )
     said = f"positive current counts up; {significant(ratio)} times the acceleration that the config expects"
-    return Result("pass", said, figures, limit, picture=picture)
+    return seen.passes(said)
 
 
 def delay(rig: Rig) -> Result:
-    """Short strong pulses, each braked by its opposite: how long after the command the motion begins."""
+    """Gives six pulses of 15 ms, each braked by its opposite, and times when the motion begins."""
     config = rig.config
     current = min(0.8 * rig.rated, 8.0 * rig.sliding_current)
     found, picture = [], None
     with rig.bench() as bench:
         for shot in range(SHOTS):
             sided = current * (1 if shot % 2 == 0 else -1)
-            trace = bench.run(lambda sample, sided=sided: _to_and_fro(sample, sided), 4 * SHOT_S, travel=2 * pi)  # type: ignore[misc]
+            trace = bench.run(in_turn(SHOT_S, sided, -sided, 0.0), 4 * SHOT_S, travel=2 * pi)
             found.append(_onset(trace, config.raw_resolution))
             picture = picture or _pulse_picture(trace.part(0.0, SHOT_S), config.raw_resolution)
             bench.rest()
@@ -123,22 +122,18 @@ def delay(rig: Rig) -> Result:
     measured, declared = float(np.median(known)), rig.declared_delay_s
     figures = {"delay_us": 1e6 * measured, "declared_us": 1e6 * declared, "shots": len(known)}
     most = declared + max(DELAY_TOLERANCE_S, 0.5 * bench.period)
-    limit = {"delay_us": 1e6 * most}
+    seen = Seen(figures, {"delay_us": 1e6 * most}, picture)
     if measured > most:
-        return Result(
-            "fail",
+        return seen.fails(
             f"the motion begins {1e3 * measured:.2g} ms after the command, {1e3 * declared:.2g} ms are declared",
-            figures,
-            limit,
             "a filter, a ramp or a buffer in the drive, or a driver that is slower than it says",
             f"switch the drive's filters off, or declare it: driver.latency_s: {np.ceil(1e5 * measured) * 1e-5:.5f}",
-            picture=picture,
         )
-    return Result("pass", f"{1e6 * measured:.0f} µs from command to motion", figures, limit, picture=picture)
+    return seen.passes(f"{1e6 * measured:.0f} µs from command to motion")
 
 
 def known_load(rig: Rig) -> Result:
-    """A known load is held, lifted and let down slowly: the mean current of both directions carries it."""
+    """Holds a weight that you hang on, lifts it by a quarter of a radian (2.5 mm) in 2 s and lets it down again."""
     config, load = rig.config, rig.given.load
     if load is None:
         return skipped("no known weight or spring was given (--weight and --arm, or --torque)")
@@ -171,18 +166,15 @@ def known_load(rig: Rig) -> Result:
     }
     limit = {"ratio": f"{1 - CONSTANT_TOLERANCE:g} to {1 + CONSTANT_TOLERANCE:g}"}
     picture = Picture("s", "A", (line("current", trace.t, trace.command),), {"up": LIFT_S, "down": 2 * LIFT_S})
+    seen = Seen(figures, limit, picture)
     if abs(ratio - 1.0) > CONSTANT_TOLERANCE:
-        return Result(
-            "fail",
+        return seen.fails(
             f"the load needs {carried:.3g} A: a torque constant of {measured:.4g}, the config has {constant_given:.4g}",
-            figures,
-            limit,
             "the constant of another winding or in another unit, or a current that is not what the drive says",
             f"amplifier.torque_constant: {measured:.4g}, if the weight and the arm are right",
-            picture=picture,
         )
     said = f"torque constant {measured:.4g}, {significant(ratio)} of it in the config"
-    return Result("pass", said, figures, limit, picture=picture)
+    return seen.passes(said)
 
 
 class _Lifting:
@@ -202,15 +194,6 @@ class _Lifting:
         self._integral += self._stiff * self._slow * error * dt
         self._last = (t, sample.travel)
         return self._integral + self._stiff * error - self._damped * speed
-
-
-def _pulse(bench: Bench, current: float, allowed: object) -> Trace:
-    """A current for so long, and as long without: the shaft coasts."""
-    return bench.run(lambda sample: current if sample.t < PULSE_S else 0.0, 2 * PULSE_S, travel=allowed)  # type: ignore[arg-type]
-
-
-def _to_and_fro(sample: Sample, current: float) -> float:
-    return current if sample.t < SHOT_S else -current if sample.t < 2 * SHOT_S else 0.0
 
 
 def _accelerations(trace: Trace, pulse_s: float) -> tuple[float, float]:

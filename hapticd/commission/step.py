@@ -73,6 +73,25 @@ class Result:
     picture: Picture | None = None
 
 
+@dataclass(frozen=True)
+class Seen:
+    """What a step has measured and holds it against; its two verdicts. `Result` describes the fields."""
+
+    figures: Mapping[str, Any]
+    limit: Mapping[str, Any]
+    picture: Picture | None = None
+    dangerous: bool = False
+    """Whether nothing may move after a failure."""
+
+    def passes(self, finding: str) -> Result:
+        """It is as it must be."""
+        return Result("pass", finding, self.figures, self.limit, picture=self.picture)
+
+    def fails(self, finding: str, cause: str, remedy: str) -> Result:
+        """It is not."""
+        return Result("fail", finding, self.figures, self.limit, cause, remedy, self.dangerous, self.picture)
+
+
 def skipped(reason: str) -> Result:
     """A result for what could not be looked at."""
     return Result("skipped", reason)

@@ -4,17 +4,18 @@ from __future__ import annotations
 
 import time
 from math import exp, log
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from hapticd.commission.step import DisturbedError, Picture, Result, line, skipped
+from hapticd.commission.bench import constant, in_turn
+from hapticd.commission.step import DisturbedError, Picture, Result, Seen, line, skipped
 from hapticd.hil.matrix import watchdog_s
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from hapticd.commission.bench import Sample, Trace
+    from hapticd.commission.bench import Trace
     from hapticd.commission.rig import Rig
     from hapticd.config import Config
 
@@ -41,14 +42,14 @@ def driver_watchdog_s(config: Config) -> float | None:
 
 
 def watchdog(rig: Rig) -> Result:
-    """Nobody speaks to the device while the shaft accelerates: when does its current end."""
+    """Accelerates the shaft gently, then says nothing more, and times when the device takes the current away by itself."""
     asked = driver_watchdog_s(rig.config)
     if asked is None:
         return skipped("this driver declares no watchdog: when the daemon dies, nobody takes the current away")
     current = gentle(rig)
     begun_ns = time.monotonic_ns()
     with rig.bench() as bench:
-        trace = _silence(bench.run, current, asked)
+        trace = bench.run(in_turn(RUN_UP_S, current, None), RUN_UP_S + SILENT_TIMES * asked, may_fault=True)
     late_s = max(trace.worst_pause, rig.late_s(begun_ns))
     with rig.bench() as bench:  # anew: a device may take part in nothing more before it is brought up again
         stood = bench.rest()
@@ -77,6 +78,7 @@ def watchdog(rig: Rig) -> Result:
         (line("speed", *_speed(trace)),),
         {"last command": silent_from, **({"zero current": moved} if moved else {})},
     )
+    seen = Seen(figures, limit, picture, dangerous=True)
     late = [each for each in (by_motion, told) if each is None or each > most]
     if late:
         # by so much later a last command may have arrived, or an answer have been seen
@@ -85,32 +87,20 @@ def watchdog(rig: Rig) -> Result:
                 f"programs waited for {1e3 * late_s:.0f} ms while {1e3 * asked:.0f} ms of silence were timed"
             )
         when = "never" if None in late else f"after {1e3 * max(each for each in late if each is not None):.0f} ms"
-        return Result(
-            "fail",
+        return seen.fails(
             f"{1e3 * SILENT_TIMES * asked:.0f} ms after the last command current still flows (zero: {when})"
             if None in late
             else f"zero current {when} of silence, {1e3 * asked:.0f} ms were asked for",
-            figures,
-            limit,
             "the device's watchdog is off, or is fed by something else than commands",
             "do not run a motor on this device before its watchdog works: driver.watchdog_ms, the device's own setting",
-            dangerous=True,
-            picture=picture,
         )
     said = f"{1e3 * (by_motion or 0.0):.0f} ms by motion, {1e3 * (told or 0.0):.0f} ms by the device's status"
-    return Result("pass", f"zero current after {said}", figures, limit, picture=picture)
+    return seen.passes(f"zero current after {said}")
 
 
 def gentle(rig: Rig) -> float:
     """A current under which a sliding shaft accelerates gently, A."""
     return max(1.6 * rig.sliding_current, 0.01 * rig.rated)
-
-
-def _silence(run: Any, current: float, asked: float) -> Trace:
-    def rule(sample: Sample) -> float | None:
-        return current if sample.t < RUN_UP_S else None
-
-    return run(rule, RUN_UP_S + SILENT_TIMES * asked, may_fault=True)  # type: ignore[no-any-return]
 
 
 def knee(t: NDArray[np.float64], position: NDArray[np.float64]) -> float | None:
@@ -160,15 +150,14 @@ def _speed(trace: Trace, span: int = 6) -> tuple[NDArray[np.float64], NDArray[np
 
 
 def current_loop(rig: Rig) -> Result:
-    """Steps of current to both sides, as the device measures them: how fast, and how much of it comes."""
+    """Steps a quarter of the rated current to and fro for 20 ms, eight times, and looks at the measured current."""
     with rig.bench() as bench:
-        first = bench.run(lambda sample: 0.0, 0.01)
-        if not np.isfinite(first.measured).any():
+        if not np.isfinite(bench.run(constant(0.0), 0.01).measured).any():
             return skipped("this driver reports no measured current; identify sees the loop's lag in its delay")
         traces = []
         for n in range(LOOP_REPEATS):
             current = LOOP_SHARE * rig.rated * (1 if n % 2 == 0 else -1)
-            traces.append((current, bench.run(lambda sample, i=current: _step_and_back(sample, i), 3 * LOOP_S)))  # type: ignore[misc]
+            traces.append((current, bench.run(in_turn(LOOP_S, current, -current, 0.0), 3 * LOOP_S)))
         bench.rest()
     after, response, settled = [], [], []
     for current, trace in traces:
@@ -189,13 +178,14 @@ def current_loop(rig: Rig) -> Result:
         if (near := np.abs(times / bench.period - k) < 0.5).any()
     ]
     missing = max((float(np.median(each)) for each in late), default=0.0)
-    at, seen = float(np.median(times[times < 1.5 * bench.period])), float(np.median(shares[times < 1.5 * bench.period]))
-    share = float(np.clip(seen / (gain or 1.0), 0.001, 0.999))
-    constant = at / -log(1.0 - share)
+    first = times < 1.5 * bench.period
+    at, arrived = (float(np.median(each[first])) for each in (times, shares))
+    share = float(np.clip(arrived / (gain or 1.0), 0.001, 0.999))
+    time_constant = at / -log(1.0 - share)
     figures = {
         "gain": gain,
-        "response_after_first_period": seen,
-        "time_constant_ms": 1e3 * constant,
+        "response_after_first_period": arrived,
+        "time_constant_ms": 1e3 * time_constant,
         "time_constant_declared_ms": 1e3 * lag,
         "is_upper_bound": share > 0.95,
     }
@@ -212,30 +202,19 @@ def current_loop(rig: Rig) -> Result:
             line("declared", 1e3 * times[order], expected[order]),
         ),
     )
+    seen = Seen(figures, limit, picture)
     if abs(gain - 1.0) > GAIN_TOLERANCE:
-        return Result(
-            "fail",
+        return seen.fails(
             f"{100 * gain:.0f} % of the commanded current is measured",
-            figures,
-            limit,
             "the current's scale in the drive or in the config, a limit in the drive, or a winding that is open",
             "the drive's rated current and limits, amplifier.dac_full_scale",
-            picture=picture,
         )
     if missing > RESPONSE_TOLERANCE:
-        return Result(
-            "fail",
-            f"{1e3 * at:.2g} ms after the command {100 * seen:.0f} % of the current are there: slower than declared",
-            figures,
-            limit,
+        return seen.fails(
+            f"{1e3 * at:.2g} ms after the command {100 * arrived:.0f} % of the current are there: slower than declared",
             "the drive's current loop is tuned slow, filters its command, or amplifier.bandwidth_hz is too high",
-            f"tune the current loop, or amplifier.bandwidth_hz: {0.7 / (np.pi * constant):.3g}",
-            picture=picture,
+            f"tune the current loop, or amplifier.bandwidth_hz: {0.7 / (np.pi * time_constant):.3g}",
         )
     word = "under" if figures["is_upper_bound"] else "about"
-    said = f"time constant {word} {1e3 * constant:.2g} ms, {100 * gain:.0f} % arrives"
-    return Result("pass", said, figures, limit, picture=picture)
-
-
-def _step_and_back(sample: Sample, current: float) -> float:
-    return current if sample.t < LOOP_S else -current if sample.t < 2 * LOOP_S else 0.0
+    said = f"time constant {word} {1e3 * time_constant:.2g} ms, {100 * gain:.0f} % arrives"
+    return seen.passes(said)

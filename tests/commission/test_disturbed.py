@@ -30,7 +30,7 @@ def rig(tmp_path: Path) -> Rig:
 
 def only(monkeypatch: pytest.MonkeyPatch, does: Callable[[Rig], Result]) -> None:
     """The list of steps is one step that does this."""
-    step = Step("one", "One", "Does it.", does)
+    step = Step("one", "One", does)
     for module in (run, steps):
         monkeypatch.setattr(module, "STEPS", (step,))
     monkeypatch.setattr("hapticd.commission.certificate.STEPS", (step,))
