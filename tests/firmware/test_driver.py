@@ -1,6 +1,7 @@
 """The host's half of docs/protocols/serial-dac.md: the real driver against every device."""
 
 import contextlib
+import signal
 import termios
 import time
 from collections.abc import Iterator
@@ -158,15 +159,13 @@ def test_the_enable_that_a_person_holds(device: Device, tmp_path: Path) -> None:
 
 @cites("ENCODER_FAULT, AMPLIFIER_FAULT, WATCHDOG or EXTERNAL_STOP", "UNCONFIGURED: the board has restarted")
 def test_watchdog_and_reboot(device: Device, tmp_path: Path) -> None:
-    with driven(device, tmp_path, fault("kind: reboot, off_s: 0.05").replace("0.05, from", "1.0, from"), 200) as (
-        board,
-        _,
-        loop,
-    ):
+    script = "faults: [{at_s: 0, from: signal, kind: reboot, off_s: 0.05}]"
+    with driven(device, tmp_path, script, 200) as (board, _, loop):
         enable(loop)
         board.wait_for_event("DISABLE")
         assert loop.read() == DEVICE_FAULT
         assert loop.x[X_DEVICE_CODE] == WATCHDOG
+        board.process.send_signal(signal.SIGUSR1)
         board.wait_for_event("REBOOT", 2)
         assert loop.read() == LOST
         assert (loop.write(100, 1), loop.read()) == (LOST, LOST)
