@@ -20,6 +20,8 @@ from tests.hil.test_hil import TRANSPORTS, config
 OURS, OTHER = "sim_hw", "tests.drivers.other_drive"
 SAMPLE = ("drop_commands", "leave_operation_enabled", "emcy", "enable_released", "sigkill")
 """The rest with ``-m attack``."""
+STALL_MS = 300
+"""How long the daemon stands still; the drive's watchdog must have acted by then."""
 
 
 class OtherDrive(Device):
@@ -42,7 +44,10 @@ class OtherDrive(Device):
 )
 def test_every_cell_is_as_with_ours(injection: Injection, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(matrix, "Device", OtherDrive)
-    rig = config(TRANSPORTS["CAN frames over a Unix socket"])
+    driver = TRANSPORTS["CAN frames over a Unix socket"]
+    if injection.name == "stall":
+        driver = {**driver, "watchdog_ms": STALL_MS / 2}
+    rig = config(driver)
     try:
         row = matrix.run_injection(rig, injection, tmp_path)
     except HilError as error:
